@@ -1,0 +1,33 @@
+# The commands of the project. Each installs what is missing first; `make setup` does that alone.
+SHELL := /bin/bash
+BIN := .venv/bin
+export MLFLOW_TRACKING_URI ?= sqlite:///mlflow.db
+export KEDRO_DISABLE_TELEMETRY := true
+export DO_NOT_TRACK := 1
+
+.PHONY: setup run test lint bench docs clean
+
+setup:
+	@./scripts/setup.sh
+
+run: setup
+	@$(BIN)/kedro run
+	@$(BIN)/python -m mlsroad_pipeline.summary
+
+test: setup lint
+	@$(BIN)/python -m pytest -n auto
+
+lint: setup
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/lint-imports
+	@$(BIN)/mypy
+
+bench: setup
+	@$(BIN)/python benchmarks/run_all.py
+
+docs: setup
+	@$(BIN)/mkdocs build --strict
+
+clean:
+	@rm -rf .pytest_cache .mypy_cache .ruff_cache site build

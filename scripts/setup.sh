@@ -1,0 +1,70 @@
+#!/usr/bin/env bash
+# Installs everything into .venv: the system library that Open3D needs, the locked packages, this project.
+# It does nothing where .venv already holds what requirements.lock and pyproject.toml ask for.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+say() { printf '%s\n' "$*" >&2; }
+
+stamp=.venv/.mlsroad-installed
+want=$(cat requirements.lock pyproject.toml | sha256sum | cut -d' ' -f1)
+if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$want" ]; then
+    exit 0
+fi
+
+python=${PYTHON:-}
+if [ -z "$python" ]; then
+    for candidate in python3.11 python3; do
+        if command -v "$candidate" >/dev/null 2>&1 &&
+            [ "$("$candidate" -c 'import sys; print("%d.%d" % sys.version_info[:2])')" = 3.11 ]; then
+            python=$candidate
+            break
+        fi
+    done
+fi
+if [ -z "$python" ]; then
+    say "mlsroad needs Python 3.11 and found none. Debian 12 has it as python3 (apt-get install python3);"
+    say "elsewhere: pyenv install 3.11, conda create -n mlsroad python=3.11, or set PYTHON to its path."
+    exit 1
+fi
+
+as_root=()
+if [ "$(id -u)" -ne 0 ]; then
+    if command -v sudo >/dev/null 2>&1 && sudo -n true 2>/dev/null; then as_root=(sudo -n); else as_root=(false); fi
+fi
+apt_install() {
+    command -v apt-get >/dev/null 2>&1 || return 1
+    "${as_root[@]}" apt-get update -qq && "${as_root[@]}" apt-get install -y -qq --no-install-recommends "$@"
+}
+
+has_libusb() { "$python" -c 'import ctypes; ctypes.CDLL("libusb-1.0.so.0")' 2>/dev/null; }
+if ! has_libusb; then
+    say "Open3D needs the system library libusb-1.0; installing it ..."
+    if ! apt_install libusb-1.0-0 >&2 || ! has_libusb; then
+        say "libusb-1.0 is missing and could not be installed. As root: apt-get install libusb-1.0-0 (Debian, Ubuntu),"
+        say "dnf install libusb1 (Fedora), pacman -S libusb (Arch). Without root, unpack it in your home folder:"
+        say "  apt-get download libusb-1.0-0 && dpkg -x libusb-1.0-0_*.deb ~/libusb"
+        say "  export LD_LIBRARY_PATH=\$(dirname \$(find ~/libusb -name 'libusb-1.0.so.0')):\$LD_LIBRARY_PATH"
+        say "or take it from conda-forge: conda install libusb. Then run the same command again."
+        exit 1
+    fi
+fi
+
+if [ ! -x .venv/bin/python ] && ! "$python" -m venv .venv 2>/tmp/mlsroad-venv.$$; then
+    rm -rf .venv
+    say "Python's venv module is incomplete here; installing it ..."
+    if ! apt_install python3.11-venv >&2 || ! "$python" -m venv .venv; then
+        cat /tmp/mlsroad-venv.$$ >&2
+        say "A virtual environment could not be made. As root: apt-get install python3.11-venv;"
+        say "without root: $python -m pip install --user virtualenv && $python -m virtualenv .venv"
+        exit 1
+    fi
+fi
+rm -f /tmp/mlsroad-venv.$$
+
+say "Installing the locked packages into .venv (several minutes the first time) ..."
+.venv/bin/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+.venv/bin/python -c 'import open3d' || { say "Open3D does not import; the message above says why."; exit 1; }
+printf '%s' "$want" > "$stamp"
+say "Installed."
