@@ -1,0 +1,290 @@
+"""Training the forests of Tomic et al. 2019, section 2.1, from labelled scenes."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import combinations
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.detrended_forest.classifier import DetrendedForestClassifier
+from mlsroad_pipeline.algorithms.detrended_forest.labeller import ENTRY_POINT, SLUG, StageParameters
+from mlsroad_pipeline.algorithms.detrended_forest.labelling import majority_labels
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.features.radiometry import COLOUR_FEATURES, INTENSITY_FEATURES
+from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.rendering.figures import importance_figure, oob_figure
+from mlsroad_pipeline.algorithms.scene_stages import inliers
+
+_ATTRIBUTES = {"rgb": COLOUR_FEATURES, "intensity": INTENSITY_FEATURES}
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class ForestParameters:
+    """Parameters of the forest.
+
+    Parameters
+    ----------
+    n_trees : int, default 200
+        Trees. More settle the out-of-bag error and cost time (tomic2019: 200, by that error).
+    min_samples_leaf : int, default 2
+        Fewest supervoxels in a leaf. Larger smooths the probabilities and shrinks the model.
+    max_features : float, default 0.1
+        Share of the features tried at each split; training time grows with it.
+    class_weight : {"sqrt", "balanced", "none"}, default "sqrt"
+        What all supervoxels of a class weigh together: the square root of their number, the same, or their number.
+    max_per_class : int, default 3000
+        Most supervoxels of a class to train on. Bounds the time of training.
+    smoothing : float, default 0.3
+        Weight of the first-order neighbours in a supervoxel's class probabilities, see `smooth_probabilities`; 0 is
+        none.
+    rule : {"nearest", "own"}, default "nearest"
+        Whose label a point takes: the supervoxel with the nearest centroid (tomic2019, 3.3) or its own.
+    seed : int, default 2019
+        Seed of the bootstrap and of the splits.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its domain.
+    """
+
+    n_trees: int = 200
+    min_samples_leaf: int = 2
+    max_features: float = 0.1
+    class_weight: Literal["sqrt", "balanced", "none"] = "sqrt"
+    max_per_class: int = 3000
+    smoothing: float = 0.3
+    rule: Literal["nearest", "own"] = "nearest"
+    seed: int = 2019
+
+    def __post_init__(self) -> None:
+        for name in ("n_trees", "min_samples_leaf", "max_per_class"):
+            if getattr(self, name) < 1:
+                raise ParameterError(f"detrended_forest.{name} must be at least 1, got {getattr(self, name)!r}")
+        if not 0 < self.max_features <= 1:
+            raise ParameterError(f"detrended_forest.max_features must be in (0, 1], got {self.max_features!r}")
+        if self.class_weight not in ("sqrt", "balanced", "none"):
+            raise ParameterError(
+                f"detrended_forest.class_weight must be 'sqrt', 'balanced' or 'none', got {self.class_weight!r}"
+            )
+        if not 0 <= self.smoothing < 1:
+            raise ParameterError(f"detrended_forest.smoothing must be in [0, 1), got {self.smoothing!r}")
+        if self.rule not in ("nearest", "own"):
+            raise ParameterError(f"detrended_forest.rule must be 'nearest' or 'own', got {self.rule!r}")
+
+
+def training_rows(
+    scene: PointCloud, supervoxels: Mapping[str, Any], features: Mapping[str, NDArray], *, scheme: ClassScheme
+) -> dict[str, NDArray]:
+    """Take the labelled supervoxels of a training scene.
+
+    A supervoxel's class is that of most of its core points; one without labelled core points is left out.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene, with `label` and `core`.
+    supervoxels : mapping
+        What `build_supervoxels` gave.
+    features : mapping
+        What `describe_supervoxels` gave.
+    scheme : ClassScheme
+        The classes.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``values`` float32 (m, f), ``labels`` int16 (m,), ``names`` str (f,), ``centroids`` and ``counts`` as
+        `describe_supervoxels` gives them, ``columns`` str: which of colour and intensity the scene has.
+
+    Raises
+    ------
+    MissingColumnError
+        If the scene has no labels.
+    UnknownClassError
+        If a label is not in the scheme.
+    """
+    keep = inliers(scene)
+    labels = scheme.encode(scene["label"], source=scene.source)
+    core = scene.get("core")
+    if core is not None:
+        labels = np.where(core, labels, np.int16(IGNORE))
+    found, _ = majority_labels(labels[keep], supervoxels["labels"][keep], len(scheme))
+    rows = found != IGNORE
+    have = np.array([name for name in _ATTRIBUTES if name in scene], dtype=np.str_)
+    return {
+        "values": features["values"][rows],
+        "labels": found[rows],
+        "centroids": features["centroids"][rows],
+        "counts": features["counts"][rows],
+        "names": features["names"],
+        "columns": have,
+    }
+
+
+def feature_columns(names: Sequence[str], attributes: Sequence[str]) -> NDArray[np.int64]:
+    """Find the features that need no other attributes than the given ones.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of all features; a detrended one is named after what it comes from.
+    attributes : sequence of str
+        Out of ``"rgb"`` and ``"intensity"``.
+
+    Returns
+    -------
+    ndarray of int64
+        Their columns.
+    """
+    barred = {name for attribute, group in _ATTRIBUTES.items() if attribute not in attributes for name in group}
+    return np.flatnonzero([name.removesuffix("_detrended") not in barred for name in names])
+
+
+def fit(
+    rows: Sequence[Mapping[str, NDArray]],
+    *,
+    parameters: ForestParameters,
+    stages: StageParameters,
+    scheme: ClassScheme,
+    trained_on: Mapping[str, Any],
+    n_jobs: int = 1,
+) -> tuple[ModelBundle, DetrendedForestClassifier]:
+    """Train the forests.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        What `training_rows` gave for each training scene.
+    parameters : ForestParameters
+        Parameters of the forest.
+    stages : StageParameters
+        How the scenes were prepared.
+    scheme : ClassScheme
+        The classes.
+    trained_on : mapping
+        What the model's metadata say of the training data; JSON values.
+    n_jobs : int, default 1
+        Processors to train with; the model does not depend on it.
+
+    Returns
+    -------
+    bundle : ModelBundle
+        The model, for the registry.
+    classifier : DetrendedForestClassifier
+        The forest with all attributes, for its out-of-bag error and its importances.
+
+    Raises
+    ------
+    DataError
+        If there are no labelled supervoxels, or scenes have different features.
+    """
+    if not rows:
+        raise DataError("no training scenes: the split 'train' is empty")
+    attributes = [name for name in _ATTRIBUTES if all(name in row["columns"] for row in rows)]
+    table, labels = _join_rows(rows, attributes)
+    arrays: dict[str, NDArray] = {}
+    variants: dict[str, list[str]] = {}
+    classifier = None
+    for size in range(len(attributes) + 1):
+        for subset in combinations(attributes, size):
+            chosen = _restrict(table, subset)
+            classifier = _train(chosen, labels, parameters, scheme, n_jobs)
+            variant = "+".join(("geometry", *subset))
+            variants[variant] = list(chosen.names)
+            arrays |= {f"{variant}.{key}": array for key, array in classifier.to_arrays().items()}
+    assert classifier is not None  # the empty subset is always trained
+    metadata = {
+        "entry_point": ENTRY_POINT,
+        "classes": list(scheme.classes),
+        "scheme": asdict(scheme),
+        "parameters": {"forest": asdict(parameters), **asdict(stages)},
+        "feature_names": variants,
+        "attributes": attributes,
+        "trained_on": {**trained_on, "supervoxels": len(labels)},
+        "out_of_bag_accuracy": float(classifier.oob_score_),
+    }
+    return ModelBundle(SLUG, arrays, metadata), classifier
+
+
+def _join_rows(
+    rows: Sequence[Mapping[str, NDArray]], attributes: Sequence[str]
+) -> tuple[SupervoxelFeatures, NDArray[np.int16]]:
+    """Join the supervoxels of all scenes, with the features that all of them have, in one order."""
+    names = [str(name) for name in rows[0]["names"][feature_columns(rows[0]["names"].tolist(), attributes)]]
+    tables = []
+    for row in rows:
+        where = {str(name): i for i, name in enumerate(row["names"])}
+        missing = [name for name in names if name not in where]
+        if missing:
+            raise DataError(f"a training scene lacks the features {', '.join(missing)}")
+        tables.append(row["values"][:, [where[name] for name in names]])
+    centroids, counts, labels = (
+        np.concatenate([row[key] for row in rows]) for key in ("centroids", "counts", "labels")
+    )
+    return SupervoxelFeatures(np.concatenate(tables), tuple(names), centroids, counts), labels
+
+
+def _restrict(table: SupervoxelFeatures, attributes: Sequence[str]) -> SupervoxelFeatures:
+    columns = feature_columns(table.names, attributes)
+    values = np.ascontiguousarray(table.values[:, columns])
+    return replace(table, values=values, names=tuple(table.names[i] for i in columns))
+
+
+def _train(
+    table: SupervoxelFeatures,
+    labels: NDArray[np.int16],
+    parameters: ForestParameters,
+    scheme: ClassScheme,
+    n_jobs: int,
+) -> DetrendedForestClassifier:
+    forest = DetrendedForestClassifier(
+        n_classes=len(scheme),
+        n_trees=parameters.n_trees,
+        min_samples_leaf=parameters.min_samples_leaf,
+        max_features=parameters.max_features,
+        class_weight=None if parameters.class_weight == "none" else parameters.class_weight,
+        max_per_class=parameters.max_per_class,
+        random_state=parameters.seed,
+        n_jobs=n_jobs,
+    )
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="no supervoxel of classes")
+        forest.fit(table, labels)
+    missing = [scheme.classes[label] for label in forest.missing_classes_]
+    if missing:
+        logger.warning("No training supervoxel is of %s: the model never gives them", ", ".join(missing))
+    return forest
+
+
+def diagnose(classifier: DetrendedForestClassifier) -> tuple[Figure, Figure]:
+    """Draw what a forest tells of itself.
+
+    Parameters
+    ----------
+    classifier : DetrendedForestClassifier
+        A trained forest.
+
+    Returns
+    -------
+    importances, out_of_bag : Figure
+        Feature importances, and the out-of-bag error against the number of trees.
+    """
+    found = classifier.feature_importances_
+    curve = classifier.oob_error_curve_
+    return (
+        importance_figure(list(found.values()), names=list(found), title="Feature importances"),
+        oob_figure(np.arange(1, len(curve) + 1), curve, chosen=len(curve), title="Out-of-bag error"),
+    )

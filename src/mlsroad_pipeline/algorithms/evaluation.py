@@ -1,0 +1,212 @@
+"""From labelled scenes to one confusion matrix per split, at full resolution and over core points only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
+from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.rendering.camera import birds_eye_view, oblique_view
+from mlsroad_pipeline.algorithms.rendering.cloud_figures import cloud_figure, labelling_pictures
+from mlsroad_pipeline.algorithms.rendering.figures import class_bars_figure, confusion_figure
+
+
+def find_scheme(schemes: Mapping[str, Any], name: str) -> ClassScheme:
+    """Build a class scheme of the configuration.
+
+    Parameters
+    ----------
+    schemes : mapping of str to mapping
+        The configured schemes.
+    name : str
+        The one that is wanted.
+
+    Returns
+    -------
+    ClassScheme
+        The scheme.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such scheme, or it is malformed.
+    """
+    if name not in schemes:
+        raise ParameterError(f"class scheme {name!r} is not configured (schemes: {', '.join(schemes)})")
+    return ClassScheme.from_config(name, schemes[name])
+
+
+def coarse_labels(label: NDArray[np.integer], trained: ClassScheme, scored: ClassScheme) -> NDArray[np.int16]:
+    """Turn labels of the scheme that a method was trained on into those of the scheme that it is scored on.
+
+    Parameters
+    ----------
+    label : ndarray of int, shape (n,)
+        Labels of `trained`, -1 for none.
+    trained, scored : ClassScheme
+        The schemes; the first nests in the second.
+
+    Returns
+    -------
+    ndarray of int16, shape (n,)
+        Labels of `scored`, -1 for none.
+
+    Raises
+    ------
+    ParameterError
+        If the schemes do not nest.
+    """
+    if trained == scored:
+        return label.astype(np.int16)
+    table = np.append(trained.coarsen(scored), np.int16(IGNORE))  # -1 finds the last entry
+    return table[label]
+
+
+def count_scene(
+    scene: PointCloud, labels: Mapping[str, NDArray], *, trained: ClassScheme, scored: ClassScheme
+) -> dict[str, NDArray]:
+    """Count the core points of a scene by true and predicted class.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene, with `label` and `core`.
+    labels : mapping
+        ``label`` int16 (n,), of the scheme that the method was trained on.
+    trained, scored : ClassScheme
+        The schemes.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``matrix`` int64 (C, C + 1).
+
+    Raises
+    ------
+    MissingColumnError
+        If the scene has no labels.
+    UnknownClassError
+        If a label is not in the scheme.
+    """
+    core = scene["core"]
+    truth = scored.encode(scene["label"][core], source=scene.source)
+    predicted = coarse_labels(labels["label"][core], trained, scored)
+    return {"matrix": confusion_matrix(truth, predicted, len(scored))}
+
+
+def sum_by_split(matrices: Mapping[str, Mapping[str, NDArray]]) -> dict[str, NDArray[np.int64]]:
+    """Add the matrices of each split.
+
+    Parameters
+    ----------
+    matrices : mapping of str to mapping
+        Scene name, which begins with its split and a dot, to what `count_scene` gave.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Split to matrix.
+    """
+    total: dict[str, NDArray[np.int64]] = {}
+    for key, counted in matrices.items():
+        split = key.partition(".")[0]
+        total[split] = total.get(split, 0) + counted["matrix"]
+    return total
+
+
+def scores_table(matrices: Mapping[str, NDArray[np.int64]], *, method: str, scheme: ClassScheme) -> pd.DataFrame:
+    """Score a method on all splits.
+
+    Parameters
+    ----------
+    matrices : mapping of str to ndarray
+        Split to confusion matrix.
+    method : str
+        The method's slug.
+    scheme : ClassScheme
+        The scheme of the matrices.
+
+    Returns
+    -------
+    DataFrame
+        The table of scores.
+    """
+    tables = [labelling_scores(m, method=method, split=s, classes=scheme.classes) for s, m in matrices.items()]
+    return pd.concat(tables, ignore_index=True)
+
+
+def scene_figures(
+    scenes: Sequence[PointCloud],
+    labels: Sequence[Mapping[str, NDArray]],
+    *,
+    trained: ClassScheme,
+    scored: ClassScheme,
+    title: str,
+) -> dict[str, Figure]:
+    """Draw truth, prediction and errors of neighbouring scenes from above and from the side.
+
+    Parameters
+    ----------
+    scenes : sequence of PointCloud
+        The scenes; their core points are drawn.
+    labels : sequence of mapping
+        Their labels.
+    trained, scored : ClassScheme
+        The schemes of the labels and of the colours.
+    title : str
+        Heading.
+
+    Returns
+    -------
+    dict of str to Figure
+        ``birds_eye`` and ``perspective``.
+    """
+    origin = scenes[0].origin
+    xyz = np.concatenate([scene.moved_to(origin).xyz[scene["core"]] for scene in scenes])
+    truth = np.concatenate([scored.encode(s["label"][s["core"]], source=s.source) for s in scenes])
+    predicted = np.concatenate(
+        [coarse_labels(found["label"][s["core"]], trained, scored) for s, found in zip(scenes, labels, strict=True)]
+    )
+    figures = {}
+    for name, view in (("birds_eye", birds_eye_view(xyz)), ("perspective", oblique_view(xyz))):
+        pictures = labelling_pictures(xyz, view, classes=scored, truth=truth, predicted=predicted)
+        figures[name] = cloud_figure(pictures, view, classes=scored, present=truth, title=title)
+    return figures
+
+
+def score_figures(
+    matrices: Mapping[str, NDArray[np.int64]], table: pd.DataFrame, *, method: str, scheme: ClassScheme
+) -> tuple[Figure, Figure]:
+    """Draw the confusion matrix and the scores per class of the last split.
+
+    Parameters
+    ----------
+    matrices : mapping of str to ndarray
+        Split to confusion matrix.
+    table : DataFrame
+        The table of scores.
+    method : str
+        The method's slug.
+    scheme : ClassScheme
+        The scheme of the matrices.
+
+    Returns
+    -------
+    confusion, bars : Figure
+        The figures.
+    """
+    split = list(matrices)[-1]
+    title = f"{method}, split {split}"
+    return (
+        confusion_figure(matrices[split], classes=scheme.classes, title=title),
+        class_bars_figure(table, split=split, title=title),
+    )

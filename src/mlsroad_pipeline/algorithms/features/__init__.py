@@ -1,0 +1,1 @@
+"""Per-point and per-supervoxel descriptors."""

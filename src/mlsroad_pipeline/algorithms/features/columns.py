@@ -1,0 +1,238 @@
+"""What stands above, below and beside a supervoxel: the occupied slices of the columns around it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, minimum_filter
+
+from mlsroad_pipeline.algorithms.cell_grid import bounding_box
+from mlsroad_pipeline.algorithms.exceptions import DataError
+
+COLUMN_FEATURES = (
+    "column_extent",
+    "height_above_column_bottom",
+    "height_below_column_top",
+    "height_above_lowest",
+    "gap_below",
+    "gap_above",
+    "run_extent",
+    "column_fill",
+    "cover_near",
+    "cover_far",
+)
+"""Columns of `describe_columns`."""
+
+SLICES = 64
+_MAX_RASTER = 2**26
+
+
+@dataclass(frozen=True)
+class ColumnRaster:
+    """Columns of points over a raster.
+
+    Attributes
+    ----------
+    low, high : ndarray of float64, shape (rows, columns)
+        Lowest and highest z in each cell, metres; infinite where there is no point.
+    lowest : ndarray of float64, shape (rows, columns)
+        Lowest z within the relief radius.
+    base : ndarray of int64, shape (rows, columns)
+        Number of the slice that bit 0 of `occupied` stands for: that of `lowest`.
+    occupied : ndarray of uint64, shape (rows, columns)
+        Bit b is set where slice ``base + b`` holds a point; what is higher than 64 slices is in the last bit.
+    west, south, bottom : float
+        Corner of the first cell and the height that slices are counted from, metres.
+    cell_size : float
+        Edge of a cell and height of a slice, metres.
+    """
+
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    lowest: NDArray[np.float64]
+    base: NDArray[np.int64]
+    occupied: NDArray[np.uint64]
+    west: float
+    south: float
+    bottom: float
+    cell_size: float
+
+
+@njit(cache=True, nogil=True)
+def _extremes(
+    xyz: NDArray, west: float, south: float, cell_size: float, shape: tuple[int, int]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    low, high = np.full(shape, np.inf), np.full(shape, -np.inf)
+    inverse = 1.0 / cell_size
+    for i in range(len(xyz)):
+        row, column = np.int64((xyz[i, 1] - south) * inverse), np.int64((xyz[i, 0] - west) * inverse)
+        z = np.float64(xyz[i, 2])
+        low[row, column] = min(low[row, column], z)
+        high[row, column] = max(high[row, column], z)
+    return low, high
+
+
+@njit(cache=True, nogil=True)
+def _occupy(
+    xyz: NDArray, west: float, south: float, bottom: float, cell_size: float, base: NDArray
+) -> NDArray[np.uint64]:
+    occupied = np.zeros(base.shape, np.uint64)
+    inverse = 1.0 / cell_size
+    for i in range(len(xyz)):
+        row, column = np.int64((xyz[i, 1] - south) * inverse), np.int64((xyz[i, 0] - west) * inverse)
+        level = np.int64((xyz[i, 2] - bottom) * inverse) - base[row, column]
+        occupied[row, column] |= np.uint64(1) << np.uint64(min(max(level, 0), SLICES - 1))
+    return occupied
+
+
+def build_columns(xyz: NDArray[np.floating], *, cell_size: float, relief_radius: float) -> ColumnRaster:
+    """Sort points into columns.
+
+    Parameters
+    ----------
+    xyz : ndarray of shape (n, 3), n > 0
+        Points in metres.
+    cell_size : float
+        Edge of a column and height of a slice in metres: larger cells bridge gaps in the scan and join what stands
+        side by side.
+    relief_radius : float
+        Half the edge, in metres, of the square whose lowest point stands in for the ground.
+
+    Returns
+    -------
+    ColumnRaster
+        The columns.
+
+    Raises
+    ------
+    DataError
+        If the extent needs a raster of more than 2^26 cells.
+    """
+    (west, south, bottom), (east, north, _) = bounding_box(xyz).tolist()
+    shape = (int((north - south) / cell_size) + 2, int((east - west) / cell_size) + 2)
+    if shape[0] * shape[1] > _MAX_RASTER:
+        extent = f"{east - west:.1f} m by {north - south:.1f} m"
+        raise DataError(f"an extent of {extent} is too large for columns of {cell_size} m: are there outliers?")
+    low, high = _extremes(xyz, west, south, cell_size, shape)
+    reach = max(1, round(relief_radius / cell_size))
+    lowest = minimum_filter(low, size=2 * reach + 1, mode="nearest")
+    base = np.where(np.isfinite(lowest), (lowest - bottom) / cell_size, 0).astype(np.int64)
+    occupied = _occupy(xyz, west, south, bottom, cell_size, base)
+    return ColumnRaster(low, high, lowest, base, occupied, west, south, bottom, cell_size)
+
+
+@njit(cache=True, nogil=True)
+def _shifted(bits: np.uint64, levels: int) -> np.uint64:
+    """Move a column's slices up by a number of levels (down if negative), what leaves the ends going into them."""
+    if levels == 0 or bits == np.uint64(0):
+        return bits
+    one = np.uint64(1)
+    if abs(levels) >= SLICES:
+        return one << np.uint64(SLICES - 1) if levels > 0 else one
+    if levels > 0:
+        moved = bits << np.uint64(levels)
+        lost = bits >> np.uint64(SLICES - levels)
+        return moved | (one << np.uint64(SLICES - 1)) if lost != np.uint64(0) else moved
+    moved = bits >> np.uint64(-levels)
+    lost = bits & ((one << np.uint64(-levels)) - one)
+    return moved | one if lost != np.uint64(0) else moved
+
+
+@njit(cache=True, nogil=True)
+def _cover(occupied: NDArray, base: NDArray, row: int, column: int, reach: int, level: int) -> float:
+    """Return the share of cells around that are occupied at a level or next to it."""
+    hits, cells = 0, 0
+    for r in range(row - reach, row + reach + 1):
+        for c in range(column - reach, column + reach + 1):
+            cells += 1
+            if 0 <= r < base.shape[0] and 0 <= c < base.shape[1] and occupied[r, c] != np.uint64(0):
+                bits = _shifted(occupied[r, c], base[r, c] - base[row, column])
+                low = max(level - 1, 0)
+                hits += ((bits >> np.uint64(low)) & np.uint64(7 if level > 0 else 3)) != np.uint64(0)
+    return hits / cells
+
+
+@njit(cache=True, nogil=True)
+def _scan(
+    centroids: NDArray,
+    west: float,
+    south: float,
+    bottom: float,
+    size: float,
+    base: NDArray,
+    occupied: NDArray,
+    out: NDArray,
+) -> None:
+    """Fill the columns from ``gap_below`` on."""
+    one = np.uint64(1)
+    n_rows, n_columns = base.shape
+    for s in range(len(centroids)):
+        row, column = int((centroids[s, 1] - south) / size), int((centroids[s, 0] - west) / size)
+        level = min(max(np.int64((centroids[s, 2] - bottom) / size) - base[row, column], 0), SLICES - 1)
+        bits = one << np.uint64(level)  # a centroid may lie in a slice without points of its own
+        for r in range(max(row - 1, 0), min(row + 2, n_rows)):
+            for c in range(max(column - 1, 0), min(column + 2, n_columns)):
+                bits |= _shifted(occupied[r, c], base[r, c] - base[row, column])
+        below, above = level, level
+        while below > 0 and (bits >> np.uint64(below - 1)) & one:
+            below -= 1
+        while above < SLICES - 1 and (bits >> np.uint64(above + 1)) & one:
+            above += 1
+        first, last, filled = SLICES, 0, 0
+        under, over = -1, SLICES
+        for level_at in range(SLICES):
+            if (bits >> np.uint64(level_at)) & one:
+                first, last, filled = min(first, level_at), level_at, filled + 1
+                if level_at < below:
+                    under = level_at
+                if level_at > above:
+                    over = min(over, level_at)
+        out[s, 0] = (below - 1 - under) * size
+        out[s, 1] = (over - above - 1) * size if over < SLICES else 0.0
+        out[s, 2] = (above - below + 1) * size
+        out[s, 3] = filled / (last - first + 1)
+        out[s, 4] = _cover(occupied, base, row, column, 2, level)
+        out[s, 5] = _cover(occupied, base, row, column, 5, level)
+
+
+def describe_columns(centroids: NDArray[np.float64], raster: ColumnRaster) -> NDArray[np.float32]:
+    """Describe what stands above, below and beside supervoxels.
+
+    The column of a supervoxel is the block of 3 x 3 cells around its centroid. Nothing here needs a ground
+    classification: the lowest point within some metres stands in for the ground where there is none.
+
+    Parameters
+    ----------
+    centroids : ndarray of float64, shape (s, 3)
+        Centroids of supervoxels of the raster's points, metres.
+    raster : ColumnRaster
+        The columns.
+
+    Returns
+    -------
+    ndarray of float32, shape (s, 10)
+        Columns of `COLUMN_FEATURES`, metres or shares in [0, 1]: extent of the column; height of the centroid above the
+        column's lowest point, below its highest, and above the lowest point within the relief radius; empty height
+        right below the run of occupied slices that the supervoxel is in (down to the lowest point around where
+        nothing is below), and right above it (0 where nothing is above); height of that run; share of occupied slices
+        between the column's bottom and top; share of the 5 x 5 and of the 11 x 11 cells around that are occupied at
+        the supervoxel's height.
+    """
+    size = raster.cell_size
+    at = (
+        ((centroids[:, 1] - raster.south) / size).astype(np.int64),
+        ((centroids[:, 0] - raster.west) / size).astype(np.int64),
+    )
+    column_low = minimum_filter(raster.low, size=3, mode="nearest")[at]
+    column_high = maximum_filter(raster.high, size=3, mode="nearest")[at]
+    z = centroids[:, 2]
+    out = np.empty((len(centroids), len(COLUMN_FEATURES)), np.float32)
+    out[:, 0] = column_high - column_low
+    out[:, 1] = z - column_low
+    out[:, 2] = column_high - z
+    out[:, 3] = z - raster.lowest[at]
+    _scan(centroids, raster.west, raster.south, raster.bottom, size, raster.base, raster.occupied, out[:, 4:])
+    return out

@@ -1,0 +1,68 @@
+"""The local context of a supervoxel and its removal (Tomic et al. 2019, equations 2 and 3)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _neighbor_means(values: NDArray, indices: NDArray, indptr: NDArray) -> NDArray[np.float32]:
+    n, width = values.shape
+    means = np.full((n, width), np.nan, np.float32)
+    total = np.zeros(width)
+    defined = np.zeros(width)
+    for s in range(n):
+        total[:] = 0.0
+        defined[:] = 0.0
+        for j in range(indptr[s], indptr[s + 1]):
+            row = values[indices[j]]
+            for f in range(width):
+                known = not np.isnan(row[f])
+                total[f] += row[f] if known else 0.0
+                defined[f] += 1.0 if known else 0.0
+        for f in range(width):
+            means[s, f] = total[f] / defined[f]
+    return means
+
+
+def local_tendency(values: NDArray[np.float32], adjacency: csr_array) -> NDArray[np.float32]:
+    """Average the features of the first-order neighbours of each supervoxel, itself left out: V_LT.
+
+    Parameters
+    ----------
+    values : ndarray of float32, shape (s, f)
+        Features V_S.
+    adjacency : csr_array of shape (s, s)
+        First-order neighbours, symmetric, without self loops.
+
+    Returns
+    -------
+    ndarray of float32, shape (s, f)
+        V_LT. NaN among the neighbours is left out; where all are NaN, or there is no neighbour, the result is NaN.
+    """
+    return _neighbor_means(values, adjacency.indices, adjacency.indptr)
+
+
+def detrend(values: NDArray[np.float32], adjacency: csr_array) -> NDArray[np.float32]:
+    """Remove the local tendency from the features and weight what is left: k (V_S - V_LT), k = n / (n + 1).
+
+    Parameters
+    ----------
+    values : ndarray of float32, shape (s, f)
+        Features V_S.
+    adjacency : csr_array of shape (s, s)
+        First-order neighbours, symmetric, without self loops.
+
+    Returns
+    -------
+    ndarray of float32, shape (s, f)
+        The second part of V_F. A supervoxel without neighbours has no context: k is 0, and so are its values, those of
+        undefined features (NaN in V_S) excepted. A feature that is undefined here or in all neighbours is NaN.
+    """
+    n = np.diff(adjacency.indptr).astype(np.float32)[:, None]
+    alone = (n == 0) & ~np.isnan(values)
+    weighted = n / (n + 1) * (values - local_tendency(values, adjacency))
+    return np.where(alone, np.float32(0.0), weighted.astype(np.float32))

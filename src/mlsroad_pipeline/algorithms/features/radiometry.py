@@ -1,0 +1,97 @@
+"""Radiometric features of supervoxels: colour and intensity, where a survey has them (Tomic et al. 2019, 2.1)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.features.supervoxel_moments import summarise_column
+
+COLOUR_FEATURES = (
+    "luma_mean",
+    "blue_difference_mean",
+    "red_difference_mean",
+    "luma_std",
+    "blue_difference_std",
+    "red_difference_std",
+)
+"""Columns of `describe_colour`."""
+
+INTENSITY_FEATURES = ("intensity_mean", "intensity_std")
+"""Columns of `describe_intensity`."""
+
+# RGB in [0, 255] to Y'CbCr in [0, 1] and [-0.5, 0.5] (ITU-R BT.601, full range).
+_TO_YCBCR = np.array([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]]) / 255.0
+
+
+@njit(cache=True, nogil=True)
+def _colour_sums(rgb: NDArray, labels: NDArray, n_supervoxels: int) -> NDArray[np.int64]:
+    sums = np.zeros((n_supervoxels, 10), np.int64)
+    for i in range(len(rgb)):
+        row = sums[labels[i]]
+        r, g, b = np.int64(rgb[i, 0]), np.int64(rgb[i, 1]), np.int64(rgb[i, 2])
+        row[0] += 1
+        row[1] += r
+        row[2] += g
+        row[3] += b
+        row[4] += r * r
+        row[5] += r * g
+        row[6] += r * b
+        row[7] += g * g
+        row[8] += g * b
+        row[9] += b * b
+    return sums
+
+
+def describe_colour(rgb: NDArray[np.uint8], labels: NDArray[np.int32], n_supervoxels: int) -> NDArray[np.float32]:
+    """Describe the colour of each supervoxel in Y'CbCr.
+
+    The space parts brightness, which shadows change, from two colour differences, which they hardly change; it is a
+    linear map of RGB, so the moments are summed exactly, in integers, and converted once per supervoxel.
+
+    Parameters
+    ----------
+    rgb : ndarray of uint8, shape (n, 3)
+        Colours.
+    labels : ndarray of int32, shape (n,)
+        Supervoxel of each point.
+    n_supervoxels : int
+        Number of supervoxels s.
+
+    Returns
+    -------
+    ndarray of float32, shape (s, 6)
+        Columns of `COLOUR_FEATURES`: means and standard deviations of luma in [0, 1] and of the two differences in
+        [-0.5, 0.5]; NaN where a supervoxel has no point.
+    """
+    sums = _colour_sums(rgb, labels, n_supervoxels)
+    counts = np.where(sums[:, 0] > 0, sums[:, 0], np.nan)
+    mean = sums[:, 1:4] / counts[:, None]
+    second = sums[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3) / counts[:, None, None]
+    covariance = second - mean[:, :, None] * mean[:, None, :]
+    variance = np.einsum("ci,sij,cj->sc", _TO_YCBCR, covariance, _TO_YCBCR)
+    return np.hstack([mean @ _TO_YCBCR.T, np.sqrt(np.maximum(variance, 0.0))]).astype(np.float32)
+
+
+def describe_intensity(
+    intensity: NDArray[np.floating], labels: NDArray[np.int32], n_supervoxels: int
+) -> NDArray[np.float32]:
+    """Describe the intensity of each supervoxel.
+
+    Parameters
+    ----------
+    intensity : ndarray of float, shape (n,)
+        Intensity in [0, 1]; NaN is left out.
+    labels : ndarray of int32, shape (n,)
+        Supervoxel of each point.
+    n_supervoxels : int
+        Number of supervoxels s.
+
+    Returns
+    -------
+    ndarray of float32, shape (s, 2)
+        Columns of `INTENSITY_FEATURES`: mean and standard deviation; NaN where no point has an intensity.
+    """
+    statistics = summarise_column(intensity, labels, n_supervoxels)
+    return np.stack([statistics.mean, statistics.std], axis=1).astype(np.float32)

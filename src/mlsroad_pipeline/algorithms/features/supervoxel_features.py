@@ -1,0 +1,247 @@
+"""Features of supervoxels: shape, orientation, height and radiometry, with the local context removed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_array
+
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.features.columns import COLUMN_FEATURES, build_columns, describe_columns
+from mlsroad_pipeline.algorithms.features.detrending import detrend as remove_tendency
+from mlsroad_pipeline.algorithms.features.eigen import EIGEN_FEATURES, SHAPE_FEATURES, emit_features
+from mlsroad_pipeline.algorithms.features.eigen_solver import solve_symmetric
+from mlsroad_pipeline.algorithms.features.footprint import describe_footprints, footprint_feature_names
+from mlsroad_pipeline.algorithms.features.height import (
+    GROUND_HEIGHT_FEATURES,
+    OWN_HEIGHT_FEATURES,
+    describe_ground_height,
+    describe_own_height,
+)
+from mlsroad_pipeline.algorithms.features.orientation import ORIENTATION_FEATURES, describe_orientation
+from mlsroad_pipeline.algorithms.features.radiometry import (
+    COLOUR_FEATURES,
+    INTENSITY_FEATURES,
+    describe_colour,
+    describe_intensity,
+)
+from mlsroad_pipeline.algorithms.features.supervoxel_moments import SupervoxelMoments, sum_moments
+from mlsroad_pipeline.algorithms.features.surroundings import ball_feature_names, describe_balls
+from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
+
+Region = Literal["own", "neighborhood", "both"]
+Blocks = list[tuple[tuple[str, ...], NDArray[np.float32]]]
+
+
+@dataclass(frozen=True)
+class SupervoxelFeatures:
+    """Features of supervoxels, one row each.
+
+    Attributes
+    ----------
+    values : ndarray of float32, shape (s, f)
+        Features; NaN is undefined.
+    names : tuple of str
+        Their names.
+    centroids : ndarray of float64, shape (s, 3)
+        Mean coordinates of the supervoxels' points, metres.
+    counts : ndarray of int64, shape (s,)
+        Points per supervoxel.
+    """
+
+    values: NDArray[np.float32]
+    names: tuple[str, ...]
+    centroids: NDArray[np.float64]
+    counts: NDArray[np.int64]
+
+
+def check_supervoxels(labels: ArrayLike, adjacency: csr_array, n_points: int) -> NDArray[np.int32]:
+    """Return supervoxel labels as int32, or say what is wrong with them or with the adjacency.
+
+    Parameters
+    ----------
+    labels : array-like of int, shape (n_points,)
+        Supervoxel of each point, 0 to s - 1, each used at least once.
+    adjacency : csr_array of shape (s, s)
+        First-order neighbours.
+    n_points : int
+        How many points there are.
+
+    Returns
+    -------
+    ndarray of int32, shape (n_points,)
+        The labels.
+
+    Raises
+    ------
+    DataError
+        If the labels are not one integer per point, are outside 0 to s - 1 or leave a supervoxel empty, or if the
+        adjacency is not square or joins a supervoxel with itself.
+    """
+    array = check_column(labels, n_points, "labels")
+    if not np.issubdtype(array.dtype, np.integer):
+        raise DataError(f"labels must be integers, got {array.dtype}")
+    s = adjacency.shape[0]
+    if adjacency.shape != (s, s):
+        raise DataError(f"adjacency must be square, got {adjacency.shape}")
+    if n_points and not 0 <= int(array.min()) <= int(array.max()) < s:
+        raise DataError(f"labels must be in 0..{s - 1} (adjacency is {s} x {s}), got {array.min()}..{array.max()}")
+    empty = np.flatnonzero(np.bincount(array, minlength=s) == 0)
+    if len(empty):
+        raise DataError(f"{len(empty)} of {s} supervoxels have no point, the first is {empty[0]}")
+    if np.any(adjacency.diagonal()):
+        raise DataError(f"adjacency joins supervoxel {np.flatnonzero(adjacency.diagonal())[0]} with itself")
+    return np.ascontiguousarray(array, dtype=np.int32)
+
+
+def _shape_and_orientation(moments: SupervoxelMoments) -> NDArray[np.float32]:
+    n = len(moments.counts)
+    values, smallest, largest = np.empty((3, n)), np.empty((3, n)), np.empty((3, n))
+    solve_symmetric(moments.covariances, n, values, smallest, largest)
+    rows = np.empty((n, len(EIGEN_FEATURES)), np.float32)
+    counts = moments.counts.astype(np.float32)
+    emit_features(values, smallest, largest, counts, np.arange(n, dtype=np.int32), 0, n, rows)
+    shape = rows[:, [EIGEN_FEATURES.index(name) for name in SHAPE_FEATURES]]
+    return np.hstack([shape, describe_orientation(rows, EIGEN_FEATURES)])
+
+
+def compute_supervoxel_features(
+    xyz: ArrayLike,
+    labels: ArrayLike,
+    adjacency: csr_array,
+    *,
+    height_above_ground: ArrayLike | None = None,
+    rgb: ArrayLike | None = None,
+    intensity: ArrayLike | None = None,
+    detrend: bool = True,
+    region: Region = "both",
+    column_size: float = 0.5,
+    relief_radius: float = 5.0,
+    ball_radii: Sequence[float] = (1.0, 2.0),
+    ball_voxel_size: float = 0.2,
+    footprint_radii: Sequence[float] = (3.0, 6.0),
+) -> SupervoxelFeatures:
+    """Describe supervoxels by the features of Tomic et al. 2019, section 2.1, equations 2 and 3.
+
+    V_S holds the seven eigenvalue features, orientation, height and, where the survey has them, height above ground,
+    colour and intensity. With V_LT its mean over the n first-order neighbours, the result is {V_S, k (V_S - V_LT)},
+    k = n / (n + 1). What describes the neighbourhood, the balls and the footprints around a supervoxel is context
+    already and is not detrended.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points in metres.
+    labels : array-like of int, shape (n,)
+        Supervoxel of each point, 0 to s - 1, each used at least once.
+    adjacency : csr_array of shape (s, s)
+        First-order neighbours: symmetric, without self loops.
+    height_above_ground : array-like of shape (n,), optional
+        Metres; NaN where unknown.
+    rgb : array-like of uint8, shape (n, 3), optional
+        Colours.
+    intensity : array-like of shape (n,), optional
+        Intensity in [0, 1]; NaN where unknown.
+    detrend : bool, default True
+        Append the detrended part; False gives V_S alone.
+    region : {"own", "neighborhood", "both"}, default "both"
+        Whose points give shape and orientation: the supervoxel's own (the paper), its own and its first-order
+        neighbours' (names end in ``_neighborhood``; steadier where supervoxels are small), or both sets.
+    column_size : float, default 0.5
+        Raster cell of the column features in metres, see `build_columns`.
+    relief_radius : float, default 5.0
+        How far the lowest point is sought that stands in for the ground, metres.
+    ball_radii : sequence of float, default (1.0, 2.0)
+        Radii, metres, within which shape and orientation of the occupied voxels are described, see `describe_balls`;
+        empty for none (the paper). Larger ones see past gaps of a sparse scan and blur small objects.
+    ball_voxel_size : float, default 0.2
+        Edge of those voxels, metres. Smaller follows the density of the scan and costs time.
+    footprint_radii : sequence of float, default (3.0, 6.0)
+        Radii, metres, within which the columns around are described, see `describe_footprints`; empty for none (the
+        paper).
+
+    Returns
+    -------
+    SupervoxelFeatures
+        Features, names, centroids and point counts. Undefined values (fewer than three points, collinear points, no
+        value of a column) are NaN, which the forest takes as a branch of its own.
+
+    Raises
+    ------
+    DataError
+        If an array does not fit the points, coordinates are not finite, labels or adjacency are not a partition (see
+        `check_supervoxels`), colours are not uint8, or the extent is too large for `column_size`.
+    ParameterError
+        If `region` is unknown, or a size or a radius is not positive.
+    """
+    points = check_xyz(xyz, minimum=1)
+    owners = check_supervoxels(labels, adjacency, len(points))
+    if region not in ("own", "neighborhood", "both"):
+        raise ParameterError(f"region must be 'own', 'neighborhood' or 'both', got {region!r}")
+    sizes = {"column_size": column_size, "relief_radius": relief_radius, "ball_voxel_size": ball_voxel_size}
+    sizes |= {f"ball_radii[{i}]": radius for i, radius in enumerate(ball_radii)}
+    sizes |= {f"footprint_radii[{i}]": radius for i, radius in enumerate(footprint_radii)}
+    for name, value in sizes.items():
+        check_positive(value, name)
+    own, around = sum_moments(points, owners, adjacency.shape[0], None if region == "own" else adjacency)
+    raster = build_columns(points, cell_size=column_size, relief_radius=relief_radius)
+    blocks, context = _shape_blocks(own, around, region)
+    blocks.append((OWN_HEIGHT_FEATURES, describe_own_height(own)))
+    blocks.append((COLUMN_FEATURES, describe_columns(own.centroids, raster)))
+    blocks += _attribute_blocks(owners, adjacency.shape[0], height_above_ground, rgb, intensity)
+    if ball_radii:
+        balls = describe_balls(points, own.centroids, radii=ball_radii, voxel_size=ball_voxel_size)
+        context.append((ball_feature_names(ball_radii), balls))
+    for radius in footprint_radii:
+        context.append((footprint_feature_names(radius), describe_footprints(own.centroids, raster, radius=radius)))
+    return _assemble(blocks, context, adjacency, own, detrend=detrend)
+
+
+def _shape_blocks(own: SupervoxelMoments, around: SupervoxelMoments | None, region: Region) -> tuple[Blocks, Blocks]:
+    """Return shape and orientation that are detrended, and those that are context already."""
+    names = (*SHAPE_FEATURES, *ORIENTATION_FEATURES)
+    blocks: Blocks = [] if region == "neighborhood" else [(names, _shape_and_orientation(own))]
+    if around is None:
+        return blocks, []
+    wider: Blocks = [(tuple(f"{name}_neighborhood" for name in names), _shape_and_orientation(around))]
+    return (blocks, wider) if region == "both" else (wider, [])
+
+
+def _attribute_blocks(
+    owners: NDArray[np.int32],
+    n_supervoxels: int,
+    height_above_ground: ArrayLike | None,
+    rgb: ArrayLike | None,
+    intensity: ArrayLike | None,
+) -> Blocks:
+    """Return the features of what not every survey has."""
+    blocks: Blocks = []
+    if height_above_ground is not None:
+        heights = check_column(height_above_ground, len(owners), "height_above_ground")
+        blocks.append((GROUND_HEIGHT_FEATURES, describe_ground_height(heights, owners, n_supervoxels)))
+    if rgb is not None:
+        colours = check_column(rgb, len(owners), "rgb", 3)
+        if colours.dtype != np.uint8:
+            raise DataError(f"rgb must be uint8, got {colours.dtype}")
+        blocks.append((COLOUR_FEATURES, describe_colour(colours, owners, n_supervoxels)))
+    if intensity is not None:
+        intensities = check_column(intensity, len(owners), "intensity")
+        blocks.append((INTENSITY_FEATURES, describe_intensity(intensities, owners, n_supervoxels)))
+    return blocks
+
+
+def _assemble(
+    blocks: Blocks, context: Blocks, adjacency: csr_array, moments: SupervoxelMoments, *, detrend: bool
+) -> SupervoxelFeatures:
+    """Join the blocks into V_S and append the detrended part of all that is not context itself."""
+    names = tuple(name for block_names, _ in (*blocks, *context) for name in block_names)
+    values = np.hstack([block for _, block in (*blocks, *context)])
+    if detrend:
+        width = sum(block.shape[1] for _, block in blocks)
+        values = np.hstack([values, remove_tendency(np.ascontiguousarray(values[:, :width]), adjacency)])
+        names = (*names, *(f"{name}_detrended" for name in names[:width]))
+    return SupervoxelFeatures(np.ascontiguousarray(values), names, moments.centroids, moments.counts)

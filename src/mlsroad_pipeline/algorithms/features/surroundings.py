@@ -1,0 +1,152 @@
+"""Shape of what surrounds a supervoxel, at fixed radii and whatever the density of the scan.
+
+A supervoxel far from the scanner holds a handful of points, and so do its neighbours: their moments say little.
+Neighbourhoods of several sizes, as Weinmann et al. 2015 compare them, answer that, and counting occupied voxels
+instead of points makes them alike near the scanner and far from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.cell_grid import CELLS_PER_RADIUS, build_cell_grids, run_in_chunks
+from mlsroad_pipeline.algorithms.features.eigen import (
+    EIGEN_FEATURES,
+    MINIMUM_NEIGHBORS,
+    SHAPE_FEATURES,
+    emit_features,
+    gather_near,
+    sum_ball,
+)
+from mlsroad_pipeline.algorithms.features.eigen_solver import solve_symmetric
+from mlsroad_pipeline.algorithms.features.orientation import ORIENTATION_FEATURES, describe_orientation
+from mlsroad_pipeline.algorithms.voxels.grid import build_voxel_grid
+
+BALL_FEATURES = (*SHAPE_FEATURES, *ORIENTATION_FEATURES, "horizontal_linearity")
+"""What `describe_balls` gives for each radius; names there end in ``_<radius>m``."""
+
+
+def ball_feature_names(radii: Sequence[float]) -> tuple[str, ...]:
+    """Name the columns of `describe_balls`."""
+    return tuple(f"{name}_{radius:g}m" for radius in radii for name in BALL_FEATURES)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sum_balls(
+    keys: NDArray,
+    starts: NDArray,
+    local: NDArray,
+    q_order: NDArray,
+    q_keys: NDArray,
+    q_starts: NDArray,
+    q_local: NDArray,
+    size: float,
+    rows: NDArray,
+    reach: int,
+    radii: NDArray,
+    first: int,
+    last: int,
+    covariances: NDArray,
+    counts: NDArray,
+) -> None:
+    """Sum the voxels around the queries in cells first to last, for every radius."""
+    begin = np.zeros(len(rows), np.int64)
+    end = np.zeros(len(rows), np.int64)
+    for j in range(len(rows)):
+        begin[j] = np.searchsorted(keys, q_keys[first] + rows[j, 2] - reach)
+        end[j] = begin[j]
+    near_x = np.empty(1, np.float32)
+    near_y, near_z = near_x, near_x
+    widest = np.float32(radii.max() ** 2)
+    for cell in range(first, last):
+        bound = 1
+        for j in range(len(rows)):
+            low = q_keys[cell] + rows[j, 2] - reach
+            while begin[j] < len(keys) and keys[begin[j]] < low:
+                begin[j] += 1
+            end[j] = max(end[j], begin[j])
+            while end[j] < len(keys) and keys[end[j]] <= low + 2 * reach:
+                end[j] += 1
+            bound += starts[end[j]] - starts[begin[j]]
+        if bound > len(near_x):
+            near_x = np.empty(2 * bound, np.float32)
+            near_y, near_z = np.empty_like(near_x), np.empty_like(near_x)
+        n_near = gather_near(
+            local, starts, begin, end, rows, keys, q_keys[cell], reach, size, widest, near_x, near_y, near_z
+        )
+        for i in range(q_starts[cell], q_starts[cell + 1]):
+            x, y, z = q_local[0, i], q_local[1, i], q_local[2, i]
+            for r in range(len(radii)):
+                squared = np.float32(radii[r] ** 2)
+                sum_ball(near_x, near_y, near_z, n_near, x, y, z, squared, covariances[r], counts[r], q_order[i])
+
+
+def _horizontal_linearity(covariances: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return 1 - l2 / l1 of the covariance seen from above: near 1 for a wall, near 0 for a crown."""
+    xx, xy, yy = covariances[0], covariances[1], covariances[3]
+    mean, spread = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return (1.0 - np.maximum(mean - spread, 0.0) / (mean + spread)).astype(np.float32)
+
+
+def describe_balls(
+    xyz: NDArray[np.floating],
+    centroids: NDArray[np.float64],
+    *,
+    radii: Sequence[float],
+    voxel_size: float,
+    n_threads: int = 1,
+) -> NDArray[np.float32]:
+    """Describe the occupied voxels within some radii of each supervoxel.
+
+    Parameters
+    ----------
+    xyz : ndarray of shape (n, 3), n > 0
+        Points in metres.
+    centroids : ndarray of float64, shape (s, 3)
+        Centroids of the supervoxels, metres.
+    radii : sequence of float
+        Radii in metres. Small ones keep poles apart from walls, large ones see past gaps in a sparse scan; time grows
+        with the square of the largest.
+    voxel_size : float
+        Edge of a voxel, metres: each occupied voxel counts once, at the mean of its points.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
+
+    Returns
+    -------
+    ndarray of float32, shape (s, 11 * number of radii)
+        Columns of `ball_feature_names`: shape, orientation, and linearity seen from above; NaN where there are fewer
+        than three voxels. How many there are is no feature: it tells of the distance to the scanner.
+    """
+    voxels = build_voxel_grid(xyz, voxel_size=voxel_size, n_threads=n_threads).centroids
+    size = max(radii) * (1 + 1e-6) / CELLS_PER_RADIUS
+    grid, queries = build_cell_grids(voxels, centroids, cell_size=size, margin=CELLS_PER_RADIUS)
+    rows = grid.row_offsets(CELLS_PER_RADIUS)
+    n, scales = len(centroids), np.array(radii, dtype=np.float64)
+    covariances = np.empty((len(scales), 6, n))
+    counts = np.empty((len(scales), n), np.float32)
+
+    def run(first: int, last: int) -> None:
+        _sum_balls(
+            grid.keys, grid.starts, grid.local, queries.order, queries.keys, queries.starts, queries.local, size, rows,
+            CELLS_PER_RADIUS, scales, first, last, covariances, counts,
+        )  # fmt: skip
+
+    run_in_chunks(run, len(queries.keys), n_threads=n_threads)
+    return np.hstack([_describe_scale(covariances[r], counts[r]) for r in range(len(scales))])
+
+
+def _describe_scale(covariances: NDArray[np.float64], counts: NDArray[np.float32]) -> NDArray[np.float32]:
+    n = len(counts)
+    values, smallest, largest = np.empty((3, n)), np.empty((3, n)), np.empty((3, n))
+    solve_symmetric(covariances, n, values, smallest, largest)
+    rows = np.empty((n, len(EIGEN_FEATURES)), np.float32)
+    emit_features(values, smallest, largest, counts, np.arange(n, dtype=np.int32), 0, n, rows)
+    shape = rows[:, [EIGEN_FEATURES.index(name) for name in SHAPE_FEATURES]]
+    from_above = np.where(counts >= MINIMUM_NEIGHBORS, _horizontal_linearity(covariances), np.float32(np.nan))
+    return np.hstack([shape, describe_orientation(rows, EIGEN_FEATURES), from_above[:, None]])

@@ -1,0 +1,1 @@
+"""Ground points told from the rest."""

@@ -1,0 +1,234 @@
+"""Blocks of columns: the XY grid that the ground filter works on, holding occupied blocks only.
+
+A point falls into a *column* of the voxel's width; `n_columns` x `n_columns` columns make a *block*. Occupied blocks
+are found once and numbered in the order of their keys, so results depend neither on the order of the points nor on the
+number of threads, and a stray point a thousand kilometres away costs one block rather than a raster that reaches it.
+Points are never sorted: each pass reads them as they lie and remembers the block of the point before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.ground.spans import Span, in_chunks
+
+Frame: TypeAlias = tuple[float, float, float, float, int, int]
+"""Origin x, y, z, columns per metre, columns per block side, and key stride, as the kernels take them."""
+
+Lookup: TypeAlias = tuple[Frame, NDArray[np.int64], NDArray[np.int32]]
+"""Frame and hash of a grid: all that leads a kernel from a point to its column."""
+
+NOWHERE = -(2**60)
+"""First column of the block before the first point: no column is near it."""
+
+MAX_BLOCKS_PER_AXIS = 2**31
+"""Bound on the blocks along one axis, so that block keys fit 64 bits."""
+
+
+@dataclass(frozen=True)
+class BlockGrid:
+    """Occupied blocks of columns over a point cloud.
+
+    Attributes
+    ----------
+    origin : ndarray of shape (3,), float64
+        Smallest coordinates of the points; all kernels subtract it in float64.
+    width : float
+        Width of a column in metres.
+    n_columns : int
+        Columns along a block's side.
+    stride : int
+        Blocks along x that a key counts before it steps in y, the ring around the points included.
+    keys : ndarray of shape (b,), int64
+        Key ``(by + 2) * stride + bx + 2`` of each occupied block, ascending.
+    table_keys, table_slots : ndarray of shape (h,), int64 and int32
+        Open-addressing hash from key to row of `keys`; -1 marks a free entry.
+    """
+
+    origin: NDArray[np.float64]
+    width: float
+    n_columns: int
+    stride: int
+    keys: NDArray[np.int64]
+    table_keys: NDArray[np.int64]
+    table_slots: NDArray[np.int32]
+
+    @property
+    def frame(self) -> Frame:
+        """Return origin, columns per metre, columns per block and stride, as the kernels take them."""
+        x, y, z = (float(value) for value in self.origin)
+        return x, y, z, 1.0 / self.width, self.n_columns, self.stride
+
+    @property
+    def lookup(self) -> Lookup:
+        """Return frame and hash."""
+        return self.frame, self.table_keys, self.table_slots
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _hash(key: int, mask: int) -> np.int64:
+    return ((key * np.int64(-7046029254386353131)) >> np.int64(20)) & mask
+
+
+@njit(cache=True, nogil=True)
+def find_slot(table_keys: NDArray[np.int64], table_slots: NDArray[np.int32], key: int) -> np.int32:
+    """Return the row of a block by its key, or -1 where the block is not occupied."""
+    mask = len(table_keys) - 1
+    at = _hash(key, mask)
+    while table_keys[at] != -1:
+        if table_keys[at] == key:
+            return table_slots[at]
+        at = (at + 1) & mask
+    return np.int32(-1)
+
+
+@njit(cache=True)
+def build_table(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Return hash arrays that lead from each key to its row, at most half full."""
+    size = 16
+    while size < 2 * len(keys):
+        size *= 2
+    table_keys = np.full(size, -1, dtype=np.int64)
+    table_slots = np.full(size, -1, dtype=np.int32)
+    for row in range(len(keys)):
+        at = _hash(keys[row], size - 1)
+        while table_keys[at] != -1:
+            at = (at + 1) & (size - 1)
+        table_keys[at] = keys[row]
+        table_slots[at] = row
+    return table_keys, table_slots
+
+
+@njit(cache=True, nogil=True)
+def enter_block(ix: int, iy: int, lookup: Lookup) -> tuple[int, int, int]:
+    """Return the row of the block that a column lies in, and its first column along x and y.
+
+    Kernels call this only when a point leaves the block of the point before: neighbours in a survey mostly share one,
+    and then neither a division nor the hash is needed.
+    """
+    (_, _, _, _, n_columns, stride), table_keys, table_slots = lookup
+    bx = ix // n_columns
+    by = iy // n_columns
+    slot = find_slot(table_keys, table_slots, (by + 2) * stride + bx + 2)
+    return int(slot), bx * n_columns, by * n_columns
+
+
+@njit(cache=True, nogil=True)
+def _insert(table: NDArray[np.int64], key: int) -> bool:
+    """Put a key in an open-addressing set; tell whether it is new."""
+    mask = len(table) - 1
+    at = _hash(key, mask)
+    while table[at] != -1 and table[at] != key:
+        at = (at + 1) & mask
+    is_new = table[at] == -1
+    table[at] = key
+    return is_new
+
+
+@njit(cache=True, nogil=True)
+def _keys_of_range(xyz: NDArray[np.floating], span: Span, frame: Frame) -> NDArray[np.int64]:
+    """Return the distinct block keys of a range of points, in no particular order."""
+    x0, y0, _, per_metre, n_columns, stride = frame
+    table = np.full(1024, -1, dtype=np.int64)
+    used = 0
+    corner_x, corner_y = NOWHERE, NOWHERE
+    for i in range(span[0], span[1]):
+        ix = int((np.float64(xyz[i, 0]) - x0) * per_metre)
+        iy = int((np.float64(xyz[i, 1]) - y0) * per_metre)
+        if 0 <= ix - corner_x < n_columns and 0 <= iy - corner_y < n_columns:
+            continue
+        bx = ix // n_columns
+        by = iy // n_columns
+        corner_x, corner_y = bx * n_columns, by * n_columns
+        used += _insert(table, (by + 2) * stride + bx + 2)
+        if 2 * used > len(table):
+            smaller = table
+            table = np.full(2 * len(smaller), -1, dtype=np.int64)
+            for key in smaller[smaller != -1]:
+                _insert(table, key)
+    return table[table != -1]
+
+
+def build_blocks(
+    xyz: NDArray[np.floating],
+    bounds: tuple[NDArray[np.float64], NDArray[np.float64]],
+    *,
+    width: float,
+    n_columns: int,
+    n_threads: int = 1,
+) -> BlockGrid:
+    """Find the occupied blocks of a point cloud.
+
+    Parameters
+    ----------
+    xyz : ndarray of shape (n, 3), float32 or float64
+        Finite coordinates in metres.
+    bounds : pair of ndarray of shape (3,)
+        Smallest and largest coordinates.
+    width : float
+        Width of a column in metres.
+    n_columns : int
+        Columns along a block's side.
+    n_threads : int, default 1
+        Threads over the points; the result does not depend on it.
+
+    Returns
+    -------
+    BlockGrid
+        The grid.
+
+    Raises
+    ------
+    DataError
+        If the points reach further than 2**31 blocks along an axis.
+    """
+    low, high = bounds
+    n_blocks = np.floor((high - low)[:2] / width / n_columns) + 5
+    if n_blocks.max() >= MAX_BLOCKS_PER_AXIS:
+        raise DataError(f"xyz spans {(high - low)[:2].tolist()} m, too far for blocks of {width * n_columns} m")
+    grid = BlockGrid(
+        origin=low,
+        width=width,
+        n_columns=n_columns,
+        stride=int(n_blocks[0]),
+        keys=np.empty(0, dtype=np.int64),
+        table_keys=np.empty(0, dtype=np.int64),
+        table_slots=np.empty(0, dtype=np.int32),
+    )
+    found = in_chunks(len(xyz), n_threads, lambda span: _keys_of_range(xyz, span, grid.frame))
+    keys = np.unique(np.concatenate(found))
+    table_keys, table_slots = build_table(keys)
+    return BlockGrid(low, width, n_columns, grid.stride, keys, table_keys, table_slots)
+
+
+@njit(cache=True)
+def neighbour_slots(
+    keys: NDArray[np.int64], table_keys: NDArray[np.int64], table_slots: NDArray[np.int32], stride: int
+) -> NDArray[np.int32]:
+    """Return the rows of each block's 3 x 3 neighbours, (b, 9) int32 in rows of y, -1 where there is none."""
+    slots = np.empty((len(keys), 9), dtype=np.int32)
+    for row in range(len(keys)):
+        for dy in range(-1, 2):
+            for dx in range(-1, 2):
+                slots[row, 3 * (dy + 1) + dx + 1] = find_slot(table_keys, table_slots, keys[row] + dy * stride + dx)
+    return slots
+
+
+@njit(cache=True, nogil=True)
+def column_minima(xyz: NDArray[np.floating], span: Span, lookup: Lookup, minima: NDArray[np.float32]) -> None:
+    """Lower `minima` (b, columns, columns) to the lowest z of each column, metres above the grid's origin."""
+    x0, y0, z0, per_metre, n_columns, _ = lookup[0]
+    slot, corner_x, corner_y = 0, NOWHERE, NOWHERE
+    for i in range(span[0], span[1]):
+        ix = int((np.float64(xyz[i, 0]) - x0) * per_metre)
+        iy = int((np.float64(xyz[i, 1]) - y0) * per_metre)
+        if not (0 <= ix - corner_x < n_columns and 0 <= iy - corner_y < n_columns):
+            slot, corner_x, corner_y = enter_block(ix, iy, lookup)
+        y, x = iy - corner_y, ix - corner_x
+        minima[slot, y, x] = min(minima[slot, y, x], np.float32(np.float64(xyz[i, 2]) - z0))

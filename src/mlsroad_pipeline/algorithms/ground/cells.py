@@ -1,0 +1,223 @@
+"""Kernels on the cells of the lower surface: lows, patches, cones, growth along slopes, filling.
+
+Cells are stored per block, (blocks, side, side); `around` (blocks, 9) leads to the blocks beside each one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+SUPPORT = 0.3
+"""A column minimum needs a second one in its cell at most this far above it, metres, or it is taken for a stray."""
+
+
+@njit(cache=True, inline="always")
+def _cell(values: NDArray[np.float32], around: NDArray[np.int32], block: int, i: int, j: int) -> np.float32:
+    """Return a cell's value, in the neighbouring block where the index runs over the border; NaN where none is."""
+    side = values.shape[1]
+    down = 1 + (i >= side) - (i < 0)
+    right = 1 + (j >= side) - (j < 0)
+    slot = around[block, 3 * down + right]
+    if slot < 0:
+        return np.float32(np.nan)
+    return values[slot, i - (down - 1) * side, j - (right - 1) * side]
+
+
+@njit(cache=True)
+def _lowest_supported(ordered: NDArray[np.float32], share: float) -> float:
+    """Return the lowest of ascending heights that has `share` of them within `SUPPORT` above it, itself included."""
+    n = len(ordered)
+    needed = max(share * n, np.float64(min(n, 2)))
+    high = 0
+    for k in range(n):
+        while high < n and ordered[high] - ordered[k] <= SUPPORT:
+            high += 1
+        if high - k >= needed:
+            return ordered[k]
+    return ordered[0]
+
+
+@njit(cache=True)
+def cell_lows(
+    minima: NDArray[np.float32], rows: NDArray[np.int64], n_cells: int, per_cell: int, share: float
+) -> NDArray[np.float32]:
+    """Return the lowest supported column minimum of each cell, (n_cells blocks, side, side), NaN where none is."""
+    side = minima.shape[1] // per_cell
+    lows = np.full((n_cells, side, side), np.nan, dtype=np.float32)
+    found = np.empty(per_cell * per_cell, dtype=np.float32)
+    for block in range(len(minima)):
+        for i in range(side):
+            for j in range(side):
+                n = 0
+                for y in range(i * per_cell, (i + 1) * per_cell):
+                    for x in range(j * per_cell, (j + 1) * per_cell):
+                        if minima[block, y, x] < np.inf:
+                            found[n] = minima[block, y, x]
+                            n += 1
+                if n == 0:
+                    continue
+                lows[rows[block], i, j] = _lowest_supported(np.sort(found[:n]), share)
+    return lows
+
+
+@njit(cache=True)
+def _root(parents: NDArray[np.int64], at: int) -> int:
+    while parents[at] != at:
+        parents[at] = parents[parents[at]]
+        at = parents[at]
+    return at
+
+
+@njit(cache=True)
+def patch_sizes(lows: NDArray[np.float32], around: NDArray[np.int32], slope: float, step: float) -> NDArray[np.int64]:
+    """Return how many cells hang together with each cell along rises of at most `slope` per cell and `step`."""
+    side = lows.shape[1]
+    parents = np.arange(lows.size)
+    for at in range(lows.size):
+        block, i, j = at // (side * side), at // side % side, at % side
+        for d in range(5, 9):
+            di, dj = d // 3 - 1, d % 3 - 1
+            z = _cell(lows, around, block, i + di, j + dj)
+            if abs(z - lows[block, i, j]) <= slope * np.float32(np.hypot(di, dj)) + step:
+                down, right = 1 + (i + di >= side), 1 + (j + dj >= side) - (j + dj < 0)
+                row = around[block, 3 * down + right]
+                other = (row * side + i + di - (down - 1) * side) * side + j + dj - (right - 1) * side
+                a, b = _root(parents, at), _root(parents, other)
+                parents[max(a, b)] = min(a, b)
+    counts = np.zeros(lows.size, dtype=np.int64)
+    for at in range(lows.size):
+        counts[_root(parents, at)] += 1
+    sizes = np.zeros(lows.shape, dtype=np.int64)
+    for at in range(lows.size):
+        if not np.isnan(lows[at // (side * side), at // side % side, at % side]):
+            sizes[at // (side * side), at // side % side, at % side] = counts[_root(parents, at)]
+    return sizes
+
+
+@njit(cache=True)
+def slope_envelope(lows: NDArray[np.float32], around: NDArray[np.int32], straight: float) -> NDArray[np.float32]:
+    """Return the highest surface under all lows that rises by at most `straight` per cell; inf where none reaches."""
+    side = lows.shape[1]
+    envelope = np.where(np.isnan(lows), np.float32(np.inf), lows)
+    changed = True
+    forward = True
+    while changed:
+        changed = False
+        for step in range(envelope.size):
+            at = step if forward else envelope.size - 1 - step
+            block, i, j = at // (side * side), at // side % side, at % side
+            best = envelope[block, i, j]
+            for di in range(-1, 2):
+                for dj in range(-1, 2):
+                    rise = straight * np.float32(np.sqrt(np.float32(di * di + dj * dj)))
+                    z = _cell(envelope, around, block, i + di, j + dj) + rise
+                    if z < best:  # NaN, where there is no block, compares false
+                        best = z
+                        changed = True
+            envelope[block, i, j] = best
+        forward = not forward
+    return envelope
+
+
+@njit(cache=True)
+def grow_along_slope(
+    lows: NDArray[np.float32], accepted: NDArray[np.bool_], around: NDArray[np.int32], step: float
+) -> NDArray[np.float32]:
+    """Return accepted lows (NaN elsewhere) after taking in cells that continue their neighbours' slope.
+
+    A cell joins when it lies at most `step` above the line through two accepted cells in a row before it. Cells join
+    in rounds that look at the round before only, so the order of the cells does not matter.
+    """
+    side = lows.shape[1]
+    ground = np.where(accepted, lows, np.float32(np.nan))
+    changed = True
+    while changed:
+        changed = False
+        before = ground.copy()
+        for block in range(len(lows)):
+            for i in range(side):
+                for j in range(side):
+                    z = lows[block, i, j]
+                    if np.isnan(z) or not np.isnan(before[block, i, j]):
+                        continue
+                    for d in range(9):
+                        di, dj = d // 3 - 1, d % 3 - 1
+                        near = _cell(before, around, block, i + di, j + dj)
+                        far = near
+                        if -side <= i + 2 * di < 2 * side and -side <= j + 2 * dj < 2 * side:
+                            far = _cell(before, around, block, i + 2 * di, j + 2 * dj)
+                        if d != 4 and abs(z - 2 * near + far) <= step:
+                            ground[block, i, j] = z
+                            changed = True
+                            break
+    return ground
+
+
+@njit(cache=True)
+def fill_from_neighbours(ground: NDArray[np.float32], around: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Return the surface with empty cells filled in rounds by the mean of their filled neighbours."""
+    side = ground.shape[1]
+    filled = ground.copy()
+    changed = True
+    while changed:
+        changed = False
+        before = filled.copy()
+        for block in range(len(ground)):
+            for i in range(side):
+                for j in range(side):
+                    if not np.isnan(before[block, i, j]):
+                        continue
+                    total = 0.0
+                    count = 0
+                    for d in range(9):
+                        z = _cell(before, around, block, i + d // 3 - 1, j + d % 3 - 1)
+                        if not np.isnan(z):
+                            total += z
+                            count += 1
+                    if count > 0:
+                        filled[block, i, j] = np.float32(total / count)
+                        changed = True
+    return filled
+
+
+@njit(cache=True, inline="always")
+def _common_slope(before: float, here: float, after: float) -> float:
+    """Return the lesser of the slopes before and after a cell, as a magnitude; 0 where they disagree in sign."""
+    first, second = here - before, after - here
+    if first * second > 0:
+        return min(abs(first), abs(second))
+    return 0.0
+
+
+@njit(cache=True)
+def lift_to_centres(lows: NDArray[np.float32], around: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Return the heights at the cells' centres: a low lies in the corner that a slope leaves lowest.
+
+    The slope is the one that a cell shares with both sides, so that neither a curb nor a wall counts as one.
+    """
+    side = lows.shape[1]
+    centres = lows.copy()
+    for block in range(len(lows)):
+        for i in range(side):
+            for j in range(side):
+                z = lows[block, i, j]
+                down = _common_slope(_cell(lows, around, block, i - 1, j), z, _cell(lows, around, block, i + 1, j))
+                along = _common_slope(_cell(lows, around, block, i, j - 1), z, _cell(lows, around, block, i, j + 1))
+                centres[block, i, j] = z + np.float32(0.5 * (down + along))
+    return centres
+
+
+@njit(cache=True)
+def blend(cells: NDArray[np.float32], around: NDArray[np.int32], block: int, y: float, x: float) -> np.float32:
+    """Return the bilinear value at (y, x), in cells from the block's corner; the own cell's where a corner is NaN."""
+    fi, fj = np.floor(y - 0.5), np.floor(x - 0.5)
+    wy, wx = np.float32(y - 0.5 - fi), np.float32(x - 0.5 - fj)
+    i, j = np.int64(fi), np.int64(fj)
+    z = (1 - wy) * ((1 - wx) * _cell(cells, around, block, i, j) + wx * _cell(cells, around, block, i, j + 1)) + wy * (
+        (1 - wx) * _cell(cells, around, block, i + 1, j) + wx * _cell(cells, around, block, i + 1, j + 1)
+    )
+    if np.isnan(z):
+        return cells[block, np.int64(y), np.int64(x)]
+    return z

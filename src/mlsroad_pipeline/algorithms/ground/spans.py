@@ -1,0 +1,98 @@
+"""Ranges of points shared out to threads, and the one pass that checks and bounds them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import Any, TypeAlias
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.validation import check_xyz
+
+Span: TypeAlias = tuple[int, int]
+"""First point of a range and the one after its last."""
+
+MAX_Z_RANGE = 1e5
+"""Largest difference of heights, metres; beyond it float32 heights would be coarser than a centimetre."""
+
+
+def in_chunks(n_points: int, n_threads: int, work: Callable[[Span], Any]) -> list[Any]:
+    """Run `work((start, stop))` over contiguous ranges of points, one per thread, and return its results in order.
+
+    Parameters
+    ----------
+    n_points : int
+        Number of points to share out.
+    n_threads : int
+        Number of ranges; with 1 the caller's own thread does the work and none is started.
+    work : callable
+        Calls a compiled kernel that releases the interpreter lock.
+
+    Returns
+    -------
+    list
+        What `work` returned for each range.
+    """
+    bounds = np.linspace(0, n_points, n_threads + 1).astype(np.int64)
+    spans = [(int(start), int(stop)) for start, stop in pairwise(bounds)]
+    if n_threads == 1:
+        return [work(spans[0])]
+    with ThreadPoolExecutor(n_threads) as pool:
+        return list(pool.map(work, spans))
+
+
+@njit(cache=True, nogil=True)
+def point_bounds(xyz: NDArray[np.floating], span: Span) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
+    """Return min and max of x, y, z over a range, and whether all are finite; one read of the points."""
+    low = np.full(3, np.inf)
+    high = np.full(3, -np.inf)
+    sums = np.zeros(3)
+    for i in range(span[0], span[1]):
+        for k in range(3):
+            value = np.float64(xyz[i, k])
+            low[k] = min(low[k], value)
+            high[k] = max(high[k], value)
+            sums[k] += value - value  # 0 for finite values, NaN for NaN and infinity
+    return low, high, bool((sums == 0.0).all())
+
+
+def bounds_of(
+    xyz: ArrayLike, n_threads: int = 1
+) -> tuple[NDArray[np.floating], tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Check coordinates and find their bounds in one pass.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Coordinates in metres.
+    n_threads : int, default 1
+        Threads over the points.
+
+    Returns
+    -------
+    points : ndarray of shape (n, 3), float32 or float64
+        The coordinates, C-contiguous, copied only where that is needed.
+    bounds : pair of ndarray of shape (3,)
+        Smallest and largest coordinates; infinite for no points.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3), holds NaN or infinity, or spans more than 1e5 m in z.
+    """
+    points = np.asarray(xyz)
+    usable = points.dtype in (np.float32, np.float64) and points.ndim == 2 and points.shape[1] == 3
+    points = np.ascontiguousarray(points) if usable else check_xyz(xyz)
+    parts = in_chunks(len(points), n_threads, lambda span: point_bounds(points, span))
+    low = np.min([part[0] for part in parts], axis=0)
+    high = np.max([part[1] for part in parts], axis=0)
+    if not all(part[2] for part in parts):
+        check_xyz(points)
+    if len(points) and high[2] - low[2] > MAX_Z_RANGE:
+        raise DataError(f"xyz spans {high[2] - low[2]:g} m in z, more than {MAX_Z_RANGE:g}: drop the outliers first")
+    return points, (low, high)

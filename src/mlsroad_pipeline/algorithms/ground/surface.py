@@ -1,0 +1,243 @@
+"""Height of the ground below every point, as a raster of cells over the occupied blocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.ground.blocks import BlockGrid, build_blocks
+from mlsroad_pipeline.algorithms.ground.raster import (
+    UNITS_PER_METRE,
+    ground_minima,
+    ground_sums,
+    heights_above,
+    interpolate,
+)
+from mlsroad_pipeline.algorithms.ground.spans import Span, bounds_of, in_chunks
+from mlsroad_pipeline.algorithms.validation import check_column, check_positive
+
+CELLS_PER_BLOCK = 16
+"""Cells along a block's side."""
+
+
+@dataclass(frozen=True)
+class GroundSurface:
+    """Ground height on a raster of square cells, known cells and filled gaps alike.
+
+    Attributes
+    ----------
+    grid : BlockGrid
+        The blocks that hold points; a column is a cell.
+    nodes : ndarray of shape (b, s + 2, s + 2), float32
+        Ground height at the centre of each cell above the grid's origin, metres, with a border of one cell around each
+        block. All NaN where no point is ground.
+    known : ndarray of shape (k, 2), float64
+        Centres of the cells that hold ground points, metres from the grid's origin.
+    known_heights : ndarray of shape (k,), float32
+        Their heights above the grid's origin, metres.
+    n_neighbours : int
+        Known cells that a gap is filled from.
+    """
+
+    grid: BlockGrid
+    nodes: NDArray[np.float32]
+    known: NDArray[np.float64]
+    known_heights: NDArray[np.float32]
+    n_neighbours: int
+
+    @classmethod
+    def from_points(
+        cls,
+        xyz: ArrayLike,
+        ground: ArrayLike,
+        *,
+        cell_size: float = 0.5,
+        spread: float = 0.3,
+        n_neighbours: int = 8,
+        n_threads: int = 1,
+    ) -> GroundSurface:
+        """Estimate the surface from labelled points.
+
+        A cell's height is the mean of its ground points that lie at most `spread` above the lowest of them, so that a
+        car's sill that was taken for ground does not raise it. A cell without ground points takes the mean of the
+        `n_neighbours` nearest cells with some, weighted by the inverse square of the distance.
+
+        Parameters
+        ----------
+        xyz : array-like of shape (n, 3)
+            All points in metres, off-ground ones too: the surface reaches as far as they do.
+        ground : array-like of bool, shape (n,)
+            True is ground.
+        cell_size : float, default 0.5
+            Side of a cell in metres. Larger cells are steadier and blur curbs.
+        spread : float, default 0.3
+            Range of heights within a cell that counts, metres; must cover the fall of the ground across a cell.
+        n_neighbours : int, default 8
+            Known cells that a gap is filled from; 1 takes the nearest as it is.
+        n_threads : int, default 1
+            Threads over the points; the result does not depend on it.
+
+        Returns
+        -------
+        GroundSurface
+            The surface; without any ground point its heights are NaN.
+
+        Raises
+        ------
+        DataError
+            If there are no points, if `xyz` is not (n, 3) or not finite, or if `ground` has another length.
+        ParameterError
+            If `cell_size` or `spread` is not positive, or `n_neighbours` or `n_threads` is below 1.
+        """
+        check_positive(cell_size, "cell_size")
+        check_positive(spread, "spread")
+        for name, value in (("n_neighbours", n_neighbours), ("n_threads", n_threads)):
+            if value < 1:
+                raise ParameterError(f"{name} must be at least 1, got {value!r}")
+        points, bounds = bounds_of(xyz, n_threads)
+        if len(points) == 0:
+            raise DataError("xyz needs at least 1 points, got 0")
+        mask = check_column(ground, len(points), "ground").astype(np.bool_)
+        grid = build_blocks(points, bounds, width=cell_size, n_columns=CELLS_PER_BLOCK, n_threads=n_threads)
+        heights = _cell_means(points, mask, grid, spread, n_threads)
+        slots, rows, columns = np.nonzero(~np.isnan(heights))
+        known = _centres(grid, slots, rows, columns)
+        nodes = np.full((len(grid.keys), CELLS_PER_BLOCK + 2, CELLS_PER_BLOCK + 2), np.nan, dtype=np.float32)
+        surface = cls(grid, nodes, known, heights[slots, rows, columns], n_neighbours)
+        surface._fill()
+        return surface
+
+    def _fill(self) -> None:
+        """Give every node its height; a border node is a cell of the block beside it and gets that cell's value."""
+        slots, rows, columns = (index.ravel() for index in np.indices(self.nodes.shape))
+        self.nodes[slots, rows, columns] = self._nearest(_centres(self.grid, slots, rows - 1, columns - 1))
+
+    def _nearest(self, at: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Return inverse-distance heights at places given from the grid's origin; a known cell's own at its centre."""
+        if len(self.known) == 0:
+            return np.full(len(at), np.nan, dtype=np.float32)
+        k = min(self.n_neighbours, len(self.known))
+        distance, index = cKDTree(self.known).query(at, k=k)
+        distance, index = distance.reshape(len(at), k), index.reshape(len(at), k)
+        weight = 1.0 / np.maximum(distance, 1e-6 * self.grid.width) ** 2
+        return ((self.known_heights[index] * weight).sum(axis=1) / weight.sum(axis=1)).astype(np.float32)
+
+    def elevation(self, xy: ArrayLike) -> NDArray[np.float64]:
+        """Return the height of the ground at places, in the coordinates of the points that the surface is made from.
+
+        Parameters
+        ----------
+        xy : array-like of shape (m, 2)
+            Places in metres; outside the blocks that hold points the gap rule of `from_points` gives the height.
+
+        Returns
+        -------
+        ndarray of float64, shape (m,)
+            z of the ground in metres, NaN where the surface knows no ground at all.
+
+        Raises
+        ------
+        DataError
+            If `xy` is not (m, 2) or not finite.
+        """
+        places = np.ascontiguousarray(xy, dtype=np.float64)
+        if places.ndim != 2 or places.shape[1] != 2 or not np.isfinite(places).all():
+            raise DataError(f"xy must be finite of shape (m, 2), got shape {places.shape}")
+        heights = interpolate(places, (0, len(places)), self.grid.lookup, self.nodes)
+        outside = np.isnan(heights)
+        if outside.any():
+            heights[outside] = self._nearest(places[outside] - self.grid.origin[:2])
+        return heights.astype(np.float64) + self.grid.origin[2]
+
+
+def height_above_ground(
+    xyz: ArrayLike,
+    ground: ArrayLike,
+    *,
+    cell_size: float = 0.5,
+    spread: float = 0.3,
+    n_neighbours: int = 8,
+    n_threads: int = 1,
+) -> NDArray[np.float32]:
+    """Return each point's height above the ground below it.
+
+    The ground is a `GroundSurface`, interpolated bilinearly between the centres of its cells.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Coordinates in metres, z up.
+    ground : array-like of bool, shape (n,)
+        True is ground.
+    cell_size : float, default 0.5
+        Side of a cell in metres. Larger cells are steadier and blur curbs.
+    spread : float, default 0.3
+        Range of heights within a cell that counts, metres.
+    n_neighbours : int, default 8
+        Known cells that a gap is filled from.
+    n_threads : int, default 1
+        Threads over the points; the result does not depend on it.
+
+    Returns
+    -------
+    ndarray of float32, shape (n,)
+        Height in metres, negative below the surface; NaN everywhere if no point is ground, which is the caller's to
+        warn of. Empty for no points.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3) or not finite, or if `ground` has another length.
+    ParameterError
+        If `cell_size` or `spread` is not positive, or `n_neighbours` or `n_threads` is below 1.
+    """
+    points = np.asarray(xyz)
+    if points.ndim == 2 and len(points) == 0:
+        check_column(ground, 0, "ground")
+        return np.zeros(0, dtype=np.float32)
+    surface = GroundSurface.from_points(
+        points, ground, cell_size=cell_size, spread=spread, n_neighbours=n_neighbours, n_threads=n_threads
+    )
+    points, _ = bounds_of(points, n_threads)
+    z0 = float(surface.grid.origin[2])
+    parts = in_chunks(
+        len(points), n_threads, lambda span: heights_above(points, span, surface.grid.lookup, surface.nodes, z0)
+    )
+    return parts[0] if n_threads == 1 else np.concatenate(parts)
+
+
+def _centres(grid: BlockGrid, slots: NDArray, rows: NDArray, columns: NDArray) -> NDArray[np.float64]:
+    """Return centres of cells as x, y from the grid's origin."""
+    by, bx = np.divmod(grid.keys[slots], grid.stride)
+    x = ((bx - 2) * grid.n_columns + columns + 0.5) * grid.width
+    y = ((by - 2) * grid.n_columns + rows + 0.5) * grid.width
+    return np.column_stack([x, y])
+
+
+def _cell_means(
+    points: NDArray[np.floating], mask: NDArray[np.bool_], grid: BlockGrid, spread: float, n_threads: int
+) -> NDArray[np.float32]:
+    """Return the mean height of each cell's ground points near its lowest one, NaN where it has none."""
+    shape = (len(grid.keys), grid.n_columns, grid.n_columns)
+
+    def lowest(span: Span) -> NDArray[np.float32]:
+        minima = np.full(shape, np.inf, dtype=np.float32)
+        ground_minima(points, mask, span, grid.lookup, minima)
+        return minima
+
+    minima = np.minimum.reduce(in_chunks(len(points), n_threads, lowest))
+
+    def sums(span: Span) -> NDArray[np.int64]:
+        totals = np.zeros((*shape, 2), dtype=np.int64)
+        ground_sums(points, mask, span, grid.lookup, (minima + np.float32(spread), totals))
+        return totals
+
+    totals = np.add.reduce(in_chunks(len(points), n_threads, sums))
+    means = np.full(shape, np.nan, dtype=np.float32)
+    has = totals[..., 1] > 0
+    means[has] = totals[has, 0] / totals[has, 1] / UNITS_PER_METRE
+    return means

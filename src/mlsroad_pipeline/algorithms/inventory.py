@@ -1,0 +1,294 @@
+"""The inventory of road objects: labelled points in, measured objects out, none twice and none lost at scene borders.
+
+A scene finds the connected objects of its core and buffers (`extract_objects`). What lies wholly in the core is
+measured there. Of an object that reaches into a buffer only the voxels of its core points are kept, and
+`merge_across_scenes` joins those of all scenes that share a voxel and measures the whole: as cores share no point,
+nothing counts twice, and an object may be as long as it likes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.graphs import connected_components
+from mlsroad_pipeline.algorithms.object_measures import Voxels, measure, split_at_valleys
+from mlsroad_pipeline.algorithms.object_rules import ObjectRule
+from mlsroad_pipeline.algorithms.object_voxels import FRAGMENT_FIELDS, find_fragments, join_voxels
+from mlsroad_pipeline.algorithms.trajectory import Trajectory
+from mlsroad_pipeline.algorithms.validation import check_column, check_xyz
+
+OBJECT_FIELDS = {
+    "object_id": "int64",
+    "class": "str",
+    "kind": "str",
+    "x": "float64",
+    "y": "float64",
+    "z": "float64",
+    "height": "float64",
+    "width": "float64",
+    "length": "float64",
+    "azimuth": "float64",
+    "tilt": "float64",
+    "clearance": "float64",
+    "point_count": "int64",
+    "confidence": "float64",
+    "station": "float64",
+    "offset": "float64",
+    "pole_id": "int64",
+    "scene": "str",
+}
+"""Columns of an object table and their types; docs/inventory.md says what they mean."""
+
+_DECIMALS = {
+    **dict.fromkeys(("x", "y", "z", "height", "width", "length", "clearance", "station", "offset"), 3),
+    **dict.fromkeys(("azimuth", "tilt"), 2),
+    "confidence": 4,
+}
+_LINK_DISTANCE = 0.75  # between a pole's axis at its base and the edge of a sign that it carries, metres
+
+
+@dataclass(frozen=True)
+class SceneObjects:
+    """What a scene knows of the inventory.
+
+    Parameters
+    ----------
+    scene : str
+        The scene's id.
+    objects : DataFrame
+        Objects that lie wholly in the core: columns of `OBJECT_FIELDS`, `object_id` and `pole_id` still 0.
+    fragments : DataFrame
+        Voxels of the objects that reach into a buffer: columns of `FRAGMENT_FIELDS`.
+    """
+
+    scene: str
+    objects: pd.DataFrame
+    fragments: pd.DataFrame
+
+
+def empty_table(fields: Mapping[str, str]) -> pd.DataFrame:
+    """Return a table of no rows with typed columns.
+
+    Parameters
+    ----------
+    fields : mapping of str to str
+        Column name to dtype, such as `OBJECT_FIELDS`.
+
+    Returns
+    -------
+    DataFrame
+        The columns in order, without rows.
+    """
+    return pd.DataFrame({name: pd.Series(dtype=dtype) for name, dtype in fields.items()})
+
+
+def _measured(
+    voxels: Voxels, number: NDArray[np.int64], name: str, rule: ObjectRule, scenes: Sequence[str]
+) -> list[dict[str, float | int | str]]:
+    """Measure the objects of one class and drop the false ones."""
+    rows = []
+    starts = np.flatnonzero(np.diff(number, prepend=-1))
+    for first, stop in zip(starts, np.append(starts[1:], len(number)), strict=True):
+        whole = voxels.select(np.arange(first, stop))
+        parts = [whole]
+        if rule.split_spacing is not None and whole.count.sum() >= rule.min_points:
+            label = split_at_valleys(whole, spacing=rule.split_spacing, depth=rule.split_depth)
+            parts = [whole.select(label == i) for i in range(int(label.max()) + 1)]
+        for part in parts:
+            if part.count.sum() < rule.min_points:
+                continue
+            row = measure(part, rule.kind)
+            hangs = row["clearance"] > rule.max_clearance  # False where the ground is not known
+            if rule.min_height <= row["height"] <= rule.max_height and row["extent"] <= rule.max_width and not hangs:
+                rows.append({**row, "class": name, "kind": rule.kind, "scene": scenes[int(row["scene"])]})
+    return rows
+
+
+def _as_table(rows: Sequence[Mapping[str, float | int | str]]) -> pd.DataFrame:
+    if not rows:
+        return empty_table(OBJECT_FIELDS)
+    table = pd.DataFrame(list(rows))
+    for name in ("object_id", "pole_id"):
+        table[name] = 0
+    for name in ("station", "offset"):
+        table[name] = np.nan
+    return table[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
+
+
+def extract_objects(
+    xyz: ArrayLike,
+    labels: ArrayLike,
+    confidence: ArrayLike,
+    *,
+    classes: Mapping[str, ObjectRule],
+    core: ArrayLike | None = None,
+    origin: ArrayLike = (0.0, 0.0, 0.0),
+    height_above_ground: ArrayLike | None = None,
+    scene: str = "scene_00000",
+) -> SceneObjects:
+    """Find and measure the objects of a scene.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points of core and buffers, metres relative to `origin`.
+    labels : array-like of int, shape (n,)
+        Labels of the class scheme.
+    confidence : array-like of shape (n,)
+        Confidence of the labels, 0 to 1.
+    classes : mapping of str to ObjectRule
+        Class name to what makes its objects, such as `object_rules.rules_for_scheme` gives.
+    core : array-like of bool, shape (n,), optional
+        True in the scene's core; None takes the points as a whole survey. The buffer must be at least as wide as the
+        largest tolerance, or objects that touch the border are not recognised in both scenes.
+    origin : array-like of shape (3,), default zeros
+        World coordinates of the zero of `xyz`, metres.
+    height_above_ground : array-like of shape (n,), optional
+        Metres. Without it the base of an object is its own lowest part, and clearances are not known.
+    scene : str, default "scene_00000"
+        The scene's id.
+
+    Returns
+    -------
+    SceneObjects
+        Measured objects, and the fragments of those that reach into a buffer; `merge_across_scenes` makes the table.
+
+    Raises
+    ------
+    DataError
+        If a coordinate, confidence or height is NaN or infinite, or the shapes do not fit.
+    """
+    points = check_xyz(xyz)
+    n = len(points)
+    label = check_column(labels, n, "labels")
+    inside = np.ones(n, dtype=bool) if core is None else check_column(core, n, "core").astype(bool)
+    sure = _finite(confidence, n, "confidence")
+    height = None if height_above_ground is None else _finite(height_above_ground, n, "height_above_ground")
+    zero = np.asarray(origin, dtype=np.float64)
+    rows, fragments = [], []
+    for name, rule in classes.items():
+        mine = np.flatnonzero(np.isin(label, rule.labels))
+        whole, cut = find_fragments(
+            points[mine].astype(np.float64),
+            core=inside[mine],
+            confidence=sure[mine],
+            height_above_ground=None if height is None else height[mine],
+            origin=zero,
+            rule=rule,
+        )
+        if len(whole):
+            table = whole.assign(object=whole["fragment"].astype(np.int64), scene=0)
+            rows += _measured(*join_voxels(table, resolution=rule.resolution), name, rule, [scene])
+        if len(cut):
+            fragments.append(cut.assign(**{"class": name}))
+    joined = pd.concat(fragments, ignore_index=True) if fragments else empty_table(FRAGMENT_FIELDS)
+    return SceneObjects(scene, _as_table(rows), joined[list(FRAGMENT_FIELDS)].astype(FRAGMENT_FIELDS))
+
+
+def _finite(values: ArrayLike, n_points: int, name: str) -> NDArray[np.float64]:
+    array = check_column(values, n_points, name).astype(np.float64)
+    if not np.isfinite(array).all():
+        row = int(np.flatnonzero(~np.isfinite(array))[0])
+        raise DataError(f"{name} at row {row} is {array[row]}")
+    return array
+
+
+def _join_fragments(table: pd.DataFrame) -> NDArray[np.int64]:
+    """Number the objects that fragments of one class make up: those that share a voxel are one."""
+    fragment = table.groupby(["scene", "fragment"], sort=True).ngroup().to_numpy()
+    voxel = table.groupby(["i", "j", "k"], sort=True).ngroup().to_numpy()
+    n_fragments = int(fragment.max()) + 1
+    edges = np.column_stack([fragment, voxel + n_fragments])
+    return connected_components(edges, n_nodes=n_fragments + int(voxel.max()) + 1)[fragment].astype(np.int64)
+
+
+def merge_across_scenes(
+    pieces: Sequence[SceneObjects], *, classes: Mapping[str, ObjectRule], trajectory: Trajectory | None = None
+) -> pd.DataFrame:
+    """Make the inventory of a survey from what its scenes found.
+
+    Fragments are joined where they share a voxel, directly or through others, then measured and judged as a whole. An
+    object belongs to the scene whose core holds its foot. A sign is linked to the nearest pole that it may hang on:
+    within 0.75 m of the sign's edge in plan and not ending below it. The result does not depend on the order of the
+    pieces.
+
+    Parameters
+    ----------
+    pieces : sequence of SceneObjects
+        One per scene; all scenes of the survey.
+    classes : mapping of str to ObjectRule
+        The rules that the objects were extracted with.
+    trajectory : Trajectory, optional
+        The survey's path, for station and offset.
+
+    Returns
+    -------
+    DataFrame
+        Columns of `OBJECT_FIELDS`, sorted by class (in the order of `classes`) and place, numbered from 1; `pole_id` is
+        0 where there is no link, `station` and `offset` NaN without a trajectory. Lengths are rounded to millimetres.
+
+    Raises
+    ------
+    DataError
+        If a scene comes twice, a scene's objects are of a class without a rule, or fragments of a scene are missing.
+    """
+    ordered = sorted(pieces, key=lambda piece: piece.scene)
+    scenes = [piece.scene for piece in ordered]
+    for one, other in pairwise(scenes):
+        if one == other:
+            raise DataError(f"scene {one!r} comes twice")
+    named = {name for piece in ordered for table in (piece.objects, piece.fragments) for name in table["class"]}
+    if named - set(classes):
+        raise DataError(f"objects of class {sorted(named - set(classes))[0]!r}, which has no rule: {sorted(classes)}")
+    tables = [piece.objects for piece in ordered if len(piece.objects)]
+    parts = [piece.fragments.assign(scene=i) for i, piece in enumerate(ordered) if len(piece.fragments)]
+    fragments = pd.concat(parts, ignore_index=True) if parts else empty_table({**FRAGMENT_FIELDS, "scene": "int64"})
+    for name, rule in classes.items():
+        mine = fragments[fragments["class"] == name]
+        if len(mine):
+            mine = mine.assign(object=_join_fragments(mine))
+            tables.append(_as_table(_measured(*join_voxels(mine, resolution=rule.resolution), name, rule, scenes)))
+    tables = [table for table in tables if len(table)]
+    objects = pd.concat(tables, ignore_index=True) if tables else empty_table(OBJECT_FIELDS)
+    return _finished(objects, list(classes), trajectory)
+
+
+def _finished(objects: pd.DataFrame, classes: Sequence[str], trajectory: Trajectory | None) -> pd.DataFrame:
+    """Place objects along the way, round, sort, number and link them."""
+    table = objects.copy()
+    if trajectory is not None and len(table):
+        table["station"], table["offset"] = trajectory.locate(table[["x", "y", "z"]].to_numpy())
+    table = table.round(_DECIMALS)
+    rank = table["class"].map({name: i for i, name in enumerate(classes)})
+    by = ["rank", "station", "x", "y", "z", "point_count"]
+    table = table.assign(rank=rank).sort_values(by, kind="stable").drop(columns="rank").reset_index(drop=True)
+    table["object_id"] = np.arange(1, len(table) + 1)
+    table["pole_id"] = _poles_of_signs(table)
+    return table[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
+
+
+def _poles_of_signs(table: pd.DataFrame) -> NDArray[np.int64]:
+    link = np.zeros(len(table), dtype=np.int64)
+    poles, signs = table[table["kind"] == "pole"], table[table["kind"] == "sign"]
+    if poles.empty or signs.empty:
+        return link
+    tree = cKDTree(poles[["x", "y"]].to_numpy())
+    top, bottom = (poles["z"] + poles["height"]).to_numpy(), poles["z"].to_numpy()
+    number = poles["object_id"].to_numpy()
+    for row, (x, y, z, height, width) in zip(
+        signs.index, signs[["x", "y", "z", "height", "width"]].to_numpy(), strict=True
+    ):
+        near = np.array(tree.query_ball_point([x, y], _LINK_DISTANCE + width / 2, return_sorted=True), dtype=np.int64)
+        near = near[(top[near] >= z - _LINK_DISTANCE) & (bottom[near] <= z + height)]
+        if len(near):
+            away = np.hypot(tree.data[near, 0] - x, tree.data[near, 1] - y)
+            link[row] = number[near[np.argmin(away)]]
+    return link

@@ -1,0 +1,1 @@
+"""Figures of merit, all from plain counts."""

@@ -1,0 +1,132 @@
+"""Scores of a ground filter, in the terms of the ISPRS filter test (Sithole and Vosselman 2004)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError
+
+
+@dataclass(frozen=True)
+class GroundScores:
+    """Errors of a ground filter as fractions; a fraction of nothing is NaN.
+
+    Attributes
+    ----------
+    type_1 : float
+        Part of the true ground points that were rejected.
+    type_2 : float
+        Part of the true object points that were taken for ground.
+    total : float
+        Part of all points that are wrong.
+    kappa : float
+        Cohen's kappa: agreement beyond chance; NaN where all points are of one class in truth and prediction.
+    n_ground, n_object : int
+        Numbers of scored points, by truth.
+    """
+
+    type_1: float
+    type_2: float
+    total: float
+    kappa: float
+    n_ground: int
+    n_object: int
+
+
+def count_ground(is_ground: ArrayLike, reference: ArrayLike, *, valid: ArrayLike | None = None) -> NDArray[np.int64]:
+    """Count what the scores of a ground filter are made of; counts of several scenes add up.
+
+    Parameters
+    ----------
+    is_ground : array-like of bool, shape (n,)
+        The filter's answer; True is ground.
+    reference : array-like of bool, shape (n,)
+        The truth; True is ground.
+    valid : array-like of bool, shape (n,), optional
+        Points to score; the others, such as unlabelled ones, are left out. None scores all.
+
+    Returns
+    -------
+    ndarray of int64, shape (4,)
+        Points that are ground in both, in truth, in the filter's answer, and all points.
+
+    Raises
+    ------
+    DataError
+        If the arrays are not boolean or not of one length.
+    """
+    predicted, truth = np.asarray(is_ground), np.asarray(reference)
+    scored = np.ones(truth.shape, dtype=np.bool_) if valid is None else np.asarray(valid)
+    for name, array in (("is_ground", predicted), ("reference", truth), ("valid", scored)):
+        if array.dtype != np.bool_ and array.size:
+            raise DataError(f"{name} must be boolean, got {array.dtype}")
+        if array.ndim != 1 or array.shape != truth.shape:
+            raise DataError(f"{name} must have shape {truth.shape}, got {array.shape}")
+    predicted, truth = predicted[scored.astype(np.bool_)], truth[scored.astype(np.bool_)]
+    both = np.count_nonzero(predicted & truth)
+    return np.array([both, np.count_nonzero(truth), np.count_nonzero(predicted), len(truth)], dtype=np.int64)
+
+
+def scores_of_counts(counts: NDArray[np.int64]) -> GroundScores:
+    """Score a ground filter from the counts of `count_ground`.
+
+    Parameters
+    ----------
+    counts : ndarray of int64, shape (4,)
+        Counts of one scene, or the sum of several.
+
+    Returns
+    -------
+    GroundScores
+        Type I, type II and total error, kappa and supports.
+    """
+    both, n_ground, n_taken, n_points = (int(count) for count in counts)
+    n_object = n_points - n_ground
+    wrong = n_ground + n_taken - 2 * both
+    by_chance = _ratio(n_ground * n_taken + n_object * (n_points - n_taken), n_points**2)
+    return GroundScores(
+        type_1=_ratio(n_ground - both, n_ground),
+        type_2=_ratio(n_taken - both, n_object),
+        total=_ratio(wrong, n_points),
+        kappa=_ratio(1.0 - _ratio(wrong, n_points) - by_chance, 1.0 - by_chance),
+        n_ground=n_ground,
+        n_object=n_object,
+    )
+
+
+def score_ground(is_ground: ArrayLike, reference: ArrayLike, *, valid: ArrayLike | None = None) -> GroundScores:
+    """Score predicted ground points against a reference.
+
+    Parameters
+    ----------
+    is_ground : array-like of bool, shape (n,)
+        The filter's answer; True is ground.
+    reference : array-like of bool, shape (n,)
+        The truth; True is ground.
+    valid : array-like of bool, shape (n,), optional
+        Points to score; the others, such as unlabelled ones, are left out. None scores all.
+
+    Returns
+    -------
+    GroundScores
+        Type I, type II and total error, kappa and supports.
+
+    Raises
+    ------
+    DataError
+        If the arrays are not boolean or not of one length.
+
+    Examples
+    --------
+    >>> scores = score_ground([True, True, False, False], [True, True, True, False])
+    >>> scores.type_1, scores.type_2, scores.total, round(scores.kappa, 3)
+    (0.3333333333333333, 0.0, 0.25, 0.5)
+    """
+    return scores_of_counts(count_ground(is_ground, reference, valid=valid))
+
+
+def _ratio(part: float, whole: float) -> float:
+    return part / whole if whole > 0 else float("nan")

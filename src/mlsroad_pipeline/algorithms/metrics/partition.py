@@ -1,0 +1,192 @@
+"""How good a partition into segments is before anyone labels it: boundaries kept, borders crossed, best score left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.validation import check_column, check_xyz
+
+IGNORED = -1
+
+
+@dataclass(frozen=True)
+class PartitionQuality:
+    """Scores of a partition against reference labels; NaN where there is nothing to score.
+
+    Attributes
+    ----------
+    n_segments : int
+        Segments with at least one scored point.
+    boundary_recall : float
+        Share of the reference's boundary that is a boundary of the partition, too: of all pairs of near points with
+        different reference labels, those that lie in different segments. NaN without such a pair.
+    under_segmentation_error : float
+        Share of points by which segments leak over the reference's borders; 0 is best.
+    leakage : float
+        The older, harsher form: what the segments that touch each reference label hold beyond it, as a share of the
+        points. Can exceed 1; 0 is best.
+    accuracy_ceiling : float
+        The overall accuracy of a labeller that gives every segment its most frequent reference label: no labeller of
+        segments can reach more.
+    """
+
+    n_segments: int
+    boundary_recall: float
+    under_segmentation_error: float
+    leakage: float
+    accuracy_ceiling: float
+
+
+def evaluate_partition(
+    labels: ArrayLike, truth: ArrayLike, *, xyz: ArrayLike | None = None, pairs: ArrayLike | None = None, k: int = 10
+) -> PartitionQuality:
+    """Score a partition against reference labels.
+
+    Parameters
+    ----------
+    labels : array-like of shape (n,), integer
+        Segment of each point; any integers, each value one segment.
+    truth : array-like of shape (n,), integer
+        Reference label (a class or an object) of each point; -1 is ignored everywhere.
+    xyz : array-like of shape (n, 3), optional
+        Coordinates in metres, from which near pairs are taken: each scored point and its `k` nearest scored points.
+    pairs : array-like of shape (m, 2), integer, optional
+        Near pairs, given instead of `xyz`; pairs with an ignored point are left out.
+    k : int, default 10
+        Neighbours of a point in the near pairs. More of them thicken the boundary that must be found.
+
+    Returns
+    -------
+    PartitionQuality
+        The scores; the boundary recall is NaN where neither `xyz` nor `pairs` is given.
+
+    Raises
+    ------
+    DataError
+        If `truth` has another length than `labels`, if either is not of integers, if `pairs` are not pairs of point
+        numbers, or if both `xyz` and `pairs` are given.
+    ParameterError
+        If `k` is less than 1.
+
+    Notes
+    -----
+    With s a segment, t a reference label and N the scored points, the under-segmentation error is
+    sum over s and t of min(|s and t|, |s without t|) / N (Neubert and Protzel 2012), the leakage is
+    (sum over t of sum over s that meet t of |s|) / N - 1 (Levinshtein et al. 2009, as in Papon et al. 2013), and the
+    ceiling is sum over s of max over t of |s and t| / N.
+    """
+    segments, reference = _checked(labels, truth)
+    if k < 1:
+        raise ParameterError(f"k must be >= 1, got {k!r}")
+    scored = np.flatnonzero(reference != IGNORED)
+    segment, overlap, size, best = _overlaps(segments[scored], reference[scored])
+    n = len(scored)
+    if n == 0:
+        return PartitionQuality(0, np.nan, np.nan, np.nan, np.nan)
+    outside = size[segment] - overlap
+    near = _near_pairs(len(segments), scored, xyz, pairs, k)
+    return PartitionQuality(
+        n_segments=len(size),
+        boundary_recall=_recall(segments, reference, near),
+        under_segmentation_error=float(np.minimum(overlap, outside).sum() / n),
+        leakage=float(outside.sum() / n),
+        accuracy_ceiling=float(best.sum() / n),
+    )
+
+
+def majority_labels(labels: ArrayLike, truth: ArrayLike) -> NDArray[np.int64]:
+    """Give every point the most frequent reference label of its segment: the best that the partition allows.
+
+    Scores of any kind that these labels reach are the ceilings of the partition (of accuracy exactly, of others to
+    within ties).
+
+    Parameters
+    ----------
+    labels : array-like of shape (n,), integer
+        Segment of each point.
+    truth : array-like of shape (n,), integer
+        Reference label of each point; -1 is ignored.
+
+    Returns
+    -------
+    ndarray of shape (n,), int64
+        The labels, the smaller of equally frequent ones; -1 in segments without a reference label.
+
+    Raises
+    ------
+    DataError
+        If `truth` has another length than `labels`, or if either is not of integers.
+    """
+    segments, reference = _checked(labels, truth)
+    values, classes = np.unique(reference, return_inverse=True)
+    _, segment = np.unique(segments, return_inverse=True)
+    counted = reference != IGNORED
+    keys, counts = np.unique(segment[counted] * len(values) + classes[counted], return_counts=True)
+    winner = np.full(len(segments), IGNORED, np.int64)
+    order = np.lexsort((-keys, counts))  # ascending: the last one written for a segment is the winner
+    winner[keys[order] // max(len(values), 1)] = values[keys[order] % max(len(values), 1)]
+    majority: NDArray[np.int64] = winner[segment]
+    return majority
+
+
+def _checked(labels: ArrayLike, truth: ArrayLike) -> tuple[NDArray, NDArray]:
+    """Return two integer columns of one length."""
+    segments = np.asarray(labels)
+    segments = check_column(segments, segments.size, "labels")
+    reference = check_column(truth, len(segments), "truth")
+    for name, values in (("labels", segments), ("truth", reference)):
+        if len(values) and not np.issubdtype(values.dtype, np.integer):
+            raise DataError(f"{name} must be integers, got {values.dtype}")
+    return segments, reference.astype(np.int64)
+
+
+def _overlaps(segments: NDArray, reference: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Return segment and size of every overlap with a label, and size and largest overlap of every segment."""
+    _, segment = np.unique(segments, return_inverse=True)
+    values, classes = np.unique(reference, return_inverse=True)
+    keys, overlap = np.unique(segment.astype(np.int64) * len(values) + classes, return_counts=True)
+    of_segment = keys // max(len(values), 1)
+    size = np.bincount(segment)
+    best = np.zeros(len(size), np.int64)
+    np.maximum.at(best, of_segment, overlap)
+    return of_segment, overlap, size, best
+
+
+def _near_pairs(
+    n: int, scored: NDArray, xyz: ArrayLike | None, pairs: ArrayLike | None, k: int
+) -> NDArray[np.int64] | None:
+    """Return pairs of near points, from what is given, or None."""
+    if xyz is not None and pairs is not None:
+        raise DataError("give either xyz or pairs, not both")
+    if pairs is not None:
+        near = np.asarray(pairs)
+        if near.ndim != 2 or near.shape[1] != 2 or not np.issubdtype(near.dtype, np.integer):
+            raise DataError(f"pairs must be integers of shape (m, 2), got {near.dtype} {near.shape}")
+        if near.size and (near.min() < 0 or near.max() >= n):
+            raise DataError(f"pairs must lie in 0..{n - 1}, got {near.min()} to {near.max()}")
+        return near
+    if xyz is None:
+        return None
+    points = check_column(check_xyz(xyz), n, "xyz", width=3)[scored]
+    k = min(k, len(points) - 1)
+    if k < 1:
+        return np.empty((0, 2), np.int64)
+    others = cKDTree(points).query(points, k=k + 1)[1]
+    first = np.repeat(np.arange(len(points)), k + 1)
+    differ = first != others.ravel()  # a point is its own nearest one, unless others share its place
+    near_pairs: NDArray[np.int64] = scored[np.stack([first[differ], others.ravel()[differ]], axis=1)]
+    return near_pairs
+
+
+def _recall(segments: NDArray, reference: NDArray, near: NDArray[np.int64] | None) -> float:
+    """Return the share of near pairs across a reference border that lie in different segments."""
+    if near is None:
+        return float("nan")
+    i, j = near[:, 0], near[:, 1]
+    border = (reference[i] != reference[j]) & (reference[i] != IGNORED) & (reference[j] != IGNORED)
+    return float((segments[i[border]] != segments[j[border]]).mean()) if border.any() else float("nan")

@@ -1,0 +1,172 @@
+"""The table of scores that every evaluated method writes: `method,split,class,metric,value,support`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.metrics.confusion import scores
+
+COLUMNS = ("method", "split", "class", "metric", "value", "support")
+"""Columns of the table, in order."""
+
+ALL = "all"
+"""The `class` of figures over all classes."""
+
+CLASS_METRICS = ("precision", "recall", "f1", "iou")
+OVERALL_METRICS = ("overall_accuracy", "kappa", "mean_f1", "mean_iou")
+DETECTION_METRICS = ("precision", "recall", "quality", "f_score", "tp", "fp", "fn")
+METRICS = tuple(dict.fromkeys((*CLASS_METRICS, *OVERALL_METRICS, *DETECTION_METRICS)))
+"""Every metric that a table may hold: of labellings, recognitions and detections."""
+
+_ILLEGAL = re.compile(r"[^\w.\- /]")
+
+
+def labelling_scores(matrix: NDArray[np.integer], *, method: str, split: str, classes: Sequence[str]) -> pd.DataFrame:
+    """Turn a confusion matrix into the table of scores of one method on one split.
+
+    Parameters
+    ----------
+    matrix : ndarray of int, shape (C, C + 1) or (C, C)
+        A matrix of `confusion_matrix`.
+    method : str
+        The method's slug.
+    split : str
+        The split's name, such as ``"test"``.
+    classes : sequence of str, length C
+        Class names in label order.
+
+    Returns
+    -------
+    DataFrame
+        4 rows per class (`CLASS_METRICS`; support: true points of the class), then 4 rows of class ``"all"``
+        (`OVERALL_METRICS`; support: all scored points). Undefined values are NaN.
+
+    Raises
+    ------
+    DataError
+        If the matrix has another number of classes or is no confusion matrix, if a class is called ``"all"``, or
+        if two classes have the same name.
+    """
+    figures = scores(matrix)
+    if len(classes) != len(figures.support):
+        raise DataError(f"{len(classes)} class names for a confusion matrix of {len(figures.support)} classes")
+    rows = [
+        (method, split, name, metric, float(getattr(figures, metric)[label]), int(figures.support[label]))
+        for label, name in enumerate(classes)
+        for metric in CLASS_METRICS
+    ]
+    total = int(figures.support.sum())
+    rows += [(method, split, ALL, metric, float(getattr(figures, metric)), total) for metric in OVERALL_METRICS]
+    if ALL in classes:
+        raise DataError(f"no class may be called {ALL!r}: it stands for all classes together")
+    return check_scores(pd.DataFrame(rows, columns=list(COLUMNS)))
+
+
+def check_scores(frame: pd.DataFrame, *, source: str = "scores") -> pd.DataFrame:
+    """Return a table of scores in its fixed types, or say what is wrong with it.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        The table.
+    source : str, default "scores"
+        What the message calls the table, as a rule its file.
+
+    Returns
+    -------
+    DataFrame
+        The same rows; text columns as objects of str, `value` float64, `support` int64, index 0 to n - 1.
+
+    Raises
+    ------
+    DataError
+        If the columns differ from `COLUMNS`, a name is missing, a metric is unknown, a value or a support is no
+        finite number (an undefined value is NaN), a support is negative, or a figure stands there twice.
+    """
+    if tuple(frame.columns) != COLUMNS:
+        raise DataError(f"{source}: columns must be {','.join(COLUMNS)}, got {','.join(map(str, frame.columns))}")
+    table = frame.reset_index(drop=True).copy()
+    keys = list(COLUMNS[:4])
+    for column in keys:
+        absent = table[column].isna() | (table[column].astype(str) == "")
+        if absent.any():
+            raise DataError(f"{source}: row {int(np.argmax(absent))} has no {column}")
+        table[column] = table[column].astype(str).astype(object)
+    unknown = table.loc[~table["metric"].isin(METRICS), "metric"]
+    if len(unknown):
+        raise DataError(f"{source}: unknown metric {unknown.iloc[0]!r} (metrics: {', '.join(METRICS)})")
+    try:
+        table["value"] = table["value"].astype(np.float64)
+        table["support"] = table["support"].astype(np.int64)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{source}: value and support must be numbers: {error}") from error
+    if np.isinf(table["value"]).any() or (table["support"] < 0).any():
+        bad = table[np.isinf(table["value"]) | (table["support"] < 0)].iloc[0]
+        raise DataError(f"{source}: value {bad['value']} with support {bad['support']} in {bad[keys].tolist()}")
+    twice = table[table.duplicated(keys)]
+    if len(twice):
+        raise DataError(f"{source}: two values for {twice[keys].iloc[0].tolist()}")
+    return table
+
+
+def scores_to_metrics(frame: pd.DataFrame) -> dict[str, float]:
+    """Name every defined figure as a metric of an experiment tracker.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        A table of scores.
+
+    Returns
+    -------
+    dict of str to float
+        ``<method>/<split>/<metric>/<class>`` to the value. Undefined values are left out; characters other than
+        letters, digits, ``_``, ``-``, ``.``, space and ``/`` become ``_``.
+
+    Raises
+    ------
+    DataError
+        If the table is no table of scores, or if two figures get the same name.
+    """
+    table = check_scores(frame)
+    metrics: dict[str, float] = {}
+    for row in table[table["value"].notna()].itertuples(index=False, name=None):
+        method, split, class_name, metric, value, _ = row
+        parts = [str(part).replace("/", "_") for part in (method, split, metric, class_name)]
+        name = _ILLEGAL.sub("_", "/".join(parts))
+        if name in metrics:
+            raise DataError(f"two scores are called {name!r}: rename the class {class_name!r}")
+        metrics[name] = float(value)
+    return metrics
+
+
+def summary(frame: pd.DataFrame) -> pd.DataFrame:
+    """Put the overall figures of each method and split in one row.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        A table of scores of one or more methods.
+
+    Returns
+    -------
+    DataFrame
+        Index: method and split in order of appearance; columns: the metrics of class ``"all"`` that occur.
+
+    Raises
+    ------
+    DataError
+        If the table is no table of scores.
+    """
+    table = check_scores(frame)
+    overall = table[table["class"] == ALL]
+    wide = overall.pivot(index=["method", "split"], columns="metric", values="value")
+    order = list(dict.fromkeys(zip(overall["method"], overall["split"], strict=True)))
+    return wide.reindex(index=pd.MultiIndex.from_tuples(order, names=["method", "split"]),
+                        columns=[metric for metric in METRICS if metric in wide.columns])  # fmt: skip

@@ -1,0 +1,185 @@
+"""A trained model as plain files: arrays as NPZ, the rest as JSON, and the name of the function that uses them.
+
+Nothing is pickled, so a model from elsewhere can run no code but this package's own, and it outlives the versions of
+the libraries that trained it.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import re
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+
+FORMAT = 1
+"""Version of the files' layout."""
+
+_JSON, _ARRAYS = "model.json", "arrays.npz"
+_ENTRY_POINT = re.compile(r"mlsroad_pipeline\.algorithms(\.[A-Za-z]\w*)+:[A-Za-z]\w*")
+
+Labeller = Callable[[PointCloud, "ModelBundle"], tuple[NDArray[np.integer], NDArray[np.floating]]]
+
+
+@dataclass(frozen=True)
+class ModelBundle:
+    """A trained model.
+
+    Parameters
+    ----------
+    slug : str
+        The method's slug, such as ``"detrended_forest"``.
+    arrays : mapping of str to ndarray
+        What was learned; no object arrays.
+    metadata : mapping of str to any
+        JSON values. Required: ``entry_point``, ``"module:function"`` below ``mlsroad_pipeline.algorithms`` that takes
+        ``(cloud, bundle)`` and returns labels (n,) and confidences (n,); ``classes``, the class names in label
+        order. Usual: ``scheme``, ``parameters``, ``trained_on``, ``feature_names``.
+
+    Raises
+    ------
+    ParameterError
+        If the slug, the entry point or the classes are missing or malformed.
+    DataError
+        If an array holds Python objects, or the metadata are no JSON values.
+    """
+
+    slug: str
+    arrays: Mapping[str, NDArray]
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[a-z][a-z0-9_]*", self.slug):
+            raise ParameterError(f"a model's slug has small letters, digits and _, got {self.slug!r}")
+        entry_point = self.metadata.get("entry_point")
+        if not isinstance(entry_point, str) or not _ENTRY_POINT.fullmatch(entry_point):
+            raise ParameterError(
+                f"model {self.slug!r}: entry_point must be 'mlsroad_pipeline.algorithms.<module>:<function>', "
+                f"got {entry_point!r}"
+            )
+        classes = self.metadata.get("classes")
+        if not isinstance(classes, list | tuple) or not classes or not all(isinstance(c, str) for c in classes):
+            raise ParameterError(f"model {self.slug!r}: classes must be a list of names, got {classes!r}")
+        for name, values in self.arrays.items():
+            if np.asarray(values).dtype.hasobject:
+                raise DataError(f"model {self.slug!r}: array {name!r} holds Python objects")
+        try:
+            json.dumps(dict(self.metadata), allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise DataError(f"model {self.slug!r}: metadata must be JSON values: {error}") from error
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Return the class names in label order."""
+        return tuple(self.metadata["classes"])
+
+
+def save_bundle(bundle: ModelBundle, folder: str | Path) -> None:
+    """Write a model into a folder; the same model gives the same bytes.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model.
+    folder : str or Path
+        Where to; made if it is not there. Holds ``arrays.npz`` and ``model.json`` afterwards.
+    """
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    arrays: dict[str, Any] = {name: np.asarray(bundle.arrays[name]) for name in sorted(bundle.arrays)}
+    np.savez(target / _ARRAYS, **arrays)
+    content = {
+        "format": FORMAT,
+        "slug": bundle.slug,
+        "arrays": sorted(bundle.arrays),
+        "metadata": dict(bundle.metadata),
+    }
+    (target / _JSON).write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def load_bundle(folder: str | Path) -> ModelBundle:
+    """Read a model from a folder.
+
+    Parameters
+    ----------
+    folder : str or Path
+        A folder that `save_bundle` wrote.
+
+    Returns
+    -------
+    ModelBundle
+        The model.
+
+    Raises
+    ------
+    ReadError
+        If a file is missing, damaged, of a later format, or the arrays are not those that were written.
+    """
+    source = Path(folder)
+    try:
+        content = json.loads((source / _JSON).read_text(encoding="utf-8"))
+        with open(source / _ARRAYS, "rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+    except FileNotFoundError as error:
+        raise ReadError(f"{source} is no model: {Path(error.filename).name} is missing") from error
+    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+        raise ReadError(f"{source}: the model's files are damaged: {error}") from error
+    if content.get("format") != FORMAT:
+        raise ReadError(f"{source}: model format {content.get('format')!r}, this version reads {FORMAT}")
+    if sorted(arrays) != content["arrays"]:
+        raise ReadError(f"{source}: arrays {sorted(arrays)} where {content['arrays']} were written")
+    return ModelBundle(content["slug"], arrays, content["metadata"])
+
+
+def label_cloud(bundle: ModelBundle, cloud: PointCloud) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Label a cloud with the function that the model names.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model.
+    cloud : PointCloud
+        Points that it has never seen.
+
+    Returns
+    -------
+    labels : ndarray of int16, shape (n,)
+        Places in `bundle.classes`; -1 where the model gives no class.
+    confidence : ndarray of float32, shape (n,)
+        0 to 1.
+
+    Raises
+    ------
+    ParameterError
+        If the function does not exist in this version of the package.
+    DataError
+        If it returns another number of labels, or labels outside the classes.
+    """
+    module_name, function_name = bundle.metadata["entry_point"].split(":")
+    try:
+        function: Labeller = getattr(importlib.import_module(module_name), function_name)
+    except (ModuleNotFoundError, AttributeError) as error:
+        raise ParameterError(
+            f"model {bundle.slug!r} needs {bundle.metadata['entry_point']}, which this version lacks: {error}"
+        ) from error
+    labels, confidence = (np.asarray(values) for values in function(cloud, bundle))
+    if labels.shape != (len(cloud),) or confidence.shape != (len(cloud),):
+        raise DataError(
+            f"model {bundle.slug!r} gave labels {labels.shape} and confidences {confidence.shape} "
+            f"for the {len(cloud)} points of {cloud.source}"
+        )
+    if len(labels) and not (labels.min() >= -1 and labels.max() < len(bundle.classes)):
+        raise DataError(
+            f"model {bundle.slug!r} gave labels {labels.min()}..{labels.max()} of {len(bundle.classes)} classes"
+        )
+    return labels.astype(np.int16), confidence.astype(np.float32)

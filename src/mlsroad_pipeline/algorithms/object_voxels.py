@@ -1,0 +1,209 @@
+"""Labelled points reduced to the voxels of connected objects, which the inventory stores and measures.
+
+Voxels are aligned to the world, so that the voxels of a scene's objects fit those of its neighbours.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.object_measures import Voxels
+from mlsroad_pipeline.algorithms.object_rules import ObjectRule
+from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
+from mlsroad_pipeline.algorithms.sorting import radix_argsort
+
+FRAGMENT_FIELDS = {
+    "class": "str",
+    "fragment": "int32",
+    "i": "int64",
+    "j": "int64",
+    "k": "int64",
+    "x": "float64",
+    "y": "float64",
+    "z": "float64",
+    "z_low": "float64",
+    "z_high": "float64",
+    "ground": "float64",
+    "count": "int64",
+    "confidence": "float64",
+}
+"""Columns of a fragment table: sums over the core points of a voxel, `x` to `z` and `ground` relative to the voxel's
+corner (`ground` to its lower face) so that no digits are lost; a voxel of buffer points alone has a count of 0."""
+
+
+def voxelise(
+    local: NDArray[np.float64],
+    *,
+    group: NDArray[np.int32],
+    core: NDArray[np.bool_],
+    confidence: NDArray[np.float64],
+    height_above_ground: NDArray[np.float64] | None,
+    origin: NDArray[np.float64],
+    resolution: float,
+) -> pd.DataFrame:
+    """Sum the points of groups over voxels of the world.
+
+    Parameters
+    ----------
+    local : ndarray of float64, shape (n, 3)
+        Points relative to `origin`, metres.
+    group : ndarray of int32, shape (n,)
+        Object of each point; no voxel may hold points of two.
+    core : ndarray of bool, shape (n,)
+        Points that count; the others only mark their voxel.
+    confidence : ndarray of float64, shape (n,)
+        Confidences.
+    height_above_ground : ndarray of float64, shape (n,), or None
+        Metres.
+    origin : ndarray of float64, shape (3,)
+        World coordinates of the local zero, metres.
+    resolution : float
+        Edge of the voxels, metres.
+
+    Returns
+    -------
+    DataFrame
+        Columns of `FRAGMENT_FIELDS` but the class, sorted by fragment and voxel.
+    """
+    key = np.floor((local + origin) / resolution).astype(np.int64)
+    order = _by_voxel(key)
+    sorted_key = key[order]
+    starts = np.flatnonzero(np.concatenate([[True], (np.diff(sorted_key, axis=0) != 0).any(axis=1)]))
+    inside = local[order] - (sorted_key * resolution - origin)
+    weight = core[order]
+    z = inside[:, 2]
+    ground = np.full(len(z), np.nan) if height_above_ground is None else z - height_above_ground[order]
+    table = {
+        "fragment": group[order[starts]],
+        **{name: sorted_key[starts, axis] for axis, name in enumerate("ijk")},
+        **{name: np.add.reduceat(inside[:, axis] * weight, starts) for axis, name in enumerate("xyz")},
+        "z_low": np.minimum.reduceat(np.where(weight, z, np.inf), starts),
+        "z_high": np.maximum.reduceat(np.where(weight, z, -np.inf), starts),
+        "ground": np.add.reduceat(np.where(weight, ground, 0.0), starts),
+        "count": np.add.reduceat(weight.astype(np.int64), starts),
+        "confidence": np.add.reduceat(confidence[order] * weight, starts),
+    }
+    by_object = np.argsort(table["fragment"], kind="stable")
+    return pd.DataFrame({name: values[by_object] for name, values in table.items()})
+
+
+def _by_voxel(key: NDArray[np.int64]) -> NDArray[np.integer]:
+    """Return the order by i, j, k, stably."""
+    relative = key - key.min(axis=0)
+    bits = [int(size).bit_length() for size in relative.max(axis=0)]
+    if sum(bits) > 62:  # objects strewn over more than a packed key holds: slower, same order
+        return np.lexsort((key[:, 2], key[:, 1], key[:, 0]))
+    packed = (relative[:, 0] << (bits[1] + bits[2])) | (relative[:, 1] << bits[2]) | relative[:, 2]
+    return radix_argsort(packed, sum(bits))[1]
+
+
+def find_fragments(
+    local: NDArray[np.float64],
+    *,
+    core: NDArray[np.bool_],
+    confidence: NDArray[np.float64],
+    height_above_ground: NDArray[np.float64] | None,
+    origin: NDArray[np.float64],
+    rule: ObjectRule,
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Cluster the points of one class and reduce the clusters to voxels.
+
+    Parameters
+    ----------
+    local : ndarray of float64, shape (n, 3)
+        Points of the class in core and buffer, relative to `origin`, metres.
+    core : ndarray of bool, shape (n,)
+        Points in the scene's core.
+    confidence : ndarray of float64, shape (n,)
+        Confidences.
+    height_above_ground : ndarray of float64, shape (n,), or None
+        Metres.
+    origin : ndarray of float64, shape (3,)
+        World coordinates of the local zero, metres.
+    rule : ObjectRule
+        Tolerances and resolution.
+
+    Returns
+    -------
+    whole, cut : DataFrame
+        Voxels of the clusters that lie wholly in the core and have `rule.min_points`, and of those that reach from the
+        core into the buffer. Clusters wholly in the buffer are the neighbours' and left out.
+    """
+    # Squeezing z by the ratio of the tolerances makes the longer vertical step as long as the horizontal one.
+    squeeze = np.array([1.0, 1.0, rule.tolerance / (rule.vertical_tolerance or rule.tolerance)])
+    label = cluster(local * squeeze, tolerance=rule.tolerance)
+    n_clusters = int(label.max(initial=-1)) + 1
+    size = np.bincount(label, minlength=n_clusters)
+    n_core = np.bincount(label[core], minlength=n_clusters)
+    crosses = (n_core > 0) & (n_core < size)
+    kept = crosses | ((n_core == size) & (size >= rule.min_points))
+    pick = kept[label]
+    if not pick.any():
+        empty = pd.DataFrame({name: pd.Series(dtype=dtype) for name, dtype in FRAGMENT_FIELDS.items()})
+        return empty.drop(columns="class"), empty.drop(columns="class")
+    voxels = voxelise(
+        local[pick],
+        group=label[pick],
+        core=core[pick],
+        confidence=confidence[pick],
+        height_above_ground=None if height_above_ground is None else height_above_ground[pick],
+        origin=origin,
+        resolution=rule.resolution,
+    )
+    cut = crosses[voxels["fragment"].to_numpy()]
+    return voxels[~cut].reset_index(drop=True), voxels[cut].reset_index(drop=True)
+
+
+def join_voxels(table: pd.DataFrame, *, resolution: float) -> tuple[Voxels, NDArray[np.int64]]:
+    """Turn voxel sums into mean points, adding up what several scenes have of one voxel.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns of `FRAGMENT_FIELDS`, an `object` number and the `scene` number of each row.
+    resolution : float
+        Edge of the voxels, metres.
+
+    Returns
+    -------
+    voxels : Voxels
+        Voxels with points, sorted by object and voxel.
+    number : ndarray of int64
+        Their objects.
+
+    Raises
+    ------
+    DataError
+        If an object has no points: its fragments are not those of all scenes that it reaches into.
+    """
+    rows = table[table["count"] > 0]
+    lost = np.setdiff1d(table["object"], rows["object"])
+    if len(lost):
+        raise DataError(f"{len(lost)} objects have voxels but no points: fragments of a scene are missing")
+    key = rows[["object", "i", "j", "k", "scene"]].to_numpy()
+    order = np.lexsort(key.T[::-1])
+    key = key[order]
+    new = np.concatenate([[True], (np.diff(key[:, :4], axis=0) != 0).any(axis=1)])
+    starts = np.flatnonzero(new)
+
+    def reduced(name: str, ufunc: np.ufunc = np.add) -> NDArray:
+        return ufunc.reduceat(rows[name].to_numpy()[order], starts)
+
+    # A voxel on a border belongs to the scene with most of its points, to the first of them where it is a draw.
+    part = rows["count"].to_numpy()[order]
+    voxel = np.cumsum(new) - 1
+    most = np.lexsort((key[:, 4], -part, voxel))[starts]
+    corner = key[starts, 1:4] * resolution
+    n = reduced("count")
+    return Voxels(
+        xyz=corner + np.column_stack([reduced(name) for name in "xyz"]) / n[:, None],
+        z_low=corner[:, 2] + reduced("z_low", np.minimum),
+        z_high=corner[:, 2] + reduced("z_high", np.maximum),
+        ground=corner[:, 2] + reduced("ground") / n,
+        count=n,
+        confidence=reduced("confidence"),
+        scene=key[most, 4].astype(np.int32),
+    ), key[starts, 0]

@@ -1,0 +1,161 @@
+"""Nearest place on a polyline in plan, for millions of points: a tree of boxes over runs of consecutive segments."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+_LEAF = 8  # segments per leaf: testing eight costs about as much as one more level of boxes
+_STACK = 64
+
+
+def build_boxes(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Build a binary tree of boxes over consecutive segments.
+
+    Parameters
+    ----------
+    xy : ndarray of float64, shape (m, 2)
+        Vertices, at least two.
+
+    Returns
+    -------
+    ndarray of float64, shape (2 * l, 4)
+        x_min, y_min, x_max, y_max per node; node 1 is the root, children of node i are 2 i and 2 i + 1, and the last l
+        nodes are leaves of four segments each. Leaves without segments have an empty box.
+    """
+    low, high = np.minimum(xy[:-1], xy[1:]), np.maximum(xy[:-1], xy[1:])
+    n_leaves = 1
+    while n_leaves * _LEAF < len(low):
+        n_leaves *= 2
+    boxes = np.empty((2 * n_leaves, 4))
+    boxes[:, :2], boxes[:, 2:] = np.inf, -np.inf
+    starts = np.arange(0, len(low), _LEAF)
+    leaves = slice(n_leaves, n_leaves + len(starts))
+    boxes[leaves, :2] = np.minimum.reduceat(low, starts, axis=0)
+    boxes[leaves, 2:] = np.maximum.reduceat(high, starts, axis=0)
+    first = n_leaves
+    while first > 1:
+        level = boxes[first : 2 * first]
+        boxes[first // 2 : first, :2] = np.minimum(level[::2, :2], level[1::2, :2])
+        boxes[first // 2 : first, 2:] = np.maximum(level[::2, 2:], level[1::2, 2:])
+        first //= 2
+    return boxes
+
+
+@njit(cache=True)
+def _box_distance(boxes: NDArray[np.float64], node: int, x: float, y: float) -> float:
+    dx = max(boxes[node, 0] - x, x - boxes[node, 2], 0.0)
+    dy = max(boxes[node, 1] - y, y - boxes[node, 3], 0.0)
+    return dx * dx + dy * dy
+
+
+@njit(cache=True)
+def _segment(segments: NDArray[np.float64], s: int, x: float, y: float) -> tuple[float, float]:
+    """Return the squared distance to segment s and the fraction of the way where it is nearest."""
+    ax, ay, ex, ey = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
+    t = min(max(((x - ax) * ex + (y - ay) * ey) * segments[s, 4], 0.0), 1.0)
+    # The far vertex itself at t = 1, so that both segments at a vertex give the same distance to the bit.
+    px = segments[s, 5] if t == 1.0 else ax + t * ex
+    py = segments[s, 6] if t == 1.0 else ay + t * ey
+    return (x - px) * (x - px) + (y - py) * (y - py), t
+
+
+@njit(cache=True)
+def _nearest(
+    segments: NDArray[np.float64], boxes: NDArray[np.float64], x: float, y: float, guess: int, stack: NDArray[np.int64]
+) -> tuple[int, float]:
+    """Return the nearest segment and fraction; ties go to the first segment, whatever the guess."""
+    n_segments, n_leaves = len(segments), len(boxes) // 2
+    best_d, best_t = _segment(segments, guess, x, y)
+    best = guess
+    # From the guess's leaf up to the root every sibling waits, the widest to be taken first: after a good guess most
+    # are out of reach at a glance, after a bad one the search starts near the root.
+    node = n_leaves + guess // _LEAF
+    stack[0], top = node, 1
+    while node > 1:
+        stack[top] = node ^ 1
+        top += 1
+        node //= 2
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if _box_distance(boxes, node, x, y) > best_d:
+            continue
+        while node < n_leaves:  # down to the nearer leaf; the farther child waits, unless it is out of reach
+            left, right = 2 * node, 2 * node + 1
+            d_left, d_right = _box_distance(boxes, left, x, y), _box_distance(boxes, right, x, y)
+            near, far, d_far = (left, right, d_right) if d_left <= d_right else (right, left, d_left)
+            if d_far <= best_d:
+                stack[top] = far
+                top += 1
+            node = near
+        first = (node - n_leaves) * _LEAF
+        for s in range(first, min(first + _LEAF, n_segments)):
+            d, t = _segment(segments, s, x, y)
+            if d < best_d or (d == best_d and s < best):
+                best, best_d, best_t = s, d, t
+    return best, best_t
+
+
+@njit(cache=True)
+def locate(
+    points: NDArray[np.float64],
+    xy: NDArray[np.float64],
+    station: NDArray[np.float64],
+    boxes: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return station and signed offset of points along a polyline.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (n, 2 or more)
+        Points in the polyline's coordinates; only x and y are read.
+    xy : ndarray of float64, shape (m, 2)
+        Vertices, no two consecutive ones equal.
+    station : ndarray of float64, shape (m,)
+        Running length of the vertices.
+    boxes : ndarray of float64
+        What `build_boxes` gives for the vertices.
+
+    Returns
+    -------
+    station, offset : ndarray of float64, shape (n,)
+        Where the nearest place is, and the distance to it, positive on the right of travel. A point whose nearest place
+        is an end of the polyline is measured against the end segment extended straight: its station is below
+        the first or above the last.
+    """
+    n, n_segments = len(points), len(xy) - 1
+    segments = np.empty((n_segments, 7))
+    for i in range(n_segments):
+        segments[i, 0], segments[i, 1] = xy[i, 0], xy[i, 1]
+        segments[i, 2], segments[i, 3] = xy[i + 1, 0] - xy[i, 0], xy[i + 1, 1] - xy[i, 1]
+        segments[i, 4] = 1.0 / (segments[i, 2] ** 2 + segments[i, 3] ** 2)
+        segments[i, 5], segments[i, 6] = xy[i + 1, 0], xy[i + 1, 1]
+    out_station, out_offset = np.empty(n), np.empty(n)
+    stack = np.empty(_STACK, np.int64)
+    s = 0
+    for i in range(n):
+        x, y = points[i, 0], points[i, 1]
+        s, t = _nearest(segments, boxes, x, y, s, stack)  # the last point's segment bounds the search for the next
+        ex, ey = xy[s + 1, 0] - xy[s, 0], xy[s + 1, 1] - xy[s, 1]
+        length = np.sqrt(ex * ex + ey * ey)
+        ux, uy = ex / length, ey / length
+        if (s == 0 and t == 0.0) or (s == n_segments - 1 and t == 1.0):
+            dx, dy = x - xy[s, 0], y - xy[s, 1]
+            out_station[i] = station[s] + (dx * ux + dy * uy)
+            out_offset[i] = dx * uy - dy * ux
+            continue
+        px, py = xy[s, 0] + t * ex, xy[s, 1] + t * ey
+        out_station[i] = station[s] + t * (station[s + 1] - station[s])
+        other = s + 1 if t == 1.0 else s - 1
+        if t in (0.0, 1.0):
+            # At a bend both segments are equally near and may disagree about the side: their mean direction decides.
+            px, py = xy[s + int(t), 0], xy[s + int(t), 1]
+            fx, fy = xy[other + 1, 0] - xy[other, 0], xy[other + 1, 1] - xy[other, 1]
+            norm = np.sqrt(fx * fx + fy * fy)
+            ux, uy = ux + fx / norm, uy + fy / norm
+        dx, dy = x - px, y - py
+        distance = np.sqrt(dx * dx + dy * dy)
+        out_offset[i] = distance if dx * uy - dy * ux >= 0.0 else -distance
+    return out_station, out_offset

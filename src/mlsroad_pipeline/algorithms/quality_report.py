@@ -1,0 +1,106 @@
+"""The report on a file: its figures, as a row of a table and as warnings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+STANDARD_COLUMNS = ("rgb", "intensity", "gps_time", "scanner", "label", "instance")
+"""Columns that a report tells present or missing."""
+
+
+@dataclass(frozen=True)
+class QualityReport:
+    """What a file holds and what is wrong with it.
+
+    Attributes
+    ----------
+    source : str
+        The file.
+    n_points, n_not_finite : int
+        Points; points with a NaN or infinite coordinate.
+    n_duplicates : int
+        Points that repeat another exactly; an estimate where `duplicates_exact` is False, never below the number
+        counted within chunks.
+    duplicates_exact : bool
+        Whether `n_duplicates` is counted: the file was one chunk, or small enough for the sketch.
+    low, high : tuple of float
+        World extent, metres; NaN without finite points.
+    density : float
+        Points per square metre over the occupied cells of 1 m; NaN without finite points.
+    present, missing : tuple of str
+        `STANDARD_COLUMNS` that the file has and lacks; a column counts only if all chunks have it.
+    classes : mapping of str to int
+        Points per taxonomy class, ``unknown_<code>`` for codes outside the taxonomy; empty without labels.
+    time_start, time_end : float
+        First and last gps_time, seconds; NaN without.
+    n_gaps : int
+        Gaps in time longer than `max_gap`, whatever the order of the points.
+    longest_gap : float
+        The longest of them, seconds; 0 if there is none, NaN without times.
+    n_backward : int
+        Steps back in time from a point to the next as stored.
+    n_times_not_finite : int
+        Times that are NaN or infinite.
+    intensity_min, intensity_max : float
+        Range of the intensity; NaN without.
+    max_gap : float
+        The longest step in time that is no gap, seconds.
+    """
+
+    source: str
+    n_points: int
+    n_not_finite: int
+    n_duplicates: int
+    duplicates_exact: bool
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    density: float
+    present: tuple[str, ...]
+    missing: tuple[str, ...]
+    classes: dict[str, int]
+    time_start: float
+    time_end: float
+    n_gaps: int
+    longest_gap: float
+    n_backward: int
+    n_times_not_finite: int
+    intensity_min: float
+    intensity_max: float
+    max_gap: float
+
+    def as_row(self) -> dict[str, str | int | float | bool]:
+        """Return the report as one flat row, with ``min_x`` to ``max_z``, ``has_<column>`` and ``class_<name>``."""
+        row: dict[str, str | int | float | bool] = {
+            name: getattr(self, name)
+            for name in ("source", "n_points", "n_not_finite", "n_duplicates", "duplicates_exact", "density")
+        }
+        for axis, low, high in zip("xyz", self.low, self.high, strict=True):
+            row[f"min_{axis}"], row[f"max_{axis}"] = low, high
+        row |= {f"has_{name}": name in self.present for name in STANDARD_COLUMNS}
+        row |= {
+            name: getattr(self, name)
+            for name in (
+                *("time_start", "time_end", "n_gaps", "longest_gap", "n_backward", "n_times_not_finite"),
+                *("intensity_min", "intensity_max"),
+            )
+        }
+        return row | {f"class_{name}": count for name, count in self.classes.items()}
+
+    def warnings(self) -> list[str]:
+        """Return one sentence for each thing a user should know before using the file; empty if all is well."""
+        about = "" if self.duplicates_exact else "about "
+        unknown = sorted(name for name in self.classes if name.startswith("unknown_"))
+        found = (
+            (self.n_points == 0, "no points"),
+            (bool(self.missing), f"no column {', '.join(self.missing)}: what needs it is left out"),
+            (self.n_not_finite > 0, f"{self.n_not_finite} points with NaN or infinite coordinates"),
+            (self.n_duplicates > 0, f"{about}{self.n_duplicates} points repeat another exactly"),
+            (
+                self.n_gaps > 0,
+                f"{self.n_gaps} gaps in gps_time over {self.max_gap:g} s, up to {self.longest_gap:.3g} s",
+            ),
+            (self.n_backward > 0, f"gps_time steps back {self.n_backward} times"),
+            (self.n_times_not_finite > 0, f"{self.n_times_not_finite} points with NaN or infinite gps_time"),
+            (bool(unknown), f"label codes outside the taxonomy: {', '.join(unknown)}"),
+        )
+        return [f"{self.source}: {text}" for applies, text in found if applies]

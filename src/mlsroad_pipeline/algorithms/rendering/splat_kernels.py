@@ -1,0 +1,115 @@
+"""The loops over points and pixels behind `splatting`."""
+
+import numpy as np
+from numba import njit
+
+NEAR = 0.1
+"""Metres in front of the viewer below which nothing is painted."""
+
+
+@njit(cache=True, error_model="numpy")
+def splat(xyz, first, rotation, scale, perspective, splat_metres, largest, depth, winner):  # type: ignore[no-untyped-def]  # numba infers the types
+    """Paint square splats; the nearest point wins a pixel, of equally near ones the first."""
+    height, width = depth.shape
+    for i in range(xyz.shape[0]):
+        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        far = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
+        zoom = scale
+        if perspective:
+            if far < NEAR:
+                continue
+            zoom = scale / far
+        u = (rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z) * zoom + width * np.float32(0.5)
+        v = (rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z) * zoom + height * np.float32(0.5)
+        side = min(max(int(splat_metres * zoom + np.float32(0.5)), 1), largest)
+        reach = (side - 1) * np.float32(0.5)
+        if not (u - reach > -side and v - reach > -side and u - reach < width and v - reach < height):
+            continue
+        left, top = int(np.floor(u - reach)), int(np.floor(v - reach))
+        for row in range(max(top, 0), min(top + side, height)):
+            for column in range(max(left, 0), min(left + side, width)):
+                if far < depth[row, column]:
+                    depth[row, column] = far
+                    winner[row, column] = first + i
+
+
+@njit(cache=True, error_model="numpy")
+def block_minimum(depth, side):  # type: ignore[no-untyped-def]  # numba infers the types
+    """Return the least depth of each block of pixels and the blocks around it."""
+    rows, columns = (depth.shape[0] + side - 1) // side, (depth.shape[1] + side - 1) // side
+    own = np.full((rows, columns), np.float32(np.inf))
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
+            own[row // side, column // side] = min(own[row // side, column // side], depth[row, column])
+    least = np.empty_like(own)
+    for row in range(rows):
+        for column in range(columns):
+            least[row, column] = own[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2].min()
+    return least
+
+
+@njit(cache=True, error_model="numpy")
+def close(depth, winner, around, side, step, closed_depth, closed_winner):  # type: ignore[no-untyped-def]  # numba infers the types
+    """Give gaps the nearest of the surfaces around them: a pixel lies in a gap if in three of four pairs of opposite
+    sectors there is something nearer than itself. `around` lists offsets (down, right, sector), the closest first.
+    """
+    height, width = depth.shape
+    least = block_minimum(depth, side)
+    for row in range(height):
+        for column in range(width):
+            limit = depth[row, column] - step
+            if not least[row // side, column // side] < limit:
+                continue
+            sectors, best = 0, -1
+            for k in range(around.shape[0]):
+                y, x = row + around[k, 0], column + around[k, 1]
+                if 0 <= y < height and 0 <= x < width and depth[y, x] < limit:
+                    best = k if best < 0 else best
+                    sectors |= 1 << around[k, 2]
+                    if sectors == 255:
+                        break
+            pairs = 0
+            for sector in range(4):
+                pairs += (sectors >> sector) & (sectors >> (sector + 4)) & 1
+            if pairs >= 3:
+                y, x = row + around[best, 0], column + around[best, 1]
+                closed_depth[row, column] = depth[y, x]
+                closed_winner[row, column] = winner[y, x]
+
+
+@njit(cache=True, error_model="numpy")
+def darken(log_depth, radius, strength, shade):  # type: ignore[no-untyped-def]  # numba infers the types
+    """Multiply `shade` by eye-dome lighting: pixels darken by how far their neighbours stand in front of them."""
+    height, width = log_depth.shape
+    for row in range(height):
+        for column in range(width):
+            own = log_depth[row, column]
+            if not np.isfinite(own):
+                continue
+            covered = np.float32(0)
+            for down in range(-1, 2):
+                for right in range(-1, 2):
+                    y, x = row + down * radius, column + right * radius
+                    if (down != 0 or right != 0) and 0 <= y < height and 0 <= x < width:
+                        # an empty neighbour is infinitely far: it covers nothing
+                        covered += max(np.float32(0), own - log_depth[y, x])
+            shade[row, column] *= np.exp(-strength * covered * np.float32(0.125))
+
+
+@njit(cache=True)
+def compose(index, shade, colours, background, factor, picture):  # type: ignore[no-untyped-def]  # numba infers the types
+    """Average blocks of factor by factor shaded colours into one pixel."""
+    height, width, _ = picture.shape
+    share = np.float32(1.0 / (factor * factor))
+    for row in range(height):
+        for column in range(width):
+            for channel in range(3):
+                total = np.float32(0)
+                for y in range(row * factor, (row + 1) * factor):
+                    for x in range(column * factor, (column + 1) * factor):
+                        point = index[y, x]
+                        if point < 0:
+                            total += background[channel]
+                        else:
+                            total += shade[y, x] * np.float32(colours[point, channel])
+                picture[row, column, channel] = np.uint8(total * share + np.float32(0.5))

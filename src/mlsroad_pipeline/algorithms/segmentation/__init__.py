@@ -1,0 +1,1 @@
+"""Off-ground points cut into objects."""

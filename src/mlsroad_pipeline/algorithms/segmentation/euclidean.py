@@ -1,0 +1,218 @@
+"""Euclidean clusters: the connected components of the graph that joins points within a distance.
+
+Points are sorted once into cells of side ``tolerance / sqrt(3)``. Two points of one cell are never farther apart than
+the tolerance, so a cell is one node; whether two nearby cells touch is decided by the first pair of points that is
+close enough, and not at all where they are joined already. Cells that may touch lie within two cells along each axis;
+as the cells are sorted by x fastest, the up to five candidates of one (y, z) offset are consecutive, and one pointer
+per offset that only moves forward finds them without a search.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.graphs import find_root, join
+from mlsroad_pipeline.algorithms.sorting import radix_argsort
+from mlsroad_pipeline.algorithms.validation import check_positive, check_xyz
+
+_MAX_KEY = 2.0**62
+# Row offsets (dy, dz) of the half space that follows a cell in key order, nearest first: near cells are joined first,
+# which spares most of the far ones their point test.
+_ROWS = np.array(
+    sorted(
+        [(dy, dz) for dz in range(3) for dy in range(-2, 3) if (dz, dy) > (0, 0)],
+        key=lambda row: (row[0] ** 2 + row[1] ** 2, row),
+    ),
+    dtype=np.int64,
+)
+
+
+@njit(cache=True)
+def _bounds(xyz: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    # One pass in memory order: NumPy's minimum along axis 0 of an (n, 3) array takes as long as the whole clustering.
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for i in range(len(xyz)):
+        for axis in range(3):
+            value = np.float64(xyz[i, axis])
+            low[axis] = min(low[axis], value)
+            high[axis] = max(high[axis], value)
+    return low, high
+
+
+@njit(cache=True)
+def _cell_keys(xyz: NDArray, low: NDArray[np.float64], inverse: float, shape: NDArray[np.int64]) -> NDArray[np.int64]:
+    keys = np.empty(len(xyz), np.int64)
+    for i in range(len(xyz)):
+        ix = np.int64((xyz[i, 0] - low[0]) * inverse)
+        iy = np.int64((xyz[i, 1] - low[1]) * inverse)
+        iz = np.int64((xyz[i, 2] - low[2]) * inverse)
+        keys[i] = ix + shape[0] * (iy + shape[1] * iz)
+    return keys
+
+
+@njit(cache=True)
+def _cells(
+    keys: NDArray[np.int64], order: NDArray[np.int32], xyz: NDArray
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray]:
+    """Return the occupied cells' keys, first points and boxes, and the points in cell order."""
+    n = len(keys)
+    n_cells = 1
+    for i in range(1, n):
+        n_cells += keys[i] != keys[i - 1]
+    cell_key = np.empty(n_cells, np.int64)
+    start = np.empty(n_cells + 1, np.int64)
+    box = np.empty((n_cells, 6), np.float64)
+    points = np.empty((n, 3), xyz.dtype)
+    cell = -1
+    for i in range(n):
+        if i == 0 or keys[i] != keys[i - 1]:
+            cell += 1
+            cell_key[cell], start[cell] = keys[i], i
+            box[cell, :3], box[cell, 3:] = np.inf, -np.inf
+        for axis in range(3):
+            points[i, axis] = xyz[order[i], axis]
+            value = np.float64(xyz[order[i], axis])
+            box[cell, axis] = min(box[cell, axis], value)
+            box[cell, 3 + axis] = max(box[cell, 3 + axis], value)
+    start[n_cells] = n
+    return cell_key, start, box, points
+
+
+@njit(cache=True)
+def _touch(a: int, b: int, start: NDArray[np.int64], box: NDArray[np.float64], points: NDArray, limit: float) -> bool:
+    """Tell whether a point of cell a and a point of cell b lie within the tolerance (limit is its square)."""
+    gap = 0.0
+    for axis in range(3):
+        between = max(box[b, axis] - box[a, 3 + axis], box[a, axis] - box[b, 3 + axis], 0.0)
+        gap += between * between
+    if gap > limit * (1 + 1e-12):
+        return False
+    for i in range(start[a], start[a + 1]):
+        x, y, z = np.float64(points[i, 0]), np.float64(points[i, 1]), np.float64(points[i, 2])
+        gx = max(box[b, 0] - x, x - box[b, 3], 0.0)
+        gy = max(box[b, 1] - y, y - box[b, 4], 0.0)
+        gz = max(box[b, 2] - z, z - box[b, 5], 0.0)
+        if gx * gx + gy * gy + gz * gz > limit * (1 + 1e-12):
+            continue
+        for j in range(start[b], start[b + 1]):
+            dx, dy, dz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
+            if dx * dx + dy * dy + dz * dz <= limit:
+                return True
+    return False
+
+
+@njit(cache=True)
+def _link_cells(
+    cell_key: NDArray[np.int64],
+    start: NDArray[np.int64],
+    box: NDArray[np.float64],
+    points: NDArray,
+    shape: NDArray[np.int64],
+    rows: NDArray[np.int64],
+    limit: float,
+) -> NDArray[np.int32]:
+    n_cells = len(cell_key)
+    parent = np.arange(n_cells).astype(np.int32)
+    for a in range(n_cells):  # the row of the cell itself
+        for b in range(a + 1, min(a + 3, n_cells)):
+            if cell_key[b] - cell_key[a] <= 2 and _touch(a, b, start, box, points, limit):
+                join(parent, a, b)
+    for row in range(len(rows)):
+        shift = shape[0] * (rows[row, 0] + shape[1] * rows[row, 1])
+        first = 0
+        for a in range(n_cells):
+            target = cell_key[a] + shift
+            while first < n_cells and cell_key[first] < target - 2:
+                first += 1
+            b = first
+            while b < n_cells and cell_key[b] <= target + 2:
+                if find_root(parent, a) != find_root(parent, b) and _touch(a, b, start, box, points, limit):
+                    join(parent, a, b)
+                b += 1
+    return parent
+
+
+@njit(cache=True)
+def _labels(
+    parent: NDArray[np.int32], start: NDArray[np.int64], order: NDArray[np.int32], min_points: int
+) -> NDArray[np.int32]:
+    n_cells = len(parent)
+    count = np.zeros(n_cells, np.int64)
+    labels = np.empty(len(order), np.int32)
+    for cell in range(n_cells):
+        root = find_root(parent, cell)
+        count[root] += start[cell + 1] - start[cell]
+        for i in range(start[cell], start[cell + 1]):
+            labels[order[i]] = root
+    number = np.full(n_cells, -1, np.int32)
+    n_labels = 0
+    for i in range(len(labels)):
+        root = labels[i]
+        if count[root] < min_points:
+            labels[i] = -1
+            continue
+        if number[root] < 0:
+            number[root] = n_labels
+            n_labels += 1
+        labels[i] = number[root]
+    return labels
+
+
+def cluster(xyz: ArrayLike, *, tolerance: float, min_points: int = 1) -> NDArray[np.int32]:
+    """Group points into clusters: chains of points whose steps are at most `tolerance` long.
+
+    The result is that of the connected components of the radius graph, distances in float64 and the radius included.
+    The work is linear in the points but for cells that are full of points and just do not touch.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Coordinates, metres. Float64 keeps world coordinates exact.
+    tolerance : float
+        The longest step within a cluster, metres. Larger values join neighbouring objects, smaller ones break objects
+        at sparse places; 0.1 to 0.5 m suit street objects.
+    min_points : int, default 1
+        Clusters with fewer points are labelled -1.
+
+    Returns
+    -------
+    ndarray of int32, shape (n,)
+        Labels 0, 1, ... numbered by each kept cluster's first point; -1 in clusters below `min_points`.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3), holds NaN or infinite coordinates, has 2**31 points or more, or spans so many tolerances
+        that cells cannot be numbered in 62 bits.
+    ParameterError
+        If `tolerance` is not a finite number above zero or `min_points` is below 1.
+
+    Examples
+    --------
+    >>> cluster([[0, 0, 0], [5, 0, 0], [0.1, 0, 0]], tolerance=0.2).tolist()
+    [0, 1, 0]
+    """
+    array = check_xyz(xyz)
+    check_positive(tolerance, "tolerance")
+    if min_points < 1:
+        raise ParameterError(f"min_points must be at least 1, got {min_points!r}")
+    if len(array) == 0:
+        return np.zeros(0, dtype=np.int32)
+    if len(array) >= 2**31:
+        raise DataError(f"cluster works on fewer than 2**31 points, got {len(array)}: cut the survey into scenes")
+    low, high = _bounds(array)
+    extent = high - low
+    # Cells a hair smaller than tolerance / sqrt(3): rounding must not put points of one cell beyond the tolerance.
+    inverse = float(np.sqrt(3.0) * (1 + 1e-9) / tolerance)
+    # Two empty cells of margin per axis: a neighbour beyond the border must not wrap around into the next row.
+    size = np.floor(extent * inverse) + 3.0
+    if float(np.prod(size)) >= _MAX_KEY:
+        raise DataError(f"points span {extent.tolist()} m, too many cells for a tolerance of {tolerance} m")
+    shape = size.astype(np.int64)
+    keys, order = radix_argsort(_cell_keys(array, low, inverse, shape), int(np.prod(size)).bit_length())
+    cell_key, start, box, points = _cells(keys, order, array)
+    parent = _link_cells(cell_key, start, box, points, shape, _ROWS, float(tolerance) ** 2)
+    return _labels(parent, start, order, min_points)

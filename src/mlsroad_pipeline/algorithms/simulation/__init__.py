@@ -1,0 +1,24 @@
+"""The survey simulator: a street that a mobile mapping van really scans."""
+
+from mlsroad_pipeline.algorithms.simulation.cameras import Image
+from mlsroad_pipeline.algorithms.simulation.presets import PRESETS, SimulationParameters
+from mlsroad_pipeline.algorithms.simulation.stream import SurveyStream
+from mlsroad_pipeline.algorithms.simulation.survey import (
+    Survey,
+    long_survey,
+    simulate_survey,
+    stream_points,
+    survey_chunks,
+)
+
+__all__ = [
+    "PRESETS",
+    "Image",
+    "SimulationParameters",
+    "Survey",
+    "SurveyStream",
+    "long_survey",
+    "simulate_survey",
+    "stream_points",
+    "survey_chunks",
+]

@@ -1,0 +1,205 @@
+"""The whole survey: drive along a street, scan it, photograph it, and hand over what a mapping company delivers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud, concatenate
+from mlsroad_pipeline.algorithms.simulation.cameras import Image
+from mlsroad_pipeline.algorithms.simulation.colouring import colour_points, spread_colours
+from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
+from mlsroad_pipeline.algorithms.simulation.stream import SurveyStream
+from mlsroad_pipeline.algorithms.simulation.street import Street
+
+_COLOUR_REACH = 0.5  # metres
+
+
+@dataclass(frozen=True)
+class Survey:
+    """A simulated survey.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points in the order of gps_time, coordinates relative to `origin`; columns rgb, intensity, gps_time, scanner,
+        label (uint8, taxonomy codes), instance (0 is none), return_number, number_of_returns, scan_angle (degrees).
+    trajectory : pandas.DataFrame
+        The reported one: gps_time, x, y, z (world metres), roll, pitch, heading (radians; see `Drive`).
+    images : list of Image
+        In the order of time.
+    objects : pandas.DataFrame
+        The truth behind `instance`: instance, label, x, y, z (world metres of the base point; of a moving object when
+        the van passes it), moving.
+    origin : ndarray of shape (3,), float64
+        World coordinates of the local zero, metres.
+    crs : str
+        Coordinate reference system as WKT.
+    street : Street
+        What was surveyed.
+    """
+
+    cloud: PointCloud
+    trajectory: pd.DataFrame
+    images: list[Image]
+    objects: pd.DataFrame
+    origin: NDArray[np.float64]
+    crs: str
+    street: Street
+
+
+def simulate_survey(parameters: SimulationParameters, *, n_threads: int = 1) -> Survey:
+    """Simulate a survey.
+
+    Parameters
+    ----------
+    parameters : SimulationParameters
+        What is surveyed, and how; see `PRESETS`.
+    n_threads : int, default 1
+        Threads to use; two take little more than half the time of one.
+
+    Returns
+    -------
+    Survey
+        Points, trajectory, images and truth. The same parameters give the same bytes, whatever the number of threads.
+
+    Raises
+    ------
+    ParameterError
+        If `n_threads` is not at least 1.
+    """
+    stream = SurveyStream(parameters, n_threads=n_threads)
+    clouds: list[PointCloud] = []
+    images: list[Image] = []
+    truth: dict[int, tuple[int, int, NDArray[np.float64], bool]] = {}
+    waiting: list[PointCloud] = []
+    taken: list[tuple[list[Image], list[NDArray[np.float32]]]] = []
+    for number in range(stream.block_count()):
+        scene = stream.scene(number)
+        truth.update({row[0]: row for row in stream.objects()})
+        scanned = list(stream.scan(number, scene))
+        if not parameters.with_images:
+            clouds += [_as_float32(cloud) for cloud in scanned]
+            continue
+        # Points of a block are coloured once the images of the next one are there too.
+        taken = [*taken[-2:], stream.photograph(number, scene)]
+        images += taken[-1][0]
+        clouds += [_coloured(cloud, taken) for cloud in waiting]
+        waiting = scanned
+    clouds += [_coloured(cloud, taken) for cloud in waiting]
+    cloud = concatenate(clouds)
+    objects = pd.DataFrame(
+        [(i, label, *(base + stream.origin), moving) for i, label, base, moving in truth.values()],
+        columns=["instance", "label", "x", "y", "z", "moving"],
+    )
+    objects = objects[objects["instance"].isin(np.unique(cloud["instance"]))].reset_index(drop=True)
+    return Survey(cloud, stream.trajectory, images, objects, stream.origin, stream.crs, stream.street)
+
+
+def survey_chunks(parameters: SimulationParameters, *, n_points: int, n_threads: int = 1) -> Iterator[PointCloud]:
+    """Yield a long survey piece by piece, without images.
+
+    Parameters
+    ----------
+    parameters : SimulationParameters
+        How it is surveyed; the length follows from `n_points`.
+    n_points : int
+        How many points to make in all.
+    n_threads : int, default 1
+        Threads to use. The points do not depend on it.
+
+    Yields
+    ------
+    PointCloud
+        Some 100,000s of points each, in the order of gps_time, float32 relative to an origin of each piece's own, so
+        that a street of any length keeps its precision. Only a few blocks of street are in memory at a time. For the
+        trajectory, use `SurveyStream` itself.
+
+    Raises
+    ------
+    ParameterError
+        If `n_points` or `n_threads` is not at least 1.
+    DataError
+        If the street ends before there are as many points, because nearly no pulse came back.
+    """
+    if n_points < 1:
+        raise ParameterError(f"n_points must be >= 1, got {n_points!r}")
+    yield from stream_points(long_survey(parameters, n_points=n_points, n_threads=n_threads), n_points=n_points)
+
+
+def long_survey(parameters: SimulationParameters, *, n_points: int, n_threads: int = 1) -> SurveyStream:
+    """Return a survey without images of a street long enough for a number of points; it is made as it is read.
+
+    Parameters
+    ----------
+    parameters : SimulationParameters
+        How it is surveyed; its length and images are not used.
+    n_points : int
+        How many points the street must give.
+    n_threads : int, default 1
+        Threads to use. The points do not depend on it.
+
+    Returns
+    -------
+    SurveyStream
+        The survey.
+
+    Raises
+    ------
+    ParameterError
+        If `n_threads` is below 1.
+    """
+    # As a rule 60 % of the pulses come back; a street longer than needed costs nothing.
+    length = 60.0 + n_points / (2 * parameters.pulse_rate * 0.3) * parameters.speed
+    return SurveyStream(replace(parameters, with_images=False), length=length, n_threads=n_threads)
+
+
+def stream_points(stream: SurveyStream, *, n_points: int) -> Iterator[PointCloud]:
+    """Yield the first points of a survey, piece by piece; see `survey_chunks`.
+
+    Parameters
+    ----------
+    stream : SurveyStream
+        The survey.
+    n_points : int
+        How many points to yield in all, at least 1.
+
+    Yields
+    ------
+    PointCloud
+        Points in the order of gps_time, float32 relative to an origin of each piece's own.
+
+    Raises
+    ------
+    DataError
+        If the street ends before there are as many points.
+    """
+    left = n_points
+    for number in range(stream.block_count()):
+        scene = stream.scene(number)
+        for cloud in stream.scan(number, scene):
+            shifted = cloud.moved_to(cloud.origin + scene.centre)
+            piece = _as_float32(shifted if len(shifted) <= left else shifted.select(np.arange(left)))
+            left -= len(piece)
+            yield piece
+            if left == 0:
+                return
+    raise DataError(f"the street ended {left} points short of {n_points}")
+
+
+def _as_float32(cloud: PointCloud) -> PointCloud:
+    return replace(cloud, xyz=cloud.xyz.astype(np.float32))
+
+
+def _coloured(cloud: PointCloud, taken: list[tuple[list[Image], list[NDArray[np.float32]]]]) -> PointCloud:
+    images = [image for group, _ in taken for image in group]
+    depths = [depth for _, group in taken for depth in group]
+    xyz = cloud.xyz.astype(np.float64)
+    rgb, seen = colour_points(xyz, cloud["gps_time"], images, depths)
+    rgb = spread_colours(xyz, cloud["scanner"], rgb, seen, _COLOUR_REACH)
+    return _as_float32(cloud.with_columns(rgb=rgb))

@@ -1,0 +1,1 @@
+"""Supervoxels: small, compact, connected pieces of a cloud that do not cross object borders."""
