@@ -1,0 +1,89 @@
+"""Which reader a file gets: by what it holds, and by its name where its content does not say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mlsroad_pipeline.algorithms.exceptions import ReadError
+from mlsroad_pipeline.datasets.formats.base import PointFormat
+from mlsroad_pipeline.datasets.formats.files import check_file
+from mlsroad_pipeline.datasets.formats.kitti import KittiFormat
+from mlsroad_pipeline.datasets.formats.las import LasFormat
+from mlsroad_pipeline.datasets.formats.ply import PlyFormat
+from mlsroad_pipeline.datasets.formats.text import TextFormat
+
+FORMATS: tuple[PointFormat, ...] = (LasFormat(), PlyFormat(), TextFormat(), KittiFormat())
+"""All formats; a new one is one module and one entry here."""
+
+FOREIGN = {b"# .PCD": "PCD", b"ASTM-E57": "E57", b"PK\x03\x04": "ZIP", b"\x1f\x8b": "gzip", b"\x89PNG": "PNG"}
+"""Signatures of what is not read as it stands, so that messages can name it."""
+
+
+def known_extensions() -> tuple[str, ...]:
+    """Return the file name endings that some format reads.
+
+    Returns
+    -------
+    tuple of str
+        Lower case, with the dot, sorted.
+    """
+    return tuple(sorted({extension for entry in FORMATS for extension in entry.extensions}))
+
+
+def format_of_name(path: str | Path) -> PointFormat | None:
+    """Return the format that a file's name speaks of.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file, which need not exist.
+
+    Returns
+    -------
+    PointFormat or None
+        The format with the longest matching extension.
+    """
+    name = Path(path).name.lower()
+    matches = [(len(e), entry) for entry in FORMATS for e in entry.extensions if name.endswith(e)]
+    return max(matches, key=lambda match: match[0])[1] if matches else None
+
+
+def get_format(path: str | Path) -> PointFormat:
+    """Return the format of an existing file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    PointFormat
+        The format of its first bytes, or else of its name.
+
+    Raises
+    ------
+    ReadError
+        If the file cannot be opened, if its content is of another format than its name, or if neither is known.
+    """
+    path = check_file(path)
+    with path.open("rb") as stream:
+        head = stream.read(16)
+    named = format_of_name(path)
+    held = next((entry for entry in FORMATS for s in entry.signatures if head.startswith(s)), None)
+    if held is None and named is not None and not (named.signatures or _foreign(head, path)):
+        return named
+    if held is not None and named in (None, held):
+        return held
+    content = held.name if held is not None else _foreign(head, path) or f"something that begins with {head[:8]!r}"
+    if named is None:
+        known = ", ".join(known_extensions())
+        raise ReadError(f"{path} is of no known format: it holds {content} (known extensions: {known})")
+    raise ReadError(f"{path} is named as {named.name}, but holds {content}")
+
+
+def _foreign(head: bytes, path: Path) -> str | None:
+    for signature, name in FOREIGN.items():
+        if head.startswith(signature) and not (name == "gzip" and path.name.lower().endswith(".gz")):
+            return name
+    return None

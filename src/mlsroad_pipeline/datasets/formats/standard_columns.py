@@ -1,0 +1,235 @@
+"""From a file's columns to the standard ones: names, units, intensity, colour, labels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pyproj
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError, MissingColumnError, ParameterError
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.datasets.formats.base import ReadOptions
+from mlsroad_pipeline.datasets.formats.column_values import (
+    float_colours,
+    integer_labels,
+    intensity_divisor,
+    join_colours,
+    scale_intensity,
+)
+
+COORDINATES = ("x", "y", "z")
+COLOURS = ("red", "green", "blue")
+ALIASES: dict[str, tuple[str, ...]] = {
+    "x": ("//x", "px"),
+    "y": ("py",),
+    "z": ("pz",),
+    "red": ("r", "diffuse_red"),
+    "green": ("g", "diffuse_green"),
+    "blue": ("b", "diffuse_blue"),
+    "intensity": ("scalar_intensity", "reflectance"),
+    "gps_time": ("scalar_gpstime", "gpstime"),
+    "label": ("scalar_label", "semantic"),
+}
+"""Standard name to what other programs call it, in lower case."""
+
+INTEGER_COLUMNS = ("label", "instance")
+NEAR = 1000.0
+"""Coordinates below this many metres are local: float32 resolves them to 0.1 mm, and the origin stays zero."""
+
+
+def resolve_columns(file_names: Sequence[str], options: ReadOptions, source: Path) -> dict[str, str]:
+    """Decide which column of a file is called what.
+
+    Parameters
+    ----------
+    file_names : sequence of str
+        Names of the file's columns, in their order.
+    options : ReadOptions
+        Its `columns` and `only`.
+    source : Path
+        What messages call the file.
+
+    Returns
+    -------
+    dict of str to str
+        Name given to name in the file; `red`, `green` and `blue` stand for the parts of `rgb`.
+
+    Raises
+    ------
+    MissingColumnError
+        If a mapped or selected column, or a coordinate, is not in the file.
+    """
+    chosen = _mapped(file_names, options, source)
+    taken = set(chosen.values())
+    for name in file_names:
+        if name in taken:
+            continue
+        lower = name.lower()
+        standard = next((key for key, other in ALIASES.items() if lower == key or lower in other), name)
+        chosen[f"file_{name}" if standard in chosen else standard] = name
+    for name in COORDINATES:
+        if name not in chosen:
+            raise _missing(name, file_names, source)
+    if options.only is None:
+        return chosen
+    wanted = set(COORDINATES)
+    for name in options.only:
+        parts = COLOURS if name == "rgb" else (name,)
+        if name != "rgb16" and not set(parts) <= chosen.keys():
+            raise _missing(name, list(chosen), source)
+        wanted.update(COLOURS if name == "rgb16" else parts)
+    return {name: file_name for name, file_name in chosen.items() if name in wanted}
+
+
+def _mapped(file_names: Sequence[str], options: ReadOptions, source: Path) -> dict[str, str]:
+    chosen: dict[str, str] = {}
+    for name, wanted in options.columns.items():
+        parts = zip(COLOURS, wanted, strict=True) if name == "rgb" else ((name, wanted),)
+        for part, column in parts:
+            if isinstance(column, int) and 0 <= column < len(file_names):
+                chosen[part] = file_names[column]
+            elif column in file_names:
+                chosen[part] = column
+            else:
+                raise _missing(column, file_names, source)
+    return chosen
+
+
+def _missing(name: object, have: Sequence[str], source: Path) -> MissingColumnError:
+    return MissingColumnError(f"{source} has no column {name!r} (columns: {', '.join(have) or 'none'})")
+
+
+def origin_near(corner: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a round point near a file's coordinates.
+
+    Parameters
+    ----------
+    corner : ndarray of shape (3,), float64
+        Some point of the file, metres.
+
+    Returns
+    -------
+    ndarray of shape (3,), float64
+        Easting and northing rounded down to 100 m, height zero; all zero where the coordinates are local already.
+    """
+    if not np.isfinite(corner).all() or (np.abs(corner[:2]) < NEAR).all():
+        return np.zeros(3)
+    return np.array([*np.floor(corner[:2] / 100.0) * 100.0, 0.0])
+
+
+def check_finite(xyz: NDArray[np.float64], *, source: Path, start: int) -> None:
+    """Refuse NaN and infinite coordinates.
+
+    Parameters
+    ----------
+    xyz : ndarray of shape (n, 3)
+        Coordinates.
+    source : Path
+        What the message calls the file.
+    start : int
+        Row of the first point in the file.
+
+    Raises
+    ------
+    DataError
+        If there is one; the message gives file, count and first row.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        suspicious = not np.isfinite(xyz.sum())  # one pass without a mask; an overflowing sum costs a closer look only
+    if suspicious:
+        bad = np.flatnonzero(~np.isfinite(xyz).all(axis=1))
+        if len(bad):
+            first = int(bad[0])
+            raise DataError(
+                f"{source}: {len(bad)} points with NaN or infinite coordinates in rows {start} to "
+                f"{start + len(xyz) - 1}, the first at row {start + first}: {xyz[first].tolist()}"
+            )
+
+
+def standard_cloud(
+    raw: Mapping[str, NDArray],
+    xyz: NDArray[np.float64],
+    *,
+    options: ReadOptions,
+    source: Path,
+    origin: NDArray[np.float64],
+    crs: str | None,
+    maximum: Callable[[Sequence[str]], float],
+) -> PointCloud:
+    """Build a point cloud from columns of a range of a file.
+
+    Parameters
+    ----------
+    raw : mapping of str to ndarray
+        Columns under their given names (see `resolve_columns`), coordinates left out.
+    xyz : ndarray of shape (n, 3), float64
+        Coordinates in metres relative to `origin`.
+    options : ReadOptions
+        Rules for intensity, colour and labels.
+    source : Path
+        The file.
+    origin : ndarray of shape (3,)
+        World coordinates of the local zero.
+    crs : str or None
+        The file's own CRS as WKT; the options' one goes before it.
+    maximum : callable
+        Takes given names, returns the greatest value of these columns over the whole file.
+
+    Returns
+    -------
+    PointCloud
+        The points with standard columns.
+
+    Raises
+    ------
+    DataError
+        If an intensity, a colour or a label is outside its domain.
+    UnknownClassError
+        If the coding does not name a label.
+    """
+    columns = dict(raw)
+    if "intensity" in columns:
+        values = columns["intensity"]
+        divisor = intensity_divisor(values.dtype, options.intensity_scale, lambda: maximum(["intensity"]))
+        columns["intensity"] = scale_intensity(values, divisor, source=source)
+    if set(COLOURS) <= columns.keys():
+        parts = [columns.pop(name) for name in COLOURS]
+        if np.issubdtype(parts[0].dtype, np.floating):
+            greatest = maximum(COLOURS)
+            columns["rgb"] = join_colours([float_colours(p, greatest) for p in parts], 0, source=source)
+        else:
+            shift = 8 if parts[0].dtype.itemsize == 2 and options.rgb_bits != 8 else 0
+            columns["rgb"] = join_colours(parts, shift, source=source)
+    for name in INTEGER_COLUMNS:
+        if name in columns:
+            columns[name] = integer_labels(columns[name], name, source=source)
+    if options.coding is not None and "label" in columns:
+        columns["label"] = options.coding.encode(columns["label"], source=str(source))
+    return PointCloud(xyz, columns, origin, parse_crs(options.crs) if options.crs else crs, str(source))
+
+
+def parse_crs(crs: str) -> str:
+    """Return a coordinate reference system as WKT.
+
+    Parameters
+    ----------
+    crs : str
+        WKT, PROJ or an authority's code.
+
+    Returns
+    -------
+    str
+        Its WKT.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be understood.
+    """
+    try:
+        return str(pyproj.CRS.from_user_input(crs).to_wkt())
+    except pyproj.exceptions.CRSError as error:
+        raise ParameterError(f"crs {crs!r} is not a coordinate reference system: {error}") from error

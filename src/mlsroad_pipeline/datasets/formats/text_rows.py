@@ -1,0 +1,297 @@
+"""Rows of numbers in text files: found by range, parsed fast, and named by line when they are wrong."""
+
+from __future__ import annotations
+
+import gzip
+import os
+import re
+import shutil
+import tempfile
+import weakref
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import ReadError
+
+STRIDE = 50_000
+"""The position of every so-manieth row is remembered."""
+
+BLOCK = 1 << 24
+PARSE_BLOCK = 1 << 22
+WHITESPACE = "whitespace"
+MISSING = ("", "nan", "NaN", "NAN", "null", "NA")
+
+
+class TextBytes:
+    """The bytes of a text file at any position; a compressed file is unpacked into a temporary one that has no name.
+
+    Parameters
+    ----------
+    path : Path
+        The file; compressed if its name ends in ``.gz``.
+
+    Raises
+    ------
+    ReadError
+        If the compressed data are damaged or truncated.
+    """
+
+    def __init__(self, path: Path) -> None:
+        if path.suffix.lower() == ".gz":
+            self._descriptor = _unpack(path)
+        else:
+            self._descriptor = os.open(path, os.O_RDONLY)
+        self.size = os.fstat(self._descriptor).st_size
+        weakref.finalize(self, os.close, self._descriptor)
+
+    def read(self, n_bytes: int, at: int = 0) -> bytes:
+        """Return up to `n_bytes` from position `at`.
+
+        Parameters
+        ----------
+        n_bytes : int
+            How many bytes.
+        at : int, default 0
+            Position of the first.
+
+        Returns
+        -------
+        bytes
+            The bytes; fewer at the end.
+        """
+        return os.pread(self._descriptor, n_bytes, at)
+
+
+def _unpack(path: Path) -> int:
+    with tempfile.TemporaryFile() as unpacked:
+        try:
+            with gzip.open(path, "rb") as packed:
+                shutil.copyfileobj(packed, unpacked, BLOCK)
+        except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+            raise ReadError(f"{path} is damaged or truncated: {error}") from error
+        unpacked.flush()
+        return os.dup(unpacked.fileno())
+
+
+@dataclass(frozen=True)
+class TextRows:
+    """The rows of a text file that follow its head.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    text : TextBytes
+        Its bytes, uncompressed.
+    first_line : int
+        Line number of the first row, counted from 1.
+    n_rows : int
+        Number of rows; blank lines at the end are none.
+    marks : ndarray of int64
+        Byte position of every `STRIDE`-th row.
+    end : int
+        Byte position after the last row.
+    """
+
+    path: Path
+    text: TextBytes
+    first_line: int
+    n_rows: int
+    marks: NDArray[np.int64]
+    end: int
+
+    def read(self, start: int, stop: int) -> bytes:
+        """Return rows as they stand in the file.
+
+        Parameters
+        ----------
+        start, stop : int
+            First row and the row after the last, inside the file.
+
+        Returns
+        -------
+        bytes
+            The rows with their line ends.
+        """
+        if start >= stop:
+            return b""
+        at = int(self.marks[start // STRIDE])
+        last = -(-stop // STRIDE)
+        until = int(self.marks[last]) if last < len(self.marks) else self.end
+        data = self.text.read(until - at, at)
+        skip = start % STRIDE
+        keep = stop - start
+        ends = np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n")) + 1
+        begin = int(ends[skip - 1]) if skip else 0
+        finish = int(ends[skip + keep - 1]) if skip + keep <= len(ends) else len(data)
+        return data[begin:finish]
+
+
+def index_rows(path: Path, text: TextBytes, begin: int, first_line: int, *, limit: int | None = None) -> TextRows:
+    """Count rows and remember where they are.
+
+    Parameters
+    ----------
+    path : Path
+        What messages call the file.
+    text : TextBytes
+        Its bytes.
+    begin : int
+        Byte position of the first row.
+    first_line : int
+        Line number of the first row.
+    limit : int, optional
+        Rows to count at most; None goes to the end of the file, whose trailing blank lines are left out.
+
+    Returns
+    -------
+    TextRows
+        The index.
+    """
+    marks, count, at = [begin], 0, begin
+    end = text.size if limit is not None else _end_of_text(text, begin)
+    while at < end and (limit is None or count < limit):
+        data = text.read(min(BLOCK, end - at), at)
+        ends = np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n")) + at + 1
+        if limit is not None and count + len(ends) >= limit:
+            ends = ends[: limit - count]
+            end = int(ends[-1])
+        first = -count % STRIDE or STRIDE
+        marks.extend(ends[first - 1 :: STRIDE].tolist())
+        count += len(ends)
+        at += len(data)
+    if (limit is None or count < limit) and end > begin and text.read(1, end - 1) != b"\n":
+        count += 1  # the last row has no line end
+    return TextRows(path, text, first_line, count, np.array(marks, dtype=np.int64), end)
+
+
+def _end_of_text(text: TextBytes, begin: int) -> int:
+    """Return where the last line that is not blank ends."""
+    end = text.size
+    while end > begin:
+        at = max(begin, end - 4096)
+        tail = text.read(end - at, at)
+        filled = len(tail.rstrip())
+        if filled:
+            line_end = tail.find(b"\n", filled)
+            return at + (line_end + 1 if line_end >= 0 else len(tail))
+        end = at
+    return begin
+
+
+def parse_rows(
+    data: bytes, width: int, delimiter: str, *, path: Path, first_line: int, threads: bool = False
+) -> list[NDArray[np.float64]]:
+    """Parse rows of numbers.
+
+    Parameters
+    ----------
+    data : bytes
+        Whole rows.
+    width : int
+        Numbers per row.
+    delimiter : str
+        One character, or ``"whitespace"`` for any run of blanks.
+    path : Path
+        What messages call the file.
+    first_line : int
+        Line number of the first row.
+    threads : bool, default False
+        Whether the parser may use all processors.
+
+    Returns
+    -------
+    list of ndarray of shape (n,), float64
+        The columns; an empty or "nan" value is NaN.
+
+    Raises
+    ------
+    ReadError
+        If a row has another number of values or one is not a number; the message gives file, line and content.
+    """
+    if not data:
+        return [np.empty(0) for _ in range(width)]
+    n_rows = data.count(b"\n") + (not data.endswith(b"\n"))
+    try:
+        columns = _parse(data, width, delimiter, threads)
+    except pa.ArrowInvalid as error:
+        if delimiter not in (" ", "\t"):
+            raise _explained(data, width, delimiter, path=path, first_line=first_line, reason=str(error)) from error
+        return parse_rows(data, width, WHITESPACE, path=path, first_line=first_line, threads=threads)
+    if len(columns[0]) != n_rows:  # the parser skips blank lines
+        reason = f"{len(columns[0])} of {n_rows} rows hold numbers"
+        raise _explained(data, width, delimiter, path=path, first_line=first_line, reason=reason)
+    return columns
+
+
+def _parse(data: bytes, width: int, delimiter: str, threads: bool) -> list[NDArray[np.float64]]:
+    if delimiter == WHITESPACE:
+        data = re.sub(rb"(?m)^ +| +(?=\r?$)", b"", re.sub(rb"[ \t]+", b" ", data))
+    names = [str(i) for i in range(width)]
+    table = pa.csv.read_csv(
+        pa.BufferReader(data),
+        read_options=pa.csv.ReadOptions(column_names=names, use_threads=threads, block_size=PARSE_BLOCK),
+        parse_options=pa.csv.ParseOptions(delimiter=" " if delimiter == WHITESPACE else delimiter, quote_char=False),
+        convert_options=pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.float64()), null_values=MISSING),
+    )
+    return [column.to_numpy() for column in table.columns]
+
+
+def split_row(line: str, delimiter: str) -> list[str]:
+    """Return the values of one row as text.
+
+    Parameters
+    ----------
+    line : str
+        The row.
+    delimiter : str
+        One character, or ``"whitespace"``.
+
+    Returns
+    -------
+    list of str
+        The values, blanks around them removed.
+    """
+    if delimiter in (WHITESPACE, " ", "\t"):
+        return line.split()
+    return [value.strip() for value in line.strip().split(delimiter)]
+
+
+def is_number(text: str) -> bool:
+    """Tell whether a value is a number or stands for a missing one.
+
+    Parameters
+    ----------
+    text : str
+        The value.
+
+    Returns
+    -------
+    bool
+        True for what `parse_rows` accepts.
+    """
+    if text in MISSING:
+        return True
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text
+
+
+def _explained(data: bytes, width: int, delimiter: str, *, path: Path, first_line: int, reason: str) -> ReadError:
+    for number, line in enumerate(data.decode("utf-8", "replace").splitlines(), start=first_line):
+        values = split_row(line, delimiter)
+        shown = line if len(line) <= 100 else line[:97] + "..."
+        if len(values) != width:
+            return ReadError(f"{path}, line {number}: {len(values)} values instead of {width}: {shown!r}")
+        wrong = next((value for value in values if not is_number(value)), None)
+        if wrong is not None:
+            return ReadError(f"{path}, line {number}: {wrong!r} is not a number: {shown!r}")
+    return ReadError(f"{path}, lines from {first_line}: {reason}")

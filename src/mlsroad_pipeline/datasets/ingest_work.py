@@ -1,0 +1,169 @@
+"""What workers do with the files of a survey: describe one, find its corridor, read and cut a range of rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import ReadError
+from mlsroad_pipeline.algorithms.ingest import (
+    SplitPart,
+    axis_of_samples,
+    corridor_from_arrays,
+    corridor_to_arrays,
+    cut_points,
+)
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud, concatenate
+from mlsroad_pipeline.algorithms.quality import inspect_chunk
+from mlsroad_pipeline.algorithms.quality_storage import chunk_to_arrays
+from mlsroad_pipeline.datasets.formats.options import ReadOptions
+from mlsroad_pipeline.datasets.formats.registry import get_format
+from mlsroad_pipeline.datasets.trajectory_dataset import read_trajectory
+
+SAMPLE_RUNS, SAMPLE_SIZE = 16, 256
+"""A file's sample: this many runs of this many points, evenly spread."""
+
+SCENE_COLUMNS = ("rgb", "intensity", "gps_time", "scanner", "label", "instance")
+"""What scenes keep of a file's attributes; the rest is read again where it is written."""
+
+
+UNUSED_COLUMNS = ("gps_time", "scanner")
+"""What is looked at for the quality report and then dropped where no method is trained."""
+
+
+def _scene_options(path: str, options: ReadOptions, *, labels: bool) -> ReadOptions:
+    """Ask for the columns that scenes keep, as far as the file has them."""
+    have = get_format(path).info(Path(path), replace(options, coding=options.coding if labels else None)).columns
+    wanted = [name for name in SCENE_COLUMNS if name in have and (labels or name not in ("label", "instance"))]
+    return replace(options, only=tuple(wanted), coding=options.coding if "label" in wanted else None)
+
+
+def describe_file(path: str, *, options: ReadOptions, labels: bool) -> dict[str, Any]:
+    """Count a file's points and take a sample of them.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    options : ReadOptions
+        How to read it.
+    labels : bool
+        Whether its labels are read too.
+
+    Returns
+    -------
+    dict
+        ``info``: number of points; ``sample``: a PointCloud of up to 4,096 points spread over the file.
+
+    Raises
+    ------
+    ReadError
+        If the file is empty, damaged or of another format than its name says.
+    """
+    form = get_format(path)
+    chosen = _scene_options(path, options, labels=labels)
+    n_points = form.info(Path(path), chosen).n_points
+    if n_points == 0:
+        raise ReadError(f"{path} is empty: it holds no points")
+    starts = np.unique(np.linspace(0, max(n_points - SAMPLE_SIZE, 0), SAMPLE_RUNS).astype(int))
+    runs = [form.read(Path(path), chosen, start=int(start), stop=int(start) + SAMPLE_SIZE) for start in starts]
+    return {"info": {"n_points": np.array([n_points])}, "sample": concatenate(runs)}
+
+
+def find_corridor(samples: Sequence[PointCloud], *, trajectory: str | None, along: bool) -> dict[str, NDArray]:
+    """Find what the files of one drive are cut along.
+
+    Parameters
+    ----------
+    samples : sequence of PointCloud
+        Samples of the files.
+    trajectory : str or None
+        The trajectory's file.
+    along : bool
+        False where each file is a scene of its own.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The corridor, for `corridor_from_arrays`.
+
+    Raises
+    ------
+    ReadError
+        If the trajectory cannot be read.
+    DataError
+        If the trajectory has no length, or a coordinate is not finite.
+    """
+    if trajectory is not None:
+        return corridor_to_arrays(read_trajectory(trajectory))
+    return corridor_to_arrays(axis_of_samples(samples) if along else None)
+
+
+def read_and_cut(
+    path: str,
+    corridor: dict[str, NDArray],
+    *,
+    options: ReadOptions,
+    labels: bool,
+    along: bool,
+    part: SplitPart,
+    start: int,
+    stop: int,
+    file: int,
+    bin_length: float,
+    time_gap: float,
+) -> dict[str, Any]:
+    """Read a range of a file's rows, look at their quality and sort them into the corridor's bins.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    corridor : dict of str to ndarray
+        What the survey is cut along, from `find_corridor`.
+    options : ReadOptions
+        How to read the file.
+    labels : bool
+        Whether labels are read.
+    along : bool
+        False where each file is one bin.
+    part : SplitPart
+        The part of the file that the split takes.
+    start, stop : int
+        The rows.
+    file : int
+        Number of the file in its split.
+    bin_length : float
+        Length of a bin, metres.
+    time_gap : float
+        Seconds without a point that count as a gap.
+
+    Returns
+    -------
+    dict
+        ``points`` and ``bins`` as `cut_points` gives them, ``quality``: what `inspect_chunk` found.
+
+    Raises
+    ------
+    ReadError
+        If the file is damaged.
+    DataError
+        If a value cannot be used.
+    """
+    cloud = get_format(path).read(Path(path), _scene_options(path, options, labels=labels), start=start, stop=stop)
+    quality = chunk_to_arrays(inspect_chunk(cloud, max_gap=time_gap))
+    pieces = cut_points(
+        cloud if labels else cloud.without_columns(UNUSED_COLUMNS),
+        corridor_from_arrays(corridor),
+        part,
+        along=along,
+        bin_length=bin_length,
+        first_row=start,
+        file=file,
+    )
+    return {**pieces, "quality": quality}

@@ -1,0 +1,260 @@
+"""What `label` makes of its scenes' results: the inventory, the plan of what is written, the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.detrended_forest.labeller import missing_attributes
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.ingest import corridor_from_arrays
+from mlsroad_pipeline.algorithms.inventory import SceneObjects
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.object_rules import ObjectRule
+from mlsroad_pipeline.algorithms.rendering.report import Section
+from mlsroad_pipeline.algorithms.rendering.report_sections import (
+    DistributionSection,
+    FactsSection,
+    InventorySection,
+    TableSection,
+    WarningsSection,
+)
+from mlsroad_pipeline.algorithms.survey_labelling import bundle_scheme, join_inventories
+from mlsroad_pipeline.algorithms.trajectory import Trajectory
+from mlsroad_pipeline.datasets.formats.options import ReadOptions
+from mlsroad_pipeline.datasets.geopackage_dataset import RoadInventory
+from mlsroad_pipeline.datasets.scene_store import SceneCollection
+from mlsroad_pipeline.datasets.scene_task import Deferred
+from mlsroad_pipeline.datasets.survey_plan import LabelParameters, PlannedFile, SurveyPlan
+
+WRITING_THREADS = 2
+
+
+def _scenes_of(drive: str, results: SceneCollection) -> list[str]:
+    return [key for key in results if key.rpartition(".")[0] == drive]
+
+
+def inventory_of(
+    plan: SurveyPlan,
+    files: SceneCollection,
+    corridors: SceneCollection,
+    results: SceneCollection,
+    rules: Mapping[str, ObjectRule],
+) -> RoadInventory:
+    """Join the objects of all scenes of a survey.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+    files : SceneCollection
+        Their samples, for the coordinate reference system.
+    corridors : SceneCollection
+        Their trajectories.
+    results : SceneCollection
+        What the scenes found.
+    rules : mapping of str to ObjectRule
+        The rules that the objects were found with.
+
+    Returns
+    -------
+    RoadInventory
+        The objects, the coordinate reference system, and the trajectory of a survey with one drive.
+
+    Raises
+    ------
+    DataError
+        If the files have different coordinate reference systems: one map cannot hold them.
+    """
+    objects, fragments = results.part("objects"), results.part("fragments")
+    drives, systems = [], {}
+    for drive, members in plan.drives().items():
+        corridor = corridor_from_arrays(corridors[drive].load())
+        scenes = [SceneObjects(key, objects[key].load(), fragments[key].load()) for key in _scenes_of(drive, results)]
+        drives.append((scenes, corridor if isinstance(corridor, Trajectory) else None))
+        for file in members:
+            systems[file.source.name] = files.part("sample")[file.key].load().crs
+    if len(set(systems.values())) > 1:
+        one, first = next(iter(systems.items()))
+        other = next(name for name, crs in systems.items() if crs != first)
+        raise DataError(f"{one} and {other} have different coordinate reference systems: label them one by one")
+    trajectory = drives[0][1] if len(drives) == 1 else None
+    return RoadInventory(join_inventories(drives, rules), next(iter(systems.values())), trajectory)
+
+
+@dataclass(frozen=True)
+class PlannedOutput:
+    """A file that is written with the labels of its points.
+
+    Parameters
+    ----------
+    file : PlannedFile
+        The file of the survey.
+    target : str
+        The LAZ file.
+    scenes : Deferred
+        The labels of the scenes that hold its points.
+    rows : ndarray of int64, shape (m, 2)
+        First and last row of the file in each of them.
+    """
+
+    file: PlannedFile
+    target: str
+    scenes: Deferred
+    rows: NDArray[np.int64]
+
+    @property
+    def written(self) -> tuple[str, ...]:
+        """Files that must be there for the output to count as written."""
+        return (self.target,)
+
+    def parameters(self, options: ReadOptions) -> dict[str, Any]:
+        """Return the parameters of `label_work.write_file`."""
+        return {
+            "rows": self.rows,
+            "file": self.file.number,
+            "target": self.target,
+            "options": options,
+            "n_threads": WRITING_THREADS,
+        }
+
+
+def planned_outputs(plan: SurveyPlan, results: SceneCollection, folder: str) -> list[PlannedOutput]:
+    """Plan what is written where; subfolders are mirrored.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+    results : SceneCollection
+        What the scenes found.
+    folder : str
+        The folder for the results.
+
+    Returns
+    -------
+    list of PlannedOutput
+        One per file.
+
+    Raises
+    ------
+    ParameterError
+        If two files would be written to the same place.
+    """
+    spans = results.load_all("spans")
+    labels = results.part("labels")
+    outputs: list[PlannedOutput] = []
+    taken: dict[str, str] = {}
+    for file in plan.files:
+        name = PurePosixPath(file.source.name)
+        stem = name.name[: -len(".gz")] if name.name.lower().endswith(".gz") else name.name
+        target = str(Path(folder) / name.parent / f"{PurePosixPath(stem).stem}.laz")
+        if target in taken:
+            raise ParameterError(f"{taken[target]} and {file.source.name} would both be written to {target}")
+        taken[target] = file.source.name
+        chosen, rows = [], []
+        for key in _scenes_of(file.drive, results):
+            found = spans[key]["spans"]
+            for number, first, last in found[found[:, 0] == file.number]:
+                del number
+                chosen.append(labels[key])
+                rows.append((first, last))
+        outputs.append(
+            PlannedOutput(file, target, Deferred(tuple(chosen)), np.array(rows, dtype=np.int64).reshape(-1, 2))
+        )
+    return outputs
+
+
+def label_report_sections(
+    bundle: ModelBundle,
+    parameters: LabelParameters,
+    quality: pd.DataFrame,
+    counts: Mapping[str, Mapping[str, NDArray]],
+    written: Mapping[str, Mapping[str, NDArray]],
+    objects: pd.DataFrame,
+) -> list[Section]:
+    """Compose the report of a labelled survey.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model.
+    parameters : LabelParameters
+        What was asked for.
+    quality : DataFrame
+        The quality of each file.
+    counts : mapping of str to mapping
+        Points per class of each scene.
+    written : mapping of str to mapping
+        The files that were written.
+    objects : DataFrame
+        The inventory.
+
+    Returns
+    -------
+    list of Section
+        The parts of the page.
+    """
+    scheme = bundle_scheme(bundle)
+    total = np.sum([found["counts"] for found in counts.values()], axis=0)
+    facts = {
+        "survey": parameters.survey,
+        "output": parameters.output,
+        "model": bundle.metadata.get("registered", bundle.slug),
+        "trained on": str(bundle.metadata.get("trained_on", "")),
+        "codes": parameters.scheme,
+        "files": len(quality),
+        "points": int(quality["n_points"].sum()),
+    }
+    outputs = pd.DataFrame({"file": [str(name) for part in written.values() for name in part["files"]]})
+    shares = dict(zip((*scheme.classes, "unlabelled"), total.tolist(), strict=True))
+    return [
+        FactsSection("What was run", facts),
+        WarningsSection("Warnings", _warnings(bundle, quality)),
+        DistributionSection("Classes", shares, scheme=scheme),
+        InventorySection("Inventory", objects, geopackage="inventory.gpkg"),
+        TableSection("Quality of the survey", quality),
+        TableSection("Files written", outputs),
+    ]
+
+
+def attribute_warnings(bundle: ModelBundle, quality: pd.DataFrame) -> list[str]:
+    """Say which files lack what the model was trained with.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model.
+    quality : DataFrame
+        The quality of each file.
+
+    Returns
+    -------
+    list of str
+        One sentence per file that lacks something.
+    """
+    found = []
+    for row in quality.to_dict("records"):
+        have = [str(name).removeprefix("has_") for name, value in row.items() if str(name).startswith("has_") and value]
+        absent = missing_attributes(bundle, have)
+        if absent:
+            found.append(f"{row['source']} has no {' and no '.join(absent)}: a forest trained without was used.")
+    return found
+
+
+def _warnings(bundle: ModelBundle, quality: pd.DataFrame) -> list[str]:
+    found = attribute_warnings(bundle, quality)
+    for row in quality.to_dict("records"):
+        if row["n_duplicates"]:
+            found.append(f"{row['source']} has {row['n_duplicates']} points that repeat another one exactly.")
+        if row["n_gaps"]:
+            found.append(
+                f"{row['source']} has {row['n_gaps']} gaps in time, the longest of {row['longest_gap']:.1f} s."
+            )
+    return found

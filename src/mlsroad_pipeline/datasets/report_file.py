@@ -1,0 +1,80 @@
+"""What the datasets of scores, figures and reports share: one small file that appears whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import fsspec
+from fsspec.implementations.local import LocalFileSystem
+from kedro.io import AbstractDataset, DatasetError
+
+Saved = TypeVar("Saved")
+Loaded = TypeVar("Loaded")
+
+
+class ReportFileDataset(AbstractDataset[Saved, Loaded], Generic[Saved, Loaded]):
+    """A file that is read and written as bytes, on any file system of fsspec.
+
+    Parameters
+    ----------
+    filepath : str
+        A path or a URL.
+    credentials : mapping, optional
+        What the file system is opened with.
+    fs_args : mapping, optional
+        More of that.
+    metadata : mapping, optional
+        Anything; Kedro does not look at it.
+    """
+
+    def __init__(
+        self,
+        *,
+        filepath: str,
+        credentials: Mapping[str, Any] | None = None,
+        fs_args: Mapping[str, Any] | None = None,
+        metadata: Mapping[str, Any] | None = None,
+    ) -> None:
+        self._filepath = str(filepath)
+        self._options = {**(fs_args or {}), **(credentials or {})}
+        self.metadata = metadata
+
+    def read_bytes(self) -> bytes:
+        """Return the file's content, or raise `DatasetError` naming a file that is not there."""
+        filesystem, path = fsspec.core.url_to_fs(self._filepath, **self._options)
+        try:
+            content: bytes = filesystem.cat_file(path)
+        except (FileNotFoundError, IsADirectoryError) as error:
+            raise DatasetError(f"there is no file {self._filepath}") from error
+        return content
+
+    def write_bytes(self, content: bytes) -> None:
+        """Replace the file: locally by a rename, elsewhere by one put, so that no reader sees a half."""
+        filesystem, path = fsspec.core.url_to_fs(self._filepath, **self._options)
+        if not isinstance(filesystem, LocalFileSystem):
+            filesystem.pipe_file(path, content)
+            return
+        target = Path(path)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        temporary = target.with_name(f".{target.name}.{uuid.uuid4().hex}.tmp")
+        try:
+            temporary.write_bytes(content)
+            os.replace(temporary, target)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+    @property
+    def filename(self) -> str:
+        """The file's own name."""
+        return self._filepath.rstrip("/").rsplit("/", 1)[-1]
+
+    def _exists(self) -> bool:
+        filesystem, path = fsspec.core.url_to_fs(self._filepath, **self._options)
+        return bool(filesystem.isfile(path))
+
+    def _describe(self) -> dict[str, Any]:
+        return {"filepath": self._filepath}

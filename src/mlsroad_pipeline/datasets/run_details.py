@@ -1,0 +1,113 @@
+"""What a tracked run says about itself: flat parameters, the code's commit and the environment."""
+
+from __future__ import annotations
+
+import dataclasses
+import platform
+import re
+import subprocess
+from collections.abc import Mapping
+from enum import Enum
+from importlib.metadata import distributions
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+_ILLEGAL = re.compile(r"[^/\w.\- :]")
+
+
+def _children(value: Any) -> dict[str, Any] | None:
+    """Return the named parts of a value that has any, or None."""
+    if isinstance(value, BaseModel):
+        return {name: getattr(value, name) for name in type(value).model_fields}
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(name): part for name, part in value.items()}
+    if isinstance(value, list | tuple) and any(_children(part) is not None for part in value):
+        return {str(k): part for k, part in enumerate(value)}
+    return None
+
+
+def flatten_parameters(parameters: Mapping[str, Any]) -> dict[str, str]:
+    """Give every single parameter a dotted name.
+
+    Parameters
+    ----------
+    parameters : mapping of str to any
+        Parameters; values may be mappings, dataclasses, pydantic models, and lists of these.
+
+    Returns
+    -------
+    dict of str to str
+        Names that MLflow takes (other characters become ``_``) to the written values. Lists of plain values stay one
+        parameter; an empty mapping is ``{}``.
+
+    Examples
+    --------
+    >>> flatten_parameters({"forest": {"n_trees": 200, "classes": ["a", "b"]}, "seed": 1})
+    {'forest.n_trees': '200', 'forest.classes': "['a', 'b']", 'seed': '1'}
+    """
+    flat: dict[str, str] = {}
+    waiting = [(_ILLEGAL.sub("_", str(name)), value) for name, value in reversed(list(parameters.items()))]
+    while waiting:
+        name, value = waiting.pop()
+        parts = _children(value)
+        if parts:
+            waiting.extend((f"{name}.{_ILLEGAL.sub('_', part)}", v) for part, v in reversed(list(parts.items())))
+            continue
+        unique, k = name, 2
+        while unique in flat:
+            unique, k = f"{name}_{k}", k + 1
+        flat[unique] = "{}" if parts == {} and not isinstance(value, list | tuple) else _written(value)
+    return flat
+
+
+def _written(value: Any) -> str:
+    if isinstance(value, Enum):
+        return str(value.value)
+    if callable(value) and hasattr(value, "__qualname__"):
+        # the default text of a function holds its address, which differs in every run
+        return f"{value.__module__}.{value.__qualname__}"
+    return str(value)
+
+
+def git_state(folder: Path) -> dict[str, str]:
+    """Return the commit of the code and whether files differ from it.
+
+    Parameters
+    ----------
+    folder : Path
+        A folder of the working copy.
+
+    Returns
+    -------
+    dict of str to str
+        ``git.commit`` and ``git.dirty`` (``"true"`` or ``"false"``); empty where there is no git or no commit.
+    """
+    answers = []
+    for arguments in (["rev-parse", "HEAD"], ["status", "--porcelain"]):
+        try:
+            command = ["git", "-C", str(folder), *arguments]
+            answers.append(
+                subprocess.run(command, capture_output=True, text=True, check=True, timeout=30).stdout.strip()
+            )
+        except (OSError, subprocess.SubprocessError):
+            return {}
+    return {"git.commit": answers[0], "git.dirty": "true" if answers[1] else "false"}
+
+
+def environment() -> tuple[dict[str, str], list[str]]:
+    """Return what the code runs on.
+
+    Returns
+    -------
+    tags : dict of str to str
+        ``python`` and ``platform``.
+    frozen : list of str
+        Installed distributions as ``name==version``, sorted, as ``pip freeze`` writes them.
+    """
+    names = {found.metadata["Name"]: found.version for found in distributions()}
+    frozen = sorted((f"{name}=={version}" for name, version in names.items() if name), key=str.lower)
+    return {"python": platform.python_version(), "platform": platform.platform()}, frozen

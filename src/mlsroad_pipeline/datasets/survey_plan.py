@@ -1,0 +1,317 @@
+"""Which files a run reads, how, and what each of them is called in the stores."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from mlsroad_pipeline.algorithms.classes import Coding
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.ingest import IngestParameters, SplitPart, split_config
+from mlsroad_pipeline.datasets.formats.options import TAXONOMY_CODING, ReadOptions
+from mlsroad_pipeline.datasets.survey_files import Survey, SurveyFile, files_to_label
+
+
+@dataclass(frozen=True)
+class SurveyParameters:
+    """The survey of a comparison.
+
+    Parameters
+    ----------
+    root : str
+        Its folder.
+    splits : mapping
+        Split name to a glob, a list of globs, or ``{files, along, sectors, gap}``; None leaves out a split that the
+        base configuration has.
+    scheme : str
+        Class scheme that methods are trained on.
+    evaluation_scheme : str, optional
+        Coarser class scheme that they are scored on; None takes `scheme`.
+    coding : str, default "taxonomy"
+        What the label codes of the files mean.
+    trajectory : str, optional
+        Name of the trajectory's file in the folder of the points.
+    read : mapping
+        Arguments of `ReadOptions`.
+
+    Raises
+    ------
+    ParameterError
+        If the name of a split is not made of letters, digits, `_` and `-`.
+    """
+
+    root: str
+    splits: Mapping[str, Any]
+    scheme: str
+    evaluation_scheme: str | None = None
+    coding: str = "taxonomy"
+    trajectory: str | None = None
+    read: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in self.splits:
+            if re.fullmatch(r"[A-Za-z0-9_-]+", str(name)) is None:
+                raise ParameterError(f"a split is named by letters, digits, '_' and '-', got {name!r}")
+
+    def options(self, codings: Mapping[str, Mapping[int, str] | None]) -> ReadOptions:
+        """Return how the files are read.
+
+        Parameters
+        ----------
+        codings : mapping
+            The codings of the configuration.
+
+        Returns
+        -------
+        ReadOptions
+            The options, with the coding.
+
+        Raises
+        ------
+        ParameterError
+            If the coding is not in the configuration or an option is wrong.
+        """
+        if self.coding not in codings:
+            raise ParameterError(f"survey.coding {self.coding!r} is not configured (codings: {', '.join(codings)})")
+        codes = codings[self.coding]
+        coding = TAXONOMY_CODING if codes is None else Coding(self.coding, {int(k): v for k, v in codes.items()})
+        return ReadOptions.from_config({**self.read, "coding": coding})
+
+
+@dataclass(frozen=True)
+class PlannedFile:
+    """A file's place in a run.
+
+    Parameters
+    ----------
+    key : str
+        Its name in the stores.
+    split : str
+        Its split.
+    number : int
+        Its number among the files of its drive.
+    drive : str
+        The files that are cut together, as a name in the stores; it begins with the split.
+    source : SurveyFile
+        The file.
+    part : SplitPart
+        The part of it that the split takes.
+    """
+
+    key: str
+    split: str
+    number: int
+    drive: str
+    source: SurveyFile
+    part: SplitPart
+
+
+@dataclass(frozen=True)
+class SurveyPlan:
+    """All files of a run.
+
+    Parameters
+    ----------
+    files : tuple of PlannedFile
+        In the order of split and name.
+    options : ReadOptions
+        How they are read.
+    labels : bool
+        Whether their labels are read.
+    """
+
+    files: tuple[PlannedFile, ...]
+    options: ReadOptions
+    labels: bool
+
+    def drives(self) -> dict[str, list[PlannedFile]]:
+        """Return the files of each drive."""
+        drives: dict[str, list[PlannedFile]] = {}
+        for file in self.files:
+            drives.setdefault(file.drive, []).append(file)
+        return drives
+
+
+def _store_name(*parts: str) -> str:
+    """Return a name that stores accept; what is not a letter, digit, `_` or `-` becomes a number in hexadecimal."""
+    safe = (re.sub(r"[^A-Za-z0-9-]", lambda m: "_" if m[0] in "_/ ." else f"_{ord(m[0]):x}_", p) for p in parts)
+    return ".".join(safe)
+
+
+def plan_survey(
+    splits: Mapping[str, list[SurveyFile]],
+    parts: Mapping[str, SplitPart],
+    *,
+    options: ReadOptions,
+    labels: bool,
+    ingest: IngestParameters,
+) -> SurveyPlan:
+    """Name the files of a run.
+
+    Parameters
+    ----------
+    splits : mapping of str to list of SurveyFile
+        The files of each split.
+    parts : mapping of str to SplitPart
+        The part of them that the split takes.
+    options : ReadOptions
+        How they are read.
+    labels : bool
+        Whether their labels are read.
+    ingest : IngestParameters
+        Whether files are cut together or one by one.
+
+    Returns
+    -------
+    SurveyPlan
+        The plan.
+
+    Raises
+    ------
+    ParameterError
+        If two files get the same name in the stores.
+    """
+    planned: list[PlannedFile] = []
+    count: dict[str, int] = {}
+    for split, files in splits.items():
+        for source in files:
+            key = _store_name(split, source.name)
+            drive = key if ingest.cut == "file" else _store_name(split, source.folder)
+            number = count.get(drive, 0)
+            count[drive] = number + 1
+            planned.append(PlannedFile(key, split, number, drive, source, parts.get(split, SplitPart())))
+    for key, n_files in Counter(file.key for file in planned).items():
+        if n_files > 1:
+            same = ", ".join(file.source.name for file in planned if file.key == key)
+            raise ParameterError(f"these files get the same name in the stores, rename one: {same}")
+    return SurveyPlan(tuple(planned), options, labels)
+
+
+def plan_comparison(parameters: SurveyParameters, ingest: IngestParameters, codings: Any) -> SurveyPlan:
+    """Name the files of a comparison, by split.
+
+    Parameters
+    ----------
+    parameters : SurveyParameters
+        The survey's root, its splits, its labels and how it is read.
+    ingest : IngestParameters
+        How it is cut.
+    codings : mapping
+        The codings of the configuration.
+
+    Returns
+    -------
+    SurveyPlan
+        The plan.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is wrong or splits share points.
+    ReadError
+        If a split matches nothing.
+    """
+    configured = {name: split_config(value) for name, value in parameters.splits.items() if value is not None}
+    files = Survey(str(parameters.root)).split_files(configured, trajectory=parameters.trajectory)
+    parts = {name: part for name, (_, part) in configured.items()}
+    return plan_survey(files, parts, options=parameters.options(codings), labels=True, ingest=ingest)
+
+
+@dataclass(frozen=True)
+class LabelParameters:
+    """A survey to label, and what becomes of it.
+
+    Parameters
+    ----------
+    survey : str
+        A file, a folder or a glob.
+    output : str
+        The folder for the results; not a folder of the survey.
+    method : str, default "detrended_forest"
+        The slug of the method whose model is used.
+    model : int or str, optional
+        A version of the model; None takes the highest.
+    scheme : str, default "asprs"
+        Codes that are written: ``"asprs"``, or a class scheme that the model's classes nest in, as codes from 64.
+    trajectory : str, optional
+        Name of the trajectory's file in the folder of the points.
+    read : mapping
+        Arguments of `ReadOptions`.
+    inventory : mapping
+        Changes of the rules that make objects, by kind or class.
+
+    Raises
+    ------
+    ParameterError
+        If `model` is no version.
+    """
+
+    survey: str
+    output: str
+    method: str = "detrended_forest"
+    model: int | str | None = None
+    scheme: str = "asprs"
+    trajectory: str | None = "trajectory.csv"
+    read: Mapping[str, Any] = field(default_factory=dict)
+    inventory: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.model is not None and re.fullmatch(r"[1-9]\d*", str(self.model)) is None:
+            raise ParameterError(
+                f"label.model must be a version such as 3, or null for the highest; got {self.model!r}"
+            )
+
+
+def plan_labelling(parameters: LabelParameters, ingest: IngestParameters) -> SurveyPlan:
+    """Name the files of a survey to label.
+
+    Parameters
+    ----------
+    parameters : LabelParameters
+        The survey and the folder for the results.
+    ingest : IngestParameters
+        How it is cut.
+
+    Returns
+    -------
+    SurveyPlan
+        The plan; its only split is ``survey``.
+
+    Raises
+    ------
+    ParameterError
+        If no survey or no output is named, or the output is a folder of the survey.
+    ReadError
+        If nothing is found.
+    """
+    for name in ("survey", "output"):
+        if not getattr(parameters, name):
+            raise ParameterError(f"label.{name} is not set: kedro run --pipeline=label --params=label.{name}=...")
+    survey = Survey(str(parameters.survey))
+    files = files_to_label(survey, str(parameters.output), trajectory=parameters.trajectory)
+    options = ReadOptions.from_config(parameters.read)
+    return plan_survey({"survey": files}, {}, options=options, labels=False, ingest=ingest)
+
+
+def middle_scenes(keys: Sequence[str], *, n_scenes: int = 3) -> list[str]:
+    """Choose neighbouring scenes for a picture.
+
+    Parameters
+    ----------
+    keys : sequence of str
+        Names of scenes in their order.
+    n_scenes : int, default 3
+        How many are wanted.
+
+    Returns
+    -------
+    list of str
+        Up to that many scenes of one drive of the last split, from its middle.
+    """
+    drive = keys[-1].rpartition(".")[0]
+    mine = [key for key in keys if key.rpartition(".")[0] == drive]
+    first = max(0, (len(mine) - n_scenes) // 2)
+    return mine[first : first + n_scenes]

@@ -1,0 +1,36 @@
+"""All pipelines by name."""
+
+from __future__ import annotations
+
+from kedro.framework.project import find_pipelines
+from kedro.pipeline import Pipeline
+
+from mlsroad_pipeline.pipelines.methods import LABELLERS
+
+COMPARISON = (
+    "simulate",
+    "ingest",
+    "ground_removal",
+    "supervoxelise",
+    "features",
+    *LABELLERS,
+    "evaluation",
+    "compare",
+    "report",
+)
+
+
+def register_pipelines() -> dict[str, Pipeline]:
+    """Return the pipelines; the default is a whole comparison on the environment's survey.
+
+    Kedro imports only the pipelines that a command names, which keeps `label` from loading the simulator.
+
+    Returns
+    -------
+    dict of str to Pipeline
+        Name to pipeline.
+    """
+    pipelines = find_pipelines(raise_errors=True)
+    if set(COMPARISON) <= set(pipelines):
+        pipelines["__default__"] = sum((pipelines[name] for name in COMPARISON), Pipeline([]))
+    return pipelines

@@ -1,0 +1,1 @@
+"""The wiring edge: one folder per pipeline, thin."""

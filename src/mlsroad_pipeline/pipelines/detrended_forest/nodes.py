@@ -1,0 +1,129 @@
+"""The detrended forest trained on the training scenes and applied to the others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from joblib import cpu_count
+from matplotlib.figure import Figure
+
+from mlsroad_pipeline.algorithms.detrended_forest.labeller import StageParameters
+from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, diagnose, fit, training_rows
+from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
+from mlsroad_pipeline.datasets.label_work import label_prepared_scene
+from mlsroad_pipeline.datasets.scene_store import SceneCollection
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
+
+TRAIN = "train."
+
+
+def take_training_rows(
+    scenes: SceneCollection,
+    supervoxels: SceneCollection,
+    features: SceneCollection,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+) -> dict[str, SceneTask]:
+    """Name the work that takes the labelled supervoxels of each training scene.
+
+    Parameters
+    ----------
+    scenes, supervoxels, features : SceneCollection
+        The scenes and what the stages before gave.
+    survey : SurveyParameters
+        Names the class scheme.
+    classes : mapping
+        The class schemes.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene of the split ``train``.
+    """
+    scheme = find_scheme(classes["schemes"], survey.scheme)
+    return {
+        key: SceneTask(
+            training_rows,
+            {"scene": scenes[key], "supervoxels": supervoxels[key], "features": features[key]},
+            {"scheme": scheme},
+        )
+        for key in scenes
+        if key.startswith(TRAIN)
+    }
+
+
+def train_forest(
+    rows: SceneCollection,
+    parameters: ForestParameters,
+    ground: GroundParameters,
+    supervoxels: SupervoxelParameters,
+    features: FeatureParameters,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+) -> tuple[ModelBundle, ModelBundle, Figure, Figure]:
+    """Train the forest.
+
+    Parameters
+    ----------
+    rows : SceneCollection
+        Labelled supervoxels of the training scenes.
+    parameters : ForestParameters
+        Parameters of the forest.
+    ground : GroundParameters
+        How the ground was found.
+    supervoxels : SupervoxelParameters
+        How the scenes were partitioned.
+    features : FeatureParameters
+        Which features were computed.
+    survey : SurveyParameters
+        Names the training files and the class scheme.
+    classes : mapping
+        The class schemes.
+
+    Returns
+    -------
+    model, registered : ModelBundle
+        The model, for the workers and for the registry.
+    importances, out_of_bag : Figure
+        Feature importances, and the out-of-bag error against the number of trees.
+    """
+    bundle, classifier = fit(
+        list(rows.load_all().values()),
+        parameters=parameters,
+        stages=StageParameters(ground, supervoxels, features),
+        scheme=find_scheme(classes["schemes"], survey.scheme),
+        trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(rows)},
+        n_jobs=cpu_count(),
+    )
+    return bundle, bundle, *diagnose(classifier)
+
+
+def label_scenes(
+    scenes: SceneCollection, supervoxels: SceneCollection, features: SceneCollection, model: SourceFile
+) -> dict[str, SceneTask]:
+    """Name the work that labels each scene that the model was not trained on.
+
+    Parameters
+    ----------
+    scenes, supervoxels, features : SceneCollection
+        The scenes and what the stages before gave.
+    model : SourceFile
+        The model's folder.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene of the other splits.
+    """
+    return {
+        key: SceneTask(
+            label_prepared_scene,
+            {"scene": scenes[key], "supervoxels": supervoxels[key], "features": features[key], "model": model},
+        )
+        for key in scenes
+        if not key.startswith(TRAIN)
+    }

@@ -1,0 +1,118 @@
+"""The same scoring for every labeller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from mlsroad_pipeline.algorithms.evaluation import (
+    count_scene,
+    find_scheme,
+    scene_figures,
+    score_figures,
+    scores_table,
+    sum_by_split,
+)
+from mlsroad_pipeline.datasets.scene_store import SceneCollection
+from mlsroad_pipeline.datasets.scene_task import SceneTask
+from mlsroad_pipeline.datasets.survey_plan import SurveyParameters, middle_scenes
+
+
+def count_points(
+    scenes: SceneCollection, labels: SceneCollection, survey: SurveyParameters, classes: Mapping[str, Any]
+) -> dict[str, SceneTask]:
+    """Name the work that counts each labelled scene's points by true and predicted class.
+
+    Parameters
+    ----------
+    scenes : SceneCollection
+        The scenes.
+    labels : SceneCollection
+        What a method made of the scenes that it was not trained on.
+    survey : SurveyParameters
+        Names the class schemes.
+    classes : mapping
+        The class schemes.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per labelled scene.
+    """
+    trained = find_scheme(classes["schemes"], survey.scheme)
+    scored = find_scheme(classes["schemes"], survey.evaluation_scheme or survey.scheme)
+    return {
+        key: SceneTask(
+            count_scene, {"scene": scenes[key], "labels": labels[key]}, {"trained": trained, "scored": scored}
+        )
+        for key in labels
+    }
+
+
+def score_method(
+    counts: SceneCollection, survey: SurveyParameters, classes: Mapping[str, Any], *, method: str
+) -> tuple[pd.DataFrame, Figure, Figure]:
+    """Score a method and draw its figures.
+
+    Parameters
+    ----------
+    counts : SceneCollection
+        Confusion matrices of scenes.
+    survey : SurveyParameters
+        Names the class schemes.
+    classes : mapping
+        The class schemes.
+    method : str
+        The method's slug.
+
+    Returns
+    -------
+    scores : DataFrame
+        The table of scores.
+    confusion, bars : Figure
+        The confusion matrix of the last split, and its scores per class.
+    """
+    scheme = find_scheme(classes["schemes"], survey.evaluation_scheme or survey.scheme)
+    matrices = sum_by_split(counts.load_all())
+    table = scores_table(matrices, method=method, scheme=scheme)
+    return table, *score_figures(matrices, table, method=method, scheme=scheme)
+
+
+def picture_labels(
+    scenes: SceneCollection,
+    labels: SceneCollection,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+    *,
+    method: str,
+) -> tuple[Figure, Figure]:
+    """Draw truth, prediction and errors of some scenes.
+
+    Parameters
+    ----------
+    scenes, labels : SceneCollection
+        The scenes and their labels.
+    survey : SurveyParameters
+        Names the class schemes.
+    classes : mapping
+        The class schemes.
+    method : str
+        The method's slug.
+
+    Returns
+    -------
+    birds_eye, perspective : Figure
+        The pictures.
+    """
+    chosen = middle_scenes(list(labels))
+    figures = scene_figures(
+        [scenes[key].load() for key in chosen],
+        [labels[key].load() for key in chosen],
+        trained=find_scheme(classes["schemes"], survey.scheme),
+        scored=find_scheme(classes["schemes"], survey.evaluation_scheme or survey.scheme),
+        title=f"{method} on {chosen[0]} to {chosen[-1]}" if len(chosen) > 1 else f"{method} on {chosen[0]}",
+    )
+    return figures["birds_eye"], figures["perspective"]

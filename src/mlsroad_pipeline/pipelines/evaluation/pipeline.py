@@ -1,0 +1,55 @@
+"""Wiring of the evaluation: the same nodes for every labeller."""
+
+from collections.abc import Callable
+from functools import partial, update_wrapper
+from typing import Any
+
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.pipelines.evaluation.nodes import count_points, picture_labels, score_method
+from mlsroad_pipeline.pipelines.methods import LABELLERS
+
+
+def _of(method: str, function: Callable[..., Any]) -> Callable[..., Any]:
+    """Fix the method of a node's function, which keeps its name in Kedro's messages."""
+    return update_wrapper(partial(function, method=method), function)
+
+
+def _nodes_of(slug: str) -> list[Node]:
+    configured = ["params:survey", "params:classes"]
+    return [
+        Node(
+            count_points,
+            inputs=["scenes", f"{slug}.labels", *configured],
+            outputs=f"{slug}.confusions",
+            name=f"count_points_of_{slug}",
+        ),
+        Node(
+            _of(slug, score_method),
+            inputs=[f"{slug}.confusions", *configured],
+            outputs=[f"{slug}.scores", f"{slug}.confusion_figure", f"{slug}.bars_figure"],
+            name=f"score_{slug}",
+        ),
+        Node(
+            _of(slug, picture_labels),
+            inputs=["scenes", f"{slug}.labels", *configured],
+            outputs=[f"{slug}.birds_eye_figure", f"{slug}.perspective_figure"],
+            name=f"picture_{slug}",
+        ),
+    ]
+
+
+def create_pipeline(**_: object) -> Pipeline:
+    """Return the pipeline: labels of every method to its scores and figures.
+
+    Parameters
+    ----------
+    **_ : object
+        Not used; Kedro lets callers of any pipeline give keyword arguments.
+
+    Returns
+    -------
+    Pipeline
+        ``scenes`` and ``<slug>.labels`` of every labeller to its scores and figures.
+    """
+    return Pipeline([node for slug in LABELLERS for node in _nodes_of(slug)])

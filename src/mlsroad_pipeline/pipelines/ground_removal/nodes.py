@@ -1,0 +1,60 @@
+"""Ground removal, scene by scene."""
+
+import pandas as pd
+
+from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.stage_evaluation import count_ground_points, ground_table
+from mlsroad_pipeline.datasets.scene_store import SceneCollection
+from mlsroad_pipeline.datasets.scene_task import SceneTask
+
+
+def find_ground_of_scenes(scenes: SceneCollection, parameters: GroundParameters) -> dict[str, SceneTask]:
+    """Name the work that tells each scene's ground points and heights above the ground.
+
+    Parameters
+    ----------
+    scenes : SceneCollection
+        The scenes.
+    parameters : GroundParameters
+        Parameters of the ground filter.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene.
+    """
+    return {key: SceneTask(find_ground, {"scene": scenes[key]}, {"parameters": parameters}) for key in scenes}
+
+
+def count_ground_of_scenes(scenes: SceneCollection, ground: SceneCollection) -> dict[str, SceneTask]:
+    """Name the work that holds each scene's ground against its labels.
+
+    Parameters
+    ----------
+    scenes : SceneCollection
+        The scenes.
+    ground : SceneCollection
+        Ground masks, keyed like the scenes.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene.
+    """
+    return {key: SceneTask(count_ground_points, {"scene": scenes[key], "ground": ground[key]}) for key in scenes}
+
+
+def score_ground_removal(counts: SceneCollection) -> pd.DataFrame:
+    """Score the ground filter per split.
+
+    Parameters
+    ----------
+    counts : SceneCollection
+        Counts of the scenes.
+
+    Returns
+    -------
+    DataFrame
+        Type I, type II and total error and kappa.
+    """
+    return ground_table(counts.load_all())

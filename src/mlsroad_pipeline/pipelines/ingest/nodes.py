@@ -1,0 +1,166 @@
+"""A survey's files described, cut and assembled into scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+
+from mlsroad_pipeline.algorithms.ingest import IngestParameters, join_pieces
+from mlsroad_pipeline.algorithms.quality_storage import quality_table
+from mlsroad_pipeline.datasets.ingest_work import describe_file, find_corridor, read_and_cut
+from mlsroad_pipeline.datasets.scene_planning import cut_ranges, plan_drive
+from mlsroad_pipeline.datasets.scene_store import SceneCollection
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.survey_plan import SurveyParameters, SurveyPlan, plan_comparison
+
+
+def plan_files(
+    parameters: SurveyParameters, ingest: IngestParameters, classes: Mapping[str, Any], ready: Any
+) -> SurveyPlan:
+    """Name the files of each split.
+
+    Parameters
+    ----------
+    parameters : SurveyParameters
+        The survey's root, its splits, its labels and how it is read.
+    ingest : IngestParameters
+        How it is cut.
+    classes : mapping
+        The class schemes and codings.
+    ready : object
+        The simulated surveys, where the environment simulates; only that they are there counts.
+
+    Returns
+    -------
+    SurveyPlan
+        The plan.
+    """
+    del ready
+    return plan_comparison(parameters, ingest, classes["codings"])
+
+
+def describe_files(plan: SurveyPlan) -> dict[str, SceneTask]:
+    """Name the work that counts and samples each file's points.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per file.
+    """
+    parameters = {"options": plan.options, "labels": plan.labels}
+    return {f.key: SceneTask(describe_file, {"path": SourceFile(f.source.path)}, parameters) for f in plan.files}
+
+
+def find_corridors(plan: SurveyPlan, files: SceneCollection, ingest: IngestParameters) -> dict[str, SceneTask]:
+    """Name the work that finds what each drive is cut along.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+    files : SceneCollection
+        Their samples.
+    ingest : IngestParameters
+        How the survey is cut.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per drive.
+    """
+    samples = files.part("sample")
+    tasks = {}
+    for drive, members in plan.drives().items():
+        beside = next((f.source.trajectory for f in members if f.source.trajectory), None)
+        inputs = {
+            "samples": [samples[f.key] for f in members],
+            "trajectory": None if beside is None else SourceFile(beside),
+        }
+        tasks[drive] = SceneTask(find_corridor, inputs, {"along": ingest.cut == "along"})
+    return tasks
+
+
+def cut_files(
+    plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, ingest: IngestParameters
+) -> dict[str, SceneTask]:
+    """Name the work that reads each range of rows and sorts it into bins.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+    files : SceneCollection
+        Their numbers of points.
+    corridors : SceneCollection
+        What each drive is cut along.
+    ingest : IngestParameters
+        How the survey is cut.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per range.
+    """
+    info = files.load_all("info")
+    return {
+        cut.key: SceneTask(
+            read_and_cut,
+            {"path": SourceFile(cut.file.source.path), "corridor": corridors[cut.file.drive]},
+            cut.parameters(plan, ingest),
+        )
+        for cut in cut_ranges(plan, info, ingest)
+    }
+
+
+def assemble_scenes(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestParameters) -> dict[str, SceneTask]:
+    """Name the work that joins pieces into scenes.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+    pieces : SceneCollection
+        Their ranges, cut.
+    ingest : IngestParameters
+        How the survey is cut.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene, named ``<split>.<folder>.scene_<number>``.
+    """
+    bins, points = pieces.load_all("bins"), pieces.part("points")
+    return {
+        scene.key: SceneTask(
+            join_pieces,
+            {"pieces": [points[key] for key in scene.pieces]},
+            {"span": scene.span, "outliers": ingest.outliers, "source": scene.source},
+        )
+        for drive in plan.drives()
+        for scene in plan_drive(drive, plan, bins, ingest)
+    }
+
+
+def report_quality(plan: SurveyPlan, pieces: SceneCollection) -> pd.DataFrame:
+    """Report the quality of each file.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+    pieces : SceneCollection
+        Their ranges, inspected.
+
+    Returns
+    -------
+    DataFrame
+        One row per file.
+    """
+    return quality_table({f.source.name: f.key for f in plan.files}, pieces.load_all("quality"))

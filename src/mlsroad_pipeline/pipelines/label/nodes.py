@@ -1,0 +1,229 @@
+"""A new survey labelled by a registered model."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+
+from mlsroad_pipeline.algorithms.ingest import IngestParameters
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.quality_storage import quality_table
+from mlsroad_pipeline.algorithms.rendering.report import build_report
+from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
+from mlsroad_pipeline.algorithms.survey_labelling import object_rules, output_codes
+from mlsroad_pipeline.datasets.geopackage_dataset import RoadInventory
+from mlsroad_pipeline.datasets.label_results import (
+    attribute_warnings,
+    inventory_of,
+    label_report_sections,
+    planned_outputs,
+)
+from mlsroad_pipeline.datasets.label_work import label_pieces, write_file
+from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
+from mlsroad_pipeline.datasets.scene_planning import plan_drive
+from mlsroad_pipeline.datasets.scene_store import SceneCollection
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.survey_plan import LabelParameters, SurveyPlan, plan_labelling
+
+logger = logging.getLogger(__name__)
+
+
+def plan_label_files(parameters: LabelParameters, ingest: IngestParameters) -> SurveyPlan:
+    """List the files of the survey.
+
+    Parameters
+    ----------
+    parameters : LabelParameters
+        The survey and the folder for the results.
+    ingest : IngestParameters
+        How it is cut.
+
+    Returns
+    -------
+    SurveyPlan
+        The files.
+    """
+    return plan_labelling(parameters, ingest)
+
+
+def take_model(registered: ModelBundle) -> ModelBundle:
+    """Take the registered model and say what it was trained on.
+
+    Parameters
+    ----------
+    registered : ModelBundle
+        The model from the registry.
+
+    Returns
+    -------
+    ModelBundle
+        The same, for the workers.
+    """
+    told = registered.metadata
+    logger.info("Labelling with %s, trained on %s", told.get("registered", registered.slug), told.get("trained_on"))
+    return registered
+
+
+def _quality(plan: SurveyPlan, pieces: SceneCollection) -> pd.DataFrame:
+    return quality_table({f.source.name: f.key for f in plan.files}, pieces.load_all("quality"))
+
+
+def label_new_scenes(
+    plan: SurveyPlan,
+    pieces: SceneCollection,
+    model: SourceFile,
+    parameters: LabelParameters,
+    ingest: IngestParameters,
+    ground: GroundParameters,
+    classes: Mapping[str, Any],
+) -> dict[str, SceneTask]:
+    """Name the work that labels each scene.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+    pieces : SceneCollection
+        Their ranges, cut.
+    model : SourceFile
+        The model's folder.
+    parameters : LabelParameters
+        Codes and rules of objects.
+    ingest : IngestParameters
+        How the survey is cut.
+    ground : GroundParameters
+        The ground filter, for the heights of objects.
+    classes : mapping
+        The class schemes.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene.
+    """
+    bundle = open_model(model.path)
+    for warning in attribute_warnings(bundle, _quality(plan, pieces)):
+        logger.warning(warning)
+    fixed = {
+        "outliers": ingest.outliers,
+        "codes": output_codes(bundle, parameters.scheme, classes["schemes"]),
+        "rules": object_rules(bundle, parameters.inventory),
+        "ground": ground,
+    }
+    bins, points = pieces.load_all("bins"), pieces.part("points")
+    return {
+        scene.key: SceneTask(
+            label_pieces,
+            {"pieces": [points[key] for key in scene.pieces], "model": model},
+            {"span": scene.span, "name": scene.key, "source": scene.source, **fixed},
+        )
+        for drive in plan.drives()
+        for scene in plan_drive(drive, plan, bins, ingest)
+    }
+
+
+def make_inventory(
+    plan: SurveyPlan,
+    files: SceneCollection,
+    corridors: SceneCollection,
+    results: SceneCollection,
+    model: SourceFile,
+    parameters: LabelParameters,
+) -> RoadInventory:
+    """Join the objects of all scenes.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+    files : SceneCollection
+        Their samples, for the coordinate reference system.
+    corridors : SceneCollection
+        Their trajectories.
+    results : SceneCollection
+        What the scenes found.
+    model : SourceFile
+        The model's folder.
+    parameters : LabelParameters
+        Rules of objects.
+
+    Returns
+    -------
+    RoadInventory
+        The inventory.
+    """
+    rules = object_rules(open_model(model.path), parameters.inventory)
+    return inventory_of(plan, files, corridors, results, rules)
+
+
+def write_labelled_files(
+    plan: SurveyPlan, results: SceneCollection, parameters: LabelParameters
+) -> dict[str, SceneTask]:
+    """Name the work that writes each file with its labels.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+    results : SceneCollection
+        Labels of all scenes.
+    parameters : LabelParameters
+        The folder for the results.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per file.
+    """
+    return {
+        output.file.key: SceneTask(
+            write_file,
+            {"path": SourceFile(output.file.source.path), "scenes": output.scenes},
+            output.parameters(plan.options),
+            outputs=output.written,
+        )
+        for output in planned_outputs(plan, results, str(parameters.output))
+    }
+
+
+def write_report(
+    plan: SurveyPlan,
+    pieces: SceneCollection,
+    results: SceneCollection,
+    written: SceneCollection,
+    inventory: RoadInventory,
+    model: SourceFile,
+    parameters: LabelParameters,
+) -> str:
+    """Put what was found on one page.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+    pieces : SceneCollection
+        Their quality.
+    results : SceneCollection
+        What the scenes found.
+    written : SceneCollection
+        The files that were written.
+    inventory : RoadInventory
+        The objects.
+    model : SourceFile
+        The model's folder.
+    parameters : LabelParameters
+        What was asked for.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    quality = _quality(plan, pieces)
+    sections = label_report_sections(
+        open_model(model.path), parameters, quality, results.load_all("counts"), written.load_all(), inventory.objects
+    )
+    return build_report(sections, title="Labelled survey", subtitle=str(parameters.survey))

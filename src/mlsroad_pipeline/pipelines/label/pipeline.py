@@ -1,0 +1,106 @@
+"""Wiring of `label`: the ingest of a comparison on a new survey, then a registered model."""
+
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.pipelines.ingest.nodes import cut_files, describe_files, find_corridors
+from mlsroad_pipeline.pipelines.label.nodes import (
+    label_new_scenes,
+    make_inventory,
+    plan_label_files,
+    take_model,
+    write_labelled_files,
+    write_report,
+)
+
+
+def _ingest() -> list[Node]:
+    return [
+        Node(plan_label_files, inputs=["params:label", "params:ingest"], outputs="label_plan", name="plan_label_files"),
+        Node(describe_files, inputs="label_plan", outputs="label_files_store", name="describe_label_files"),
+        Node(
+            find_corridors,
+            inputs=["label_plan", "label_files_store", "params:ingest"],
+            outputs="label_corridors_store",
+            name="find_label_corridors",
+        ),
+        Node(
+            cut_files,
+            inputs=["label_plan", "label_files_store", "label_corridors_store", "params:ingest"],
+            outputs="label_pieces_store",
+            name="cut_label_files",
+        ),
+    ]
+
+
+def _labelling() -> list[Node]:
+    return [
+        Node(take_model, inputs="label_registered_model", outputs="label_model", name="take_model"),
+        Node(
+            label_new_scenes,
+            inputs=[
+                "label_plan",
+                "label_pieces_store",
+                "label_model",
+                "params:label",
+                "params:ingest",
+                "params:ground_removal",
+                "params:classes",
+            ],
+            outputs="label_results_store",
+            name="label_new_scenes",
+        ),
+        Node(
+            write_labelled_files,
+            inputs=["label_plan", "label_results_store", "params:label"],
+            outputs="label_written_store",
+            name="write_labelled_files",
+        ),
+    ]
+
+
+def _reporting() -> list[Node]:
+    return [
+        Node(
+            make_inventory,
+            inputs=[
+                "label_plan",
+                "label_files_store",
+                "label_corridors_store",
+                "label_results_store",
+                "label_model",
+                "params:label",
+            ],
+            outputs="label_inventory",
+            name="make_inventory",
+        ),
+        Node(
+            write_report,
+            inputs=[
+                "label_plan",
+                "label_pieces_store",
+                "label_results_store",
+                "label_written_store",
+                "label_inventory",
+                "label_model",
+                "params:label",
+            ],
+            outputs="label_report",
+            name="write_label_report",
+        ),
+    ]
+
+
+def create_pipeline(**_: object) -> Pipeline:
+    """Return the pipeline: a survey to a labelled survey, an inventory and a report.
+
+    Parameters
+    ----------
+    **_ : object
+        Not used; Kedro lets callers of any pipeline give keyword arguments.
+
+    Returns
+    -------
+    Pipeline
+        ``label_registered_model`` and the files of ``params:label`` to labelled files, inventory and report.
+    """
+    return Pipeline([*_ingest(), *_labelling(), *_reporting()])

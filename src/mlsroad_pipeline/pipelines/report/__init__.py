@@ -1,0 +1,5 @@
+"""What a comparison found, on one page."""
+
+from mlsroad_pipeline.pipelines.report.pipeline import create_pipeline
+
+__all__ = ["create_pipeline"]

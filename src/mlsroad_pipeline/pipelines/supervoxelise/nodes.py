@@ -1,0 +1,62 @@
+"""Supervoxels, scene by scene."""
+
+import pandas as pd
+
+from mlsroad_pipeline.algorithms.scene_stages import SupervoxelParameters, build_supervoxels
+from mlsroad_pipeline.algorithms.stage_evaluation import measure_supervoxels, supervoxel_table
+from mlsroad_pipeline.datasets.scene_store import SceneCollection
+from mlsroad_pipeline.datasets.scene_task import SceneTask
+
+
+def supervoxelise_scenes(scenes: SceneCollection, parameters: SupervoxelParameters) -> dict[str, SceneTask]:
+    """Name the work that partitions each scene into supervoxels.
+
+    Parameters
+    ----------
+    scenes : SceneCollection
+        The scenes.
+    parameters : SupervoxelParameters
+        Parameters of VCCS.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene.
+    """
+    return {key: SceneTask(build_supervoxels, {"scene": scenes[key]}, {"parameters": parameters}) for key in scenes}
+
+
+def measure_supervoxels_of_scenes(scenes: SceneCollection, supervoxels: SceneCollection) -> dict[str, SceneTask]:
+    """Name the work that measures each scene's partition against its labels.
+
+    Parameters
+    ----------
+    scenes : SceneCollection
+        The scenes.
+    supervoxels : SceneCollection
+        Supervoxels, keyed like the scenes.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene.
+    """
+    return {
+        key: SceneTask(measure_supervoxels, {"scene": scenes[key], "supervoxels": supervoxels[key]}) for key in scenes
+    }
+
+
+def score_supervoxels(measured: SceneCollection) -> pd.DataFrame:
+    """Score the partition per split.
+
+    Parameters
+    ----------
+    measured : SceneCollection
+        Scores of the scenes.
+
+    Returns
+    -------
+    DataFrame
+        Boundary recall, under-segmentation error and accuracy ceiling.
+    """
+    return supervoxel_table(measured.load_all())

@@ -1,0 +1,22 @@
+"""Project settings: where configuration comes from and which hooks run."""
+
+import warnings
+
+from omegaconf.resolvers import oc
+
+from mlsroad_pipeline.hooks import MlflowDetailsHooks
+
+# The dots in names of datasets are what catalog factories such as "{method}.labels" go by; every command would warn.
+warnings.filterwarnings("ignore", message="One or more dataset names contain '.'", category=UserWarning)
+
+HOOKS = (MlflowDetailsHooks(),)
+
+CONFIG_LOADER_ARGS = {
+    "base_env": "base",
+    "default_run_env": "local",
+    # An environment changes single keys of a parameter group and inherits the others.
+    "merge_strategy": {"parameters": "soft", "catalog": "soft"},
+    "config_patterns": {"mlflow": ["mlflow*", "mlflow*/**", "**/mlflow*"]},
+    # Roots of public datasets come from $MLSROAD_DATA.
+    "custom_resolvers": {"oc.env": oc.env},
+}
