@@ -1,0 +1,88 @@
+import numpy as np
+import pytest
+from references_simulator import enclosed_volume
+
+from mlsroad_pipeline.algorithms.simulation import furniture, poles, vegetation, vehicles
+from mlsroad_pipeline.algorithms.simulation.meshes import (
+    Surface,
+    box,
+    ellipsoid,
+    join,
+    plate,
+    polygon,
+    rotation_matrix,
+    tube,
+)
+
+GREY = Surface(77, (0.5, 0.5, 0.5), 0.5)
+
+
+def test_box_encloses_its_volume():
+    mesh = box([2.0, 3.0, 4.0], [10.0, 0.0, -1.0], GREY)
+    assert enclosed_volume(mesh.vertices, mesh.faces) == pytest.approx(24.0)
+    np.testing.assert_allclose(mesh.vertices.min(axis=0), [9.0, -1.5, -3.0])
+
+
+def test_tube_encloses_a_prism():
+    # An 8-gon of circumradius r has the area 4 r^2 sin(45 degrees).
+    mesh = tube([[0, 0, 0], [0, 0, 1.2], [0, 0, 5.0]], 0.3, GREY, sides=8)
+    expected = 4 * 0.3**2 * np.sin(np.pi / 4) * 5.0
+    assert abs(enclosed_volume(mesh.vertices, mesh.faces)) == pytest.approx(expected)
+
+
+def test_ellipsoid_approaches_the_closed_form():
+    mesh = ellipsoid([1, 2, 3], [0.5, 1.0, 2.0], GREY, rings=60, sides=60)
+    assert abs(enclosed_volume(mesh.vertices, mesh.faces)) == pytest.approx(4 / 3 * np.pi * 1.0, rel=0.01)
+
+
+def test_plate_shows_its_front_towards_minus_y():
+    front, back = Surface(42, (1, 0, 0), 0.9), Surface(42, (0, 1, 0), 0.1)
+    mesh = plate(polygon(6, 1.0), front, back, thickness=0.02)
+    y = mesh.vertices[mesh.faces].mean(axis=1)[:, 1]
+    assert (y[mesh.attributes[:, 2] == 1] < 0).all()
+    assert (y[mesh.attributes[:, 3] == 1] > 0).all()
+
+
+def test_rotation_turns_x_to_y_and_keeps_lengths():
+    np.testing.assert_allclose(rotation_matrix(np.pi / 2, 0, 0) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(rotation_matrix(0, 0.1, 0) @ [1, 0, 0], [np.cos(0.1), 0, -np.sin(0.1)])
+    np.testing.assert_allclose(rotation_matrix(0, 0, 0.1) @ [0, 1, 0], [0, np.cos(0.1), np.sin(0.1)])
+    turn = rotation_matrix(0.3, -0.2, 1.1)
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-14)
+
+
+def test_joined_faces_point_to_their_own_vertices():
+    a, b = box([1, 1, 1], [0, 0, 0], GREY), box([1, 1, 1], [9, 0, 0], GREY)
+    both = join([a, b])
+    assert both.vertices[both.faces[12:]][..., 0].min() == 8.5
+    assert len(join([]).faces) == 0
+
+
+DESIGNS = [
+    vegetation.broadleaf_tree, vegetation.palm, vegetation.cycas, vegetation.brushwood, vehicles.car, vehicles.van,
+    vehicles.bus, vehicles.bicycle, vehicles.person, poles.traffic_sign, poles.traffic_light, furniture.waste_bin,
+    furniture.bench, furniture.hydrant, furniture.mail_box, furniture.bus_shelter, furniture.bus_stop_sign,
+    *(lambda rng, d=design: poles.light_pole(rng, d) for design in poles.LAMP_DESIGNS),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_designs_stand_on_the_ground_and_no_two_are_alike(design):
+    first, second = (design(np.random.default_rng(seed)) for seed in (1, 2))
+    again = design(np.random.default_rng(1))
+    np.testing.assert_array_equal(first.vertices, again.vertices)
+    np.testing.assert_array_equal(first.attributes, again.attributes)
+    for mesh in (first, second):
+        assert np.isfinite(mesh.vertices).all()
+        assert -0.6 < mesh.vertices[:, 2].min() < 0.09
+        assert mesh.vertices[:, 2].max() > 0.35
+        assert mesh.faces.max() < len(mesh.vertices)
+        assert (mesh.attributes[:, 2:] > 0).all() and (mesh.attributes[:, 2:] <= 1).all()
+    assert not np.isclose(first.attributes[:, 5].mean(), second.attributes[:, 5].mean(), rtol=1e-3)
+    assert not np.allclose(np.ptp(first.vertices, axis=0), np.ptp(second.vertices, axis=0), rtol=1e-3)
+
+
+def test_wire_hangs_by_its_sag():
+    mesh = poles.wire([0, 0, 8.0], [30, 0, 9.0], 0.6, 0.01, np.random.default_rng(0))
+    middle = mesh.vertices[np.abs(mesh.vertices[:, 0] - 15) < 0.1]
+    assert middle[:, 2].mean() == pytest.approx(8.5 - 0.6, abs=0.01)

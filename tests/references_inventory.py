@@ -1,0 +1,106 @@
+"""Slow, obvious versions of clustering, trajectory and inventory kernels."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+
+def renumber_by_first(labels):
+    """Number labels by the first point that has them."""
+    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), int)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return rank[inverse]
+
+
+def radius_graph_components(xyz, tolerance, min_points=1):
+    """Label the components of the radius graph with SciPy."""
+    xyz = np.asarray(xyz, dtype=np.float64)
+    pairs = cKDTree(xyz).query_pairs(tolerance, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(xyz), len(xyz)))
+    labels = renumber_by_first(connected_components(graph, directed=False)[1])
+    small = np.bincount(labels)[labels] < min_points
+    result = np.full(len(xyz), -1)
+    if not small.all():
+        result[~small] = renumber_by_first(labels[~small])
+    return result
+
+
+def nearest_on_polyline(points, vertices):
+    """Return distance and running length of the nearest point of an open polyline, by looking at every segment."""
+    a, b = vertices[:-1], vertices[1:]
+    along = b - a
+    length = np.linalg.norm(along, axis=1)
+    start = np.concatenate([[0.0], np.cumsum(length)])
+    distances, stations = [], []
+    for point in points:
+        t = np.clip(((point - a) * along).sum(axis=1) / length**2, 0.0, 1.0)
+        d = np.linalg.norm(a + t[:, None] * along - point, axis=1)
+        best = int(np.argmin(d))
+        distances.append(d[best])
+        stations.append(start[best] + t[best] * length[best])
+    return np.array(distances), np.array(stations)
+
+
+def planted_pole(base, height, *, tilt_degrees=0.0, azimuth_degrees=0.0, radius=0.06, step=0.04):
+    """Points on a leaning pole's surface, every step metres."""
+    lean = np.tan(np.radians(tilt_degrees)) * np.array(
+        [np.sin(np.radians(azimuth_degrees)), np.cos(np.radians(azimuth_degrees))]
+    )
+    z = np.arange(0.0, height + 1e-9, step)
+    angle = np.arange(0, 2 * np.pi, np.pi / 6)
+    z, angle = (grid.ravel() for grid in np.meshgrid(z, angle))
+    circle = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.column_stack([circle + lean * z[:, None], z]) + base
+
+
+def planted_box(centre, length, width, height, *, azimuth_degrees=0.0, step=0.07):
+    """Points on the sides and the top of a box that stands at a height; the azimuth is that of its length."""
+    x, y, z = (np.linspace(0, 1, int(np.ceil(size / step)) + 1) for size in (length, width, height))
+    grid = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
+    shell = (grid[:, 0] % 1 == 0) | (grid[:, 1] % 1 == 0) | (grid[:, 2] == 1)
+    local = (grid[shell] - [0.5, 0.5, 0]) * [length, width, height]
+    s, c = np.sin(np.radians(azimuth_degrees)), np.cos(np.radians(azimuth_degrees))
+    turned = np.column_stack([local[:, 0] * s - local[:, 1] * c, local[:, 0] * c + local[:, 1] * s, local[:, 2]])
+    return turned + centre
+
+
+def planted_tree(base, height, crown_radius, step=0.25):
+    """A trunk and the points of a full ellipsoidal crown above 2 m."""
+    half = (height - 2.0) / 2
+    n = int(np.ceil(max(half, crown_radius) / step))
+    grid = np.stack(np.meshgrid(*[np.arange(-n, n + 1) * step] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    unit = grid / [crown_radius, crown_radius, half]
+    crown = grid[(unit**2).sum(axis=1) <= 1] + [0, 0, 2.0 + half]
+    return np.concatenate([planted_pole(np.zeros(3), 2.2, radius=0.15), crown]) + base
+
+
+def scanned_street(rng, *, rate=75.0, pulses=24_000, seconds=4.0, yaw=45.0, pitch=20.0, lever=(0, 0, 0), walls=True):
+    """Points and times of one line scanner on a van that drives an arc between two walls over flat ground.
+
+    Returns points (n, 3), times (n,), and the scanner's true centre at those times (n, 3).
+    """
+    time = np.arange(0, seconds, 1 / pulses)
+    way = 8.0 * time + 1.5 * np.sin(time)  # braking and accelerating
+    heading = way / 120.0  # an arc of radius 120 m
+    position = np.column_stack([120.0 * np.sin(heading), 120.0 * (1 - np.cos(heading)), np.full(len(time), 2.5)])
+    c, s = np.cos(heading), np.sin(heading)
+    forward, left = np.column_stack([c, s, 0 * c]), np.column_stack([-s, c, 0 * c])
+    up = np.broadcast_to([0.0, 0.0, 1.0], forward.shape)
+    centre = position + lever[0] * forward + lever[1] * left + lever[2] * up
+    a, b = np.radians([yaw, pitch])
+    axis = np.array([np.cos(a) * np.cos(b), np.sin(a) * np.cos(b), -np.sin(b)])  # of rotation, in the vehicle's frame
+    first = np.cross(axis, [0, 0, 1])
+    first /= np.linalg.norm(first)
+    second = np.cross(axis, first)
+    turn = 2 * np.pi * rate * time + 0.7
+    local = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
+    beam = local[:, :1] * forward + local[:, 1:2] * left + local[:, 2:] * up
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ground = np.where(beam[:, 2] < 0, -centre[:, 2] / beam[:, 2], np.inf)
+        sides = [np.where(beam[:, 1] * side > 0, (side * 15.0 - centre[:, 1]) / beam[:, 1], np.inf) for side in (1, -1)]
+    distance = np.minimum.reduce([ground, *sides]) if walls else ground
+    hit = (distance > 1.5) & (distance < 60.0)
+    measured = distance[hit] + rng.normal(0, 0.01, hit.sum())
+    return centre[hit] + measured[:, None] * beam[hit], time[hit], centre[hit]

@@ -1,0 +1,47 @@
+"""Slow, obvious re-implementations for the simulator's tests."""
+
+import numpy as np
+
+
+def first_triangle(origin, direction, vertices, faces):
+    """Return distance and face of the first triangle on a ray (Moeller and Trumbore), or infinity and -1."""
+    best, found = np.inf, -1
+    for k, (a, b, c) in enumerate(vertices[faces]):
+        p = np.cross(direction, c - a)
+        determinant = np.dot(b - a, p)
+        if abs(determinant) < 1e-12:
+            continue
+        s = origin - a
+        u = np.dot(s, p) / determinant
+        q = np.cross(s, b - a)
+        v = np.dot(direction, q) / determinant
+        t = np.dot(c - a, q) / determinant
+        if u >= 0 and v >= 0 and u + v <= 1 and 0 < t < best:
+            best, found = t, k
+    return best, found
+
+
+def enclosed_volume(vertices, faces):
+    """Return the volume inside a closed mesh whose faces turn outwards, by the divergence theorem."""
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
+
+
+def nearest_image_colour(point, time, images, depths):
+    """Return the colour of the temporally nearest image that sees a point, or None; ties go to the last one before."""
+
+    def key(j):
+        before = images[j].time < time
+        return abs(images[j].time - time), not before, -j if before else j
+
+    for j in sorted(range(len(images)), key=key):
+        image = images[j]
+        seen = image.R @ point + image.t
+        if seen[2] < 0.3:
+            continue
+        u, v, _ = np.floor(image.K @ seen / seen[2] + 0.5).astype(int)
+        if not (0 <= u < image.width and 0 <= v < image.height):
+            continue
+        if seen[2] <= depths[j][v, u] * 1.01 + 0.06:
+            return image.rgb[v, u]
+    return None

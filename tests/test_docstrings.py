@@ -1,0 +1,83 @@
+"""The docstrings of the public interface, by numpydoc's own checks."""
+
+import importlib
+import inspect
+import pkgutil
+import tomllib
+from pathlib import Path
+
+import pytest
+from numpydoc.validate import validate
+
+import mlsroad_pipeline
+from mlsroad_pipeline.algorithms import simulation
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+CHECKS = set(tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["tool"]["numpydoc_validation"]["checks"])
+SECTIONS = {"PR01", "PR02", "PR03", "PR07", "RT01", "RT03"}
+"""Checks of the sections, which some members are spared: see `spared`."""
+GENERATED = {"mlsroad_pipeline.datasets.registered_model_code"}
+"""Runs only inside MLflow."""
+
+
+def modules():
+    found = pkgutil.walk_packages(mlsroad_pipeline.__path__, "mlsroad_pipeline.")
+    return sorted(
+        info.name
+        for info in found
+        if not any(part.startswith("_") for part in info.name.split(".")[1:]) and info.name not in GENERATED
+    )
+
+
+def members(module):
+    """Yield name and object of what a module defines itself: functions, classes and their methods."""
+    for name, value in vars(module).items():
+        if name.startswith("_") or getattr(value, "__module__", None) != module.__name__:
+            continue
+        if inspect.isclass(value):
+            yield f"{module.__name__}.{name}", value
+            for method, inner in vars(value).items():
+                if not method.startswith("_") and (
+                    inspect.isfunction(inner) or isinstance(inner, property | classmethod)
+                ):
+                    yield f"{module.__name__}.{name}.{method}", inner
+        elif inspect.isfunction(value) or hasattr(value, "py_func"):
+            yield f"{module.__name__}.{name}", value
+
+
+def spared(value):
+    """Tell whether a summary is enough.
+
+    Functions and methods whose summary says it all (one line, at most one parameter beside `self`); kernels of Numba,
+    whose flat arrays the function that calls them documents; records that say under `Attributes` what they hold;
+    protocols; Kedro's `create_pipeline`; and what builds the simulated street, one function per thing in it, behind the
+    names that the package of the simulator exports.
+    """
+    if hasattr(value, "py_func"):
+        return True
+    if inspect.isclass(value) and _builds_the_street(value):
+        return True
+    if inspect.isclass(value):
+        return "\nAttributes\n" in (inspect.getdoc(value) or "") or getattr(value, "_is_protocol", False)
+    function = value.fget if isinstance(value, property) else getattr(value, "__func__", value)
+    if function.__name__ == "create_pipeline" or _builds_the_street(function):
+        return True
+    own = len(inspect.signature(function).parameters) - ("." in function.__qualname__)
+    return own <= 1 and len((inspect.getdoc(function) or "").splitlines()) <= 1
+
+
+def _builds_the_street(member):
+    inside = member.__module__.startswith(f"{simulation.__name__}.")
+    return inside and member.__qualname__.partition(".")[0] not in simulation.__all__
+
+
+@pytest.mark.parametrize("name", modules())
+def test_public_interface_is_documented(name):
+    module = importlib.import_module(name)
+    assert inspect.getdoc(module), f"{name} says nothing of itself"
+    wrong = []
+    for member, value in members(module):
+        for code, message in validate(member)["errors"]:
+            if code in CHECKS and not (code in SECTIONS and spared(value)):
+                wrong.append(f"{member}: {code} {message}")
+    assert wrong == []

@@ -1,0 +1,75 @@
+"""What imports what: the contracts of the layers, and what a command or a worker must not load."""
+
+import ast
+import json
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+SOURCE = REPOSITORY / "src"
+ORCHESTRATION = {"kedro", "kedro_datasets", "kedro_mlflow", "mlflow"}
+HEAVY = ["torch", "open3d", "mlflow", "distributed", "tensorflow", "IPython", "plotly"]
+
+
+def environment():
+    return {**os.environ, "PYTHONPATH": str(SOURCE)}
+
+
+def test_contracts_of_the_layers_are_kept(tmp_path):
+    code = f"""
+        from importlinter.cli import lint_imports
+        raise SystemExit(lint_imports(config_filename={str(REPOSITORY / "pyproject.toml")!r}, no_cache=True))
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)],
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-2000:]
+    assert "0 broken" in done.stdout
+
+
+@pytest.mark.parametrize("path", sorted((SOURCE / "mlsroad_pipeline/algorithms").rglob("*.py")), ids=lambda p: p.stem)
+def test_algorithms_name_no_orchestration_not_even_inside_functions(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    named = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    named |= {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    assert not {name.partition(".")[0] for name in named} & ORCHESTRATION
+
+
+def loaded_by(statement):
+    code = f"{statement}; import json, sys; print(json.dumps(sorted(sys.modules)))"
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code], env=environment(), capture_output=True, text=True, check=True
+    )
+    return set(json.loads(done.stdout.splitlines()[-1]))
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        "datasets.worker",
+        "datasets.ingest_work",
+        "datasets.label_work",
+        "algorithms.scene_stages",
+        "algorithms.detrended_forest.labeller",
+        "pipelines.label",
+        "pipelines.ingest",
+    ],
+)
+def test_what_labels_a_survey_loads_nothing_heavy_that_it_does_not_use(module):
+    loaded = loaded_by(f"import mlsroad_pipeline.{module}")
+    assert sorted(set(HEAVY) & loaded) == []
+
+
+def test_algorithms_load_no_orchestration_by_way_of_another_package():
+    loaded = loaded_by("import mlsroad_pipeline.algorithms.survey_labelling, mlsroad_pipeline.algorithms.evaluation")
+    assert sorted(ORCHESTRATION & loaded) == []

@@ -1,0 +1,51 @@
+"""The notebooks run from the first cell to the last on what a tiny run has left, and are stored without outputs."""
+
+import base64
+import io
+import os
+import shutil
+from pathlib import Path
+
+import nbformat
+import numpy as np
+import pytest
+from nbclient import NotebookClient
+from PIL import Image
+from references_wiring import REPOSITORY, shared_run
+
+NOTEBOOKS = sorted((REPOSITORY / "notebooks").glob("*.ipynb"))
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_is_stored_without_outputs(path):
+    cells = [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+    assert cells and not any(cell.outputs or cell.execution_count for cell in cells)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_runs_and_its_pictures_show_something(path, tmp_path_factory, tmp_path, monkeypatch):
+    project = tmp_path / "project"
+    shutil.copytree(
+        shared_run(tmp_path_factory), project, ignore=shutil.ignore_patterns("mlartifacts", "02_intermediate")
+    )
+    monkeypatch.setenv("PYTHONPATH", str(REPOSITORY / "src"))
+    monkeypatch.setenv("PYTHONWARNINGS", "ignore")
+    notebook = nbformat.read(path, as_version=4)
+    client = NotebookClient(
+        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(project)}}
+    )
+    client.execute(env=os.environ.copy())
+    outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
+    assert not [output for output in outputs if output.output_type == "error"]
+    pictures = [output.data["image/png"] for output in outputs if "image/png" in output.get("data", {})]
+    assert len(pictures) >= 5
+    for number, picture in enumerate(pictures):
+        content = base64.b64decode(picture)
+        if "MLSROAD_PICTURES" in os.environ:
+            Path(os.environ["MLSROAD_PICTURES"], f"{path.stem}_{number}.png").write_bytes(content)
+        pixels = np.asarray(Image.open(io.BytesIO(content)).convert("L"))
+        assert min(pixels.shape) > 100 and pixels.std() > 5
+    text = "".join(str(output.get("data", {}).get("text/plain", "")) for output in outputs)
+    assert "train/survey.laz" in text and "man-made terrain" in text and "paved ground" in text

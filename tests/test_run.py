@@ -1,0 +1,220 @@
+"""The whole comparison on two tiny surveys: what it leaves behind, held against slow recounts of the same files."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import laspy
+import mlflow
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from references_wiring import REPOSITORY, TINY, run, session_of, shared_run, stage_counts
+
+from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
+from mlsroad_pipeline.algorithms.metrics.scores import COLUMNS
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+
+METHOD = "detrended_forest"
+GROUND = range(TAXONOMY["road"], TAXONOMY["other_ground"] + 1)
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    return shared_run(tmp_path_factory)
+
+
+@pytest.fixture(scope="module")
+def catalog(project):
+    """Load anything that the run has stored."""
+    with session_of(project, **TINY) as session:
+        found = session.load_context().catalog
+        yield {name: found.load(name) for name in ("scenes", "ground", f"{METHOD}.labels", "survey_quality")}
+
+
+def scheme_of(name):
+    configured = yaml.safe_load((REPOSITORY / "conf/base/parameters_classes.yml").read_text(encoding="utf-8"))
+    return ClassScheme.from_config(name, configured["classes"]["schemes"][name])
+
+
+def reporting(project, name):
+    return project / "data" / "08_reporting" / name
+
+
+def split_of(key):
+    return key.partition(".")[0]
+
+
+def test_every_point_of_the_files_is_in_the_core_of_one_scene_as_the_file_has_it(project, catalog):
+    for split in ("train", "test"):
+        las = laspy.read(project / "data/01_raw/simulated" / split / "survey.laz")
+        scenes = [catalog["scenes"][key].load() for key in catalog["scenes"] if split_of(key) == split]
+        rows = np.concatenate([scene["row"][scene["core"]] for scene in scenes])
+        assert np.array_equal(np.sort(rows), np.arange(len(las.points)))
+        for scene in scenes:
+            mine = scene["row"]
+            assert np.abs(scene.world_xyz() - las.xyz[mine]).max() < 1e-5  # float32 in a scene of tens of metres
+            assert np.array_equal(scene["gps_time"], las.gps_time[mine])
+            assert np.array_equal(scene["rgb"][:, 1], (las.green[mine] >> 8).astype(np.uint8))
+
+
+def test_scores_are_those_of_a_recount_of_all_core_points(project, catalog):
+    table = pd.read_csv(reporting(project, f"scores/{METHOD}.csv"))
+    assert tuple(table.columns) == COLUMNS
+    assert set(table["method"]) == {METHOD} and set(table["split"]) == {"test"}
+    trained, scored = scheme_of("road_inventory"), scheme_of("tomic2019")
+    name_of = {TAXONOMY[member]: c for c, group in zip(scored.classes, scored.members, strict=True) for member in group}
+    nested = [name_of[TAXONOMY[group[0]]] for group in trained.members]
+    pairs = []
+    for key, handle in catalog[f"{METHOD}.labels"].items():
+        scene, labels = catalog["scenes"][key].load(), handle.load()["label"]
+        core = scene["core"]
+        pairs += [(name_of.get(t), nested[p]) for t, p in zip(scene["label"][core], labels[core], strict=True)]
+    truth, predicted = np.array([pair for pair in pairs if pair[0] is not None]).T
+    value = table.set_index(["class", "metric"])["value"]
+    support = table.set_index(["class", "metric"])["support"]
+    assert value["all", "overall_accuracy"] == pytest.approx((truth == predicted).mean(), abs=1e-12)
+    assert support["all", "overall_accuracy"] == len(truth)
+    f1 = []
+    for name in scored.classes:
+        right = ((truth == name) & (predicted == name)).sum()
+        both = (truth == name).sum() + (predicted == name).sum()
+        assert support[name, "recall"] == (truth == name).sum()
+        if (truth == name).any():
+            f1.append(2 * right / both)
+            assert value[name, "recall"] == pytest.approx(right / (truth == name).sum(), abs=1e-12)
+            assert value[name, "f1"] == pytest.approx(f1[-1], abs=1e-12)
+        else:
+            assert np.isnan(value[name, "recall"])
+    assert value["all", "mean_f1"] == pytest.approx(np.mean(f1), abs=1e-12)
+
+
+def test_ground_scores_are_those_of_a_recount(project, catalog):
+    table = pd.read_csv(reporting(project, "ground_scores.csv")).set_index("split")
+    truth, found = [], []
+    for key in (key for key in catalog["scenes"] if split_of(key) == "test"):
+        scene, ground = catalog["scenes"][key].load(), catalog["ground"][key].load()["ground"]
+        keep = scene["core"] & ~np.isin(scene["label"], [TAXONOMY["unlabelled"], TAXONOMY["outlier"]])
+        truth.append(np.isin(scene["label"][keep], list(GROUND)))
+        found.append(ground[keep])
+    truth, found = np.concatenate(truth), np.concatenate(found)
+    assert table.loc["test", "type_1"] == pytest.approx((~found[truth]).mean())
+    assert table.loc["test", "type_2"] == pytest.approx(found[~truth].mean())
+    assert table.loc["test", "total"] == pytest.approx((truth != found).mean())
+    assert table.loc["test", "total"] < 0.05  # the filter works on what the simulator makes
+
+
+def test_supervoxel_quality_is_between_nought_and_one_for_both_splits(project):
+    table = pd.read_csv(reporting(project, "supervoxel_quality.csv")).set_index("split")
+    assert set(table.index) == {"train", "test"}
+    scores = table[["boundary_recall", "under_segmentation_error", "accuracy_ceiling"]]
+    assert ((scores > 0) & (scores < 1)).all(axis=None)
+    assert (table["accuracy_ceiling"] > 0.9).all()
+
+
+def test_quality_names_each_file_with_its_points_and_classes(project, catalog):
+    table = pd.read_csv(reporting(project, "survey_quality.csv")).set_index("source")
+    assert list(table.index) == ["train/survey.laz", "test/survey.laz"]
+    for name, row in table.iterrows():
+        las = laspy.read(project / "data/01_raw/simulated" / name)
+        assert row["n_points"] == len(las.points)
+        assert row["min_x"] == pytest.approx(las.x.min()) and row["max_z"] == pytest.approx(las.z.max())
+        assert row["class_road"] == (np.asarray(las.label) == TAXONOMY["road"]).sum()
+
+
+def test_comparison_has_one_row_per_method_and_split(project):
+    table = pd.read_csv(reporting(project, "comparison.csv"))
+    assert table[["method", "split"]].to_numpy().tolist() == [[METHOD, "test"]]
+    scores = pd.read_csv(reporting(project, f"scores/{METHOD}.csv")).set_index(["class", "metric"])["value"]
+    for metric in ("overall_accuracy", "kappa", "mean_f1", "mean_iou"):
+        assert table[metric][0] == pytest.approx(scores["all", metric])
+
+
+def test_report_holds_the_figures_of_the_tables(project):
+    page = reporting(project, "report.html").read_text(encoding="utf-8")
+    scores = pd.read_csv(reporting(project, "comparison.csv"))
+    assert page.startswith("<!DOCTYPE html>") and METHOD in page
+    assert f"{scores['mean_f1'][0]:.4f}" in page
+    assert "survey.laz" in page and page.count("data:image/") >= 4
+    assert "http://" not in page.replace("http://www.w3.org", "") and "https://" not in page  # it stands alone
+
+
+@pytest.mark.parametrize("figure", ["birds_eye", "perspective", "confusion", "bars", "importance", "oob"])
+def test_figures_are_pictures_with_something_on_them(project, figure):
+    from PIL import Image
+
+    picture = np.asarray(Image.open(reporting(project, f"figures/{METHOD}_{figure}.png")).convert("L"))
+    assert min(picture.shape) >= 300 and picture.std() > 5
+
+
+def test_one_tracked_run_holds_parameters_scores_and_figures(project):
+    with session_of(project):
+        mlflow.set_tracking_uri(f"sqlite:///{project / 'mlflow.db'}")
+        client = mlflow.MlflowClient()
+        (found,) = client.search_runs([e.experiment_id for e in client.search_experiments()])
+        artifacts = {a.path for a in client.list_artifacts(found.info.run_id, "figures")}
+        versions = client.search_model_versions("name='mlsroad-detrended_forest'")
+    assert found.info.status == "FINISHED"
+    assert found.data.params["detrended_forest.n_trees"] == "10"
+    assert found.data.params["supervoxelise.voxel_size"] == "0.2"
+    assert len(found.data.tags["data.fingerprint"]) >= 32
+    scores = pd.read_csv(reporting(project, f"scores/{METHOD}.csv")).dropna(subset="value")
+    for row in scores.to_dict("records"):
+        name = f"{METHOD}/{row['split']}/{row['metric']}/{row['class']}"
+        assert found.data.metrics[name] == pytest.approx(row["value"])
+    assert f"figures/{METHOD}_birds_eye.png" in artifacts
+    assert [int(version.version) for version in versions] == [1]
+    assert versions[0].run_id == found.info.run_id
+
+
+def test_registered_model_labels_a_table_in_a_process_that_knows_only_the_package(project, tmp_path):
+    code = """
+        import json, sys
+        import laspy, mlflow, pandas as pd
+        mlflow.set_tracking_uri(sys.argv[1])
+        model = mlflow.pyfunc.load_model("models:/mlsroad-detrended_forest/1")
+        las = laspy.read(sys.argv[2])
+        points = pd.DataFrame(las.xyz[:6000], columns=["x", "y", "z"])
+        found = model.predict(points)
+        found.to_csv("labels.csv", index=False)
+        print(json.dumps([sorted(found.columns), len(found), found["class"].nunique()]))
+        print(json.dumps(sorted({name.partition(".")[0] for name in sys.modules} & {"kedro", "open3d"})))
+    """
+    survey = project / "data/01_raw/simulated/test/survey.laz"
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", textwrap.dedent(code), f"sqlite:///{project / 'mlflow.db'}", survey],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY / "src")},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    columns, count, n_classes = json.loads(done.stdout.splitlines()[0])
+    assert columns == ["class", "confidence", "label"] and count == 6000 and n_classes >= 4
+    assert json.loads(done.stdout.splitlines()[1]) == []
+    found = pd.read_csv(tmp_path / "labels.csv")
+    assert found["confidence"].between(0, 1).all()
+    truth = np.asarray(laspy.read(survey).label)[:6000]
+    roads = found["class"][np.isin(truth, [TAXONOMY["road"]])]
+    assert (roads == "paved ground").mean() > 0.8
+
+
+def test_second_run_recomputes_no_scene_and_gives_the_same_scores(project, tmp_path, caplog):
+    copy = Path(shutil.copytree(project, tmp_path / "copy", ignore=shutil.ignore_patterns("mlartifacts", "done")))
+    before = reporting(copy, f"scores/{METHOD}.csv").read_bytes()
+    picture = reporting(copy, f"figures/{METHOD}_birds_eye.png").read_bytes()
+    with caplog.at_level("INFO", logger="mlsroad_pipeline"):
+        run(copy, **TINY)
+    counts = stage_counts(caplog.messages)
+    assert len(counts) >= 12
+    assert {name: computed for name, (computed, _) in counts.items() if computed} == {}
+    assert reporting(copy, f"scores/{METHOD}.csv").read_bytes() == before
+    assert reporting(copy, f"figures/{METHOD}_birds_eye.png").read_bytes() == picture
