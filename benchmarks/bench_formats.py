@@ -1,0 +1,137 @@
+"""Speed and memory of reading and writing surveys, beside laspy and NumPy.
+
+``python benchmarks/bench_formats.py [LAZ]``; without an argument the 5 million point street of ``$MLSROAD_RIVALS``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import laspy
+import numpy as np
+
+from mlsroad_pipeline.datasets.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.las import LasFormat
+from mlsroad_pipeline.datasets.formats.las_header import read_header
+from mlsroad_pipeline.datasets.formats.ply import PlyFormat
+from mlsroad_pipeline.datasets.formats.registry import get_format
+from mlsroad_pipeline.datasets.formats.text import TextFormat
+from mlsroad_pipeline.datasets.labelled_writer import write_labelled
+
+CHUNK = 1_000_000
+REPEATS = 3
+TEXT_POINTS = 1_000_000
+
+
+def read_by_ranges(path: Path, options: ReadOptions) -> int:
+    form = get_format(path)
+    n_points = form.info(path, options).n_points
+    return sum(len(form.read(path, options, start=s, stop=s + CHUNK)) for s in range(0, n_points, CHUNK))
+
+
+def read_with_laspy(path: Path, parallel: bool) -> int:
+    backend = laspy.LazBackend.LazrsParallel if parallel else laspy.LazBackend.Lazrs
+    count = 0
+    with laspy.open(path, laz_backend=backend) as reader:
+        for points in reader.chunk_iterator(CHUNK):
+            scaled = np.stack([points.x, points.y, points.z], axis=1)
+            columns = [np.array(points[name]) for name in points.point_format.dimension_names]
+            count += len(scaled) if columns else 0
+    return count
+
+
+def relabel_with_laspy(source: Path, target: Path, parallel: bool) -> int:
+    """Do the same work as far as laspy goes: no original classes, whole chunks, an extra dimension."""
+    backend = laspy.LazBackend.LazrsParallel if parallel else laspy.LazBackend.Lazrs
+    with laspy.open(source, laz_backend=backend) as reader:
+        header = reader.header.copy()
+        header.add_extra_dim(laspy.ExtraBytesParams("confidence", "f4"))
+        start = 0
+        with laspy.open(target, mode="w", header=header, laz_backend=backend, do_compress=True) as writer:
+            for points in reader.chunk_iterator(CHUNK):
+                out = laspy.ScaleAwarePointRecord.zeros(len(points), header=header)
+                out.copy_fields_from(points)
+                codes, confidence = labels_of(start, start + len(points))
+                out["classification"][:] = codes
+                out["confidence"][:] = confidence
+                writer.write_points(out)
+                start += len(points)
+    return start
+
+
+def labels_of(start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
+    rows = np.arange(start, stop)
+    return (rows // 64 % 80).astype(np.uint8), (rows % 101 / 101).astype(np.float32)
+
+
+def measure(cases: dict[str, Callable[[], int]]) -> None:
+    """Run the cases in turns, and print the median of each."""
+    times: dict[str, list[float]] = {name: [] for name in cases}
+    counts: dict[str, int] = {}
+    for _ in range(REPEATS):
+        for name, run in cases.items():
+            begin = time.perf_counter()
+            counts[name] = run()
+            times[name].append(time.perf_counter() - begin)
+    for name, seconds in times.items():
+        median = statistics.median(seconds)
+        speed = counts[name] / median
+        print(f"{name:52s} {median:8.3f} s {speed / 1e6:8.2f} M points/s")
+        print(json.dumps({"case": name, "seconds": median, "points": counts[name], "points_per_second": speed}))
+
+
+def main() -> None:
+    rivals = os.environ.get("MLSROAD_RIVALS")
+    if len(sys.argv) < 2 and not rivals:
+        sys.exit("give a LAZ file, or set MLSROAD_RIVALS")
+    laz = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(str(rivals)) / "street_5M.laz"
+    n_points = read_header(laz).n_points
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder)
+        label = {
+            t: lambda t=t: len(write_labelled(laz, out / "a.laz", labels_of, n_threads=t)) * n_points for t in (1, 2)
+        }
+        measure(
+            {
+                "read LAZ, 1 thread": lambda: read_by_ranges(laz, ReadOptions()),
+                "read LAZ, 1 thread, laspy": lambda: read_with_laspy(laz, False),
+                "read LAZ, 2 threads": lambda: read_by_ranges(laz, ReadOptions(n_threads=2)),
+                "read LAZ, 2 threads, laspy": lambda: read_with_laspy(laz, True),
+                "read LAZ coordinates and intensity, 2 threads": lambda: read_by_ranges(
+                    laz, ReadOptions(n_threads=2, only=("intensity",))
+                ),
+                "write labelled LAZ, 1 thread": label[1],
+                "write labelled LAZ, 1 thread, laspy": lambda: relabel_with_laspy(laz, out / "b.laz", False),
+                "write labelled LAZ, 2 threads": label[2],
+                "write labelled LAZ, 2 threads, laspy": lambda: relabel_with_laspy(laz, out / "b.laz", True),
+            }
+        )
+        cloud = LasFormat().read(laz, ReadOptions(only=("intensity", "rgb", "gps_time")), stop=TEXT_POINTS)
+        TextFormat().write(out / "a.txt", cloud, WriteOptions())
+        PlyFormat().write(out / "a.ply", cloud, WriteOptions())
+        measure(
+            {
+                "read text": lambda: read_by_ranges(out / "a.txt", ReadOptions()),
+                "read text, numpy.loadtxt": lambda: len(np.loadtxt(out / "a.txt", skiprows=1)),
+                "read PLY": lambda: read_by_ranges(out / "a.ply", ReadOptions()),
+                "write labelled text": lambda: (
+                    len(write_labelled(out / "a.txt", out / "t" / "a.laz", labels_of)[:1]) * len(cloud)
+                ),
+                "write labelled PLY": lambda: (
+                    len(write_labelled(out / "a.ply", out / "p" / "a.laz", labels_of)[:1]) * len(cloud)
+                ),
+            }
+        )
+    print(json.dumps({"case": "peak memory", "mebibytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,99 @@
+"""`kedro run --pipeline=label` from LAZ to LAZ: points per second, and peak memory of the whole process tree.
+
+    python benchmarks/bench_label.py --millions 5 20 100 --folder FOLDER
+
+A simulated street of that many points is made once and kept in FOLDER. A model must be registered (`make run`).
+Memory is PSS summed over the process tree, sampled every half second.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import laspy
+import numpy as np
+import psutil
+
+from mlsroad_pipeline.algorithms.simulation.presets import PRESETS
+from mlsroad_pipeline.algorithms.simulation.survey import long_survey, stream_points
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+def make_survey(folder: Path, millions: int, n_threads: int) -> Path:
+    """Write a simulated street and its trajectory, unless they are there."""
+    path = folder / f"street_{millions}M" / "survey.laz"
+    if path.exists():
+        return path
+    path.parent.mkdir(parents=True, exist_ok=True)
+    parameters = replace(PRESETS["demo"], seed=23, pulse_rate=550_000.0)
+    n_points = millions * 1_000_000
+    stream = long_survey(parameters, n_points=n_points, n_threads=n_threads)
+    header = laspy.LasHeader(version="1.4", point_format=7)
+    header.scales, header.offsets = np.full(3, 0.001), np.floor(stream.origin)
+    fresh = path.with_suffix(".new.laz")
+    with laspy.open(fresh, mode="w", header=header) as writer:
+        for cloud in stream_points(stream, n_points=n_points):
+            record = laspy.ScaleAwarePointRecord.zeros(len(cloud), header=header)
+            record.x, record.y, record.z = cloud.world_xyz().T
+            record.intensity = np.round(cloud["intensity"] * 65535).astype(np.uint16)
+            record.gps_time = cloud["gps_time"]
+            record.red, record.green, record.blue = cloud["rgb"].T.astype(np.uint16) * 257
+            writer.write_points(record)
+    stream.trajectory.to_csv(path.parent / "trajectory.csv", index=False, float_format="%.6f")
+    fresh.rename(path)
+    return path
+
+
+def tree_pss(process: psutil.Process) -> int:
+    """Return the proportional set size of a process and all below it, bytes."""
+    total = 0
+    for member in [process, *process.children(recursive=True)]:
+        try:
+            total += member.memory_full_info().pss
+        except (psutil.NoSuchProcess, psutil.AccessDenied):
+            continue
+    return total
+
+
+def run_label(survey: Path, output: Path, env: str) -> dict[str, float]:
+    """Label a survey in a fresh process and watch it."""
+    command = [sys.executable, "-m", "kedro", "run", f"--env={env}", "--pipeline=label"]
+    command.append(f"--params=label.survey={survey.parent},label.output={output},execution.n_workers=2")
+    start, peak = time.perf_counter(), 0
+    with (output.parent / f"{output.name}.log").open("w") as log:
+        process = psutil.Popen(command, cwd=REPOSITORY, stdout=log, stderr=subprocess.STDOUT)
+        while process.poll() is None:
+            peak = max(peak, tree_pss(process))
+            time.sleep(0.5)
+    if process.returncode:
+        raise SystemExit(f"label failed: see {output.parent / f'{output.name}.log'}")
+    return {"seconds": time.perf_counter() - start, "peak_gib": peak / 2**30}
+
+
+def main() -> None:
+    """Make the surveys, label them, print a table and JSON lines."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--millions", type=int, nargs="+", default=[5, 20])
+    parser.add_argument("--folder", type=Path, default=REPOSITORY / "data/08_reporting/benchmarks/label")
+    parser.add_argument("--env", default="local")
+    parser.add_argument("--only-make", action="store_true")
+    arguments = parser.parse_args()
+    for millions in arguments.millions:
+        survey = make_survey(arguments.folder, millions, n_threads=2)
+        if arguments.only_make:
+            continue
+        found = run_label(survey, arguments.folder / f"labelled_{millions}M", arguments.env)
+        figures = {**found, "points_per_s": millions * 1e6 / found["seconds"]}
+        rounded = {key: round(value, 3) for key, value in figures.items()}
+        print(json.dumps({"benchmark": "label", "million_points": millions, **rounded}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+"""Time and memory of the survey simulator: whole surveys with images, and long ones piece by piece.
+
+Run as ``python benchmarks/bench_simulator.py [demo|long] [--seed N] [--points N] [--threads N]``; prints a
+table and one JSON line per run. Nobody else is known to make coloured, labelled mobile surveys with images, so there
+is no rival to race.
+"""
+
+import argparse
+import json
+import statistics
+import time
+from dataclasses import replace
+
+import numpy as np
+import psutil
+
+from mlsroad_pipeline.algorithms.simulation import PRESETS, long_survey, simulate_survey, stream_points
+
+
+def whole(seed: int, threads: int) -> int:
+    """Simulate the demo survey with images and return its number of points."""
+    return len(simulate_survey(replace(PRESETS["demo"], seed=seed), n_threads=threads).cloud)
+
+
+def piecewise(seed: int, threads: int, points: int) -> int:
+    """Make a long survey, keep nothing, and return its number of points."""
+    stream = long_survey(replace(PRESETS["demo"], seed=seed), n_points=points, n_threads=threads)
+    return sum(len(chunk) for chunk in stream_points(stream, n_points=points))
+
+
+def main() -> None:
+    """Run the benchmark."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", nargs="?", choices=["demo", "long"], default="demo")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--points", type=int, default=5_000_000)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--repeats", type=int, default=3)
+    options = parser.parse_args()
+    simulate_survey(PRESETS["tiny"])  # compiles
+    list(stream_points(long_survey(PRESETS["tiny"], n_points=1000), n_points=1000))
+    seconds, cpu, points = [], [], 0
+    for _ in range(options.repeats):
+        start, busy = time.perf_counter(), time.process_time()
+        if options.what == "demo":
+            points = whole(options.seed, options.threads)
+        else:
+            points = piecewise(options.seed, options.threads, options.points)
+        seconds.append(time.perf_counter() - start)
+        cpu.append(time.process_time() - busy)
+    peak = getattr(psutil.Process().memory_info(), "peak_wset", None) or _peak_rss()
+    median = statistics.median(seconds)
+    row = {
+        "stage": f"simulate_{options.what}", "threads": options.threads, "points": points, "seconds": median,
+        "cpu_seconds": statistics.median(cpu), "points_per_second": points / median,
+        "spread": float(np.ptp(seconds)), "peak_mib": peak / 2**20,
+    }  # fmt: skip
+    widths = {"stage": 16, "threads": 8, "points": 10, "seconds": 9, "cpu_seconds": 12, "points_per_second": 18}
+    print("".join(f"{name:>{width}}" for name, width in widths.items()))
+    cells = {name: f"{value:.1f}" if isinstance(value, float) else str(value) for name, value in row.items()}
+    print("".join(f"{cells[name]:>{width}}" for name, width in widths.items()))
+    print(json.dumps(row))
+
+
+def _peak_rss() -> float:
+    import resource  # noqa: PLC0415  (there is no such module on Windows)
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0
+
+
+if __name__ == "__main__":
+    main()

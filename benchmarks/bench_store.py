@@ -1,0 +1,199 @@
+"""What the scene store costs: per scene, per point, per resumed run, and in memory; beside Kedro and plain files.
+
+Prints a table and, for each row, a line of JSON. Medians of alternating repetitions; imports and the start of the
+worker processes are outside of the figures.
+
+Usage: ``python benchmarks/bench_store.py [--points 2000000] [--scenes 200] [--repeats 5]``
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import shutil
+import statistics
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import psutil
+from kedro_datasets.pandas import ParquetDataset
+from kedro_datasets.partitions import PartitionedDataset
+
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.datasets.scene_results import ARRAYS, POINTS, read_part, write_part
+from mlsroad_pipeline.datasets.scene_store import SceneStoreDataset
+from mlsroad_pipeline.datasets.scene_task import SceneTask
+
+FOLDER = Path(tempfile.mkdtemp(prefix="mlsroad-bench-"))
+
+
+def make_cloud(*, n: int, seed: int) -> PointCloud:
+    """Return points with the columns of a coloured survey, at millimetre resolution."""
+    rng = np.random.default_rng(seed)
+    along = np.cumsum(rng.normal(0, 0.01, n))
+    xyz = np.round(np.column_stack([along, rng.uniform(-15, 15, n), rng.exponential(2, n)]), 3)
+    columns = {
+        "rgb": rng.integers(0, 256, (n, 3), dtype=np.uint8),
+        "intensity": rng.integers(0, 256, n).astype(np.float32) / np.float32(255),
+        "gps_time": 3e5 + np.arange(n) * 1e-6,
+        "scanner": rng.integers(0, 2, n, dtype=np.uint8),
+        "label": np.repeat(rng.integers(0, 40, n // 100 + 1), 100)[:n].astype(np.uint8),
+    }
+    return PointCloud(xyz.astype(np.float32), columns, np.array([5e5, 4.5e6, 100.0]))
+
+
+def make_table(*, seed: int) -> pd.DataFrame:
+    """Return a result that costs nothing, so that what is left is the store."""
+    return pd.DataFrame({"seed": [seed]})
+
+
+def medians(ways: dict[str, Callable[[], None]], repeats: int) -> dict[str, float]:
+    """Run all ways in turn, `repeats` times after one for warming up, and return the median seconds of each."""
+    seconds: dict[str, list[float]] = {name: [] for name in ways}
+    for turn in range(repeats + 1):
+        for name, way in ways.items():
+            start = time.perf_counter()
+            way()
+            if turn:
+                seconds[name].append(time.perf_counter() - start)
+    return {name: statistics.median(values) for name, values in seconds.items()}
+
+
+def report(what: str, way: str, value: float, unit: str) -> None:
+    """Print one figure as a line of the table and as JSON."""
+    print(f"{what:34s} {way:38s} {value:12.3f} {unit}")
+    print(json.dumps({"benchmark": what, "way": way, "value": value, "unit": unit}))
+
+
+def store_at(path: Path, backend: str, n_workers: int = 2, **settings: object) -> SceneStoreDataset:
+    """Return a quiet store."""
+    execution = {"backend": backend, "n_workers": n_workers, "progress": False, **settings}
+    return SceneStoreDataset(filepath=str(path), execution=execution)
+
+
+def bench_scenes(n_scenes: int, repeats: int) -> None:
+    """Overhead of one scene whose result is a table of one row: computed for the first time, and resumed."""
+    tasks = {f"s{i:05d}": SceneTask(make_table, parameters={"seed": i}) for i in range(n_scenes)}
+
+    def computed(backend: str, n_workers: int) -> Callable[[], None]:
+        def run() -> None:
+            shutil.rmtree(FOLDER / "stage", ignore_errors=True)
+            store_at(FOLDER / "stage", backend, n_workers).save(tasks)
+
+        return run
+
+    def partitioned() -> None:
+        shutil.rmtree(FOLDER / "partitioned", ignore_errors=True)
+        dataset = PartitionedDataset(
+            path=str(FOLDER / "partitioned"), dataset=ParquetDataset, filename_suffix=".parquet"
+        )
+        dataset.save({key: lambda task=task: make_table(**task.parameters) for key, task in tasks.items()})
+
+    ways = {
+        "store, sequential": computed("sequential", 1),
+        "store, loky, 2 workers": computed("loky", 2),
+        "Kedro PartitionedDataset (no resume)": partitioned,
+    }
+    for name, seconds in medians(ways, repeats).items():
+        report("new scene", name, 1e3 * seconds / n_scenes, "ms/scene")
+    store = store_at(FOLDER / "stage", "loky")
+    store.save(tasks)
+    resumed = {"store, checksums": lambda: store.save(tasks)}
+    for name, seconds in medians(resumed, repeats).items():
+        report("scene already valid", name, 1e3 * seconds / n_scenes, "ms/scene")
+
+
+def bench_formats(n_points: int, repeats: int) -> None:
+    """Writing and reading one cloud, beside the same columns in pandas and NumPy files."""
+    cloud = make_cloud(n=n_points, seed=0)
+    arrays = {"xyz": cloud.xyz, **cloud.columns}
+    flat = {f"{name}{i}": a[:, i] for name, a in arrays.items() if a.ndim == 2 for i in range(a.shape[1])}
+    frame = pd.DataFrame({**flat, **{name: a for name, a in arrays.items() if a.ndim == 1}})
+
+    def write(kind: str, value: object, name: str) -> Callable[[], None]:
+        def run() -> None:
+            with open(FOLDER / name, "wb") as stream:
+                write_part(kind, value, stream)
+
+        return run
+
+    paths = {n: str(FOLDER / n) for n in ("cloud.parquet", "arrays.npz", "pandas.parquet", "numpy.npz")}
+    writers = {
+        "cloud.parquet": write(POINTS, cloud, "cloud.parquet"),
+        "arrays.npz": write(ARRAYS, arrays, "arrays.npz"),
+        "pandas.parquet": lambda: frame.to_parquet(paths["pandas.parquet"], compression="zstd"),
+        "numpy.npz": lambda: np.savez_compressed(paths["numpy.npz"], **arrays),
+    }
+    readers: dict[str, Callable[[], object]] = {
+        "cloud.parquet": lambda: read_part(POINTS, paths["cloud.parquet"]),
+        "arrays.npz": lambda: read_part(ARRAYS, paths["arrays.npz"]),
+        "pandas.parquet": lambda: pd.read_parquet(paths["pandas.parquet"]),
+        "numpy.npz": lambda: [np.load(paths["numpy.npz"])[name] for name in arrays],
+    }
+    for what, ways in [("write", writers), ("read", readers)]:
+        for name, seconds in medians(ways, repeats).items():
+            report(f"{what} a cloud", name, n_points / seconds / 1e6, "million points/s")
+    for name, path in paths.items():
+        report("size of a cloud", name, Path(path).stat().st_size / n_points, "bytes/point")
+
+
+def peak_memory(run: Callable[[], None]) -> float:
+    """Return the highest sum of PSS over this process and its children while something runs, MiB above its start."""
+    root, stop, peak = psutil.Process(), threading.Event(), [0.0]
+
+    def total() -> float:
+        size = 0
+        for process in [root, *root.children(recursive=True)]:
+            try:
+                size += process.memory_full_info().pss
+            except (psutil.NoSuchProcess, psutil.AccessDenied):
+                continue
+        return size / 2**20
+
+    def watch() -> None:
+        while not stop.wait(0.02):
+            peak[0] = max(peak[0], total())
+
+    start, watcher = total(), threading.Thread(target=watch)
+    watcher.start()
+    run()
+    stop.set()
+    watcher.join()
+    return peak[0] - start
+
+
+def bench_memory(n_points: int) -> None:
+    """Peak memory with more and more scenes: it follows the scenes in flight, not the survey."""
+    for n_scenes in (4, 16, 48):
+        tasks = {f"s{i}": SceneTask(make_cloud, parameters={"n": n_points, "seed": i}) for i in range(n_scenes)}
+        store = store_at(FOLDER / f"memory{n_scenes}", "loky")
+        peak = peak_memory(partial(store.save, tasks))
+        report("peak memory", f"{n_scenes} scenes of {n_points / 1e6:g} million", peak, "MiB")
+        shutil.rmtree(FOLDER / f"memory{n_scenes}")
+
+
+def main() -> None:
+    """Run all benchmarks."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--points", type=int, default=2_000_000)
+    parser.add_argument("--scenes", type=int, default=200)
+    parser.add_argument("--repeats", type=int, default=5)
+    arguments = parser.parse_args()
+    logging.disable(logging.WARNING)
+    try:
+        bench_scenes(arguments.scenes, arguments.repeats)
+        bench_formats(arguments.points, arguments.repeats)
+        bench_memory(arguments.points // 4)
+    finally:
+        shutil.rmtree(FOLDER)
+
+
+if __name__ == "__main__":
+    main()
