@@ -102,9 +102,7 @@ def _distances(near: NDArray, n_near: int, own: int, squares: NDArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _collect(
-    near: NDArray, squares: NDArray, hits: NDArray, start: int, stop: int, own: int, pairs: NDArray
-) -> None:
+def _collect(near: NDArray, squares: NDArray, hits: NDArray, start: int, stop: int, own: int, pairs: NDArray) -> None:
     """Copy neighbours side by side: from the point to each of them, their normals and their squared distances."""
     px, py, pz, nx, ny, nz = near[0], near[1], near[2], near[3], near[4], near[5]
     x, y, z = px[own], py[own], pz[own]

@@ -1,0 +1,143 @@
+"""What the discriminant group distance needs of each group, computed once, and the distance of two groups from it."""
+
+from __future__ import annotations
+
+from itertools import combinations, permutations
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+
+class Context(NamedTuple):
+    """Groups prepared for the distance.
+
+    Parameters
+    ----------
+    features : ndarray of shape (g, m, r), float64
+        Whitened descriptors: the Mahalanobis distance of two features is the squared distance of two rows.
+    angle : ndarray of shape (g,), float64
+        ORel, equation 12, radians.
+    ratio : ndarray of shape (g, p), float64
+        SRel, equation 13, in each matching order of `orders`.
+    """
+
+    features: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    ratio: NDArray[np.float64]
+
+
+def orders(m: int) -> NDArray[np.int64]:
+    """Return all matching orders of m features, (m!, m), the identity first."""
+    return np.array(list(permutations(range(m))), dtype=np.int64)
+
+
+def prepare(descriptors: NDArray, orientations: NDArray, scales: NDArray, whitening: NDArray[np.float64]) -> Context:
+    """Prepare groups for the distance.
+
+    Parameters
+    ----------
+    descriptors, orientations, scales : ndarray
+        As in `ContextualGroups`.
+    whitening : ndarray of shape (d, r), float64
+        A matrix L with L L^T the inverse covariance of equation 16.
+
+    Returns
+    -------
+    Context
+        The same groups in the same order.
+    """
+    g, m = scales.shape
+    features = descriptors.astype(np.float64) @ whitening
+    axes, sizes = orientations.astype(np.float64), scales.astype(np.float64)
+    angle, ratio = np.zeros(g), np.zeros((g, len(orders(m))))
+    for x, y in combinations(range(m), 2):
+        # Eigenvectors have no sign: the acute angle.
+        angle += np.arccos(np.minimum(np.abs((axes[:, x] * axes[:, y]).sum(axis=1)), 1.0))
+    for p, order in enumerate(orders(m)):
+        for x, y in combinations(range(m), 2):
+            ratio[:, p] += np.log1p(sizes[:, order[x]] / sizes[:, order[y]])
+    return Context(np.ascontiguousarray(features), angle, ratio)
+
+
+def sorted_features(context: Context) -> NDArray[np.float64]:
+    """Return the features of each group with every coordinate sorted by itself, (g, m * r).
+
+    Of all ways to pair two sets of numbers the sorted one has the least sum of squares. Two groups are therefore at
+    least as far apart as these rows, whatever the matching order.
+
+    Parameters
+    ----------
+    context : Context
+        Groups.
+
+    Returns
+    -------
+    ndarray of float64, shape (g, m * r)
+        One row per group.
+    """
+    return np.sort(context.features, axis=1).reshape(len(context.features), -1)
+
+
+@njit(cache=True, nogil=True)
+def likeness(a: float, b: float) -> float:
+    """Return min over max of two numbers that are not negative (equations 14 and 15); 1 where both are 0."""
+    low, high = min(a, b), max(a, b)
+    return low / high if high > 0.0 else 1.0
+
+
+@njit(cache=True, nogil=True)
+def context_factor(angle: float, ratio: float, other_angle: float, other: NDArray[np.float64], floor: float) -> float:
+    """Return 1 - SCSim of equation 11 under the best matching order, at least `floor`; 1 for groups of one region."""
+    if len(other) == 1:
+        return 1.0
+    best = 0.0
+    for p in range(len(other)):
+        best = max(best, likeness(ratio, other[p]))
+    return max(1.0 - 0.5 * (likeness(angle, other_angle) + best), floor)
+
+
+@njit(cache=True, nogil=True)
+def feature_distance(
+    features: NDArray[np.float64], ratio: float, others: NDArray[np.float64], ratios: NDArray[np.float64],
+    matching: NDArray[np.int64], limit: float,
+) -> float:  # fmt: skip
+    """Return the sum of equation 16 under the best matching order; of equally good orders the least sum.
+
+    Parameters
+    ----------
+    features : ndarray of shape (m, r)
+        Whitened features of the first group.
+    ratio : float
+        Its SRel.
+    others : ndarray of shape (m, r)
+        Those of the second.
+    ratios : ndarray of shape (p,)
+        Its SRel in each matching order.
+    matching : ndarray of shape (p, m)
+        The matching orders.
+    limit : float
+        A sum above this need not be exact: it is only known to be above.
+
+    Returns
+    -------
+    float
+        The sum.
+    """
+    best = 0.0
+    for p in range(len(ratios)):
+        best = max(best, likeness(ratio, ratios[p]))
+    least = np.inf
+    for p in range(len(ratios)):
+        if likeness(ratio, ratios[p]) < best * (1.0 - 1e-12):
+            continue
+        total = 0.0
+        for x in range(len(features)):
+            row, other = features[x], others[matching[p, x]]
+            for c in range(len(row)):
+                total += (row[c] - other[c]) ** 2
+            if total > limit and total > least:
+                break
+        least = min(least, total)
+    return least

@@ -1,0 +1,233 @@
+"""The discriminant group distance (Yu et al. 2016, III-E), and the exact nearest word under it.
+
+The distance is a factor that depends on orientations and scales times a sum of Mahalanobis distances. Neither is a
+metric, but both are bounded from below for a whole branch of a tree of words: the factor by the ranges of the words'
+angles and ratios, the sum by the box of their sorted features. Branches that cannot hold a nearer word are left out;
+the answer is that of trying all words.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.visual_words._context import (
+    Context,
+    orders,
+    prepare,
+    sorted_features,
+)
+from mlsroad_pipeline.algorithms.visual_words._tree import Tree, build_tree, search
+from mlsroad_pipeline.algorithms.visual_words.groups import ContextualGroups
+
+CONTEXT_FLOOR = 0.05
+"""Least value of the context factor 1 - SCSim; 0 is as printed: groups of equal context then have no distance."""
+
+_NO_VARIANCE = 1e-14  # what rounding leaves of a constant feature's
+
+
+def inverse_covariance(descriptors: NDArray, *, rcond: float = 1e-6) -> NDArray[np.float64]:
+    """Return the pseudo-inverse of the covariance over all features (A^-1 of equation 16).
+
+    The covariance is singular by construction: the three shape features sum to 1, and so does the FPFH.
+
+    Parameters
+    ----------
+    descriptors : ndarray of shape (..., d)
+        Features, at least one.
+    rcond : float, default 1e-6
+        Directions whose variance is below this share of the largest are left out.
+
+    Returns
+    -------
+    ndarray of float64, shape (d, d)
+        Symmetric, positive semi-definite.
+
+    Raises
+    ------
+    DataError
+        If there is no feature, or one is not finite.
+    """
+    rows = np.asarray(descriptors, dtype=np.float64).reshape(-1, np.shape(descriptors)[-1])
+    if len(rows) == 0:
+        raise DataError("a covariance needs features, got none")
+    if not np.isfinite(rows).all():
+        raise DataError(f"a covariance needs finite features, {int((~np.isfinite(rows)).any(axis=1).sum())} are not")
+    values, vectors = np.linalg.eigh(np.cov(rows, rowvar=False, bias=True))
+    keep = values > max(rcond * values[-1], _NO_VARIANCE)
+    return np.asarray((vectors[:, keep] / values[keep]) @ vectors[:, keep].T, dtype=np.float64)
+
+
+def _whitening(inverse: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return L with L L^T the inverse covariance, without the directions that it ignores."""
+    values, vectors = np.linalg.eigh(inverse)
+    keep = values > 1e-12 * max(float(values.max()), 1e-300)
+    if not keep.any():
+        return np.zeros((len(inverse), 1))
+    return np.asarray(vectors[:, keep] * np.sqrt(values[keep]), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class WordIndex:
+    """A vocabulary, ready to be searched.
+
+    Parameters
+    ----------
+    words : ContextualGroups
+        The words, at least one.
+    inverse : ndarray of float64, shape (20, 20)
+        Inverse covariance of equation 16.
+    floor : float, default 0.05
+        Least value of the context factor.
+
+    Raises
+    ------
+    DataError
+        If there are no words.
+    ParameterError
+        If `floor` is not in [0, 1].
+    """
+
+    words: ContextualGroups
+    inverse: NDArray[np.float64]
+    floor: float = CONTEXT_FLOOR
+
+    def __post_init__(self) -> None:
+        if len(self.words) == 0:
+            raise DataError("the vocabulary has no words")
+        if not 0 <= self.floor <= 1:
+            raise ParameterError(f"floor must be between 0 and 1, got {self.floor!r}")
+
+    def context(self, groups: ContextualGroups) -> Context:
+        """Return groups as the kernels take them.
+
+        Parameters
+        ----------
+        groups : ContextualGroups
+            Groups of the size of the words.
+
+        Returns
+        -------
+        Context
+            The same groups.
+
+        Raises
+        ------
+        DataError
+            If groups and words differ in size.
+        """
+        if groups.descriptors.shape[1:] != self.words.descriptors.shape[1:]:
+            raise DataError(
+                f"groups of shape {groups.descriptors.shape[1:]} cannot be compared with words of shape "
+                f"{self.words.descriptors.shape[1:]}"
+            )
+        return prepare(groups.descriptors, groups.orientations, groups.scales, self._whitening)
+
+    @cached_property
+    def _whitening(self) -> NDArray[np.float64]:
+        return _whitening(self.inverse)
+
+    @cached_property
+    def _tree(self) -> tuple[Tree, Context, NDArray[np.float64], NDArray[np.float64]]:
+        """The tree, the words and their places in the order of its leaves, and the axes of the places."""
+        known = self.context(self.words)
+        rows = sorted_features(known)
+        _, axes = np.linalg.eigh(np.cov(rows, rowvar=False, bias=True).reshape(rows.shape[1], -1))
+        axes = axes[:, ::-1]
+        places = rows @ axes
+        tree = build_tree(places, known)
+        ordered = Context(*(np.ascontiguousarray(part[tree.order]) for part in known))
+        return tree, ordered, np.ascontiguousarray(places[tree.order]), axes
+
+    def search(self, groups: ContextualGroups, *, n_threads: int = 1) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Return the nearest word of each group.
+
+        Parameters
+        ----------
+        groups : ContextualGroups
+            Groups of the size of the words.
+        n_threads : int, default 1
+            Threads; the result does not depend on it.
+
+        Returns
+        -------
+        words : ndarray of int32, shape (n,)
+            The nearest word; of equally near ones the first.
+        distances : ndarray of float64, shape (n,)
+            The discriminant group distance to it.
+
+        Raises
+        ------
+        DataError
+            If groups and words differ in size.
+        ParameterError
+            If `n_threads` is below 1.
+        """
+        if n_threads < 1:
+            raise ParameterError(f"n_threads must be at least 1, got {n_threads!r}")
+        wanted = self.context(groups)
+        words, distances = np.empty(len(groups), np.int32), np.empty(len(groups))
+        tree, ordered, word_places, axes = self._tree
+        places = sorted_features(wanted) @ axes
+        matching = orders(groups.scales.shape[1])
+
+        def work(first: int, stop: int) -> None:
+            search(
+                wanted, places, ordered, word_places, tree, matching, self.floor, first, stop, words, distances
+            )  # fmt: skip
+
+        limits = [len(groups) * t // n_threads for t in range(n_threads + 1)]
+        if n_threads == 1:
+            work(0, len(groups))
+        else:
+            with ThreadPoolExecutor(n_threads) as pool:
+                list(pool.map(work, limits[:-1], limits[1:]))
+        return words, distances
+
+
+def nearest_words(
+    groups: ContextualGroups,
+    vocabulary: ContextualGroups,
+    *,
+    inverse: NDArray[np.float64] | None = None,
+    floor: float = CONTEXT_FLOOR,
+    n_threads: int = 1,
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Find the nearest word of each group under the discriminant group distance (equation 16), exactly.
+
+    Parameters
+    ----------
+    groups : ContextualGroups
+        Groups to quantise.
+    vocabulary : ContextualGroups
+        The words, groups of the same size.
+    inverse : ndarray of shape (20, 20), optional
+        Inverse covariance; None takes that of the vocabulary's features.
+    floor : float, default 0.05
+        Least value of the context factor 1 - SCSim. As printed it is 0: then every word whose orientations and scales
+        lie to each other as the group's do is at distance 0, whatever it looks like. Ties go to the smaller sum of
+        Mahalanobis distances.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
+
+    Returns
+    -------
+    words : ndarray of int32, shape (n,)
+        The nearest word; of equally near ones the first.
+    distances : ndarray of float64, shape (n,)
+        The distance to it.
+
+    Raises
+    ------
+    DataError
+        If there are no words, or groups and words differ in size.
+    ParameterError
+        If `floor` is not in [0, 1] or `n_threads` is below 1.
+    """
+    found = inverse_covariance(vocabulary.descriptors) if inverse is None and len(vocabulary) else inverse
+    return WordIndex(vocabulary, np.eye(1) if found is None else found, floor).search(groups, n_threads=n_threads)
