@@ -36,13 +36,16 @@ def test_nearest_word_equals_brute_force(rng, m, floor):
         assert every[found[i]][0] == pytest.approx(min(every)[0], rel=1e-9)
 
 
-def test_large_vocabulary_gives_what_a_single_leaf_gives(rng, monkeypatch):
-    groups, words = random_groups(rng, 300), random_groups(rng, 5000)
-    many = nearest_words(groups, words)
-    monkeypatch.setattr("mlsroad_pipeline.algorithms.visual_words._tree.LEAF", 10_000)
-    one = nearest_words(groups, words)
-    np.testing.assert_array_equal(many[0], one[0])
-    np.testing.assert_array_equal(many[1], one[1])
+def test_many_cells_give_the_nearest_of_the_words_of_each_part(rng):
+    groups, words = random_groups(rng, 100), random_groups(rng, 2000)
+    inverse = inverse_covariance(words.descriptors)
+    found, distances = nearest_words(groups, words, inverse=inverse)
+    # A part fills a single cell, of which every word is tried.
+    parts = [nearest_words(groups, words.select(np.arange(a, a + 50)), inverse=inverse) for a in range(0, 2000, 50)]
+    table = np.array([part[1] for part in parts])
+    np.testing.assert_allclose(distances, table.min(axis=0), rtol=1e-12)
+    best = table.argmin(axis=0)
+    np.testing.assert_array_equal(found, best * 50 + np.array([parts[p][0][i] for i, p in enumerate(best)]))
 
 
 def test_a_word_is_nearest_to_itself(rng):

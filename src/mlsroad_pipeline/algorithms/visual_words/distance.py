@@ -1,9 +1,9 @@
 """The discriminant group distance (Yu et al. 2016, III-E), and the exact nearest word under it.
 
 The distance is a factor that depends on orientations and scales times a sum of Mahalanobis distances. Neither is a
-metric, but both are bounded from below for a whole branch of a tree of words: the factor by the ranges of the words'
-angles and ratios, the sum by the box of their sorted features. Branches that cannot hold a nearer word are left out;
-the answer is that of trying all words.
+metric, but both are bounded from below for a whole cell of words: the factor by the ranges of the words' angles and
+ratios, the sum by the box of their sorted features. What cannot hold a nearer word is left out; the answer is that of
+trying all words.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.visual_words._cells import DIRECTIONS, Cells, build_cells, search
 from mlsroad_pipeline.algorithms.visual_words._context import (
     Context,
     orders,
     prepare,
     sorted_features,
 )
-from mlsroad_pipeline.algorithms.visual_words._tree import Tree, build_tree, search
 from mlsroad_pipeline.algorithms.visual_words.groups import ContextualGroups
 
 CONTEXT_FLOOR = 0.05
@@ -133,16 +133,14 @@ class WordIndex:
         return _whitening(self.inverse)
 
     @cached_property
-    def _tree(self) -> tuple[Tree, Context, NDArray[np.float64], NDArray[np.float64]]:
-        """The tree, the words and their places in the order of its leaves, and the axes of the places."""
+    def _cells(self) -> tuple[Cells, Context, NDArray[np.float64]]:
+        """The cells, the words in their order, and the axes of the places that cells are boxes of."""
         known = self.context(self.words)
         rows = sorted_features(known)
         _, axes = np.linalg.eigh(np.cov(rows, rowvar=False, bias=True).reshape(rows.shape[1], -1))
-        axes = axes[:, ::-1]
-        places = rows @ axes
-        tree = build_tree(places, known)
-        ordered = Context(*(np.ascontiguousarray(part[tree.order]) for part in known))
-        return tree, ordered, np.ascontiguousarray(places[tree.order]), axes
+        cells = build_cells(rows @ axes[:, ::-1], known)
+        ordered = Context(*(np.ascontiguousarray(part[cells.order]) for part in known))
+        return cells, ordered, np.ascontiguousarray(axes[:, ::-1][:, :DIRECTIONS])
 
     def search(self, groups: ContextualGroups, *, n_threads: int = 1) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
         """Return the nearest word of each group.
@@ -172,14 +170,12 @@ class WordIndex:
             raise ParameterError(f"n_threads must be at least 1, got {n_threads!r}")
         wanted = self.context(groups)
         words, distances = np.empty(len(groups), np.int32), np.empty(len(groups))
-        tree, ordered, word_places, axes = self._tree
-        places = sorted_features(wanted) @ axes
+        cells, ordered, axes = self._cells
+        places = (sorted_features(wanted) @ axes).astype(np.float32)
         matching = orders(groups.scales.shape[1])
 
         def work(first: int, stop: int) -> None:
-            search(
-                wanted, places, ordered, word_places, tree, matching, self.floor, first, stop, words, distances
-            )  # fmt: skip
+            search(wanted, places, ordered, cells, matching, self.floor, first, stop, words, distances)
 
         limits = [len(groups) * t // n_threads for t in range(n_threads + 1)]
         if n_threads == 1:

@@ -142,7 +142,11 @@ def describe_regions(
     shift = _apart(points, owner, parameters)
     apart = points + shift
     supervoxels = segment_supervoxels(
-        apart, voxel_size=parameters.voxel_size, seed_resolution=parameters.seed_resolution, n_threads=n_threads
+        apart,
+        voxel_size=parameters.voxel_size,
+        seed_resolution=parameters.seed_resolution,
+        anchor=np.zeros(3),
+        n_threads=n_threads,
     )
     first = np.unique(supervoxels.labels, return_index=True)[1]
     own, around = sum_moments(apart, supervoxels.labels, len(supervoxels), supervoxels.adjacency)

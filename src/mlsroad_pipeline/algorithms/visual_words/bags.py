@@ -1,0 +1,137 @@
+"""Objects as bags of words, and how alike two bags are (Yu et al. 2016, IV-B and IV-C)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from mlsroad_pipeline.algorithms.exceptions import DataError
+
+
+def count_words(
+    words: NDArray[np.integer], objects: NDArray[np.integer], *, n_objects: int, stopped: NDArray[np.bool_]
+) -> csr_array:
+    """Count the words of each object.
+
+    Parameters
+    ----------
+    words : ndarray of int, shape (g,)
+        Word of each contextual group.
+    objects : ndarray of int, shape (g,)
+        Object of each, 0 to n_objects - 1.
+    n_objects : int
+        Number of objects.
+    stopped : ndarray of bool, shape (v,)
+        Words of the stop list, which are not counted.
+
+    Returns
+    -------
+    csr_array of float64, shape (n_objects, v)
+        Occurrences.
+
+    Raises
+    ------
+    DataError
+        If words and objects differ in number.
+    """
+    if len(words) != len(objects):
+        raise DataError(f"{len(words)} words for the objects of {len(objects)} groups")
+    keep = ~stopped[words]
+    counts = csr_array((np.ones(int(keep.sum())), (objects[keep], words[keep])), shape=(n_objects, len(stopped)))
+    counts.sum_duplicates()
+    return counts
+
+
+def inverse_document_frequency(counts: csr_array) -> NDArray[np.float64]:
+    """Return log(N / N_i) of each word over the objects of a database (second factor of equation 22).
+
+    Parameters
+    ----------
+    counts : csr_array of shape (N, v)
+        Words of each object.
+
+    Returns
+    -------
+    ndarray of float64, shape (v,)
+        0 for words that occur nowhere.
+    """
+    occurs = np.bincount(counts.indices[counts.data > 0], minlength=counts.shape[1])
+    return np.where(occurs > 0, np.log(counts.shape[0] / np.maximum(occurs, 1)), 0.0)
+
+
+def weigh_words(counts: csr_array, inverse_frequency: NDArray[np.float64]) -> csr_array:
+    """Return the bags: term frequency times inverse document frequency (equations 21 and 22).
+
+    Parameters
+    ----------
+    counts : csr_array of shape (n, v)
+        Words of each object.
+    inverse_frequency : ndarray of float64, shape (v,)
+        What `inverse_document_frequency` gave for the database.
+
+    Returns
+    -------
+    csr_array of float64, shape (n, v)
+        One bag per row; an object without words has an empty one.
+    """
+    lengths = np.diff(counts.indptr)
+    totals = np.repeat(np.asarray(counts.sum(axis=1)).ravel(), lengths)
+    return csr_array(
+        (counts.data / totals * inverse_frequency[counts.indices], counts.indices, counts.indptr), shape=counts.shape
+    )
+
+
+def similarity(queries: csr_array, bags: csr_array) -> NDArray[np.float64]:
+    """Return the normalised histogram intersection of every query with every bag (equation 23).
+
+    Parameters
+    ----------
+    queries : csr_array of shape (q, v)
+        Bags of the queries.
+    bags : csr_array of shape (n, v)
+        Bags of the objects.
+
+    Returns
+    -------
+    ndarray of float64, shape (q, n)
+        In [0, 1]; 0 where both bags are empty.
+
+    Raises
+    ------
+    DataError
+        If the vocabularies differ.
+    """
+    if queries.shape[1] != bags.shape[1]:
+        raise DataError(f"bags of {queries.shape[1]} and {bags.shape[1]} words cannot be compared")
+    return np.asarray(
+        _intersections(
+            queries.data, queries.indices, queries.indptr, bags.data, bags.indices, bags.indptr, queries.shape[1]
+        )
+    )
+
+
+@njit(cache=True, nogil=True)
+def _intersections(
+    data: NDArray[np.float64], indices: NDArray, indptr: NDArray,
+    others: NDArray[np.float64], other_indices: NDArray, other_indptr: NDArray, n_words: int,
+) -> NDArray[np.float64]:  # fmt: skip
+    n_queries, n_bags = len(indptr) - 1, len(other_indptr) - 1
+    out = np.zeros((n_queries, n_bags))
+    dense = np.zeros(n_words)
+    for q in range(n_queries):
+        mass = 0.0
+        for k in range(indptr[q], indptr[q + 1]):
+            dense[indices[k]] = data[k]
+            mass += data[k]
+        for b in range(n_bags):
+            least, other = 0.0, 0.0
+            for k in range(other_indptr[b], other_indptr[b + 1]):
+                least += min(dense[other_indices[k]], others[k])
+                other += others[k]
+            most = mass + other - least  # the sum of the greater ones
+            out[q, b] = least / most if most > 0.0 else 0.0
+        for k in range(indptr[q], indptr[q + 1]):
+            dense[indices[k]] = 0.0
+    return out

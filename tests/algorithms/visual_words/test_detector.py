@@ -1,0 +1,99 @@
+"""Bags and their likeness by hand, and detection of planted kinds of objects."""
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.visual_words.bags import (
+    count_words,
+    inverse_document_frequency,
+    similarity,
+    weigh_words,
+)
+from mlsroad_pipeline.algorithms.visual_words.detector import DetectorParameters, VisualWordsDetector
+
+
+def test_bags_are_equations_21_and_22():
+    words, objects = np.array([0, 0, 1, 2, 1, 3]), np.array([0, 0, 0, 1, 1, 1])
+    counts = count_words(words, objects, n_objects=3, stopped=np.array([False, False, False, True]))
+    np.testing.assert_array_equal(counts.toarray(), [[2, 1, 0, 0], [0, 1, 1, 0], [0, 0, 0, 0]])
+    inverse = inverse_document_frequency(counts)
+    np.testing.assert_allclose(inverse, [np.log(3), np.log(1.5), np.log(3), 0])
+    bags = weigh_words(counts, inverse).toarray()
+    np.testing.assert_allclose(bags[0], [2 / 3 * np.log(3), 1 / 3 * np.log(1.5), 0, 0])
+    np.testing.assert_allclose(bags[2], 0)
+
+
+def test_likeness_is_equation_23(rng):
+    queries, bags = (csr_array(rng.random((n, 30)) * (rng.random((n, 30)) < 0.3)) for n in (4, 9))
+    least = np.minimum(queries.toarray()[:, None], bags.toarray()[None]).sum(axis=2)
+    most = np.maximum(queries.toarray()[:, None], bags.toarray()[None]).sum(axis=2)
+    np.testing.assert_allclose(similarity(queries, bags), least / most)
+    empty = csr_array((2, 30))
+    assert (similarity(empty, bags) == 0).all() and (similarity(empty, empty) == 0).all()
+    np.testing.assert_allclose(np.diag(similarity(bags, bags)), 1.0)
+
+
+def planted(rng, n):
+    """Objects of two classes, each with two kinds of words of its own, and others; all share some words."""
+    kind = rng.integers(0, 5, n)
+    rate = np.full((5, 60), 0.15)
+    for k in range(5):
+        rate[k, 10 * k : 10 * k + 10] = 4.0
+    labels = np.array([0, 0, 1, 1, -1])[kind]
+    return csr_array(rng.poisson(rate[kind]).astype(np.float64)), labels
+
+
+def test_planted_classes_are_found_in_all_their_kinds(rng):
+    counts, labels = planted(rng, 200)
+    detector = VisualWordsDetector(["pole", "car"]).fit(counts, labels)
+    unseen, truth = planted(rng, 150)
+    found, scores = detector.detect(unseen)
+    np.testing.assert_array_equal(found, truth)
+    assert found.dtype == np.int16 and scores.dtype == np.float32
+    assert (scores[truth >= 0] > 0).all() and (scores[truth < 0] == 0).all()
+    assert all(2 <= q.bags.shape[0] <= 12 for q in detector.queries_.values())  # a query for each kind of the class
+
+
+def test_one_query_finds_less_than_several(rng):
+    counts, labels = planted(rng, 200)
+    unseen, truth = planted(rng, 200)
+    right = []
+    for n in (1, 12):
+        detector = VisualWordsDetector(["pole", "car"], parameters=DetectorParameters(max_queries=n)).fit(
+            counts, labels
+        )
+        assert all(q.bags.shape[0] <= n for q in detector.queries_.values())
+        right.append((detector.detect(unseen)[0] == truth).mean())
+    assert right[0] < 0.9 < right[1]
+
+
+def test_a_class_with_one_example_is_detected_by_any_likeness(rng):
+    counts = csr_array(np.array([[3.0, 0, 1], [0, 5, 0], [0, 4, 1]]))
+    detector = VisualWordsDetector(["pole"]).fit(counts, [0, -1, -1])
+    assert detector.queries_["pole"].bags.shape[0] == 1
+    assert detector.queries_["pole"].threshold > 0
+    assert detector.detect(counts)[0][0] == 0
+
+
+def test_arrays_give_the_same_detector(rng):
+    counts, labels = planted(rng, 100)
+    detector = VisualWordsDetector(["pole", "car"]).fit(counts, labels)
+    again = VisualWordsDetector.from_arrays(detector.to_arrays())
+    assert again.score(counts).tobytes() == detector.score(counts).tobytes()
+    np.testing.assert_array_equal(again.detect(counts)[0], detector.detect(counts)[0])
+
+
+def test_bad_input(rng):
+    counts, labels = planted(rng, 30)
+    with pytest.raises(DataError, match=r"\(29,\) labels for 30 objects"):
+        VisualWordsDetector(["pole"]).fit(counts, labels[:-1])
+    with pytest.raises(DataError, match="no training object of class 'tram' has words"):
+        VisualWordsDetector(["pole", "car", "tram"]).fit(counts, labels)
+    with pytest.raises(DataError, match="2 words for the objects of 1 groups"):
+        count_words(np.array([0, 1]), np.array([0]), n_objects=1, stopped=np.zeros(2, bool))
+    with pytest.raises(DataError, match="bags of 60 and 3 words cannot be compared"):
+        similarity(counts, csr_array((1, 3)))
+    with pytest.raises(ParameterError, match="max_queries must be at least 1, got 0"):
+        DetectorParameters(max_queries=0)
