@@ -21,6 +21,7 @@ RESULTS = HERE.parent / "data/08_reporting/benchmarks"
 BENCHMARKS: dict[str, list[str]] = {
     "ground": [],
     "vccs": [],
+    "fpfh": [],
     "forest": [],
     "clusters": [],
     "formats": [],
@@ -29,7 +30,7 @@ BENCHMARKS: dict[str, list[str]] = {
     "store": [],
     "label": ["--millions", "5", "20"],
 }
-NEEDS_CLOUDS = {"ground", "vccs", "clusters", "formats", "evaluation"}
+NEEDS_CLOUDS = {"ground", "vccs", "fpfh", "clusters", "formats", "evaluation"}
 
 
 def json_lines(text: str) -> list[dict[str, object]]:
