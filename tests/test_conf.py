@@ -16,17 +16,23 @@ from references_wiring import REPOSITORY, joined, last_line, make_project, sessi
 from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForestParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvmParameters
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme, Coding
+from mlsroad_pipeline.algorithms.detection import DetectionParameters
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.ingest import IngestParameters, OutlierParameters
+from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
 from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
+from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
 from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
 from mlsroad_pipeline.datasets.survey_plan import LabelParameters, SurveyParameters, plan_comparison, plan_labelling
 
 CONF = REPOSITORY / "conf"
 ENVIRONMENTS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name != "local")
 TYPED = {
+    "detection": DetectionParameters,
+    "segmentation": SegmentationParameters,
+    "visual_words": VisualWordsParameters,
     "detrended_forest": ForestParameters,
     "features": FeatureParameters,
     "ground_removal": GroundParameters,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from kedro.framework.project import find_pipelines
 from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.methods import LABELLERS
+from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS
 
 COMPARISON = (
     "simulate",
@@ -15,6 +15,8 @@ COMPARISON = (
     "features",
     "patches",
     *LABELLERS,
+    "segmentation",
+    *DETECTORS,
     "evaluation",
     "compare",
     "report",

@@ -20,9 +20,9 @@ def main() -> int:
     if not table.is_file():
         sys.stderr.write(f"{table} is not there: run `kedro run` first\n")
         return 1
+    found = [pd.read_csv(path) for path in (table, REPORTING / "detection_comparison.csv") if path.is_file()]
     lines = [
-        "",
-        pd.read_csv(table).to_string(index=False, float_format="{:.3f}".format),
+        *("\n" + part.to_string(index=False, float_format="{:.3f}".format) for part in found),
         "",
         f"report:  {(REPORTING / 'report.html').resolve()}",
         "MLflow:  .venv/bin/mlflow ui --backend-store-uri sqlite:///mlflow.db",

@@ -16,11 +16,16 @@ CAPTIONS = (
     "Confusion matrix",
     "Precision, recall, F1 and IoU per class",
 )
+"""What the figures of a labeller show."""
+
+DETECTOR_CAPTIONS = ("Precision against recall per class",)
+"""What the figures of a detector show."""
 
 
 def comparison_sections(
     facts: Mapping[str, Any],
     comparison: pd.DataFrame,
+    detection: pd.DataFrame,
     tables: Mapping[str, pd.DataFrame],
     methods: Mapping[str, tuple[Any, ...]],
 ) -> list[Section]:
@@ -31,11 +36,13 @@ def comparison_sections(
     facts : mapping
         What was run.
     comparison : DataFrame
-        Overall figures of all methods.
+        Overall figures of all labellers.
+    detection : DataFrame
+        Overall figures of all detectors.
     tables : mapping of str to DataFrame
         Heading to table.
     methods : mapping of str to tuple
-        Slug to its scores and its figures, in the order of `CAPTIONS`.
+        Slug to its scores and its figures, in the order of `CAPTIONS` or `DETECTOR_CAPTIONS`.
 
     Returns
     -------
@@ -44,10 +51,12 @@ def comparison_sections(
     """
     sections: list[Section] = [
         FactsSection("What was run", facts),
-        TableSection("All methods", comparison, note="Means run over the classes that occur in the split."),
+        TableSection("All labellers", comparison, note="Means run over the classes that occur in the split."),
+        TableSection("All detectors", detection, note="Means over the classes that have objects in the split."),
     ]
     for slug, (scores, *figures) in methods.items():
-        sections.append(FiguresSection(slug, dict(zip(CAPTIONS, figures, strict=True))))
+        captions = CAPTIONS if len(figures) == len(CAPTIONS) else DETECTOR_CAPTIONS
+        sections.append(FiguresSection(slug, dict(zip(captions, figures, strict=True))))
         sections.append(TableSection(f"{slug}: scores per class", per_class(scores)))
     sections.extend(TableSection(heading, table) for heading, table in tables.items())
     return sections

@@ -19,6 +19,7 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.survey_labelling import label_new_scene
 from mlsroad_pipeline.algorithms.tiling import SceneSpan
+from mlsroad_pipeline.algorithms.visual_words.labeller import detect_scene
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
 from mlsroad_pipeline.datasets.labelled_writer import write_labelled
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
@@ -82,6 +83,24 @@ def label_prepared_patches(
         If the model needs other patches.
     """
     return label_patch_scene(scene, patches, open_model(model), classifier)
+
+
+def detect_described_objects(groups: Mapping[str, NDArray], model: str) -> dict[str, NDArray]:
+    """Detect the objects of a scene of a comparison with a stored model.
+
+    Parameters
+    ----------
+    groups : mapping
+        What `describe_objects` gave.
+    model : str
+        The model's folder.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``label`` int16 and ``score`` float32 of each object.
+    """
+    return detect_scene(groups, open_model(model))
 
 
 def label_pieces(

@@ -3,3 +3,7 @@
 LABELLERS = ("detrended_forest", "patch_svm", "patch_forest")
 """Slugs of the methods that label points; each has a pipeline of its name that writes ``<slug>.model`` and
 ``<slug>.labels``."""
+
+DETECTORS = ("visual_words",)
+"""Slugs of the methods that detect objects; each has a pipeline of its name that writes ``<slug>.model`` and
+``<slug>.detections``."""

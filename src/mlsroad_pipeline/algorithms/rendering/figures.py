@@ -26,15 +26,32 @@ SERIES = ("#1f4e96", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#7f
 TITLES = {"precision": "Precision", "recall": "Recall", "f1": "F1", "iou": "IoU"}
 
 
-def _figure(width: float, height: float) -> Figure:
-    """Return an empty figure on the Agg canvas, outside pyplot's global state."""
+def empty_figure(width: float, height: float) -> Figure:
+    """Return an empty figure on the Agg canvas, outside pyplot's global state.
+
+    Parameters
+    ----------
+    width, height : float
+        Inches.
+
+    Returns
+    -------
+    Figure
+        The figure.
+    """
     figure = Figure(figsize=(width, height), dpi=_DPI, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
-def _tidy(axes: Axes) -> None:
-    """Leave only the lines that are read."""
+def tidy_axes(axes: Axes) -> None:
+    """Leave only the lines that are read.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes to simplify.
+    """
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color("#9aa0aa")
     axes.tick_params(colors=INK, labelsize=8, length=3, color="#9aa0aa")
@@ -111,7 +128,7 @@ def confusion_figure(matrix: NDArray[np.integer], *, classes: Sequence[str], tit
             counts = counts[:, :-1]
     shares = counts / np.where(support > 0, support, 1)[:, None]
     cell = 0.66 if len(classes) <= 12 else 0.56
-    figure = _figure(2.6 + cell * counts.shape[1], 1.7 + cell * counts.shape[0])
+    figure = empty_figure(2.6 + cell * counts.shape[1], 1.7 + cell * counts.shape[0])
     axes = figure.add_subplot()
     axes.imshow(shares, cmap=_SHARE_MAP, vmin=0, vmax=1, aspect="equal")
     for row, column in zip(*np.nonzero(counts), strict=True):
@@ -161,7 +178,7 @@ def class_bars_figure(frame: pd.DataFrame, *, split: str, title: str = "") -> Fi
     if table.empty:
         raise DataError(f"no scores per class of split {split!r} (splits: {sorted(set(frame['split']))})")
     methods, classes = list(dict.fromkeys(table["method"])), list(dict.fromkeys(table["class"]))
-    figure = _figure(max(6.5, 1.6 + len(classes) * (0.36 + 0.12 * len(methods))), 7.2)
+    figure = empty_figure(max(6.5, 1.6 + len(classes) * (0.36 + 0.12 * len(methods))), 7.2)
     panels = np.atleast_1d(figure.subplots(len(CLASS_METRICS), 1, sharex=True))
     for axes, metric in zip(panels, CLASS_METRICS, strict=True):
         wide = table[table["metric"] == metric].pivot(index="class", columns="method", values="value")
@@ -198,7 +215,7 @@ def _bars(axes: Axes, values: NDArray[np.float64]) -> None:
     axes.set_ylim(0, 1.14 if n_methods == 1 else 1.02)
     axes.set_yticks([0, 0.25, 0.5, 0.75, 1.0], ["0", "", "0.5", "", "1"])
     axes.grid(axis="y", color=_GRID, linewidth=0.7)
-    _tidy(axes)
+    tidy_axes(axes)
 
 
 def importance_figure(
@@ -241,7 +258,7 @@ def importance_figure(
     if spread is not None and spread.shape != values.shape:
         raise DataError(f"deviations of shape {spread.shape} for importances of shape {values.shape}")
     order = np.argsort(-values, kind="stable")[:largest]
-    figure = _figure(6.5, 0.9 + 0.21 * len(order))
+    figure = empty_figure(6.5, 0.9 + 0.21 * len(order))
     axes = figure.add_subplot()
     whiskers = None if spread is None else spread[order]
     axes.barh(range(len(order)), values[order], 0.72, color=SERIES[0], xerr=whiskers,
@@ -251,7 +268,7 @@ def importance_figure(
     axes.set_xlim(left=0)
     axes.set_xlabel("Importance (mean decrease of impurity)", fontsize=9, color=INK)
     axes.grid(axis="x", color=_GRID, linewidth=0.7)
-    _tidy(axes)
+    tidy_axes(axes)
     shown = f"the {len(order)} largest of {len(values)}" if len(order) < len(values) else f"all {len(values)}"
     axes.set_title(title or f"Feature importances, {shown}", fontsize=10, color=INK, loc="left")
     return figure
@@ -284,7 +301,7 @@ def oob_figure(n_trees: ArrayLike, errors: ArrayLike, *, chosen: int | None = No
     trees, error = np.asarray(n_trees), np.asarray(errors, dtype=np.float64)
     if trees.ndim != 1 or trees.shape != error.shape or len(trees) == 0:
         raise DataError(f"errors of shape {error.shape} for numbers of trees of shape {trees.shape}")
-    figure = _figure(6.5, 3.6)
+    figure = empty_figure(6.5, 3.6)
     axes = figure.add_subplot()
     axes.plot(trees, 100 * error, color=SERIES[0], linewidth=1.6)
     if chosen is not None:
@@ -295,6 +312,6 @@ def oob_figure(n_trees: ArrayLike, errors: ArrayLike, *, chosen: int | None = No
     axes.set_ylabel("Out-of-bag error, %", fontsize=9, color=INK)
     axes.set_ylim(bottom=0)
     axes.grid(color=_GRID, linewidth=0.7)
-    _tidy(axes)
+    tidy_axes(axes)
     axes.set_title(title or "Out-of-bag error", fontsize=10, color=INK, loc="left")
     return figure

@@ -3,7 +3,7 @@
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.pipelines.compare.nodes import compare_methods
-from mlsroad_pipeline.pipelines.methods import LABELLERS
+from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -17,7 +17,21 @@ def create_pipeline(**_: object) -> Pipeline:
     Returns
     -------
     Pipeline
-        ``<slug>.scores`` of every labeller to ``comparison``.
+        ``<slug>.scores`` of every labeller to ``comparison``, of every detector to ``detection_comparison``.
     """
-    scores = [f"{slug}.scores" for slug in LABELLERS]
-    return Pipeline([Node(compare_methods, inputs=scores, outputs="comparison", name="compare_methods")])
+    return Pipeline(
+        [
+            Node(
+                compare_methods,
+                inputs=[f"{slug}.scores" for slug in LABELLERS],
+                outputs="comparison",
+                name="compare_methods",
+            ),
+            Node(
+                compare_methods,
+                inputs=[f"{slug}.scores" for slug in DETECTORS],
+                outputs="detection_comparison",
+                name="compare_detectors",
+            ),
+        ]
+    )

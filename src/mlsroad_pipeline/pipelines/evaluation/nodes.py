@@ -8,6 +8,12 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
+from mlsroad_pipeline.algorithms.detection import (
+    DetectionParameters,
+    count_detections_of_scene,
+    detection_curves,
+    detection_table,
+)
 from mlsroad_pipeline.algorithms.evaluation import (
     count_scene,
     find_scheme,
@@ -16,6 +22,7 @@ from mlsroad_pipeline.algorithms.evaluation import (
     scores_table,
     sum_by_split,
 )
+from mlsroad_pipeline.algorithms.rendering.detection_figures import precision_recall_figure
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask
 from mlsroad_pipeline.datasets.survey_plan import SurveyParameters, middle_scenes
@@ -116,3 +123,67 @@ def picture_labels(
         title=f"{method} on {chosen[0]} to {chosen[-1]}" if len(chosen) > 1 else f"{method} on {chosen[0]}",
     )
     return figures["birds_eye"], figures["perspective"]
+
+
+def count_detections(
+    scenes: SceneCollection,
+    objects: SceneCollection,
+    detections: SceneCollection,
+    detection: DetectionParameters,
+    classes: Mapping[str, Any],
+) -> dict[str, SceneTask]:
+    """Name the work that compares each scene's detections with its reference objects.
+
+    Parameters
+    ----------
+    scenes, objects : SceneCollection
+        The scenes and their objects.
+    detections : SceneCollection
+        What a method made of the scenes that it was not trained on.
+    detection : DetectionParameters
+        The wanted classes, and when a detection is right.
+    classes : mapping
+        The class schemes.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene with detections.
+    """
+    parameters = {"scheme": find_scheme(classes["schemes"], detection.scheme), "parameters": detection}
+    return {
+        key: SceneTask(
+            count_detections_of_scene,
+            {"scene": scenes[key], "objects": objects[key], "detections": detections[key]},
+            parameters,
+        )
+        for key in detections
+    }
+
+
+def score_detector(
+    counted: SceneCollection, detection: DetectionParameters, *, method: str
+) -> tuple[pd.DataFrame, Figure]:
+    """Score a detector and draw its precision-recall curves.
+
+    Parameters
+    ----------
+    counted : SceneCollection
+        Detections of scenes, compared.
+    detection : DetectionParameters
+        The wanted classes.
+    method : str
+        The method's slug.
+
+    Returns
+    -------
+    scores : DataFrame
+        The table of scores.
+    curves : Figure
+        Precision against recall of the last split, per class.
+    """
+    found = counted.load_all()
+    split = list(found)[-1].partition(".")[0]
+    curves = detection_curves(found, split=split, classes=detection.classes)
+    figure = precision_recall_figure(curves, title=f"{method} on {split}")
+    return detection_table(found, method=method, classes=detection.classes), figure

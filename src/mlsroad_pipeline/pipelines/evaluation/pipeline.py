@@ -1,4 +1,4 @@
-"""Wiring of the evaluation: the same nodes for every labeller."""
+"""Wiring of the evaluation: the same nodes for every labeller, and the same for every detector."""
 
 from collections.abc import Callable
 from functools import partial, update_wrapper
@@ -6,8 +6,14 @@ from typing import Any
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.pipelines.evaluation.nodes import count_points, picture_labels, score_method
-from mlsroad_pipeline.pipelines.methods import LABELLERS
+from mlsroad_pipeline.pipelines.evaluation.nodes import (
+    count_detections,
+    count_points,
+    picture_labels,
+    score_detector,
+    score_method,
+)
+from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS
 
 
 def _of(method: str, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -39,6 +45,23 @@ def _nodes_of(slug: str) -> list[Node]:
     ]
 
 
+def _nodes_of_detector(slug: str) -> list[Node]:
+    return [
+        Node(
+            count_detections,
+            inputs=["scenes", "objects", f"{slug}.detections", "params:detection", "params:classes"],
+            outputs=f"{slug}.detection_counts",
+            name=f"count_detections_of_{slug}",
+        ),
+        Node(
+            _of(slug, score_detector),
+            inputs=[f"{slug}.detection_counts", "params:detection"],
+            outputs=[f"{slug}.scores", f"{slug}.precision_recall_figure"],
+            name=f"score_{slug}",
+        ),
+    ]
+
+
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: labels of every method to its scores and figures.
 
@@ -50,6 +73,8 @@ def create_pipeline(**_: object) -> Pipeline:
     Returns
     -------
     Pipeline
-        ``scenes`` and ``<slug>.labels`` of every labeller to its scores and figures.
+        ``scenes`` and ``<slug>.labels`` of every labeller to its scores and figures; ``scenes``, ``objects`` and
+        ``<slug>.detections`` of every detector likewise.
     """
-    return Pipeline([node for slug in LABELLERS for node in _nodes_of(slug)])
+    labellers = [node for slug in LABELLERS for node in _nodes_of(slug)]
+    return Pipeline([*labellers, *(node for slug in DETECTORS for node in _nodes_of_detector(slug))])

@@ -1,0 +1,250 @@
+"""The stage between ground and objects: which off-ground points belong together, and which objects they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.metrics.instances import InstanceScores, find_overlaps, score_segmentation
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.scene_stages import inliers
+from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
+from mlsroad_pipeline.algorithms.validation import check_positive
+
+OBJECT_TOLERANCE = 0.3
+"""Points of one class closer than this are one reference object where a survey has labels but no instances, metres."""
+
+SEGMENTATION_SCORES = (
+    "coverage",
+    "weighted_coverage",
+    "precision",
+    "recall",
+    "over_segmentation",
+    "under_segmentation",
+)
+"""What `segmentation_table` tells, in its order."""
+
+
+@dataclass(frozen=True)
+class SegmentationParameters:
+    """How off-ground points become objects.
+
+    Parameters
+    ----------
+    method : {"normalized_cut", "normalized_cut_geometry", "euclidean"}, default "normalized_cut"
+        Yu et al. 2016's extended normalised cut with intensity where the survey has it, the same without, or
+        Euclidean clusters alone.
+    normalized_cut : NormalizedCutParameters or mapping
+        Parameters of the cuts; the clusters take its tolerance.
+    min_points : int, default 10
+        Smaller objects are left out.
+
+    Raises
+    ------
+    ParameterError
+        If the method is unknown or a number is not positive.
+    """
+
+    method: Literal["normalized_cut", "normalized_cut_geometry", "euclidean"] = "normalized_cut"
+    normalized_cut: NormalizedCutParameters = field(default_factory=NormalizedCutParameters)
+    min_points: int = 10
+
+    def __post_init__(self) -> None:
+        if isinstance(self.normalized_cut, Mapping):
+            object.__setattr__(self, "normalized_cut", NormalizedCutParameters(**self.normalized_cut))
+        if self.method not in ("normalized_cut", "normalized_cut_geometry", "euclidean"):
+            raise ParameterError(
+                f"segmentation.method must be 'normalized_cut', 'normalized_cut_geometry' or 'euclidean', got "
+                f"{self.method!r}"
+            )
+        check_positive(self.min_points, "segmentation.min_points")
+
+
+def segment_scene(
+    scene: PointCloud, ground: Mapping[str, NDArray], parameters: SegmentationParameters
+) -> dict[str, NDArray]:
+    """Segment the off-ground points of a scene into objects.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene.
+    ground : mapping
+        What `find_ground` gave.
+    parameters : SegmentationParameters
+        The method and its parameters.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``objects`` int32 (n,): object of each point, -1 for ground, outliers and what is too small.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is not finite.
+    """
+    rows = np.flatnonzero(inliers(scene) & ~ground["ground"])
+    xyz = np.ascontiguousarray(scene.xyz[rows], dtype=np.float64)
+    objects = np.full(len(scene), -1, dtype=np.int32)
+    if parameters.method == "euclidean":
+        found = cluster(xyz, tolerance=parameters.normalized_cut.tolerance, min_points=parameters.min_points)
+    else:
+        with_intensity = parameters.method == "normalized_cut" and "intensity" in scene
+        found = segment(
+            xyz,
+            intensity=scene["intensity"][rows] if with_intensity else None,
+            parameters=parameters.normalized_cut,
+            min_points=parameters.min_points,
+        )
+    objects[rows] = found
+    return {"objects": objects}
+
+
+def reference_objects(scene: PointCloud, scheme: ClassScheme) -> tuple[NDArray[np.int32], NDArray[np.int16]]:
+    """Return the reference object of each point, and the class of each object.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        A scene with `label` and, as simulated surveys have it, `instance`. Without instances the connected components
+        of each class are objects.
+    scheme : ClassScheme
+        The classes.
+
+    Returns
+    -------
+    instances : ndarray of int32, shape (n,)
+        Number of the object, from 1; 0 for none.
+    classes : ndarray of int16, shape (number of objects + 1,)
+        Class of most of each object's points; -1 for number 0 and where none is labelled.
+
+    Raises
+    ------
+    MissingColumnError
+        If the scene has no labels.
+    UnknownClassError
+        If a label is not in the scheme.
+    """
+    labels = scheme.encode(scene["label"], source=scene.source)
+    if "instance" in scene:
+        _, numbers = np.unique(np.append(0, scene["instance"]), return_inverse=True)
+        instances = numbers[1:].astype(np.int32)
+    else:
+        instances = _components(scene.xyz, labels)
+    n = int(instances.max(initial=0)) + 1
+    table = np.zeros((n, len(scheme)), dtype=np.int64)
+    known = (labels != IGNORE) & (instances > 0)
+    np.add.at(table, (instances[known], labels[known]), 1)
+    return instances, np.where(table.any(axis=1), table.argmax(axis=1), IGNORE).astype(np.int16)
+
+
+def _components(xyz: NDArray[np.floating], labels: NDArray[np.int16]) -> NDArray[np.int32]:
+    instances = np.zeros(len(xyz), dtype=np.int32)
+    last = 0
+    for label in np.unique(labels[labels != IGNORE]):
+        rows = np.flatnonzero(labels == label)
+        found = cluster(xyz[rows], tolerance=OBJECT_TOLERANCE)
+        instances[rows] = found + last + 1
+        last += int(found.max()) + 1
+    return instances
+
+
+def owned_by_core(scene: PointCloud, objects: NDArray[np.integer], n_objects: int) -> NDArray[np.bool_]:
+    """Tell which objects a scene is responsible for: those whose lowest point lies in its core.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene.
+    objects : ndarray of int, shape (n,)
+        Object of each point, 0 to n_objects - 1; negative is none.
+    n_objects : int
+        Number of objects.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_objects,)
+        True where the object is the scene's own; an object without points is nobody's.
+    """
+    owned = np.zeros(n_objects, dtype=np.bool_)
+    rows = np.flatnonzero(objects >= 0)
+    order = rows[np.lexsort((scene.xyz[rows, 2], objects[rows]))]
+    first = np.flatnonzero(np.diff(objects[order], prepend=-1))
+    lowest = order[first]
+    owned[objects[lowest]] = scene["core"][lowest]
+    return owned
+
+
+def measure_segmentation(
+    scene: PointCloud, objects: Mapping[str, NDArray], *, scheme: ClassScheme, min_points: int
+) -> dict[str, NDArray]:
+    """Score the objects of a scene against its reference instances; only what the scene's core owns is judged.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene, with `label`.
+    objects : mapping
+        What `segment_scene` gave.
+    scheme : ClassScheme
+        The classes, for surveys without instances.
+    min_points : int
+        Smaller instances are not looked for.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``scores`` in the order of `SEGMENTATION_SCORES`, and ``weights``: number of instances, their points, number of
+        segments that they were taken over.
+
+    Raises
+    ------
+    MissingColumnError
+        If the scene has no labels.
+    """
+    instances, _ = reference_objects(scene, scheme)
+    owned = owned_by_core(scene, instances, int(instances.max(initial=0)) + 1)
+    mine = np.where(owned[instances], instances, 0)
+    found: InstanceScores = score_segmentation(mine, objects["objects"], min_points=min_points)
+    sizes = find_overlaps(mine, objects["objects"]).instance_sizes
+    points = int(sizes[sizes >= min_points].sum())
+    return {
+        "scores": np.array([asdict(found)[name] for name in SEGMENTATION_SCORES], dtype=np.float64),
+        "weights": np.array([found.n_instances, points, found.n_segments]),
+    }
+
+
+def segmentation_table(measured: Mapping[str, Mapping[str, NDArray]]) -> pd.DataFrame:
+    """Score the segmentation per split: means over scenes, weighted by what each score is a share of.
+
+    Parameters
+    ----------
+    measured : mapping of str to mapping
+        Scene name, which begins with its split and a dot, to what `measure_segmentation` gave.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``split``, those of `SEGMENTATION_SCORES`, ``n_instances`` and ``n_segments``.
+    """
+    by = {"coverage": 0, "weighted_coverage": 1, "precision": 2, "recall": 0, "over_segmentation": 0}
+    rows: list[dict[str, Any]] = []
+    for split in dict.fromkeys(key.partition(".")[0] for key in measured):
+        mine = [found for key, found in measured.items() if key.partition(".")[0] == split]
+        scores, weights = np.array([m["scores"] for m in mine]), np.array([m["weights"] for m in mine])
+        row: dict[str, Any] = {"split": split}
+        for column, name in enumerate(SEGMENTATION_SCORES):
+            weight = weights[:, by.get(name, 2)] * np.isfinite(scores[:, column])
+            total = float((np.nan_to_num(scores[:, column]) * weight).sum())
+            row[name] = total / weight.sum() if weight.sum() else np.nan
+        rows.append({**row, "n_instances": int(weights[:, 0].sum()), "n_segments": int(weights[:, 2].sum())})
+    return pd.DataFrame(rows)

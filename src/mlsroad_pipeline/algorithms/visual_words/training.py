@@ -1,0 +1,187 @@
+"""Words, queries and thresholds learned from training scenes (Yu et al. 2016, III and V)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import vstack
+
+from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.detection import DetectionParameters
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
+from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
+from mlsroad_pipeline.algorithms.visual_words.detector import DetectorParameters, VisualWordsDetector
+from mlsroad_pipeline.algorithms.visual_words.groups import join_groups
+from mlsroad_pipeline.algorithms.visual_words.labeller import (
+    ENTRY_POINT,
+    GEOMETRY,
+    SLUG,
+    WITH_INTENSITY,
+    GroupParameters,
+    bag_objects,
+    groups_of,
+)
+from mlsroad_pipeline.algorithms.visual_words.regions import RegionParameters
+from mlsroad_pipeline.algorithms.visual_words.vocabulary import Vocabulary, VocabularyParameters, build_vocabulary
+
+
+@dataclass(frozen=True)
+class VisualWordsParameters:
+    """All parameters of the method.
+
+    Parameters
+    ----------
+    regions : RegionParameters or mapping
+        Supervoxels and neighbourhoods of the feature regions.
+    k : int, default 2
+        Neighbours in a contextual group (yu2016: 2).
+    vocabulary : VocabularyParameters or mapping
+        How groups become words.
+    detector : DetectorParameters or mapping
+        How queries are chosen.
+    """
+
+    regions: RegionParameters = field(default_factory=RegionParameters)
+    k: int = 2
+    vocabulary: VocabularyParameters = field(default_factory=VocabularyParameters)
+    detector: DetectorParameters = field(default_factory=DetectorParameters)
+
+    def __post_init__(self) -> None:
+        kinds = {"regions": RegionParameters, "vocabulary": VocabularyParameters, "detector": DetectorParameters}
+        for name, kind in kinds.items():
+            if isinstance(getattr(self, name), Mapping):
+                object.__setattr__(self, name, kind(**getattr(self, name)))
+
+    @property
+    def groups(self) -> GroupParameters:
+        """How the objects of a scene are described."""
+        return GroupParameters(self.regions, self.k)
+
+
+@dataclass(frozen=True)
+class DetectionStages:
+    """How a scene is prepared; kept in the model, so that new surveys are prepared alike.
+
+    Parameters
+    ----------
+    ground : GroundParameters
+        The ground filter.
+    segmentation : SegmentationParameters
+        The segmentation into objects.
+    """
+
+    ground: GroundParameters
+    segmentation: SegmentationParameters
+
+
+def train_detector(
+    groups: Mapping[str, Mapping[str, NDArray]],
+    labels: Mapping[str, Mapping[str, NDArray]],
+    *,
+    parameters: VisualWordsParameters,
+    stages: DetectionStages,
+    detection: DetectionParameters,
+    scheme: ClassScheme,
+    trained_on: Mapping[str, Any],
+    n_threads: int = 1,
+) -> ModelBundle:
+    """Learn words, queries and thresholds.
+
+    Parameters
+    ----------
+    groups : mapping of str to mapping
+        What `describe_objects` gave for each training scene.
+    labels : mapping of str to mapping
+        What `object_classes` gave for each of them.
+    parameters : VisualWordsParameters
+        Parameters of the method.
+    stages : DetectionStages
+        How the scenes were prepared.
+    detection : DetectionParameters
+        The wanted classes.
+    scheme : ClassScheme
+        The classes.
+    trained_on : mapping
+        What the metadata say of the training data; JSON values.
+    n_threads : int, default 1
+        Threads; the model does not depend on it.
+
+    Returns
+    -------
+    ModelBundle
+        The model: a vocabulary and a detector with intensity, where all scenes have it, and without.
+
+    Raises
+    ------
+    DataError
+        If there are no training scenes, they have no objects, or a wanted class has none.
+    """
+    keys = sorted(labels)
+    if not keys:
+        raise DataError("no training scenes: the split 'train' is empty")
+    intensity = all(bool(groups[key]["intensity"]) for key in keys)
+    variants = [WITH_INTENSITY, GEOMETRY] if intensity else [GEOMETRY]
+    arrays: dict[str, NDArray] = {}
+    facts: dict[str, Any] = {}
+    for variant in variants:
+        vocabulary, detector = _train_variant(
+            [groups[key] for key in keys], [labels[key] for key in keys], variant == WITH_INTENSITY, parameters,
+            detection, n_threads,
+        )  # fmt: skip
+        arrays |= {f"{variant}.{name}": part for name, part in _arrays(vocabulary, detector).items()}
+        facts[variant] = {
+            "words": len(vocabulary),
+            "queries": {name: int(found.bags.shape[0]) for name, found in detector.queries_.items()},
+            "thresholds": {name: found.threshold for name, found in detector.queries_.items()},
+        }
+    metadata = {
+        "entry_point": ENTRY_POINT,
+        "classes": list(scheme.classes),
+        "wanted": detection.labels_in(scheme).tolist(),
+        "scheme": asdict(scheme),
+        "parameters": {**asdict(stages), "groups": asdict(parameters.groups), SLUG: asdict(parameters)},
+        "attributes": ["intensity"] if intensity else [],
+        "variants": variants,
+        "learned": facts,
+        "trained_on": dict(trained_on),
+    }
+    return ModelBundle(SLUG, arrays, metadata)
+
+
+def _train_variant(
+    groups: list[Mapping[str, NDArray]],
+    labels: list[Mapping[str, NDArray]],
+    intensity: bool,
+    parameters: VisualWordsParameters,
+    detection: DetectionParameters,
+    n_threads: int,
+) -> tuple[Vocabulary, VisualWordsDetector]:
+    """Learn from all training scenes; an object counts in the scene that owns it."""
+    scenes = np.repeat(np.arange(len(groups)), [len(found["objects"]) for found in groups])
+    joined = join_groups([groups_of(found, intensity=intensity) for found in groups])
+    vocabulary = build_vocabulary(joined, scenes, parameters=parameters.vocabulary, n_threads=n_threads)
+    counts = vstack([bag_objects(found, vocabulary, intensity=intensity) for found in groups], format="csr")
+    own = np.concatenate([found["own"] for found in labels])
+    label = np.concatenate([found["label"] for found in labels])
+    rows = np.flatnonzero(own)
+    detector = VisualWordsDetector(detection.classes, parameters=parameters.detector)
+    return vocabulary, detector.fit(counts[rows], np.where(label[rows] < 0, IGNORE, label[rows]))
+
+
+def _arrays(vocabulary: Vocabulary, detector: VisualWordsDetector) -> dict[str, NDArray]:
+    words = vocabulary.words
+    return {
+        "words.descriptors": words.descriptors,
+        "words.orientations": words.orientations,
+        "words.scales": words.scales,
+        "words.inverse": vocabulary.inverse,
+        "words.stopped": vocabulary.stopped,
+        "words.floor": np.array(vocabulary.floor),
+        **detector.to_arrays(),
+    }

@@ -1,0 +1,5 @@
+"""Off-ground points cut into objects."""
+
+from mlsroad_pipeline.pipelines.segmentation.pipeline import create_pipeline
+
+__all__ = ["create_pipeline"]

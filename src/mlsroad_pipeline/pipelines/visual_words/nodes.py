@@ -1,0 +1,116 @@
+"""Words and queries learned on the training scenes, objects detected in the others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from joblib import cpu_count
+
+from mlsroad_pipeline.algorithms.detection import DetectionParameters
+from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
+from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
+from mlsroad_pipeline.algorithms.visual_words.labeller import describe_objects
+from mlsroad_pipeline.algorithms.visual_words.training import DetectionStages, VisualWordsParameters, train_detector
+from mlsroad_pipeline.datasets.label_work import detect_described_objects
+from mlsroad_pipeline.datasets.scene_store import SceneCollection
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
+
+TRAIN = "train."
+
+
+def describe_objects_of_scenes(
+    scenes: SceneCollection, objects: SceneCollection, parameters: VisualWordsParameters
+) -> dict[str, SceneTask]:
+    """Name the work that describes each scene's objects by contextual groups.
+
+    Parameters
+    ----------
+    scenes, objects : SceneCollection
+        The scenes and their objects.
+    parameters : VisualWordsParameters
+        Parameters of the method.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene.
+    """
+    return {
+        key: SceneTask(
+            describe_objects, {"scene": scenes[key], "objects": objects[key]}, {"parameters": parameters.groups}
+        )
+        for key in scenes
+    }
+
+
+def train_visual_words(
+    groups: SceneCollection,
+    labels: SceneCollection,
+    parameters: VisualWordsParameters,
+    ground: GroundParameters,
+    segmentation: SegmentationParameters,
+    detection: DetectionParameters,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+) -> tuple[ModelBundle, ModelBundle]:
+    """Learn words, queries and thresholds.
+
+    Parameters
+    ----------
+    groups, labels : SceneCollection
+        Groups of all scenes, and the classes of the objects of the training scenes.
+    parameters : VisualWordsParameters
+        Parameters of the method.
+    ground : GroundParameters
+        How the ground was found.
+    segmentation : SegmentationParameters
+        How objects were found.
+    detection : DetectionParameters
+        The wanted classes.
+    survey : SurveyParameters
+        Names the training files.
+    classes : mapping
+        The class schemes.
+
+    Returns
+    -------
+    model, registered : ModelBundle
+        The model, for the workers and for the registry.
+    """
+    bundle = train_detector(
+        {key: groups[key].load() for key in labels},
+        labels.load_all(),
+        parameters=parameters,
+        stages=DetectionStages(ground, segmentation),
+        detection=detection,
+        scheme=find_scheme(classes["schemes"], detection.scheme),
+        trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(labels)},
+        n_threads=cpu_count(),
+    )
+    return bundle, bundle
+
+
+def detect_objects_of_scenes(groups: SceneCollection, model: SourceFile) -> dict[str, SceneTask]:
+    """Name the work that detects the objects of each scene that the model was not trained on.
+
+    Parameters
+    ----------
+    groups : SceneCollection
+        Groups of all scenes.
+    model : SourceFile
+        The model's folder.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene of the other splits.
+    """
+    return {
+        key: SceneTask(detect_described_objects, {"groups": groups[key], "model": model})
+        for key in groups
+        if not key.startswith(TRAIN)
+    }

@@ -1,0 +1,139 @@
+"""Objects, their reference classes and the counting of detections on planted scenes."""
+
+import numpy as np
+import pytest
+
+from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
+from mlsroad_pipeline.algorithms.detection import (
+    DetectionParameters,
+    count_detections_of_scene,
+    detection_curves,
+    detection_table,
+    object_classes,
+)
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.object_segmentation import (
+    SegmentationParameters,
+    measure_segmentation,
+    owned_by_core,
+    reference_objects,
+    segment_scene,
+    segmentation_table,
+)
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters
+
+SCHEME = ClassScheme(
+    "test", ("pole", "car", "other"), (("light_pole",), ("car",), ("road", "tree")), ("unlabelled",), (64, 66, 1)
+)
+WANTED = DetectionParameters(scheme="test", classes=("pole", "car"), min_points=5)
+
+
+def street(rng, *, instances=True):
+    """Two poles, a car and a tree on a road; the second pole stands outside of the core."""
+    parts = {
+        "road": rng.uniform([0, 0, -0.02], [30, 6, 0.02], (3000, 3)),
+        "light_pole": rng.uniform([2, 1, 0.1], [2.1, 1.1, 4], (200, 3)),
+        "car": rng.uniform([8, 2, 0.3], [12, 4, 1.5], (4000, 3)),
+        "tree": rng.uniform([18, 1, 0.3], [20, 3, 4], (9000, 3)),
+        "far pole": rng.uniform([28, 1, 0.1], [28.1, 1.1, 4], (200, 3)),
+    }
+    names = [name.replace("far pole", "light_pole") for name in parts]
+    sizes = [len(part) for part in parts.values()]
+    xyz = np.concatenate(list(parts.values()))
+    columns = {"label": np.repeat([TAXONOMY[n] for n in names], sizes).astype(np.uint8), "core": xyz[:, 0] < 25}
+    if instances:
+        columns["instance"] = np.repeat([0, 11, 12, 13, 99], sizes).astype(np.int32)
+    ground = {"ground": np.repeat([True, False, False, False, False], sizes)}
+    return PointCloud(xyz, columns), ground
+
+
+PARAMETERS = SegmentationParameters(normalized_cut=NormalizedCutParameters(tolerance=0.4))
+
+
+@pytest.mark.parametrize("instances", [True, False])
+def test_objects_get_the_class_of_their_reference(rng, instances):
+    scene, ground = street(rng, instances=instances)
+    objects = segment_scene(scene, ground, PARAMETERS)
+    assert (objects["objects"][ground["ground"]] == -1).all() and objects["objects"].max() == 3
+    found = object_classes(scene, objects, scheme=SCHEME, parameters=WANTED)
+    assert found["label"].tolist() == [0, 1, -1, 0]
+    assert found["own"].tolist() == [True, True, True, False]
+
+
+def test_reference_objects_number_instances_and_take_their_most_frequent_class(rng):
+    scene, _ = street(rng)
+    numbers, classes = reference_objects(scene, SCHEME)
+    assert np.unique(numbers).tolist() == [0, 1, 2, 3, 4]
+    assert classes.tolist() == [-1, 0, 1, 2, 0]
+
+
+def test_right_wrong_and_missing_detections_are_counted_where_they_belong(rng):
+    scene, ground = street(rng)
+    objects = segment_scene(scene, ground, PARAMETERS)
+    detections = {"label": np.array([-1, 1, 0, 0], np.int16), "score": np.array([0, 0.9, 0.4, 0.8], np.float32)}
+    counted = count_detections_of_scene(scene, objects, detections, scheme=SCHEME, parameters=WANTED)
+    assert counted["n_objects"].tolist() == [1, 1]  # the pole outside of the core is another scene's
+    assert counted["label"].tolist() == [0, 1] and counted["right"].tolist() == [False, True]
+    table = detection_table({"test.a": counted, "test.b": counted}, method="m", classes=WANTED.classes)
+    value = table.set_index(["class", "metric"])["value"]
+    assert value["pole", "fn"] == 2 and value["pole", "fp"] == 2 and value["car", "tp"] == 2
+    assert value["all", "precision"] == 0.5
+    curves = detection_curves({"test.a": counted}, split="test", classes=WANTED.classes)
+    np.testing.assert_allclose(curves["car"][1:], [[1.0], [1.0]])
+
+
+def test_small_references_are_not_looked_for(rng):
+    scene, ground = street(rng)
+    objects = segment_scene(scene, ground, PARAMETERS)
+    nothing = {"label": np.full(4, -1, np.int16), "score": np.zeros(4, np.float32)}
+    strict = DetectionParameters(scheme="test", classes=("pole", "car"), min_points=500)
+    counted = count_detections_of_scene(scene, objects, nothing, scheme=SCHEME, parameters=strict)
+    assert counted["n_objects"].tolist() == [0, 1]
+
+
+def test_an_object_belongs_to_the_scene_that_holds_its_foot():
+    xyz = np.array([[0, 0, 0.0], [1, 0, 5.0], [0, 0, 3.0], [1, 0, 2.0]])
+    scene = PointCloud(xyz, {"core": np.array([True, False, True, False])})
+    assert owned_by_core(scene, np.array([0, 0, 1, 1]), 3).tolist() == [True, False, False]
+
+
+def test_segmentation_is_scored_over_what_the_core_owns(rng):
+    scene, ground = street(rng)
+    objects = segment_scene(scene, ground, PARAMETERS)
+    found = measure_segmentation(scene, objects, scheme=SCHEME, min_points=5)
+    table = segmentation_table({"train.a": found, "test.b": found, "test.c": found}).set_index("split")
+    assert table.loc["test", "n_instances"] == 6 and table.loc["train", "n_segments"] == 3
+    assert table.loc["test", "weighted_coverage"] > 0.99 and table.loc["test", "precision"] == 1.0
+    clusters = segment_scene(scene, ground, SegmentationParameters("euclidean", min_points=500))
+    assert np.unique(clusters["objects"]).tolist() != np.unique(objects["objects"]).tolist()
+
+
+def test_intensity_is_used_where_the_method_says_so(rng):
+    pole = rng.uniform([-0.08, -0.08, 0], [0.08, 0.08, 4], (4000, 3))
+    bush = rng.uniform([-0.5, -0.5, 0], [0.5, 0.5, 1.5], (8000, 3))
+    xyz = np.concatenate([pole, bush[np.abs(bush[:, :2]).max(axis=1) > 0.08]])
+    intensity = np.where(np.arange(len(xyz)) < 4000, 0.9, 0.15).astype(np.float32)
+    scene, ground = PointCloud(xyz, {"intensity": intensity}), {"ground": np.zeros(len(xyz), bool)}
+    cut = NormalizedCutParameters(sigma_i=0.2)
+    both = [
+        segment_scene(scene, ground, SegmentationParameters(method, cut))["objects"].max() + 1
+        for method in ("normalized_cut", "normalized_cut_geometry")
+    ]
+    assert both[0] == 2 and both[1] != 2
+
+
+def test_bad_input(rng):
+    scene, ground = street(rng)
+    objects = segment_scene(scene, ground, PARAMETERS)
+    with pytest.raises(DataError, match="1 detections for 4 objects"):
+        one = {"label": np.zeros(1, np.int16), "score": np.zeros(1, np.float32)}
+        count_detections_of_scene(scene, objects, one, scheme=SCHEME, parameters=WANTED)
+    with pytest.raises(ParameterError, match="scheme 'test' has no tram"):
+        DetectionParameters(classes=("tram",)).labels_in(SCHEME)
+    with pytest.raises(ParameterError, match="detection.classes must name at least one class"):
+        DetectionParameters(classes=())
+    with pytest.raises(ParameterError, match="iou_threshold must be between 0 and 1, got 1"):
+        DetectionParameters(iou_threshold=1)
+    with pytest.raises(ParameterError, match="segmentation.method must be .* got 'magic'"):
+        SegmentationParameters("magic")
