@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join, tube
-from mlsroad_pipeline.algorithms.simulation.objects.parts import grid_skin, loft
+from mlsroad_pipeline.algorithms.simulation.objects.parts import fan, grid_skin
 
 Spans = Sequence[tuple[float, float]]
 Knots = Sequence[tuple[float, float]]
@@ -148,7 +148,7 @@ def skin(body: Body, paint: Surface, glass: Surface, under: Surface, *, roof: Su
     which[above, _ROOF] = _GLASS
     which[nothing, _BELT : 11 - _BELT] = -1
     sheet = grid_skin(ring, [paint, under, glass, roof or paint], which)
-    return join([sheet, *(loft(ring[[k, k], :12], paint) for k in (0, -1))])
+    return join([sheet, fan(ring[0, 11::-1], paint), fan(ring[-1, :12], paint)])
 
 
 def rails(body: Body, spans: Spans, thickness: float, paint: Surface) -> list[Mesh]:
@@ -190,5 +190,5 @@ def pillars(body: Body, xs: Sequence[float], thickness: float, paint: Surface) -
     for k in range(len(x)):
         for side in (-1, 1):
             path = [[x[k], side * 0.955 * w[k], belt[k]], [x[k], side * roof[k], top[k] - 0.05]]
-            bars.append(tube(path, thickness, paint, sides=4))
+            bars.append(tube(path, thickness, paint, sides=3))
     return bars

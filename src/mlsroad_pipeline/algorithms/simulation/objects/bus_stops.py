@@ -167,15 +167,15 @@ def _canopy(rng: np.random.Generator) -> Mesh:
     posts = [0.0] if length < 3.2 else [-0.28 * length, 0.28 * length]
     parts = []
     for y in posts:
-        parts.append(lathe([[0.08, -UNDERGROUND], [0.07, height]], metal, at=[-0.3 * depth, y, 0]))
-        parts.append(tube([[-0.3 * depth, y, height - 0.35], [0.3 * depth, y, height]], 0.04, metal, sides=4))
+        parts.append(lathe([[0.08, -UNDERGROUND], [0.07, height]], metal, at=[0, y, 0]))
+        parts.append(tube([[0, y, height - 0.35], [0.6 * depth, y, height]], 0.04, metal, sides=4))
     f = np.linspace(0, 1, 5)
     lift = rng.uniform(-0.1, 0.35) * f + rng.uniform(-0.15, 0.15) * f * (1 - f)
-    arc = np.column_stack([depth * (f - 0.5), height + lift])
+    arc = np.column_stack([depth * (f - 0.2), height + lift])
     low = np.stack([np.column_stack([arc[:, 0], np.full(5, y), arc[:, 1]]) for y in (length / 2, -length / 2)])
     parts += [grid_skin(low, [metal]), grid_skin(low + np.array([0, 0, 0.06]), [metal])]
     if rng.random() < 0.6:
-        parts += _seat(rng, -0.3 * depth, 0.5 * length, 0.0, metal)
+        parts += _seat(rng, 0.1, 0.5 * length, 0.0, metal)
     return join(parts)
 
 

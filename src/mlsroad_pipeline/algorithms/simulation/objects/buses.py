@@ -47,7 +47,7 @@ def _coach(
         parts += rails(body, [(front - slope - 0.02, front - 0.02)], 0.045, paint)
     floor = clear + 0.08
     parts.append(box([front - rear - 0.5, 1.85 * half, 0.04], [(front + rear) / 2, 0, floor], dark))
-    rows = np.arange(rear + 0.9, front - (2.2 if head else 0.5), rng.uniform(0.85, 1.3))
+    rows = np.arange(rear + 0.9, front - (2.2 if head else 0.5), rng.uniform(0.95, 1.3))
     cover, cushions = material("seat", _LABEL, rng), []
     for x in rows:
         for side in (-1, 1):
@@ -78,7 +78,7 @@ def _face(
     parts += seats(_LABEL, rng, [front - 1.5], [0.6], clear + 0.55, 0.9)
     parts.append(steering_wheel(_LABEL, [front - 0.85, 0.6, belt + 0.05], rng))
     parts.append(box([0.35, 1.5 * half, 0.3], [front - 0.4, 0.1, belt - 0.2], dark))
-    parts += lamps(rng, body, _LABEL, front=clear + 0.35, rear=clear + 0.75, upright=True)
+    parts += lamps(rng, body, _LABEL, front=clear + 0.35, rear=None)
     if rng.random() < 0.5:  # air conditioning
         size = rng.uniform([1.5, 1.2, 0.15], [3.0, 1.9, 0.3])
         parts.append(box(size, [rng.uniform(-1.5, 1.0), 0, height + size[2] / 2], cloth(_LABEL, rng), taper=0.9))
@@ -97,6 +97,7 @@ def bus(rng: np.random.Generator) -> Mesh:
     axles = [rear + length * rng.uniform(0.2, 0.28), front - rng.uniform(2.4, 2.8)]
     body, parts = _coach(rng, (rear, front), measures, skins, head=True, axles=axles)
     parts += wheels(rng, body, _LABEL, width=0.3, steered=rng.normal(0, 0.06))
+    parts += lamps(rng, body, _LABEL, front=None, rear=measures[2] + 0.75, upright=True)
     return join([*parts, *_face(rng, body, measures, skins[2])])
 
 
@@ -112,6 +113,7 @@ def articulated_bus(rng: np.random.Generator) -> Mesh:
     width = 0.3
     parts += wheels(rng, head, _LABEL, width=width, steered=rng.normal(0, 0.06))
     behind += wheels(rng, tail, _LABEL, width=width)
+    behind += lamps(rng, tail, _LABEL, front=None, rear=measures[2] + 0.75, upright=True)
     half, height, clear, _ = measures
     bend = rng.normal(0, 0.05)
     rubber, folds = material("rubber", _LABEL, rng), 13

@@ -21,7 +21,7 @@ from mlsroad_pipeline.algorithms.simulation.objects.sign_plates import sign_plat
 def _shaft(rng: np.random.Generator, low: float, high: float) -> tuple[list[Mesh], float, float, Surface]:
     """Return a mast, its height, its radius at the ground and what it is made of."""
     height = rng.uniform(low, high)
-    radius = rng.uniform(0.055, 0.08) + 0.004 * height
+    radius = rng.uniform(0.05, 0.09) + 0.006 * height
     surface = metal("light_pole", rng)
     parts = [mast(rng, height, radius, surface)]
     if rng.random() < 0.12:
@@ -66,13 +66,13 @@ def _curved_arm(rng: np.random.Generator) -> Mesh:
     """A mast that bends over into its own arm."""
     surface = metal("light_pole", rng)
     height, reach = rng.uniform(5.5, 11.0), rng.uniform(0.8, 2.6)
-    radius = rng.uniform(0.055, 0.075) + 0.004 * height
+    radius = rng.uniform(0.05, 0.085) + 0.006 * height
     bow, droop = rng.uniform(0.6, 1.6), rng.uniform(np.radians(75), np.radians(120))
     f = np.linspace(0, droop, 10)
     wide = reach / (1 - np.cos(droop))
     curve = np.column_stack([wide * (1 - np.cos(f)), 0 * f, height - bow + bow * np.sin(f)])
     path = np.concatenate([[[0, 0, -UNDERGROUND], [0, 0, 0.5 * (height - bow)]], curve])
-    radii = np.concatenate([[radius, 0.85 * radius], np.linspace(0.75 * radius, 0.028, 10)])
+    radii = np.concatenate([[radius, 0.85 * radius], np.linspace(0.7 * radius, 0.03, 10)])
     parts = [tube(path, radii, surface, sides=8), box([4 * radius, 4 * radius, 0.12], [0, 0, -0.04], surface)]
     if rng.random() < 0.4:
         sleeve = [[1.35 * radius, -0.1], [1.35 * radius, rng.uniform(0.8, 1.6)], [radius, 1.75]]
@@ -207,7 +207,7 @@ DESIGNS: tuple[Design, ...] = (
     _lamp("double_arm_lamp", build=_double_arm, clearance=0.5, weight=1.5),
     _lamp("curved_arm_lamp", build=_curved_arm, clearance=0.5, weight=2.0),
     _lamp("heritage_lantern", build=_heritage_lantern, clearance=0.5, weight=1.0),
-    _lamp("banner_lamp", build=_banner_lamp, clearance=1.0, weight=0.8),
+    _lamp("banner_lamp", build=_banner_lamp, clearance=1.0, weight=1.2),
     _lamp("lamp_with_sign", build=_lamp_with_sign, clearance=0.7, weight=1.5),
     _lamp("post_top_lamp", build=_post_top, clearance=0.5, weight=1.5),
     _lamp("high_mast", build=_high_mast, clearance=0.7, weight=0.1),

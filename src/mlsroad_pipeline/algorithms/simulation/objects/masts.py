@@ -37,7 +37,7 @@ def mast(rng: np.random.Generator, height: float, radius: float, surface: Surfac
         From underground up.
     """
     sides = int(rng.choice([6, 8, 10, 12], p=[0.1, 0.3, 0.4, 0.2]))
-    top = radius * rng.uniform(0.45, 0.8)
+    top = radius * rng.uniform(0.5, 0.9)
     step = rng.uniform(0.9, 2.2)
     if rng.random() < 0.35 and height > 2 * step:  # a wide lower part with the door
         neck = radius * rng.uniform(0.6, 0.75)

@@ -120,13 +120,31 @@ def loft(sections: ArrayLike, surface: Surface, *, closed: bool = True) -> Mesh:
         The skin.
     """
     rings = np.asarray(sections, dtype=np.float64)
-    m = rings.shape[1]
     skin = grid_skin(np.concatenate([rings, rings[:, :1]], axis=1), [surface])
     if not closed:
         return skin
-    fan = np.stack([np.zeros(m - 2, dtype=np.int64), np.arange(1, m - 1), np.arange(2, m)], axis=1)
-    ends = Mesh(rings[[0, -1]].reshape(-1, 3), np.concatenate([fan[:, ::-1], fan + m]), surface.rows(2 * (m - 2)))
-    return join([skin, without_slivers(ends)])
+    return join([skin, fan(rings[0, ::-1], surface), fan(rings[-1], surface)])
+
+
+def fan(corners: ArrayLike, surface: Surface) -> Mesh:
+    """Return a convex polygon as triangles about its first corner.
+
+    Parameters
+    ----------
+    corners : array-like of shape (m, 3)
+        Going round, counter-clockwise as seen from its front, metres.
+    surface : Surface
+        What it is made of.
+
+    Returns
+    -------
+    Mesh
+        At most m - 2 faces.
+    """
+    points = np.asarray(corners, dtype=np.float64)
+    m = len(points)
+    faces = np.stack([np.zeros(m - 2, dtype=np.int64), np.arange(1, m - 1), np.arange(2, m)], axis=1)
+    return without_slivers(Mesh(points, faces, surface.rows(m - 2)))
 
 
 def prism(outline: ArrayLike, width: float, surface: Surface, *, at: float = 0.0) -> Mesh:

@@ -72,7 +72,7 @@ def _side_head(rng: np.random.Generator, radius: float, z: float, yaw: float, ho
 def _post_signal(rng: np.random.Generator) -> Mesh:
     """A vehicle signal on a post, often with one for those who walk."""
     skin, housing = metal("traffic_light", rng), tinted((0.03, 0.035, 0.03), "traffic_light", 0.15, rng, spread=0.4)
-    height, radius = rng.uniform(3.0, 3.9), rng.uniform(0.045, 0.075)
+    height, radius = rng.uniform(2.8, 3.9), rng.uniform(0.045, 0.08)
     parts = [mast(rng, height, radius, skin)]
     head = _framed(rng, housing)
     parts.append(_side_head(rng, radius, height - 0.5 * float(np.ptp(head.vertices[:, 2])), 0.0, housing, head))
@@ -90,7 +90,7 @@ def _mast_arm(rng: np.random.Generator) -> Mesh:
     """Heads along an arm over the road, one more on the mast, now and then signs between them."""
     skin, housing = metal("traffic_light", rng), tinted((0.03, 0.035, 0.03), "traffic_light", 0.15, rng, spread=0.4)
     height, reach = rng.uniform(5.6, 7.2), rng.uniform(3.0, 8.0)
-    radius, rise = 0.07 + 0.009 * reach, rng.uniform(0.0, 0.6)
+    radius, rise = 0.07 + 0.009 * reach + rng.uniform(0.0, 0.04), rng.uniform(0.0, 0.6)
     level = height - rng.uniform(0.1, 0.5)
     parts = [mast(rng, height, radius, skin)]
     bend = float(rng.choice([0.0, 1.0]))
@@ -123,7 +123,7 @@ def _mast_arm(rng: np.random.Generator) -> Mesh:
 def _pedestrian_signal(rng: np.random.Generator) -> Mesh:
     """A low post with a signal of two lenses, or two of them that look along and across."""
     skin, housing = metal("traffic_light", rng), tinted((0.03, 0.035, 0.03), "traffic_light", 0.15, rng, spread=0.4)
-    height, radius = rng.uniform(2.6, 3.2), rng.uniform(0.04, 0.065)
+    height, radius = rng.uniform(2.6, 3.4), rng.uniform(0.042, 0.072)
     parts = [mast(rng, height, radius, skin), _button(rng, radius)]
     for yaw in (0.0, np.pi / 2) if rng.random() < 0.35 else (0.0,):
         head = _pedestrian_head(rng, housing)

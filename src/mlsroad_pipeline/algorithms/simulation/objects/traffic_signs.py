@@ -1,4 +1,4 @@
-"""Traffic signs: plates on posts of their own, fronts along +x, lower edges 2.0 to 2.5 m above the ground."""
+"""Traffic signs: plates on posts of their own, fronts along +x, lower edges mostly 2.0 to 2.5 m above the ground."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _post(rng: np.random.Generator, height: float, metal: Surface, y: float = 0.
 def _single(rng: np.random.Generator, *, shape: str) -> Mesh:
     metal = material("galvanised", "traffic_sign", rng)
     plate, half = sign_plate(rng, shape)
-    bottom = rng.uniform(1.95, 2.5) if rng.random() < 0.9 else rng.uniform(0.7, 1.6)
+    bottom = rng.uniform(2.0, 2.5) if rng.random() < 0.8 else rng.uniform(0.7, 2.0)
     parts, radius = _post(rng, bottom + 2 * half - rng.uniform(-0.06, 0.1), metal)
     parts.append(plate.moved([radius + 0.02, 0, bottom + half], yaw=rng.normal(0, 0.08), roll=rng.normal(0, 0.025)))
     parts += [box([0.03, 0.1, 0.03], [0.8 * radius, 0, bottom + half + dz], metal) for dz in (-0.5 * half, 0.5 * half)]

@@ -48,7 +48,7 @@ def _cab(
     dark = tinted((0.03, 0.03, 0.03), _LABEL, 0.14, rng)
     parts = [skin(body, paint, glass, dark), *rails(body, [(screen_top, cowl)], 0.045, paint)]
     parts += mirrors(rng, body, cowl - 0.1, belt + 0.35, 0.24, dark)
-    parts += lamps(rng, body, _LABEL, front=clear + 0.3, rear=clear + 0.3)
+    parts += lamps(rng, body, _LABEL, front=clear + 0.3, rear=None)
     parts.append(box([0.4, 1.7 * half, 0.25], [cowl - 0.35, 0, belt - 0.15], dark))
     parts.append(steering_wheel(_LABEL, [cowl - 0.7, 0.5, belt + 0.05], rng))
     parts += seats(_LABEL, rng, [cowl - 1.2], [-0.55, 0.55], clear + 0.75, 0.9)

@@ -225,8 +225,8 @@ def hung_pole(name: str, rng: np.random.Generator) -> Hung:
     pole : Mesh
         The pole.
     points : ndarray of shape (WIRES, 3), float64
-        Four conductors by their x, the bundle of low voltage, the telephone cable; the k-th wire runs from the k-th point of a
-        pole to the k-th of the next one, of whatever design, metres.
+        Four conductors by their x, the bundle of low voltage, the telephone cable; the k-th wire runs from the k-th
+        point of a pole to the k-th of the next one, of whatever design, metres.
 
     Raises
     ------

@@ -156,7 +156,7 @@ def _load(rng: np.random.Generator, label: str, span: tuple[float, float], half:
 _LARGE: tuple[tuple[str, str, Callable[[np.random.Generator], Mesh], float, float], ...] = (
     ("box_truck", "truck", trucks.box_truck, 4.9, 0.8),
     ("flatbed_truck", "truck", trucks.flatbed_truck, 4.9, 0.4),
-    ("tipper_truck", "truck", trucks.tipper_truck, 4.5, 0.4),
+    ("tipper_truck", "truck", trucks.tipper_truck, 4.9, 0.4),
     ("articulated_lorry", "truck", trucks.articulated_lorry, 8.5, 0.3),
     ("bus", "bus", buses.bus, 6.6, 1.0),
     ("articulated_bus", "bus", buses.articulated_bus, 9.6, 0.3),
