@@ -189,6 +189,6 @@ def pillars(body: Body, xs: Sequence[float], thickness: float, paint: Surface) -
     bars = []
     for k in range(len(x)):
         for side in (-1, 1):
-            path = [[x[k], side * 0.955 * w[k], belt[k]], [x[k], side * roof[k], top[k] - 0.05]]
+            path = [[x[k], side * 0.955 * w[k], belt[k]], [x[k], side * roof[k], top[k] - 0.09]]
             bars.append(tube(path, thickness, paint, sides=3))
     return bars

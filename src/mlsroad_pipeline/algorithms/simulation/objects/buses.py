@@ -35,7 +35,7 @@ def _coach(
     if not head:
         top = [(rear, height - 0.05), (rear + 0.1, height), (front - 0.1, height), (front, height - 0.03)]
     line = [(rear, belt), (front - 0.05, belt), (front, belt - 0.12 if head else belt)]
-    pitch = rng.uniform(1.2, 1.7)
+    pitch = rng.uniform(1.35, 1.8)
     posts = np.linspace(rear + 0.25, front - slope - (0.3 if head else 0.15), max(int((front - rear) / pitch), 2) + 1)
     panes = [(a + 0.04, b - 0.04) for a, b in pairwise(posts)]
     edge = rng.uniform(0.93, 0.97)
@@ -47,7 +47,7 @@ def _coach(
         parts += rails(body, [(front - slope - 0.02, front - 0.02)], 0.045, paint)
     floor = clear + 0.08
     parts.append(box([front - rear - 0.5, 1.85 * half, 0.04], [(front + rear) / 2, 0, floor], dark))
-    rows = np.arange(rear + 0.9, front - (2.2 if head else 0.5), rng.uniform(0.95, 1.3))
+    rows = np.arange(rear + 0.9, front - (2.2 if head else 0.5), rng.uniform(1.05, 1.4))
     cover, cushions = material("seat", _LABEL, rng), []
     for x in rows:
         for side in (-1, 1):

@@ -80,8 +80,10 @@ def _curved_arm(rng: np.random.Generator) -> Mesh:
     return leaned(join([*parts, luminaire(rng, path[-1], surface, pitch=min(np.pi / 2 - droop, 0.0))]), rng)
 
 
-def _lantern(rng: np.random.Generator, at: NDArray[np.float64], iron: Surface, glass: Surface) -> list[Mesh]:
-    sides, size, tall = int(rng.choice([4, 6, 8])), rng.uniform(0.13, 0.2), rng.uniform(0.35, 0.55)
+def _lantern(
+    rng: np.random.Generator, at: NDArray[np.float64], iron: Surface, glass: Surface, sides: int
+) -> list[Mesh]:
+    size, tall = rng.uniform(0.13, 0.2), rng.uniform(0.35, 0.55)
     panes = [[0.6 * size, 0.06], [size, tall]]
     roof = [
         [1.15 * size, tall],
@@ -98,7 +100,7 @@ def _lantern(rng: np.random.Generator, at: NDArray[np.float64], iron: Surface, g
         rails = at + np.array([0.6 * size * ray + [0, 0, 0.06], size * ray + [0, 0, tall]])
         parts.append(tube(rails, 0.012, iron, sides=3))
     bulb = tinted((0.7, 0.68, 0.6), "light_pole", 0.5, rng)
-    parts.append(ellipsoid(at + np.array([0, 0, 0.5 * tall]), [0.05, 0.05, 0.12], bulb, rings=2, sides=6))
+    parts.append(ellipsoid(at + np.array([0, 0, 0.5 * tall]), [0.05, 0.05, 0.12], bulb, rings=2, sides=5))
     return parts
 
 
@@ -113,10 +115,11 @@ def _heritage_lantern(rng: np.random.Generator) -> Mesh:
         [1.3 * shaft, base + 0.15], [shaft, 0.6 * height], [1.35 * shaft, 0.62 * height], [0.85 * shaft, 0.66 * height],
         [0.75 * shaft, height - 0.1], [1.6 * shaft, height - 0.03], [0.6 * shaft, height],
     ]  # fmt: skip
-    parts = [lathe(profile, iron, sides=12)]
+    parts = [lathe(profile, iron, sides=10)]
     count = int(rng.choice([0, 2, 3, 4], p=[0.55, 0.3, 0.1, 0.05]))
-    if count == 0 or rng.random() < 0.4:
-        parts += _lantern(rng, np.array([0, 0, height]), iron, glass)
+    sides = int(rng.choice([4, 6, 8])) if count == 0 else 4 if count > 2 else int(rng.choice([4, 6]))
+    if count == 0 or (count < 4 and rng.random() < 0.4):
+        parts += _lantern(rng, np.array([0, 0, height]), iron, glass, sides)
     reach, start = rng.uniform(0.35, 0.6), rng.uniform(0, np.pi / 2) if count > 2 else 0.0
     f = np.linspace(0, np.pi, 7)
     for k in range(count):
@@ -124,8 +127,8 @@ def _heritage_lantern(rng: np.random.Generator) -> Mesh:
         ray = np.array([np.cos(turn), np.sin(turn), 0.0])
         lift = height - 0.5 + np.column_stack([0.22 * np.sin(f)])
         path = (reach * f / np.pi)[:, None] * ray + lift * [0, 0, 1]
-        parts.append(tube(path, 0.02, iron, sides=4))
-        parts += _lantern(rng, path[-1], iron, glass)
+        parts.append(tube(path, 0.02, iron, sides=3))
+        parts += _lantern(rng, path[-1], iron, glass, sides)
     return leaned(join(parts), rng)
 
 

@@ -111,11 +111,12 @@ def _marks(
     """Return bars and discs that stand for symbols and letters."""
     dark = tinted((0.04, 0.04, 0.045), "traffic_sign", 0.12, rng)
     mark = dark if sum(field) > 0.9 else retroreflective(SIGN_WHITE, "traffic_sign", rng)
-    reach = np.abs(outline - middle).max(axis=0)
+    # The largest box about the middle that fits an outline is half as wide where it has three or four corners.
+    reach = np.abs(outline - middle).max(axis=0) * (0.5 if len(outline) < 5 else 1.0)
     parts = []
     for _ in range(int(rng.integers(0, 4))):
         size = rng.uniform([0.08, 0.06], [0.5, 0.35]) * reach
-        at = middle + rng.uniform(-0.28, 0.28, 2) * reach
+        at = middle + rng.uniform(-0.25, 0.25, 2) * reach
         shape = rectangle(2 * size[0], 2 * size[1]) if rng.random() < 0.7 else polygon(8, float(size.min()))
         parts.append(panel(shape, mark, mark, [0.01, at[0], at[1]]))
     return parts

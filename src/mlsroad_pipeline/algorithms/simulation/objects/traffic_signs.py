@@ -16,7 +16,15 @@ from mlsroad_pipeline.algorithms.simulation.materials import (
     retroreflective,
 )
 from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, join, tube
-from mlsroad_pipeline.algorithms.simulation.objects.parts import UNDERGROUND, lathe, leaned, panel, rectangle, rounded
+from mlsroad_pipeline.algorithms.simulation.objects.parts import (
+    UNDERGROUND,
+    lathe,
+    leaned,
+    panel,
+    rectangle,
+    rounded,
+    without_slivers,
+)
 from mlsroad_pipeline.algorithms.simulation.objects.sign_plates import BOARD_COLOURS, board, sign_plate
 
 
@@ -107,7 +115,7 @@ def _chevron(rng: np.random.Generator) -> Mesh:
         stripe = np.array([[-width / 2, low], [width / 2, low + slant], [width / 2, high + slant], [-width / 2, high]])
         stripe[:, 1] = np.clip(stripe[:, 1], -tall / 2, tall / 2)
         parts.append(panel(stripe, red, red, [radius + 0.027, 0, bottom + tall / 2]))
-    return leaned(join(parts), rng, share=0.35)
+    return leaned(without_slivers(join(parts)), rng, share=0.35)
 
 
 _sign = partial(Design, label="traffic_sign", clearance=0.5)

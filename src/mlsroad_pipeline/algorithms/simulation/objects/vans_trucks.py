@@ -73,7 +73,7 @@ def _van(rng: np.random.Generator, *, glazed: bool) -> Mesh:
         parts += seats("van", rng, rows.tolist(), [-0.45, 0.0, 0.45], clear + 0.4, 0.9)
         parts += pillars(body, [a for a, _ in panes[1:]], 0.03, dark)
     else:  # a wall behind the seats
-        parts.append(box([0.03, 1.8 * half, height - clear - 0.3], [cowl - 1.55, 0, (height + clear) / 2], dark))
+        parts.append(box([0.03, 1.6 * half, height - clear - 0.4], [cowl - 1.55, 0, (height + clear) / 2], dark))
         if rng.random() < 0.5:
             wide = 0.55 * half
             for side in (-1, 1):
@@ -104,7 +104,7 @@ def _pickup(rng: np.random.Generator) -> Mesh:
     cowl = front - length * rng.uniform(0.22, 0.27)
     screen_top = cowl - rng.uniform(0.55, 0.8)
     double = rng.random() < 0.65
-    cab_end = screen_top - (rng.uniform(1.35, 1.6) if double else rng.uniform(0.55, 0.8))
+    cab_end = screen_top - (rng.uniform(1.35, 1.6) if double else rng.uniform(0.85, 1.1))
     bed = cab_end - rng.uniform(0.1, 0.18)
     nose, side = belt * rng.uniform(0.88, 0.96), belt * rng.uniform(0.95, 1.02)
     top = [(rear, side - 0.01), (bed, side), (cab_end, height - 0.04), (screen_top, height), (cowl, belt + 0.07),
@@ -125,7 +125,7 @@ def _pickup(rng: np.random.Generator) -> Mesh:
     parts += wheels(rng, body, "truck", width=rng.uniform(0.22, 0.28), steered=rng.normal(0, 0.1))
     parts += _cockpit(rng, "truck", cowl - 0.2, belt, clear, half)
     if double:
-        parts += seats("truck", rng, [cowl - 2.0], [-0.42, 0.42], clear + 0.42, 0.8)
+        parts += seats("truck", rng, [max(cowl - 2.0, cab_end + 0.4)], [-0.42, 0.42], clear + 0.42, 0.8)
     if not tonneau:
         floor, wall = clear + 0.42, 0.86 * half
         middle, long = (rear + bed) / 2 + 0.03, bed - rear - 0.12
