@@ -409,6 +409,20 @@ def test_arms_reach_along_x(name):
         assert np.abs(top[:, 1]).max() < max(0.4 * top[:, 0].max(), 1.6)
 
 
+@pytest.mark.parametrize(("name", "axis"), [("post_signal", 1), ("mast_arm_signal", 1), ("pedestrian_signal", 0)])
+def test_signals_look_at_those_they_are_for(name, axis):
+    # Lenses are the only faces with a saturated colour; red ones of vehicles look along +y, of walkers along +x.
+    for stream in STREAMS:
+        mesh = built(name, stream)
+        rgb = mesh.attributes[:, RED : RED + 3]
+        a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+        normal = np.cross(b - a, c - a)
+        lens = (np.abs(rgb - [0.4, 0.04, 0.03]) < 1e-6).all(axis=1)
+        front = normal[lens] @ np.eye(3)[axis] / np.linalg.norm(normal[lens], axis=1)
+        assert lens.sum() >= 20
+        assert (front > 0.97).sum() >= 20
+
+
 @pytest.mark.parametrize("name", ["glass_shelter", "heritage_lantern"])
 def test_glass_is_glass(name):
     for stream in STREAMS:

@@ -1,4 +1,7 @@
-"""Traffic lights: those on posts look along +x; mast arms reach along +x over the road, their heads look along +y."""
+"""Traffic lights: the road is along +x, where mast arms reach and signals for those who walk look.
+
+Signals for vehicles look along +y, towards those who come on that side of the road where traffic keeps right.
+"""
 
 from __future__ import annotations
 
@@ -75,14 +78,15 @@ def _post_signal(rng: np.random.Generator) -> Mesh:
     height, radius = rng.uniform(2.8, 3.9), rng.uniform(0.045, 0.08)
     parts = [mast(rng, height, radius, skin)]
     head = _framed(rng, housing)
-    parts.append(_side_head(rng, radius, height - 0.5 * float(np.ptp(head.vertices[:, 2])), 0.0, housing, head))
+    level = height - 0.5 * float(np.ptp(head.vertices[:, 2]))
+    parts.append(_side_head(rng, radius, level, np.pi / 2, housing, head))
     if rng.random() < 0.5:
-        yaw = float(rng.choice([-1, 1])) * np.pi / 2
         walk = _pedestrian_head(rng, housing)
-        parts.append(_side_head(rng, radius, rng.uniform(2.2, 2.5), yaw, housing, walk))
+        parts.append(_side_head(rng, radius, rng.uniform(2.2, 2.5), 0.0, housing, walk))
     if rng.random() < 0.2:
         plate, half = sign_plate(rng)
-        parts.append(plate.moved([radius + 0.03, 0, height + half]))
+        parts.append(plate.moved([0, radius + 0.03, height + half], yaw=np.pi / 2))
+        parts.append(tube([[0, 0, height - 0.1], [0, 0, height + 1.5 * half]], 0.6 * radius, skin, sides=6))
     return leaned(join([*parts, _button(rng, radius)]), rng, share=0.15)
 
 
@@ -121,11 +125,12 @@ def _mast_arm(rng: np.random.Generator) -> Mesh:
 
 
 def _pedestrian_signal(rng: np.random.Generator) -> Mesh:
-    """A low post with a signal of two lenses, or two of them that look along and across."""
+    """A low post with a signal of two lenses that looks across the road, now and then another that looks along it."""
     skin, housing = metal("traffic_light", rng), tinted((0.03, 0.035, 0.03), "traffic_light", 0.15, rng, spread=0.4)
     height, radius = rng.uniform(2.6, 3.4), rng.uniform(0.042, 0.072)
     parts = [mast(rng, height, radius, skin), _button(rng, radius)]
-    for yaw in (0.0, np.pi / 2) if rng.random() < 0.35 else (0.0,):
+    along = float(rng.choice([-1, 1])) * np.pi / 2  # the crossing of the other road
+    for yaw in (0.0, along) if rng.random() < 0.35 else (0.0,):
         head = _pedestrian_head(rng, housing)
         parts.append(_side_head(rng, radius, height - rng.uniform(0.3, 0.5), yaw, housing, head))
     return leaned(join(parts), rng, share=0.15)
