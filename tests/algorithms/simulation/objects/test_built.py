@@ -3,6 +3,7 @@
 import gzip
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -106,6 +107,12 @@ def budget(name):
 def test_names_are_unique_and_every_design_has_its_sizes():
     assert len(DESIGNS) == sum(len(module.DESIGNS) for module in MODULES)
     assert set(DESIGNS) == set(SIZES) | set(VEHICLE_SIZES)
+
+
+def test_every_design_is_documented():
+    page = (Path(__file__).resolve().parents[4] / "docs" / "street_objects.md").read_text()
+    rows = {line.split("`")[1]: line.split("|")[2].strip() for line in page.splitlines() if line.startswith("| `")}
+    assert rows == {name: design.label for name, design in DESIGNS.items()}
 
 
 @pytest.mark.parametrize("name", DESIGNS)

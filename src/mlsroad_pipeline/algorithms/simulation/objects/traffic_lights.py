@@ -80,6 +80,9 @@ def _post_signal(rng: np.random.Generator) -> Mesh:
     head = _framed(rng, housing)
     level = height - 0.5 * float(np.ptp(head.vertices[:, 2]))
     parts.append(_side_head(rng, radius, level, np.pi / 2, housing, head))
+    if rng.random() < 0.35:  # another for those who turn, or who come from the other side
+        yaw = float(rng.choice([-np.pi / 2, np.pi])) + rng.normal(0, 0.1)
+        parts.append(_side_head(rng, radius, level - rng.uniform(0.0, 0.3), yaw, housing, _framed(rng, housing)))
     if rng.random() < 0.5:
         walk = _pedestrian_head(rng, housing)
         parts.append(_side_head(rng, radius, rng.uniform(2.2, 2.5), 0.0, housing, walk))
