@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.materials import SIGN_WHITE, SIGN_YELLOW, retroreflective
 from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, join, polygon, tube
-from mlsroad_pipeline.algorithms.simulation.objects.masts import arm, mast, metal
+from mlsroad_pipeline.algorithms.simulation.objects.masts import arm, luminaire, mast, metal
 from mlsroad_pipeline.algorithms.simulation.objects.parts import grid_skin, leaned, panel, rectangle, tinted
 from mlsroad_pipeline.algorithms.simulation.objects.sign_plates import sign_plate
 
@@ -93,13 +93,22 @@ def _post_signal(rng: np.random.Generator) -> Mesh:
     return leaned(join([*parts, _button(rng, radius)]), rng, share=0.15)
 
 
+def _lit_mast(rng: np.random.Generator, height: float, radius: float, skin: Surface) -> list[Mesh]:
+    """Return a mast that rises above its signals to a street lamp, which is labelled as such."""
+    top, reach, rise = height + rng.uniform(1.2, 3.0), rng.uniform(0.6, 2.2), rng.uniform(0.05, 0.5)
+    steel, start = metal("light_pole", rng), np.array([0, 0, top - 0.1])
+    head = luminaire(rng, start + np.array([reach, 0, rise]), steel, pitch=rng.uniform(0, 0.15))
+    return [mast(rng, top, radius, skin), arm(start, reach, rise, 0.0, steel, 0.03), head]
+
+
 def _mast_arm(rng: np.random.Generator) -> Mesh:
-    """Heads along an arm over the road, one more on the mast, now and then signs between them."""
+    """Heads along an arm over the road, one more on the mast, now and then signs between them or a lamp above."""
     skin, housing = metal("traffic_light", rng), tinted((0.03, 0.035, 0.03), "traffic_light", 0.15, rng, spread=0.4)
     height, reach = rng.uniform(5.6, 7.2), rng.uniform(3.0, 8.0)
     radius, rise = 0.07 + 0.009 * reach + rng.uniform(0.0, 0.04), rng.uniform(0.0, 0.6)
     level = height - rng.uniform(0.1, 0.5)
-    parts = [mast(rng, height, radius, skin)]
+    lit = rng.random() < 0.25
+    parts = _lit_mast(rng, height, radius, skin) if lit else [mast(rng, height, radius, skin)]
     bend = float(rng.choice([0.0, 1.0]))
     parts.append(arm([0, 0, level], reach, rise, bend, skin, 0.6 * radius))
     lying, count = rng.random() < 0.2, int(rng.integers(1, 4))
