@@ -23,13 +23,14 @@ BENCHMARKS: dict[str, list[str]] = {
     "vccs": [],
     "forest": [],
     "clusters": [],
+    "graph_cuts": [],
     "formats": [],
     "evaluation": [],
     "simulator": [],
     "store": [],
     "label": ["--millions", "5", "20"],
 }
-NEEDS_CLOUDS = {"ground", "vccs", "clusters", "formats", "evaluation"}
+NEEDS_CLOUDS = {"ground", "vccs", "clusters", "graph_cuts", "formats", "evaluation"}
 
 
 def json_lines(text: str) -> list[dict[str, object]]:
