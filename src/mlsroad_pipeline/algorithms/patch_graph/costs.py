@@ -73,7 +73,8 @@ def weigh_descriptors(patches: Patches, weights: CostWeights, *, with_colour: bo
     Returns
     -------
     ndarray of float32, shape (n, 4 + d)
-        alpha_c times the colours (0 without colour), alpha_h times the heights over H_max, alpha_f times the histograms.
+        alpha_c times the colours (0 without colour), alpha_h times the heights over H_max, alpha_f times the
+        histograms.
 
     Raises
     ------

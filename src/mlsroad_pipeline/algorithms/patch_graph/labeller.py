@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
-from mlsroad_pipeline.algorithms.patch_graph.classifier import (
+from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
+from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import (
     GridParameters,
-    PatchGraphClassifier,
-    PatchGraphParameters,
     RefinedPatchGraphClassifier,
     refine_classifier,
 )

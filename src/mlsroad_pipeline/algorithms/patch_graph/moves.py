@@ -28,7 +28,7 @@ def random_below(seed: int, stream: int, draw: int, n: int) -> int:
         x ^= x >> np.uint64(27)
         x *= np.uint64(0x94D049BB133111EB)
         x ^= x >> np.uint64(31)
-    return np.int64((x >> np.uint64(33)) % np.uint64(n))
+    return int((x >> np.uint64(33)) % np.uint64(n))
 
 
 @njit(cache=True, nogil=True)
@@ -145,9 +145,7 @@ def initialise(
 
 
 @njit(cache=True, nogil=True)
-def incoming_edges(
-    matches: NDArray[np.int32], fresh: NDArray[np.bool_]
-) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+def incoming_edges(matches: NDArray[np.int32], fresh: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """List, for every node, who has found it in the last iteration, as a CSR pair."""
     n, n_matches = matches.shape
     indptr = np.zeros(n + 1, np.int64)

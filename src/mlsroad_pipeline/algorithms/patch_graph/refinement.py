@@ -148,9 +148,7 @@ def refine(
     if rgb is not None:
         check_column(rgb, len(probabilities), "rgb", 3)
     initial = probabilities.argmax(axis=1).astype(np.int32)
-    weights = chosen.smoothness * edge_weights(
-        initial, rgb, edges, parameters=chosen, ground=ground or GroundClasses()
-    )
+    weights = chosen.smoothness * edge_weights(initial, rgb, edges, parameters=chosen, ground=ground or GroundClasses())
     unary = 1.0 - np.log(np.maximum(probabilities, chosen.floor))
     kept = weights > 0
     labels, _ = minimize(unary, edges[kept], weights[kept], initial=initial)

@@ -10,14 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.patch_graph.costs import N_ABSOLUTE, CostWeights
-from mlsroad_pipeline.algorithms.patch_graph.matching import (
+from mlsroad_pipeline.algorithms.patch_graph.iterations import (
     MatchGraph,
     SearchParameters,
-    build_match_graph,
-    check_matches,
     find_matches,
     make_chooser,
 )
+from mlsroad_pipeline.algorithms.patch_graph.matching import build_match_graph, check_matches
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex, build_patch_index
 from mlsroad_pipeline.algorithms.patches import UNKNOWN, Patches
 
