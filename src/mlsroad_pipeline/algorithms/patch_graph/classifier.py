@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass, field
-from typing import Self
+from dataclasses import astuple, dataclass, field, fields
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ class PatchGraphParameters:
         K, matches of each patch, all from different scenes (luo2016: 7). More votes smooth the labels.
     scene_length : float, default 10.0
         Training scenes are cut into pieces of about this length in metres (luo2016: 10): more than K are needed.
-    max_patches : int, default 10_000
+    max_patches : int, default 3000
         Most patches of a piece, drawn with every class in its share. Bounds the time and the size of the model.
     seed : int, default 2016
         Seed of the draws and of the search.
@@ -50,16 +50,26 @@ class PatchGraphParameters:
 
     n_matches: int = 7
     scene_length: float = 10.0
-    max_patches: int = 10_000
+    max_patches: int = 3000
     seed: int = 2016
     weights: CostWeights = field(default_factory=CostWeights)
     search: SearchParameters = field(default_factory=SearchParameters)
 
     def __post_init__(self) -> None:
+        for name, kind in (("weights", CostWeights), ("search", SearchParameters)):
+            if isinstance(getattr(self, name), Mapping):  # as configuration gives it
+                object.__setattr__(self, name, _from_mapping(kind, getattr(self, name), name))
         check_positive(self.scene_length, "patch_graph.scene_length")
         for name, least in (("n_matches", 1), ("max_patches", 1), ("seed", 0)):
             if getattr(self, name) < least:
                 raise ParameterError(f"patch_graph.{name} must be at least {least}, got {getattr(self, name)!r}")
+
+
+def _from_mapping(kind: type, values: Mapping[str, Any], name: str) -> Any:
+    unknown = sorted(set(values) - {entry.name for entry in fields(kind)})
+    if unknown:
+        raise ParameterError(f"patch_graph.{name} has no {', '.join(unknown)}")
+    return kind(**values)
 
 
 class PatchGraphClassifier:

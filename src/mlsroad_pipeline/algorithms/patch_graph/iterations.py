@@ -204,8 +204,8 @@ class _State:
 
 def find_matches(
     source: PatchIndex,
-    heights: NDArray[np.float32],
     target: PatchIndex,
+    heights: NDArray[np.float32],
     graph: NDArray[np.int32] | None,
     n_matches: int,
     search: SearchParameters,

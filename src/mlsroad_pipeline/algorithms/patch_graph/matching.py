@@ -86,7 +86,7 @@ def build_match_graph(
     rare = minority_classes(labels) if minority is None else minority
     chooser = make_chooser(labels, rare, len(patches), search, seed)
     found = find_matches(
-        index, patches.height[order], index, None, n_matches, search, chooser, seed=seed, n_threads=n_threads
+        index, index, patches.height[order], None, n_matches, search, chooser, seed=seed, n_threads=n_threads
     )
     matches, costs = np.empty_like(found.matches), np.empty_like(found.costs)
     matches[order], costs[order] = order[found.matches], found.costs

@@ -56,6 +56,8 @@ class GridParameters:
     max_patches: int = 200_000
 
     def __post_init__(self) -> None:
+        for name in ("smoothness", "colour_decay"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         if not self.smoothness or not self.colour_decay:
             raise ParameterError("patch_graph_mrf.smoothness and .colour_decay must each list at least one value")
         for weight in self.smoothness:

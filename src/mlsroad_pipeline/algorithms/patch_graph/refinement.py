@@ -237,7 +237,7 @@ def choose_parameters(
         total = np.zeros((scenes[0].probabilities.shape[1],) * 2, np.int64)
         for scene in scenes:
             found, _ = refine(scene.probabilities, scene.rgb, scene.edges, parameters=parameters, ground=ground)
-            total += confusion_matrix(scene.labels, found, len(total))
+            total += confusion_matrix(scene.labels, found, len(total))[:, : len(total)]
         tried.append((_mean_f1(total), parameters))
     grid = [{"smoothness": p.smoothness, "colour_decay": p.colour_decay, "mean_f1": f1} for f1, p in tried]
     return max(tried, key=lambda pair: pair[0])[1], grid

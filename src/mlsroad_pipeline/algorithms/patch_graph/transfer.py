@@ -209,8 +209,8 @@ def match_patches(
     chooser = make_chooser(nameless, (), len(graph.labels), search, seed)
     found = find_matches(
         source,
-        patches.height[order],
         graph.index,
+        patches.height[order],
         graph.matches,
         n_matches,
         search,
