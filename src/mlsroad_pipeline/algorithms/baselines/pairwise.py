@@ -64,15 +64,19 @@ def _cross_entropy(exponent: NDArray[np.float64], target: NDArray[np.float64]) -
 def _solve(product: NDArray[np.float64], p: NDArray[np.float64]) -> None:
     """Find the distribution p with the least p' Q p by the iteration of Wu et al. 2004, algorithm 2."""
     n = len(p)
-    p[:] = 1.0 / n
     moved = np.empty(n)
+    for i in range(n):
+        p[i] = 1.0 / n
     for _ in range(max(100, n)):
-        moved[:] = 0.0
+        total, worst = 0.0, 0.0
         for i in range(n):
+            moved[i] = 0.0
             for j in range(n):
                 moved[i] += product[i, j] * p[j]
-        total = (p * moved).sum()
-        if np.abs(moved - total).max() < _TOLERANCE / n:
+            total += p[i] * moved[i]
+        for i in range(n):
+            worst = max(worst, abs(moved[i] - total))
+        if worst < _TOLERANCE / n:
             break
         for i in range(n):
             change = (total - moved[i]) / product[i, i]
