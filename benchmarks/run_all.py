@@ -25,6 +25,7 @@ BENCHMARKS: dict[str, list[str]] = {
     "forest": [],
     "clusters": [],
     "graph_cuts": [],
+    "patch_graph": [],
     "formats": [],
     "evaluation": [],
     "simulator": [],
