@@ -21,6 +21,8 @@ from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParamete
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.ingest import IngestParameters, OutlierParameters
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
+from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
+from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
@@ -39,6 +41,8 @@ TYPED = {
     "ingest": IngestParameters,
     "label": LabelParameters,
     "patch_forest": PatchForestParameters,
+    "patch_graph": PatchGraphParameters,
+    "patch_graph_mrf": GridParameters,
     "patch_svm": PatchSvmParameters,
     "patches": PatchParameters,
     "supervoxelise": SupervoxelParameters,

@@ -160,6 +160,7 @@ def test_one_tracked_run_holds_parameters_scores_and_figures(project):
         (found,) = client.search_runs([e.experiment_id for e in client.search_experiments()])
         artifacts = {a.path for a in client.list_artifacts(found.info.run_id, "figures")}
         versions = client.search_model_versions("name='mlsroad-detrended_forest'")
+        objective = client.get_metric_history(found.info.run_id, "patch_graph/objective")
     assert found.info.status == "FINISHED"
     assert found.data.params["detrended_forest.n_trees"] == "10"
     assert found.data.params["supervoxelise.voxel_size"] == "0.2"
@@ -169,6 +170,9 @@ def test_one_tracked_run_holds_parameters_scores_and_figures(project):
         name = f"{METHOD}/{row['split']}/{row['metric']}/{row['class']}"
         assert found.data.metrics[name] == pytest.approx(row["value"])
     assert f"figures/{METHOD}_birds_eye.png" in artifacts
+    assert [metric.step for metric in objective] == list(range(len(objective))) and len(objective) > 1
+    assert objective[-1].value < objective[0].value
+    assert "figures/patch_graph_objective.png" in artifacts
     assert [int(version.version) for version in versions] == [1]
     assert versions[0].run_id == found.info.run_id
 
