@@ -1,0 +1,1 @@
+"""Designs of street objects, one family per module."""
