@@ -144,19 +144,19 @@ class Outline:
         t = np.linspace(0.0, 1.0, 41)
         shape = t**a * (1 - t) ** b
         self._t, self._radius = t, radius * shape / shape.max()
-        share = np.cumsum(shape**2 + 1e-3)
+        share = np.cumsum(shape**1.5 + 5e-3)
         self._share = (share - share[0]) / (share[-1] - share[0])
         self._lobes = rng.normal(0, [0.10, 0.08, 0.07])
         self._phase, self._twist = rng.uniform(0, 2 * np.pi, 3), rng.normal(0, 3.0, 3)
         self.volume = float(np.pi * (self._radius**2).mean() * (top - foot))
 
     def place(self, share: Floats, azimuth: Floats, depth: Floats) -> Floats:
-        """Return places in the crown.
+        """Return places in the crown, a little denser where it is narrow.
 
         Parameters
         ----------
         share : ndarray of shape (n,), float64
-            Share of the crown's volume that lies below.
+            How much of the crown lies below, 0 to 1.
         azimuth : ndarray of shape (n,), float64
             Direction from the axis, radians.
         depth : ndarray of shape (n,), float64

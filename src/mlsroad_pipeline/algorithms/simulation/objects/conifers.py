@@ -22,8 +22,8 @@ _PINE = Habit(
     girth=(14, 20), limbs=(9, 13), droop=(0.0, 0.1), density=(0.7, 1.2), clump=(0.22, 0.38), slenderness=0.3, shell=3.0,
 )  # fmt: skip
 _CEDAR = Habit(
-    height=(7.0, 14.0), width=(0.55, 0.8), clear=(0.1, 0.2), profile=(0.3, 0.75), leader=(0.9, 0.97), rise=(-0.05, 0.3),
-    girth=(14, 20), limbs=(14, 18), droop=(0.1, 0.5), density=(0.6, 1.0), clump=(0.16, 0.28), slenderness=0.35,
+    height=(7.0, 14.0), width=(0.55, 0.8), clear=(0.1, 0.2), profile=(0.3, 0.75), leader=(0.85, 0.93), rise=(-0.05, 0.3),
+    girth=(14, 20), limbs=(14, 18), droop=(0.1, 0.5), density=(0.8, 1.3), clump=(0.2, 0.34), slenderness=0.35, shell=1.0,
 )  # fmt: skip
 
 

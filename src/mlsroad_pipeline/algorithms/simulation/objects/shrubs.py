@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.simulation.batches import Floats, bearing, blades, bows, lift, scatter, tubes, unit
+from mlsroad_pipeline.algorithms.simulation.batches import Floats, bearing, blades, bows, lift, tubes, unit
 from mlsroad_pipeline.algorithms.simulation.crowns import UNDERGROUND, Outline
 from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, join
@@ -46,7 +46,7 @@ def _bush(rng: np.random.Generator, *, flowers: bool = False) -> Mesh:
     for k in range(n_lobes):
         mine = which == k
         top, m = height * rng.uniform(0.65, 1.0), int(mine.sum())
-        lobe = Outline(rng, 0.04, top, 0.27 * width * rng.uniform(0.8, 1.2), (0.35, 0.45))
+        lobe = Outline(rng, 0.04, top, 0.27 * width * rng.uniform(0.8, 1.2), (0.45, 0.7))
         depth = rng.random(m) ** (1 / rng.uniform(2.5, 5.0))
         places[mine] = lobe.place(rng.random(m), rng.uniform(0, 6.28, m), depth)
         volume += lobe.volume
@@ -60,9 +60,11 @@ def _bush(rng: np.random.Generator, *, flowers: bool = False) -> Mesh:
     if flowers:
         petals = foliage(("pink", "white", "purple", "red", "yellow")[int(rng.integers(5))], "brushwood", rng)
         middle = places.mean(axis=0)
-        outer = places[((places - middle) ** 2).sum(axis=1).argsort()[-int(rng.uniform(0.15, 0.45) * n) :]]
-        outer = outer[:300] + 0.05 * unit(outer[:300] - middle)
-        meshes.append(lift(blades(outer, rng.normal(size=outer.shape), 0.08, 0.08, petals, rng)))
+        outer = places[((places - middle) ** 2).sum(axis=1).argsort()[-n // 2 :]]
+        outer = outer[rng.permutation(len(outer))[: int(rng.integers(90, 320))]]
+        outer = outer + 0.04 * unit(outer - middle) + rng.normal(0, 0.02, outer.shape)
+        bloom = rng.uniform(0.03, 0.075)
+        meshes.append(lift(blades(outer, rng.normal(size=outer.shape), bloom, bloom, petals, rng)))
     return join(meshes)
 
 
@@ -70,7 +72,7 @@ def _shell(rng: np.random.Generator, places: Floats, normals: Floats, area: floa
     """Return the small leaves of a clipped surface, which lie along it and stick out a little."""
     n = len(places)
     direction = rng.normal(0, 0.6, (n, 3)) + rng.uniform(0.2, 0.8, (n, 1)) * normals
-    size = float(np.clip(np.sqrt(2 * 1.5 * area / n / 0.7), 0.035, 0.14)) * rng.uniform(0.7, 1.3, n)
+    size = float(np.clip(np.sqrt(2 * 2.2 * area / n / 0.7), 0.035, 0.14)) * rng.uniform(0.7, 1.3, n)
     roots = places - 0.4 * size[:, None] * unit(direction)
     return lift(blades(roots, direction, size, 0.7 * size, foliage(leaf, "brushwood", rng), rng), margin=0.05)
 
@@ -145,11 +147,12 @@ def _tuft(rng: np.random.Generator) -> Mesh:
     upper = lift(blades(knee, second, 0.45 * length, 0.01, leaf, rng, across=aside))
     meshes = [lower, upper]
     if rng.random() < 0.5:
-        few = rng.integers(0, n, 90)
-        stalks = bearing(azimuth[few], np.pi / 2 - 0.6 * lean[few])
-        ear = foot[few] + 0.95 * height * stalks
-        meshes += [blades(foot[few], stalks, height, 0.008, leaf, rng)]
-        meshes += [blades(ear, stalks, 0.25 * height, 0.05, foliage("straw", "brushwood", rng), rng)]
+        few = rng.integers(0, n, int(rng.integers(15, 45)))
+        stalks = bearing(azimuth[few], np.pi / 2 - rng.uniform(0.2, 0.9, len(few)) * lean[few])
+        tall = height * rng.uniform(0.75, 1.05, len(few))
+        ear = foot[few] + (0.9 * tall)[:, None] * stalks
+        meshes += [blades(foot[few], stalks, tall, 0.01, leaf, rng)]
+        meshes += [blades(ear, stalks, 0.2 * height, 0.022 * height, foliage("straw", "brushwood", rng), rng)]
     return join(meshes)
 
 
@@ -171,9 +174,7 @@ def _rosette(rng: np.random.Generator) -> Mesh:
                      0.5 * wide, leaf, rng, across=across - k * keel, spread=0.06) for k in (-1.0, 1.0)]  # fmt: skip
     path = np.array([[0, 0, -UNDERGROUND], [0, 0, 0.5 * stem], [0, 0, stem + 0.06]])
     trunk = tubes(path[None], np.array([[1.0, 1.1, 0.8]]) * 0.5 * wide, bark("palm", "brushwood", rng), sides=7)
-    tuft = scatter(rng, 40) * [0.5 * reach, 0.5 * reach, 0.1] + [0, 0, 0.06]
-    dead = lift(blades(tuft, rng.normal(size=(40, 3)), 0.12, 0.02, foliage("dry", "brushwood", rng), rng))
-    return join([trunk, *(lift(h) for h in halves), dead])
+    return join([trunk, *(lift(h) for h in halves)])
 
 
 DESIGNS: tuple[Design, ...] = (
