@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.rendering.camera import oblique_view
+from mlsroad_pipeline.algorithms.rendering.camera import View
 from mlsroad_pipeline.algorithms.rendering.palette import class_palette
 from mlsroad_pipeline.algorithms.rendering.splatting import render_points
 from mlsroad_pipeline.algorithms.simulation.design import Design
@@ -31,13 +31,14 @@ def _rays(origins: NDArray, directions: NDArray) -> NDArray[np.float32]:
 def _ray_scene(mesh: Mesh) -> o3d.t.geometry.RaycastingScene:
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(
-        o3d.core.Tensor(mesh.vertices.astype(np.float32)), o3d.core.Tensor(mesh.faces.astype(np.uint32))
+        o3d.core.Tensor.from_numpy(mesh.vertices.astype(np.float32)),
+        o3d.core.Tensor.from_numpy(mesh.faces.astype(np.uint32)),
     )
     return scene
 
 
 def _cast(scene: o3d.t.geometry.RaycastingScene, rays: NDArray[np.float32]) -> tuple[NDArray, NDArray, NDArray]:
-    answer = scene.cast_rays(o3d.core.Tensor(rays))
+    answer = scene.cast_rays(o3d.core.Tensor.from_numpy(rays))
     distance = answer["t_hit"].numpy()
     hit = np.flatnonzero(np.isfinite(distance))
     return hit, distance[hit], answer["primitive_ids"].numpy()[hit].astype(np.int64)
@@ -49,10 +50,18 @@ def _sunlit(scene: o3d.t.geometry.RaycastingScene, mesh: Mesh, places: NDArray, 
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-12
     towards = np.abs(normal @ _SUN)
-    dark = scene.test_occlusions(o3d.core.Tensor(_rays(places + 0.01 * _SUN, _SUN))).numpy()
+    dark = scene.test_occlusions(o3d.core.Tensor.from_numpy(_rays(places + 0.01 * _SUN, _SUN))).numpy()
     light = (_SKY * (0.6 + 0.4 * np.abs(normal[:, 2])) + np.where(dark, 0.0, towards))[:, None]
     albedo = mesh.attributes[face, RED : BLUE + 1]
     return (255 * np.clip(1.1 * albedo * light, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+
+
+def _axes(azimuth: float, elevation: float) -> tuple[NDArray, NDArray, NDArray]:
+    """Return what is right, up and towards the viewer in a picture."""
+    right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    level = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
+    back = np.cos(elevation) * level + np.array([0.0, 0.0, np.sin(elevation)])
+    return right, np.cross(back, right), back
 
 
 def photograph(
@@ -85,9 +94,7 @@ def photograph(
         If the span is not positive.
     """
     width, height = size
-    right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    back = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0]) * np.cos(elevation) + [0, 0, np.sin(elevation)]
-    up = np.cross(back, right)
+    right, up, back = _axes(azimuth, elevation)
     shown = mesh.vertices[mesh.vertices[:, 2] > -0.05]
     x, y = shown @ right, shown @ up
     if span is None:
@@ -162,14 +169,21 @@ def scan_mesh(
     return xyz, _sunlit(scene, mesh, xyz, found), found
 
 
-def _scanned_picture(mesh: Mesh, size: tuple[int, int], labelled: bool) -> NDArray[np.uint8]:
+def _scanned_picture(
+    mesh: Mesh, size: tuple[int, int], labelled: bool, azimuth: float, elevation: float
+) -> NDArray[np.uint8]:
+    """Paint what a scan of a mesh gives."""
     xyz, rgb, face = scan_mesh(mesh)
     if labelled:
         names = tuple(TAXONOMY_NAMES.values())
         codes = np.array(list(TAXONOMY_NAMES))
         rgb = class_palette(names)[np.searchsorted(codes, mesh.attributes[face, LABEL].astype(np.int64))]
-    view = oblique_view(xyz, azimuth=200.0, elevation=12.0, width=size[0], height=size[1])
-    return render_points(xyz, rgb, view, splat_metres=0.025, gap=0)
+    right, up, back = _axes(azimuth, elevation)
+    x, y = xyz @ right, xyz @ up
+    span = 1.06 * max(float(np.ptp(y)), float(np.ptp(x)) * size[1] / size[0])
+    centre = right * (x.min() + x.max()) / 2 + up * (y.min() - 0.03 * span + span / 2)
+    view = View(np.stack([right, -up, -back]), centre, size[1] / span, size, False)
+    return render_points(xyz, rgb, view, splat_metres=0.03, gap=0)
 
 
 def design_sheet(
@@ -189,7 +203,7 @@ def design_sheet(
     style : {"photograph", "points", "labels"}, default "photograph"
         Faces in the sun, or scanned points in their colours or in those of their classes.
     azimuth, elevation : float
-        See `photograph`; scanned points are seen from the track.
+        See `photograph`.
 
     Returns
     -------
@@ -214,7 +228,7 @@ def design_sheet(
             if style == "photograph":
                 picture = photograph(mesh, size=cell, azimuth=azimuth, elevation=elevation)
             else:
-                picture = _scanned_picture(mesh, cell, style == "labels")
+                picture = _scanned_picture(mesh, cell, style == "labels", azimuth, elevation)
             bottom = (len(designs) - 1 - row) / len(designs)
             share = cell[1] / (cell[1] + 34) / len(designs)
             axes = figure.add_axes((column / len(seeds), bottom, 1 / len(seeds), share))

@@ -156,7 +156,8 @@ def fans(
     spoke = np.cos(angle)[:, None] * forward[:, None] + np.sin(angle)[:, None] * side[:, None]
     pleat = 0.12 * np.where(np.arange(segments + 1) % 2, 1.0, -1.0)[:, None] * over[:, None]
     edge = hub[:, None] + 0.55 * r * (spoke + pleat - 0.08 * np.abs(np.sin(angle))[:, None] * _UP)
-    tip = hub[:, None] + r * unit(spoke[:, 1:] + spoke[:, :-1]) - 0.3 * r * rng.uniform(0.3, 1.2, (n, segments, 1)) * _UP
+    hanging = 0.3 * r * rng.uniform(0.3, 1.2, (n, segments, 1)) * _UP
+    tip = hub[:, None] + r * unit(spoke[:, 1:] + spoke[:, :-1]) - hanging
     centre = np.broadcast_to(hub[:, None], (n, segments, 3))
     inner = np.stack([centre, edge[:, :-1], edge[:, 1:]], axis=2)
     outer = np.stack([edge[:, 1:], edge[:, :-1], tip], axis=2)

@@ -71,7 +71,7 @@ def seat_rider(rng: np.random.Generator, build: Build, contacts: Contacts, label
     build = build._replace(clothes=worn)
     h = build.height
     hips = contacts.saddle + HIP * h * _Y + [0.0, 0.0, 0.045 * h * build.girth]
-    ankles = contacts.pedals + [-0.05 * h, 0.0, 0.055 * h]
+    ankles = contacts.pedals + np.array([-0.05 * h, 0.0, 0.055 * h])
     knees = bent_joint(hips, ankles, THIGH * h, SHANK * h, [1.0, 0.0, 0.5])
     # The trunk leans as far as makes the arms almost straight.
     lean = np.linspace(0.0, 1.1, 45)
@@ -79,7 +79,7 @@ def seat_rider(rng: np.random.Generator, build: Build, contacts: Contacts, label
     reach = np.sqrt(((contacts.grips.mean(axis=0) - chest)[:, [0, 2]] ** 2).sum(axis=1))
     k = int(np.abs(reach - 0.88 * (UPPER_ARM + FOREARM) * h).argmin())
     shoulders = chest[k] + SHOULDER * h * build.girth**0.3 * _Y
-    wrists = contacts.grips + [-0.03, 0.0, 0.01]
+    wrists = contacts.grips + np.array([-0.03, 0.0, 0.01])
     elbows = bent_joint(shoulders, wrists, UPPER_ARM * h, FOREARM * h, [-0.3, 0.0, -1.0]) + 0.03 * _Y
     bow = 0.6 * lean[k]
     head = chest[k] + (0.04 * h + 1.05 * build.head) * np.array([np.sin(bow), 0.0, np.cos(bow)])

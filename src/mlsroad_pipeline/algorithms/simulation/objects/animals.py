@@ -1,6 +1,7 @@
 """Dogs and cats: standing, walking, sitting and lying.
 
-Measures after breed standards: dogs of 0.2 to 0.75 m at the withers and 1.0 to 1.2 times as long, cats of 0.23 to 0.28 m.
+Measures after breed standards: dogs of 0.2 to 0.75 m at the withers and 1.0 to 1.2 times as long, cats of 0.23 to
+0.28 m.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ def _frame(rng: np.random.Generator, pose: str, s: float, length: float, girth: 
         rump, chest = np.array([-half, 0, girth * s]), np.array([half - 0.15 * s, 0, 1.25 * girth * s])
         fore, hind = np.array([half + 0.3 * s, 0, 0.0]) + y, np.array([-half + 0.4 * s, 0, 0.0]) + 1.7 * y
     upper = np.concatenate([chest + y - [0.02 * s, 0, 0.08 * s], rump + y])
-    paws = np.concatenate([fore, hind]) + [0, 0, 0.045 * s]
+    paws = np.concatenate([fore, hind]) + np.array([0, 0, 0.045 * s])
     return _Frame(rump, chest, upper, paws, nose)
 
 
@@ -100,7 +101,7 @@ def _animal(rng: np.random.Generator, *, shape: _Shape, pose: str) -> Mesh:
     body = [(f.rump, f.chest, 0.85 * g, 1.1 * g, coat), (f.chest, head, 0.7 * g, 0.55 * g, coat),
             (head - 0.03 * s * f.nose, head + 0.06 * s * f.nose, 0.11 * s, 0.1 * s, coat),
             (head + 0.04 * s * f.nose, tip, 0.075 * s, 0.05 * s, marks),
-            (f.rump + [-0.05 * s, 0, 0.3 * g], end, 0.035 * s, 0.022 * s, coat)]  # fmt: skip
+            (f.rump + np.array([-0.05 * s, 0, 0.3 * g]), end, 0.035 * s, 0.022 * s, coat)]  # fmt: skip
     meshes.append(capsules([b[0] for b in body], [b[1] for b in body], [b[2] for b in body], [b[3] for b in body],
                            [b[4] for b in body], sides=7))  # fmt: skip
     roots = head + s * np.array([[-0.03, -0.07, 0.07], [-0.03, 0.07, 0.07]])

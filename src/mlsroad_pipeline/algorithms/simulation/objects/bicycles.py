@@ -1,7 +1,7 @@
 """Bicycles: parked upright, leaning, locked to a hoop or ridden; and kick scooters.
 
-Measures after bicycle fitting tables: wheels of 0.28 to 0.36 m radius (0.2 m of folding ones), wheelbase 0.95 to 1.15 m,
-handlebars of 0.42 to 0.66 m.
+Measures after bicycle fitting tables: wheels of 0.3 to 0.36 m radius (0.2 to 0.26 m of folding ones), wheelbase 0.96 to
+1.14 m, handlebars of 0.4 to 0.66 m.
 """
 
 from __future__ import annotations
@@ -75,9 +75,10 @@ def _measures(rng: np.random.Generator, leg: float) -> _Frame:
     saddle = crank + (0.93 * leg - 0.14) * at([-np.cos(tilt), 0.0, np.sin(tilt)])
     front = at([base / 2, 0.0, radius])
     rake = rng.uniform(1.2, 1.3)
-    head = front + at([-0.05, 0.0, 0.0]) + (rng.uniform(0.3, 0.38) + 0.34 - radius) * at([-np.cos(rake), 0.0, np.sin(rake)])
+    up = at([-np.cos(rake), 0.0, np.sin(rake)])
+    head = front + at([-0.05, 0.0, 0.0]) + (rng.uniform(0.3, 0.38) + 0.34 - radius) * up
     grip = min(saddle[2] + rng.uniform(-0.08, 0.22), head[2] + rng.uniform(0.28, 0.36))
-    stem = head + (grip - head[2]) / np.sin(rake) * at([-np.cos(rake), 0.0, np.sin(rake)]) + at([rng.uniform(0, 0.09), 0, 0])
+    stem = head + (grip - head[2]) / np.sin(rake) * up + at([rng.uniform(0, 0.09), 0, 0])
     return _Frame(radius, at([-base / 2, 0.0, radius]), front, crank, saddle, head, stem, low)
 
 
@@ -115,11 +116,11 @@ def _bicycle(rng: np.random.Generator, leg: float, steer: float) -> tuple[Mesh, 
     frame = [_bars([(f.crank, seat_tube), (top, joint), (f.head, f.crank)], 0.02, paint), _bars(stays, 0.009, paint),
              _bars([(seat_tube, f.saddle)], 0.013, steel), wheel(f.rear, f.radius, fat, tyre),
              _spokes(rng, f.rear, f.radius, steel)]  # fmt: skip
-    frame.append(box([0.25, rng.uniform(0.13, 0.2), 0.06], f.saddle + [0.02, 0, -0.03], tyre, taper=0.8))
+    frame.append(box([0.25, rng.uniform(0.13, 0.2), 0.06], f.saddle + np.array([0.02, 0, -0.03]), tyre, taper=0.8))
     spin = rng.uniform(0, 2 * np.pi)
     arm = 0.17 * np.array([np.cos(spin), 0.0, np.sin(spin)])
     pedals = np.stack([f.crank + arm + [0, -0.12, 0], f.crank - arm + [0, 0.12, 0]])
-    frame.append(_bars([(f.crank - 0.06 * np.eye(3)[1], pedals[0]), (f.crank + 0.06 * np.eye(3)[1], pedals[1])], 0.012, steel))
+    frame.append(_bars([(f.crank - side, pedals[0]), (f.crank + side, pedals[1])], 0.012, steel))
     frame += [box([0.09, 0.08, 0.02], p, tyre) for p in pedals]
     ring = wheel(f.crank - [0, 0.05, 0], 0.095, 0.008, steel, points=9)
     front, grips = _front(rng, f, paint, steel, tyre, fat)
@@ -136,14 +137,16 @@ def _front(
     half, back = rng.uniform(0.2, 0.33), rng.uniform(-0.06, 0.18)
     rise = rng.uniform(-0.03, 0.09)
     grips = f.stem + np.array([[-back, -half, rise], [-back, half, rise]])
-    bar = np.stack([grips[0], f.stem + [0, -0.5 * half, 0.6 * rise], f.stem + [0, 0.5 * half, 0.6 * rise], grips[1]])
+    knees = f.stem + np.array([[0, -0.5 * half, 0.6 * rise], [0, 0.5 * half, 0.6 * rise]])
+    bar = np.stack([grips[0], *knees, grips[1]])
+    ends = grips + np.array([[0.0, 0.12, -0.005], [0.0, -0.12, -0.005]])
     meshes = [_bars([(f.head, f.front + k * side) for k in (-1, 1)], 0.012, paint),
               _bars([(f.head, f.stem)], 0.018, paint), tubes(bar[None], 0.013, steel, sides=5),
-              _bars([(grips[0], grips[0] + [0.0, 0.12, -0.005]), (grips[1], grips[1] - [0.0, 0.12, 0.005])], 0.018, tyre),
+              tubes(np.stack([grips, ends], 1), 0.018, tyre, sides=5),
               wheel(f.front, f.radius, fat, tyre), _spokes(rng, f.front, f.radius, steel)]  # fmt: skip
     if rng.random() < 0.3:
         size = rng.uniform([0.22, 0.26, 0.18], [0.32, 0.38, 0.28])
-        centre = f.stem + [0.06 + size[0] / 2, 0, -0.16]
+        centre = f.stem + np.array([0.06 + size[0] / 2, 0, -0.16])
         meshes.append(box(size, centre, material("wood", "bicycle", rng), taper=1.15))
     return join(meshes), grips
 
@@ -157,9 +160,10 @@ def _extras(rng: np.random.Generator, f: _Frame, steel: Surface, tyre: Surface) 
         meshes.append(tubes((f.rear + arc)[None], 0.008, steel, sides=4, flatten=3.5))
     if rng.random() < 0.5:
         z = 2 * f.radius + 0.08
-        length = rng.uniform(0.32, 0.42)
+        length, sideways = rng.uniform(0.32, 0.42), np.array([0.0, 0.06, 0.0])
         meshes.append(box([length, 0.12, 0.02], [f.rear[0] - 0.03, 0, z], steel))
-        meshes.append(_bars([(f.rear + [0, k, 0], np.array([f.rear[0] - 0.1, k, z])) for k in (-0.06, 0.06)], 0.006, steel))
+        props = np.array([[f.rear + k * sideways, [f.rear[0] - 0.1, 0.06 * k, z]] for k in (-1, 1)])
+        meshes.append(tubes(props, 0.006, steel, sides=5))
         drawn = rng.random()
         if drawn < 0.15:
             meshes += [box([0.3, 0.28, 0.1], [f.rear[0] - 0.02, 0, z + 0.1], tyre),
@@ -178,7 +182,7 @@ def _parked(rng: np.random.Generator, *, lean: tuple[float, float], stand: bool 
     roll = rng.uniform(*lean) * float(rng.choice([-1.0, 1.0]))
     if stand:
         foot = np.array([-0.12, -0.22 * np.sign(-roll), 0.0])
-        prop = np.stack([np.array([-0.1, 0.0, 0.27]), foot + [0, 0.0, 0.02]])
+        prop = np.stack([np.array([-0.1, 0.0, 0.27]), foot + np.array([0, 0.0, 0.02])])
         mesh = join([mesh, tubes(prop[None], 0.01, material("aluminium", "bicycle", rng), sides=4)])
     mesh = mesh.moved([0, 0, 0], roll=roll)
     mesh = mesh.moved([0, 0, -float(mesh.vertices[:, 2].min())])
@@ -208,13 +212,13 @@ def _kick_scooter(rng: np.random.Generator) -> Mesh:
     paint = Surface(TAXONOMY[label], paint.rgb, paint.reflectivity)
     radius, base, high = rng.uniform(0.08, 0.14), rng.uniform(0.75, 0.95), rng.uniform(0.95, 1.2)
     front, rear = np.array([base / 2, 0, radius]), np.array([-base / 2, 0, radius])
-    top = front + [-0.22 * high, 0, high - radius]
-    half = rng.uniform(0.2, 0.26)
+    top = front + np.array([-0.22 * high, 0, high - radius])
+    half, neck = rng.uniform(0.2, 0.26), np.array([base / 2 - 0.25, 0, radius + 0.05])
     parts = [wheel(front, radius, 0.03, rubber, points=11), wheel(rear, radius, 0.03, rubber, points=11),
              box([base - radius, 0.15, rng.uniform(0.05, 0.1)], [-0.04, 0, radius + 0.04], paint),
-             _bars([(front, top), (front + [-0.06, 0, 0.04], np.array([base / 2 - 0.25, 0, radius + 0.05]))], 0.024, paint),
-             _bars([(top + [0, -half, 0], top + [0, half, 0])], 0.016, rubber),
-             box([0.05, 0.06, 0.08], top + [0.04, 0, -0.06], rubber)]  # fmt: skip
+             _bars([(front, top), (front - np.array([0.06, 0, -0.04]), neck)], 0.024, paint),
+             _bars([(top + np.array([0, -half, 0]), top + np.array([0, half, 0]))], 0.016, rubber),
+             box([0.05, 0.06, 0.08], top + np.array([0.04, 0, -0.06]), rubber)]  # fmt: skip
     mesh = join(parts).moved([0, 0, 0], roll=float(rng.normal(0, 0.07)))
     return mesh.moved([0, 0, -float(mesh.vertices[:, 2].min())])
 

@@ -12,8 +12,9 @@ from functools import partial
 import numpy as np
 
 from mlsroad_pipeline.algorithms.simulation.batches import blades, tubes
-from mlsroad_pipeline.algorithms.simulation.crowns import UNDERGROUND, Colours, Habit, grow_tree
+from mlsroad_pipeline.algorithms.simulation.crowns import UNDERGROUND, Colours, grow_tree
 from mlsroad_pipeline.algorithms.simulation.design import Design
+from mlsroad_pipeline.algorithms.simulation.habits import Habit
 from mlsroad_pipeline.algorithms.simulation.meshes import DIFFUSE, Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.plant_materials import bark, foliage, same_as
 

@@ -1,7 +1,8 @@
 """Conifers: spruces, pines, cedars, columns of cypress and small cones.
 
-Measures after common tables of park trees: spruces 5 to 15 m high and 0.3 to 0.45 times as wide, pines 6 to 14 m with the crown
-in the upper half, cypresses 4 to 12 m and 0.12 to 0.22 times as wide; stems 1.6 to 2.6 % of the height across.
+Measures after common tables of park trees: spruces 5 to 15 m high and 0.3 to 0.45 times as wide, pines 6 to 14 m with
+the crown in the upper half, cypresses 4 to 12 m and 0.12 to 0.22 times as wide; stems of 1.6 to
+2.6 % of the height.
 """
 
 from __future__ import annotations
@@ -11,19 +12,22 @@ from functools import partial
 import numpy as np
 
 from mlsroad_pipeline.algorithms.simulation.batches import Floats, bearing, blades, lift, tubes, unit
-from mlsroad_pipeline.algorithms.simulation.crowns import UNDERGROUND, Colours, Habit, Outline, grow_tree
+from mlsroad_pipeline.algorithms.simulation.crowns import UNDERGROUND, Colours, grow_tree
 from mlsroad_pipeline.algorithms.simulation.design import Design
+from mlsroad_pipeline.algorithms.simulation.habits import Habit, Outline
 from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.plant_materials import bark, foliage, same_as
 
 _GOLDEN = 2.39996
 _PINE = Habit(
-    height=(6.0, 13.5), width=(0.42, 0.7), clear=(0.38, 0.6), profile=(0.45, 0.4), leader=(0.6, 0.85), rise=(0.1, 0.7),
-    girth=(14, 20), limbs=(9, 13), droop=(0.0, 0.1), density=(0.7, 1.2), clump=(0.22, 0.38), slenderness=0.3, shell=3.0,
+    height=(6.0, 13.5), width=(0.42, 0.7), clear=(0.38, 0.6), profile=(0.45, 0.4), leader=(0.6, 0.85),
+    rise=(0.1, 0.7), girth=(14, 20), limbs=(9, 13), droop=(0.0, 0.1), density=(0.7, 1.2), clump=(0.22, 0.38),
+    slenderness=0.3, shell=3.0,
 )  # fmt: skip
 _CEDAR = Habit(
-    height=(7.0, 14.0), width=(0.55, 0.8), clear=(0.1, 0.2), profile=(0.3, 0.75), leader=(0.85, 0.93), rise=(-0.05, 0.3),
-    girth=(14, 20), limbs=(14, 18), droop=(0.1, 0.5), density=(0.8, 1.3), clump=(0.2, 0.34), slenderness=0.35, shell=1.0,
+    height=(7.0, 14.0), width=(0.55, 0.8), clear=(0.1, 0.2), profile=(0.3, 0.75), leader=(0.85, 0.93),
+    rise=(-0.05, 0.3), girth=(14, 20), limbs=(14, 18), droop=(0.1, 0.5), density=(0.8, 1.3), clump=(0.2, 0.34),
+    slenderness=0.35, shell=1.0,
 )  # fmt: skip
 
 
@@ -115,6 +119,8 @@ DESIGNS: tuple[Design, ...] = (
     Design("pine", "tree", partial(_grown, habit=_PINE, wood="reddish"), 0.9, 1.0),
     Design("cedar", "tree", partial(_grown, habit=_CEDAR, wood="grey"), 0.9, 0.6),
     Design("cypress", "tree", partial(_column, height=(4.0, 12.0), width=(0.12, 0.21), profile=(0.3, 0.55)), 1.2, 1.0),
-    Design("cone_conifer", "tree", partial(_column, height=(1.4, 4.0), width=(0.35, 0.55), profile=(0.2, 0.95)), 1.1, 0.7),
+    Design(
+        "cone_conifer", "tree", partial(_column, height=(1.4, 4.0), width=(0.35, 0.55), profile=(0.2, 0.95)), 1.1, 0.7
+    ),
 )
 """Every design of a conifer."""

@@ -1,7 +1,7 @@
 """Cycads: a short, scaly stem under a rosette of stiff fronds, alone, with side shoots, or tall.
 
-Measures after horticultural handbooks of Cycas revoluta: fronds of 0.5 to 1.5 m, stems of 0.15 to 0.35 m across, rarely above
-2 m high.
+Measures after horticultural handbooks of Cycas revoluta: fronds of 0.5 to 1.5 m, stems of 0.15 to 0.35 m across, rarely
+above 2 m high.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def _single(rng: np.random.Generator, *, stem: tuple[float, float], reach: tuple
     meshes = _head(rng, foot, top, rng.uniform(0.09, 0.18), n, rng.uniform(*reach), 17, colours)
     if rng.random() < 0.25:
         dry = foliage("yellow", "cycas", rng)
-        meshes.append(ellipsoid(top + [0, 0, 0.12], [0.11, 0.11, 0.15], dry, rings=4, sides=7))
+        meshes.append(ellipsoid(top + np.array([0, 0, 0.12]), [0.11, 0.11, 0.15], dry, rings=4, sides=7))
     return join(meshes)
 
 

@@ -1,7 +1,7 @@
 """Motorcycles and scooters, parked on their stand or ridden.
 
-Measures after makers' data sheets: motorcycles 1.95 to 2.25 m long with wheels of 0.29 to 0.33 m radius and seats of 0.72 to
-0.86 m, scooters 1.7 to 1.95 m with wheels of 0.2 to 0.26 m and seats of 0.74 to 0.8 m.
+Measures after makers' data sheets: motorcycles 1.9 to 2.25 m long with wheels of 0.29 to 0.33 m radius and seats of
+0.72 to 0.86 m, scooters 1.7 to 1.95 m with wheels of 0.2 to 0.26 m and seats of 0.74 to 0.8 m.
 """
 
 from __future__ import annotations
@@ -43,7 +43,9 @@ def _handlebar(
     bar = np.stack([grips[0], top - 0.4 * half * y, top + 0.4 * half * y, grips[1]])
     fork = np.stack([np.stack([foot + k * y, top - [0, 0, 0.06] + k * y]) for k in (-0.09, 0.09)])
     meshes = [tubes(fork, 0.025, metal, sides=5), tubes(bar[None], 0.014, metal, sides=5)]
-    meshes.append(tubes(np.stack([grips, grips + [[0, 0.13, 0], [0, -0.13, 0]]], 1), 0.02, rubber, sides=5, closed=True))
+    meshes.append(
+        tubes(np.stack([grips, grips + np.array([[0, 0.13, 0], [0, -0.13, 0]])], 1), 0.02, rubber, sides=5, closed=True)
+    )
     high = rng.uniform(0.14, 0.24)
     for k in (-1, 1):
         stalk = np.stack([top + 0.6 * half * k * y, top + (0.75 * half * k) * y + [0.02, 0, high]])
@@ -62,7 +64,9 @@ def _motorcycle(rng: np.random.Generator) -> tuple[Mesh, Contacts]:
     meshes += _handlebar(rng, np.array([base / 2, 0, radius]), top, rng.uniform(0.32, 0.42), metal, rubber)
     tank = [0.18, 0, seat + rng.uniform(0.02, 0.1)]
     meshes.append(ellipsoid(tank, rng.uniform([0.24, 0.13, 0.13], [0.32, 0.18, 0.19]), paint, rings=4, sides=8))
-    cushion = capsules([[-0.02, 0, seat - 0.06]], [[-base / 2 + 0.12, 0, seat + rng.uniform(-0.03, 0.06)]], 0.11, 0.09, rubber)
+    cushion = capsules(
+        [[-0.02, 0, seat - 0.06]], [[-base / 2 + 0.12, 0, seat + rng.uniform(-0.03, 0.06)]], 0.11, 0.09, rubber
+    )
     meshes.append(cushion)
     meshes.append(box([rng.uniform(0.38, 0.5), rng.uniform(0.3, 0.42), 0.34], [0.06, 0, 0.42], metal, taper=0.8))
     meshes.append(box([0.5, 0.22, 0.2], [-0.12, 0, 0.62], rubber))
@@ -70,10 +74,10 @@ def _motorcycle(rng: np.random.Generator) -> tuple[Mesh, Contacts]:
     meshes.append(tubes(swing, 0.03, metal, sides=5))
     pipe = np.array([[0.25, -0.16, 0.4], [0.1, -0.18, 0.26], [-0.35, -0.19, 0.28], [-base / 2 - 0.1, -0.2, 0.4]])
     meshes.append(tubes(pipe[None], np.array([[0.025, 0.03, 0.045, 0.05]]), metal, sides=6, closed=True))
-    lamp = top + [0.1, 0, -0.14]
+    lamp = top + np.array([0.1, 0, -0.14])
     meshes.append(ellipsoid(lamp, [0.09, 0.1, 0.1], material("aluminium", _LABEL, rng), rings=3, sides=7))
     if rng.random() < 0.4:
-        meshes.append(ellipsoid(lamp + [-0.02, 0, 0.02], [0.2, 0.2, 0.3], paint, rings=4, sides=8))
+        meshes.append(ellipsoid(lamp + np.array([-0.02, 0, 0.02]), [0.2, 0.2, 0.3], paint, rings=4, sides=8))
     for x in (-base / 2, base / 2):
         meshes.append(_fender(np.array([x, 0, radius]), radius, paint))
     meshes += _luggage(rng, np.array([-base / 2 - 0.02, 0, seat + 0.02]), share=0.3)
@@ -93,7 +97,7 @@ def _luggage(rng: np.random.Generator, place: np.ndarray, *, share: float) -> li
     if rng.random() > share:
         return []
     size = rng.uniform([0.3, 0.34, 0.26], [0.44, 0.5, 0.36])
-    return [box(size, place + [-0.06, 0, size[2] / 2 + 0.06], material("plastic", _LABEL, rng), taper=0.85)]
+    return [box(size, place + np.array([-0.06, 0, size[2] / 2 + 0.06]), material("plastic", _LABEL, rng), taper=0.85)]
 
 
 def _scooter(rng: np.random.Generator) -> tuple[Mesh, Contacts]:
@@ -114,11 +118,13 @@ def _scooter(rng: np.random.Generator) -> tuple[Mesh, Contacts]:
     meshes += [body, box([0.2, 0.3, 0.42], [-0.22, 0, 0.48], paint, taper=0.85)]
     saddle = capsules([[-0.14, 0, seat - 0.07]], [[-base / 2 - 0.05, 0, seat - 0.04]], 0.11, 0.1, rubber)
     meshes += [saddle, _fender(np.array([base / 2, 0, radius]), radius, paint)]
-    meshes.append(ellipsoid(top + [0.07, 0, 0.0], [0.1, 0.14, 0.09], paint, rings=3, sides=7))
+    meshes.append(ellipsoid(top + np.array([0.07, 0, 0.0]), [0.1, 0.14, 0.09], paint, rings=3, sides=7))
     meshes += _luggage(rng, np.array([-base / 2 - 0.08, 0, seat - 0.02]), share=0.45)
     if rng.random() < 0.25:
         clear = material("plastic", _LABEL, rng)
-        meshes.append(box([0.01, 0.4, 0.42], [0, 0, 0.21], clear, taper=0.8).moved(top + [0.05, 0, 0.03], pitch=-0.35))
+        meshes.append(
+            box([0.01, 0.4, 0.42], [0, 0, 0.21], clear, taper=0.8).moved(top + np.array([0.05, 0, 0.03]), pitch=-0.35)
+        )
     floor = np.array([[0.08, -0.12, 0.34], [0.08, 0.12, 0.34]])
     grips = top + np.array([[-0.09, -0.31, 0.0], [-0.09, 0.31, 0.0]])
     return join(meshes), Contacts(np.array([-0.3, 0, seat + 0.03]), floor, grips)

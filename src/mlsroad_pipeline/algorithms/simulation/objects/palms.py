@@ -1,7 +1,7 @@
 """Palms: royal, date, pygmy date, fan, coconut, in clumps, and young ones whose fronds start at the ground.
 
-Measures after horticultural handbooks: royal palms 6 to 16 m with trunks of 0.35 to 0.6 m, Canary date palms 3 to 10 m on
-0.5 to 0.9 m, Washingtonias 5 to 16 m on 0.3 to 0.6 m, coconuts 5 to 12 m on 0.2 to 0.32 m; fronds of 2 to 4.5 m.
+Measures after horticultural handbooks: royal palms 6 to 16 m with trunks of 0.35 to 0.6 m, Canary date palms 3 to 10 m
+on 0.5 to 0.9 m, Washingtonias 5 to 16 m on 0.3 to 0.6 m, coconuts 5 to 12 m on 0.2 to 0.32 m; fronds of 2 to 4.5 m.
 """
 
 from __future__ import annotations
@@ -96,7 +96,9 @@ def _date(rng: np.random.Generator, *, kind: _Date) -> Mesh:
     meshes = [tubes(path[None], radii[None], wood, sides=9), stubs]
     n = int(rng.integers(*kind.fronds))
     azimuth, elevation = _crown(rng, n, rng.uniform(-0.7, -0.35) if height > kind.frond[1] else 0.1, 1.4)
-    shape = Feather(rng.uniform(0.7, 1.15), kind.leaflets, 0.15, kind.width, lift=0.45, plumes=0.12, forward=0.9, bare=0.08)
+    shape = Feather(
+        rng.uniform(0.7, 1.15), kind.leaflets, 0.15, kind.width, lift=0.45, plumes=0.12, forward=0.9, bare=0.08
+    )
     length = rng.uniform(*kind.frond) * rng.uniform(0.85, 1.1, n)
     leaf = foliage(("green", "olive", "blue")[int(rng.integers(3))], "palm", rng)
     meshes.append(feathers(rng, path[-1], azimuth, elevation, length, shape, leaf))

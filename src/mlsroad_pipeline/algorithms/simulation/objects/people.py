@@ -1,7 +1,7 @@
 """People who stand, walk, run, sit, talk and carry things: capsules between the joints of a pose.
 
-Segment lengths after Drillis and Contini 1966; hip and knee angles of walking after common gait charts (hip some 25 degrees
-either way, knee up to 60 degrees while the leg swings).
+Segment lengths after Drillis and Contini 1966; hip and knee angles of walking after common gait charts (hip some 25
+degrees either way, knee up to 60 degrees while the leg swings).
 """
 
 from __future__ import annotations
@@ -99,7 +99,11 @@ def _talking(rng: np.random.Generator) -> tuple[Angles, float]:
 
 
 def _person(
-    rng: np.random.Generator, *, pose: Callable[..., tuple[Angles, float]], child: bool = False, bag: str = "any",
+    rng: np.random.Generator,
+    *,
+    pose: Callable[..., tuple[Angles, float]],
+    child: bool = False,
+    bag: str = "any",
     sport: bool = False,
 ) -> Mesh:
     """Return a person in a pose; `bag` is what is carried, or any or nothing of it."""
@@ -126,9 +130,9 @@ def _luggage(rng: np.random.Generator, bones: Skeleton, build: Build, bag: str) 
     if bag == "shoulder":
         size = rng.uniform([0.22, 0.08, 0.18], [0.38, 0.14, 0.3]) * h
         side = float(rng.choice([-1.0, 1.0]))
-        centre = bones.hips.mean(axis=0) + [0, side * (0.2 * h * build.girth + size[1] / 2), 0.06]
+        centre = bones.hips.mean(axis=0) + np.array([0, side * (0.2 * h * build.girth + size[1] / 2), 0.06])
         top = bones.shoulders[int(side > 0)] + [0, 0, 0.05]
-        strap = np.stack([centre + [0, 0, size[2] / 2], top])
+        strap = np.stack([centre + np.array([0, 0, size[2] / 2]), top])
         return [box(size, centre, stuff, taper=rng.uniform(0.7, 1.0)), tubes(strap[None], 0.012, stuff, sides=3)]
     if bag == "hand":
         size = rng.uniform([0.25, 0.1, 0.25], [0.42, 0.22, 0.42]) * h
@@ -178,7 +182,7 @@ def _sitting(rng: np.random.Generator) -> Mesh:
     body = clothe(rng, Skeleton(hips, knees, ankles, shoulders, elbows, wrists, feet, head), build, "person")
     stuff = cloth("person", rng)
     corner = 0.14 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + [-0.2, 0, 0]
-    legs = tubes(np.stack([1.1 * corner, corner + [0, 0, seat - 0.02]], 1), 0.012, stuff, sides=4)
+    legs = tubes(np.stack([1.1 * corner, corner + np.array([0, 0, seat - 0.02])], 1), 0.012, stuff, sides=4)
     return join([body, legs, box([0.36, 0.36, 0.03], [-0.2, 0, seat - 0.02], stuff)])
 
 
@@ -211,7 +215,9 @@ def conversation(rng: np.random.Generator) -> list[Mesh]:
 DESIGNS: tuple[Design, ...] = (
     Design("standing_person", "person", partial(_person, pose=_standing), 0.6, 3.0),
     Design("walking_person", "person", partial(_person, pose=_walking), 0.9, 4.0),
-    Design("running_person", "person", partial(_person, pose=partial(_walking, run=True), bag="none", sport=True), 1.1, 0.3),
+    Design(
+        "running_person", "person", partial(_person, pose=partial(_walking, run=True), bag="none", sport=True), 1.1, 0.3
+    ),
     Design("talking_person", "person", partial(_person, pose=_talking), 0.6, 1.0),
     Design("person_with_backpack", "person", partial(_person, pose=_walking, bag="backpack"), 0.9, 0.7),
     Design("person_with_bag", "person", partial(_person, pose=_walking, bag="hand"), 0.9, 0.7),

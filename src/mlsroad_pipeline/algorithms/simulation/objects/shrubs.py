@@ -10,8 +10,9 @@ from functools import partial
 import numpy as np
 
 from mlsroad_pipeline.algorithms.simulation.batches import Floats, bearing, blades, bows, lift, tubes, unit
-from mlsroad_pipeline.algorithms.simulation.crowns import UNDERGROUND, Outline
+from mlsroad_pipeline.algorithms.simulation.crowns import UNDERGROUND
 from mlsroad_pipeline.algorithms.simulation.design import Design
+from mlsroad_pipeline.algorithms.simulation.habits import Outline
 from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, join
 from mlsroad_pipeline.algorithms.simulation.plant_materials import bark, foliage
 
@@ -27,7 +28,7 @@ def _stems(rng: np.random.Generator, tips: Floats, radius: float) -> Mesh:
     """Return stems that rise from one root and bend over to given places."""
     n = len(tips)
     foot = np.column_stack([0.15 * tips[:, :2], np.full(n, -UNDERGROUND)])
-    paths = bows(foot, unit([0, 0, 1.0] + rng.normal(0, 0.15, (n, 3))), tips, 4)
+    paths = bows(foot, unit(np.array([0, 0, 1.0]) + rng.normal(0, 0.15, (n, 3))), tips, 4)
     thick = radius * rng.uniform(0.6, 1.2, (n, 1)) * np.array([1.0, 0.8, 0.55, 0.25])
     return tubes(paths, thick, bark(("brown", "grey")[int(rng.integers(2))], "brushwood", rng), sides=4)
 
@@ -52,10 +53,12 @@ def _bush(rng: np.random.Generator, *, flowers: bool = False) -> Mesh:
         volume += lobe.volume
     places = (places + away[which, None] * bearing(azimuth, np.zeros(n_lobes))[which]) * stretch
     places += rng.normal(0, 0.03, places.shape)
-    size = float(np.clip(np.sqrt(2 * rng.uniform(2.2, 4.0) * volume / n / 0.6), 0.05, 0.16)) * rng.uniform(0.65, 1.35, n)
+    size = float(np.clip(np.sqrt(2 * rng.uniform(2.2, 4.0) * volume / n / 0.6), 0.05, 0.16)) * rng.uniform(
+        0.65, 1.35, n
+    )
     leaf = foliage(_leaf_name(rng), "brushwood", rng)
     meshes = [_stems(rng, places[:: max(n // 12, 1)], 0.014)]
-    direction = rng.normal(size=(n, 3)) + [0, 0, 0.3]
+    direction = rng.normal(size=(n, 3)) + np.array([0, 0, 0.3])
     meshes.append(lift(blades(places, direction, size, 0.6 * size, leaf, rng)))
     if flowers:
         petals = foliage(("pink", "white", "purple", "red", "yellow")[int(rng.integers(5))], "brushwood", rng)
@@ -124,7 +127,7 @@ def _ground_cover(rng: np.random.Generator) -> Mesh:
     top = height * (1 - share**4) * (0.75 + 0.25 * np.cos(xy @ rng.normal(0, 4, 2) + rng.uniform(0, 6.28)))
     places = np.column_stack([xy, 0.02 + top * rng.uniform(0.3, 1.0, n) ** 0.5])
     size = float(np.clip(np.sqrt(2 * 2.5 * np.pi * radius**2 / n / 0.7), 0.04, 0.13)) * rng.uniform(0.7, 1.3, n)
-    direction = rng.normal(0, 0.7, (n, 3)) + [0, 0, 0.5]
+    direction = rng.normal(0, 0.7, (n, 3)) + np.array([0, 0, 0.5])
     leaf = foliage(_leaf_name(rng), "brushwood", rng)
     tips = places[:: n // 10] * [0.6, 0.6, 0.8]
     return join([_stems(rng, tips, 0.006), lift(blades(places, direction, size, 0.7 * size, leaf, rng), margin=0.05)])
