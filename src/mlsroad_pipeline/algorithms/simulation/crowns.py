@@ -181,7 +181,7 @@ def _hang(rng: np.random.Generator, twigs: Wood, habit: Habit) -> Wood:
     """Let the twigs hang down, but not to the ground."""
     drop = rng.uniform(*habit.droop) * rng.uniform(0.6, 1.3, len(twigs.paths))
     end = twigs.paths[:, -1]
-    drop = np.minimum(drop, np.maximum(end[:, 2] - rng.uniform(0.8, 1.9, len(end)), 0.0))
+    drop = np.minimum(drop, np.maximum(end[:, 2] - rng.uniform(1.1, 2.1, len(end)), 0.0))
     paths = twigs.paths.copy()
     paths[:, -1, 2] -= drop
     paths[:, 1:-1, 2] -= 0.12 * drop[:, None]

@@ -1,7 +1,7 @@
 """Bicycles: parked upright, leaning, locked to a hoop or ridden; and kick scooters.
 
-Measures after bicycle fitting tables: wheels of 0.3 to 0.36 m radius (0.2 to 0.26 m of folding ones), wheelbase 0.96 to
-1.14 m, handlebars of 0.4 to 0.66 m.
+Measures after bicycle fitting tables: wheels of 0.3 to 0.36 m radius (0.2 to 0.26 m of folding ones), wheelbase 1.0 to
+1.15 m, handlebars of 0.4 to 0.66 m.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def _measures(rng: np.random.Generator, leg: float) -> _Frame:
     """Draw a bicycle whose saddle suits a leg length from hip to sole, metres."""
     folding = rng.random() < 0.1
     radius = rng.uniform(0.2, 0.26) if folding else rng.uniform(0.3, 0.36)
-    base = rng.uniform(0.96, 1.14)
+    base = rng.uniform(1.0, 1.15)
     low = folding or rng.random() < 0.45
     at = np.array
     crank = at([-base / 2 + rng.uniform(0.41, 0.47), 0.0, rng.uniform(0.26, 0.31)])
@@ -134,7 +134,7 @@ def _front(
 ) -> tuple[Mesh, Floats]:
     """Return what turns with the handlebar, and its grips."""
     side = np.array([0.0, 0.055, 0.0])
-    half, back = rng.uniform(0.2, 0.33), rng.uniform(-0.06, 0.18)
+    half, back = rng.uniform(0.2, 0.33), rng.uniform(-0.08, 0.08)
     rise = rng.uniform(-0.03, 0.09)
     grips = f.stem + np.array([[-back, -half, rise], [-back, half, rise]])
     knees = f.stem + np.array([[0, -0.5 * half, 0.6 * rise], [0, 0.5 * half, 0.6 * rise]])
@@ -227,7 +227,7 @@ DESIGNS: tuple[Design, ...] = (
     Design("parked_bicycle", "bicycle", partial(_parked, lean=(0.03, 0.1), stand=True), 1.0, 2.0),
     Design("leaning_bicycle", "bicycle", partial(_parked, lean=(0.12, 0.26)), 1.0, 1.0),
     Design("hoop_bicycle", "bicycle", partial(_parked, lean=(0.0, 0.06), hoop=True), 1.0, 1.5),
-    Design("ridden_bicycle", "bicycle", _ridden, 1.1, 1.5),
+    Design("ridden_bicycle", "rider", _ridden, 1.1, 3.0),
     Design("kick_scooter", "other_vehicle", _kick_scooter, 0.7, 0.5),
 )
-"""Every design of a bicycle or kick scooter; `ridden_bicycle` is for the lanes."""
+"""Every design of a bicycle or kick scooter; `ridden_bicycle` is for the lanes, the others for the edge of the street."""

@@ -45,7 +45,7 @@ _SEVERAL_STEMS = replace(
 )  # fmt: skip
 _YOUNG = replace(
     _ROUND, height=(2.6, 4.6), width=(0.25, 0.45), clear=(0.36, 0.5), profile=(0.45, 0.6), leader=(0.75, 0.95),
-    rise=(0.5, 1.0), girth=(22, 34), limbs=(6, 9), density=(1.0, 2.2), clump=(0.1, 0.18),
+    rise=(0.5, 1.0), girth=(14, 24), limbs=(6, 9), density=(1.0, 2.2), clump=(0.1, 0.18),
 )  # fmt: skip
 _BARE = replace(_ROUND, width=(0.5, 0.75), rise=(0.45, 1.05), density=(0.0, 0.0))
 

@@ -115,12 +115,12 @@ def _grown(rng: np.random.Generator, *, habit: Habit, wood: str) -> Mesh:
 
 
 DESIGNS: tuple[Design, ...] = (
-    Design("spruce", "tree", _spruce, 2.6, 1.0),
+    Design("spruce", "tree", _spruce, 3.9, 1.0),
     Design("pine", "tree", partial(_grown, habit=_PINE, wood="reddish"), 0.9, 1.0),
     Design("cedar", "tree", partial(_grown, habit=_CEDAR, wood="grey"), 0.9, 0.6),
     Design("cypress", "tree", partial(_column, height=(4.0, 12.0), width=(0.12, 0.21), profile=(0.3, 0.55)), 1.2, 1.0),
     Design(
-        "cone_conifer", "tree", partial(_column, height=(1.4, 4.0), width=(0.35, 0.55), profile=(0.2, 0.95)), 1.1, 0.7
+        "cone_conifer", "tree", partial(_column, height=(1.4, 4.0), width=(0.35, 0.55), profile=(0.2, 0.95)), 1.3, 0.7
     ),
 )
 """Every design of a conifer."""

@@ -68,13 +68,13 @@ def _family(rng: np.random.Generator) -> Mesh:
         foot = np.array([out * np.cos(azimuth[k]), out * np.sin(azimuth[k]), -UNDERGROUND])
         top = foot * [1.5, 1.5, 0] + [0, 0, rng.uniform(0.25, 0.7) if k == 0 else rng.uniform(0.08, 0.4)]
         size = reach * (1.0 if k == 0 else rng.uniform(0.5, 0.85))
-        meshes += _head(rng, foot, top, rng.uniform(0.06, 0.11), 14 if n < 4 else 11, size, 14, colours)
+        meshes += _head(rng, foot, top, rng.uniform(0.06, 0.11), 14 if n < 4 else 11, size, 11, colours)
     return join(meshes)
 
 
 DESIGNS: tuple[Design, ...] = (
-    Design("sago_cycas", "cycas", partial(_single, stem=(0.1, 0.55), reach=(0.55, 1.2)), 1.25, 3.0),
-    Design("tall_cycas", "cycas", partial(_single, stem=(0.6, 1.7), reach=(0.8, 1.35)), 0.9, 1.0),
+    Design("sago_cycas", "cycas", partial(_single, stem=(0.1, 0.55), reach=(0.55, 1.2)), 1.4, 3.0),
+    Design("tall_cycas", "cycas", partial(_single, stem=(0.6, 1.7), reach=(0.8, 1.35)), 1.5, 1.0),
     Design("cycas_family", "cycas", _family, 1.6, 1.0),
 )
 """Every design of a cycad."""

@@ -149,7 +149,7 @@ def _ridden(rng: np.random.Generator, *, scooter: bool) -> Mesh:
 DESIGNS: tuple[Design, ...] = (
     Design("parked_motorcycle", "motorcycle", partial(_parked, scooter=False), 1.3, 1.0),
     Design("parked_scooter", "motorcycle", partial(_parked, scooter=True), 1.2, 1.5),
-    Design("ridden_motorcycle", "motorcycle", partial(_ridden, scooter=False), 1.3, 0.7),
-    Design("ridden_scooter", "motorcycle", partial(_ridden, scooter=True), 1.2, 0.8),
+    Design("ridden_motorcycle", "rider", partial(_ridden, scooter=False), 1.3, 0.7),
+    Design("ridden_scooter", "rider", partial(_ridden, scooter=True), 1.2, 0.8),
 )
 """Every design of a motorcycle or scooter; the ridden ones are for the lanes."""

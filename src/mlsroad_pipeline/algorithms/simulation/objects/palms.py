@@ -95,7 +95,7 @@ def _date(rng: np.random.Generator, *, kind: _Date) -> Mesh:
     stubs = boots(rng, path[1:], radii[1:], int(40 + 60 * min(height, 6.0)), 0.75 * radius, wood)
     meshes = [tubes(path[None], radii[None], wood, sides=9), stubs]
     n = int(rng.integers(*kind.fronds))
-    azimuth, elevation = _crown(rng, n, rng.uniform(-0.7, -0.35) if height > kind.frond[1] else 0.1, 1.4)
+    azimuth, elevation = _crown(rng, n, rng.uniform(-0.7, -0.35) if height > kind.frond[1] else 0.3, 1.4)
     shape = Feather(
         rng.uniform(0.7, 1.15), kind.leaflets, 0.15, kind.width, lift=0.45, plumes=0.12, forward=0.9, bare=0.08
     )
@@ -150,7 +150,7 @@ def _clump(rng: np.random.Generator) -> Mesh:
     """Return a clump of thin palms from one root."""
     n = int(rng.integers(4, 9))
     leaf, wood = foliage("light", "palm", rng), bark("smooth_palm", "palm", rng)
-    heights = rng.uniform(0.5, 3.2, n)
+    heights = rng.uniform(0.8, 3.2, n)
     azimuth = _GOLDEN * np.arange(n) + rng.normal(0, 0.3, n)
     out = rng.uniform(0.08, 0.4, n)
     s = np.linspace(0, 1, 8)[None, :, None]
@@ -183,15 +183,15 @@ def _young(rng: np.random.Generator) -> Mesh:
 
 
 _CANARY = _Date((3.0, 8.5), (0.24, 0.42), (2.6, 4.0), (52, 72), 22, 0.07)
-_PYGMY = _Date((1.0, 2.6), (0.07, 0.12), (0.9, 1.5), (32, 50), 18, 0.035)
+_PYGMY = _Date((1.2, 2.6), (0.07, 0.12), (0.9, 1.5), (32, 50), 18, 0.035)
 
 DESIGNS: tuple[Design, ...] = (
     Design("royal_palm", "palm", _royal, 0.7, 2.0),
-    Design("date_palm", "palm", partial(_date, kind=_CANARY), 0.9, 1.5),
-    Design("pygmy_date_palm", "palm", partial(_date, kind=_PYGMY), 0.5, 1.0),
+    Design("date_palm", "palm", partial(_date, kind=_CANARY), 1.0, 1.5),
+    Design("pygmy_date_palm", "palm", partial(_date, kind=_PYGMY), 1.0, 1.0),
     Design("fan_palm", "palm", _fan, 0.8, 1.5),
     Design("coconut_palm", "palm", _coconut, 1.2, 1.2),
-    Design("clump_palm", "palm", _clump, 1.1, 0.8),
-    Design("young_palm", "palm", _young, 1.4, 0.6),
+    Design("clump_palm", "palm", _clump, 2.4, 0.8),
+    Design("young_palm", "palm", _young, 2.4, 0.6),
 )
 """Every design of a palm."""

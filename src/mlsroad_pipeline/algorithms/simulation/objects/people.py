@@ -116,7 +116,8 @@ def _person(
     if bag == "hand":
         angles[2][0], angles[3][0] = rng.normal(0, 0.06), rng.uniform(0.0, 0.15)
     bones = _pose(rng, build, angles, lean=lean)
-    return join([clothe(rng, bones, build, "person"), *_luggage(rng, bones, build, bag)])
+    mesh = join([clothe(rng, bones, build, "person"), *_luggage(rng, bones, build, bag)])
+    return mesh.moved([0.0, 0.0, -float(mesh.vertices[:, 2].min())])
 
 
 def _luggage(rng: np.random.Generator, bones: Skeleton, build: Build, bag: str) -> list[Mesh]:
@@ -211,6 +212,9 @@ def conversation(rng: np.random.Generator) -> list[Mesh]:
         people.append(who.moved(place, yaw=float(azimuth + np.pi + rng.normal(0, 0.25))))
     return people
 
+
+WALKERS = ("walking_person", "person_with_backpack", "person_with_bag", "person_with_suitcase", "walking_child")
+"""Names of the designs for people who are on their way."""
 
 DESIGNS: tuple[Design, ...] = (
     Design("standing_person", "person", partial(_person, pose=_standing), 0.6, 3.0),

@@ -40,7 +40,7 @@ def _bush(rng: np.random.Generator, *, flowers: bool = False) -> Mesh:
     stretch = np.array([1.0, rng.uniform(0.6, 1.0), 1.0])
     azimuth = rng.uniform(0, 6.28) + np.arange(n_lobes) * 6.28 / n_lobes + rng.normal(0, 0.3, n_lobes)
     away = 0.25 * width * rng.uniform(0.4, 1.0, n_lobes) * (n_lobes > 1)
-    n = int(rng.integers(1500, 2100))
+    n = int(rng.integers(1500, 1950))
     which = rng.integers(0, n_lobes, n)
     places = np.empty((n, 3))
     volume = 0.0
@@ -64,7 +64,7 @@ def _bush(rng: np.random.Generator, *, flowers: bool = False) -> Mesh:
         petals = foliage(("pink", "white", "purple", "red", "yellow")[int(rng.integers(5))], "brushwood", rng)
         middle = places.mean(axis=0)
         outer = places[((places - middle) ** 2).sum(axis=1).argsort()[-n // 2 :]]
-        outer = outer[rng.permutation(len(outer))[: int(rng.integers(90, 320))]]
+        outer = outer[rng.permutation(len(outer))[: int(rng.integers(90, 260))]]
         outer = outer + 0.04 * unit(outer - middle) + rng.normal(0, 0.02, outer.shape)
         bloom = rng.uniform(0.03, 0.075)
         meshes.append(lift(blades(outer, rng.normal(size=outer.shape), bloom, bloom, petals, rng)))
@@ -119,7 +119,7 @@ def _clipped(rng: np.random.Generator) -> Mesh:
 def _ground_cover(rng: np.random.Generator) -> Mesh:
     """Return a low carpet of leaves with an uneven edge."""
     height, radius = rng.uniform(0.12, 0.42), rng.uniform(0.45, 1.1)
-    n = int(rng.integers(1700, 2300))
+    n = int(rng.integers(1700, 2150))
     azimuth, share = rng.uniform(0, 6.28, n), np.sqrt(rng.random(n))
     waves = np.arange(2, 6)
     lobe = 1 + np.cos(waves * azimuth[:, None] + rng.uniform(0, 6.28, 4)) @ rng.normal(0, 0.08, 4)
@@ -181,12 +181,12 @@ def _rosette(rng: np.random.Generator) -> Mesh:
 
 
 DESIGNS: tuple[Design, ...] = (
-    Design("loose_bush", "brushwood", _bush, 1.3, 3.0),
-    Design("flowering_bush", "brushwood", partial(_bush, flowers=True), 1.3, 1.5),
+    Design("loose_bush", "brushwood", _bush, 1.4, 3.0),
+    Design("flowering_bush", "brushwood", partial(_bush, flowers=True), 1.4, 1.5),
     Design("clipped_ball", "brushwood", _ball, 0.9, 1.5),
     Design("clipped_block", "brushwood", _clipped, 1.0, 1.0),
     Design("ground_cover", "brushwood", _ground_cover, 1.6, 1.0),
-    Design("grass_tuft", "brushwood", _tuft, 1.0, 0.8),
+    Design("grass_tuft", "brushwood", _tuft, 1.4, 0.8),
     Design("leaf_rosette", "brushwood", _rosette, 1.2, 0.6),
 )
 """Every design of brushwood."""
