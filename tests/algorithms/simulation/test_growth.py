@@ -129,7 +129,7 @@ def test_branches_start_at_the_nearest_node_by_gap_and_way(rng):
 def test_an_outline_holds_what_is_placed_in_it(rng):
     outline = Outline(rng, 2.0, 8.0, 2.5, (0.5, 0.5))
     places = outline.place(rng.random(5000), rng.uniform(0, 6.28, 5000), rng.random(5000))
-    assert 2.0 <= places[:, 2].min() and places[:, 2].max() <= 8.0
+    assert places[:, 2].min() >= 2.0 and places[:, 2].max() <= 8.0
     assert np.hypot(places[:, 0], places[:, 1]).max() < 2.5 * 1.6
     # An egg of half axes 3 and 2.5, a little more or less for its drawn exponents.
     assert outline.volume == pytest.approx(4 / 3 * np.pi * 2.5**2 * 3, rel=0.25)

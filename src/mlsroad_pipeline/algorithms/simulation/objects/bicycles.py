@@ -1,7 +1,7 @@
 """Bicycles: parked upright, leaning, locked to a hoop or ridden; and kick scooters.
 
-Measures after bicycle fitting tables: wheels of 0.3 to 0.36 m radius (0.2 to 0.26 m of folding ones), wheelbase 1.0 to
-1.15 m, handlebars of 0.4 to 0.66 m.
+Measures after bicycle fitting tables: wheels of 0.3 to 0.36 m radius (0.2 to 0.26 m of folding ones), wheelbase 1.0
+to 1.15 m, handlebars of 0.4 to 0.66 m.
 """
 
 from __future__ import annotations
@@ -230,4 +230,4 @@ DESIGNS: tuple[Design, ...] = (
     Design("ridden_bicycle", "rider", _ridden, 1.1, 3.0),
     Design("kick_scooter", "other_vehicle", _kick_scooter, 0.7, 0.5),
 )
-"""Every design of a bicycle or kick scooter; `ridden_bicycle` is for the lanes, the others for the edge of the street."""
+"""Every design of a bicycle or kick scooter; `ridden_bicycle` is for the lanes."""
