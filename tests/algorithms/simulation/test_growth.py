@@ -212,3 +212,23 @@ def test_crowns_look_to_eigenvalue_features_as_recorded_ones_do(real_data, rng):
         xyz = xyz[mesh.attributes[face, 0] == 31]
         simulated.append(_medians(_thinned(xyz + rng.normal(0, 0.02, xyz.shape)), 0.3))
     np.testing.assert_allclose(np.mean(simulated, axis=0), np.mean(recorded, axis=0), atol=0.1)
+
+
+def test_walkers_are_as_high_and_wide_as_recorded_pedestrians(real_data):
+    record = np.dtype([
+        ("t", "<i8"), ("intensity", "u1"), ("id", "u1"), ("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("azimuth", "<f4"),
+        ("range", "<f4"), ("pid", "<i4"),
+    ])  # fmt: skip
+    recorded = []
+    for path in sorted(real_data("sydney", "objects").glob("pedestrian.*.bin")):
+        points = np.fromfile(path, record)
+        if len(points) > 60:
+            recorded.append((np.ptp(points["z"]), np.hypot(np.ptp(points["x"]), np.ptp(points["y"]))))
+    simulated = []
+    adults = [d for d in people.DESIGNS if d.name in people.WALKERS and d.name[-5:] not in ("child", "tcase")]
+    for seed in range(12):
+        for design in adults:
+            xyz, _, _ = scan_mesh(design.build(np.random.default_rng(seed)), spacing=0.06)
+            simulated.append((np.ptp(xyz[:, 2]), np.hypot(*np.ptp(xyz[:, :2], axis=0))))
+    assert len(recorded) > 40
+    np.testing.assert_allclose(np.median(simulated, axis=0), np.median(recorded, axis=0), atol=0.15)
