@@ -208,7 +208,7 @@ def design_sheet(
     Returns
     -------
     matplotlib.figure.Figure
-        A figure on the Agg canvas; every picture says how high and wide its individual is.
+        A figure on the Agg canvas; every picture says its individual's height and width.
 
     Raises
     ------
@@ -235,7 +235,7 @@ def design_sheet(
             axes.imshow(picture, aspect="auto")
             axes.set_axis_off()
             extent = np.ptp(mesh.vertices[:, :2], axis=0).max()
-            name = f"{design.name}: " if column == 0 else ""
-            title = f"{name}{mesh.vertices[:, 2].max():.1f} m high, {extent:.1f} m wide"
+            name = f"{design.name}\n" if column == 0 else ""
+            title = f"{name}{mesh.vertices[:, 2].max():.1f} x {extent:.1f} m"
             axes.set_title(title, fontsize=6.5, pad=3)
     return figure
