@@ -23,10 +23,10 @@ from scipy.sparse import csr_array
 from sklearn.ensemble import RandomForestClassifier
 
 from mlsroad_pipeline.algorithms.cell_grid import build_cell_grids
-from mlsroad_pipeline.algorithms.detrended_forest.inference import FlatForest
 from mlsroad_pipeline.algorithms.detrended_forest.labelling import nearest_supervoxels
 from mlsroad_pipeline.algorithms.features.eigen import EIGEN_FEATURES, compute_eigen_features
 from mlsroad_pipeline.algorithms.features.supervoxel_features import compute_supervoxel_features
+from mlsroad_pipeline.algorithms.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.neighbors import radius_neighbors
 
 RIVALS = Path(os.environ.get("MLSROAD_RIVALS", "rivals_data"))

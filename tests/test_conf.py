@@ -17,6 +17,7 @@ from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme, Coding
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.ingest import IngestParameters, OutlierParameters
+from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
 from mlsroad_pipeline.datasets.survey_plan import LabelParameters, SurveyParameters, plan_comparison, plan_labelling
@@ -29,6 +30,7 @@ TYPED = {
     "ground_removal": GroundParameters,
     "ingest": IngestParameters,
     "label": LabelParameters,
+    "patches": PatchParameters,
     "supervoxelise": SupervoxelParameters,
     "survey": SurveyParameters,
 }

@@ -13,6 +13,7 @@ COMPARISON = (
     "ground_removal",
     "supervoxelise",
     "features",
+    "patches",
     *LABELLERS,
     "evaluation",
     "compare",

@@ -18,7 +18,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 ORIGIN = np.array([389_300.0, 5_819_700.0, 34.0])
 CONTRACT = {
-    *("simulate", "ingest", "ground_removal", "supervoxelise", "features", "detrended_forest", "evaluation"),
+    *("simulate", "ingest", "ground_removal", "supervoxelise", "features", "patches", "detrended_forest", "evaluation"),
     *("report", "label", "inspect", "compare"),
 }
 

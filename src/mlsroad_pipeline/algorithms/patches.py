@@ -273,11 +273,11 @@ def extract_patches(
     colours = cloud.get("rgb")
     patches = Patches(
         fpfh=_describe_leaves(voxels, leaves.voxel_of_point, n, sizes),
-        rgb=None if colours is None else _means(colours[used], owner, counts) / 255.0,
+        rgb=None if colours is None else _means(colours[used], owner, counts) / np.float32(255.0),
         height=_means(heights, owner, counts),
         centroid=_leaf_centroids(voxels, leaves.voxel_of_point, counts),
-        scene=np.full(n, scene),
-        label=np.full(n, UNKNOWN),
+        scene=np.full(n, scene, np.int32),
+        label=np.full(n, UNKNOWN, np.int16),
     )
     patch_of_point = owner if everything else np.full(len(cloud), UNKNOWN, np.int32)
     patch_of_point[used] = owner
@@ -295,10 +295,11 @@ def _known_heights(xyz: NDArray[np.floating], height: NDArray, source: str) -> N
     return heights
 
 
-def _means(values: NDArray, owner: NDArray[np.int32], counts: NDArray[np.float64]) -> NDArray[np.float64]:
+def _means(values: NDArray, owner: NDArray[np.int32], counts: NDArray[np.float64]) -> NDArray[np.float32]:
     columns = values.reshape(len(values), -1).T
     sums = [np.bincount(owner, weights=column, minlength=len(counts)) for column in columns]
-    return (np.stack(sums, axis=1) / counts[:, None]).reshape(len(counts), *values.shape[1:])
+    means = np.stack(sums, axis=1) / counts[:, None]
+    return means.reshape(len(counts), *values.shape[1:]).astype(np.float32)
 
 
 def _leaf_centroids(
@@ -312,7 +313,7 @@ def _leaf_centroids(
 
 def _describe_leaves(
     voxels: VoxelGrid, leaf_of_voxel: NDArray[np.int32], n_leaves: int, sizes: PatchParameters
-) -> NDArray[np.float64]:
+) -> NDArray[np.float32]:
     """Return the mean histogram of each leaf's voxels, scaled to sum 1; 0 where none of them has a neighbour."""
     support = voxels.local_centroids * voxels.voxel_size
     normals = compute_normals(support, radius=sizes.normal_radius)
@@ -321,7 +322,8 @@ def _describe_leaves(
     )
     sums = np.stack([np.bincount(leaf_of_voxel, weights=h, minlength=n_leaves) for h in histograms.T], axis=1)
     total = sums.sum(axis=1, keepdims=True)
-    return sums / np.where(total > 0, total, 1.0)
+    shares: NDArray[np.float64] = sums / np.where(total > 0, total, 1.0)
+    return shares.astype(np.float32)
 
 
 def _edges(leaves: VoxelGrid) -> NDArray[np.int32]:

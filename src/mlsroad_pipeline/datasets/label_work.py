@@ -14,6 +14,7 @@ from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.ingest import OutlierParameters, join_pieces
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule
+from mlsroad_pipeline.algorithms.patch_labelling import PatchClassifier, label_patch_scene
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.survey_labelling import label_new_scene
@@ -52,6 +53,35 @@ def label_prepared_scene(
         If the scene lacks features that the model needs.
     """
     return label_scene(scene, supervoxels, features, open_model(model))
+
+
+def label_prepared_patches(
+    scene: PointCloud, patches: Mapping[str, NDArray], model: str, *, classifier: type[PatchClassifier]
+) -> dict[str, NDArray]:
+    """Label a scene of a comparison with a stored model of a method that labels patches.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene.
+    patches : mapping
+        What `build_patches` gave.
+    model : str
+        The model's folder.
+    classifier : type
+        The method's class.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``label`` int16 (n,) and ``confidence`` float32 (n,).
+
+    Raises
+    ------
+    DataError
+        If the model needs other patches.
+    """
+    return label_patch_scene(scene, patches, open_model(model), classifier)
 
 
 def label_pieces(

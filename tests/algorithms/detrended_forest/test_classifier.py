@@ -12,9 +12,10 @@ from sklearn.exceptions import NotFittedError
 
 from mlsroad_pipeline.algorithms.cell_grid import build_cell_grids
 from mlsroad_pipeline.algorithms.detrended_forest.classifier import DetrendedForestClassifier
-from mlsroad_pipeline.algorithms.detrended_forest.labelling import label_points, majority_labels
+from mlsroad_pipeline.algorithms.detrended_forest.labelling import label_points
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures, compute_supervoxel_features
+from mlsroad_pipeline.algorithms.majority import majority_labels
 
 
 @pytest.fixture

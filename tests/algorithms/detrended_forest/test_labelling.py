@@ -9,29 +9,10 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.detrended_forest.labelling import (
     label_points,
-    majority_labels,
     nearest_supervoxels,
     smooth_probabilities,
 )
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-
-
-def test_the_majority_is_counted_without_ignored_points():
-    labels, purity = majority_labels([0, 1, 1, -1, -1, 2, 0, 2], [0, 0, 0, 0, 1, 2, 2, 4], 3)
-    assert labels.dtype == np.int16
-    assert labels.tolist() == [1, -1, 0, -1, 2]  # of equal counts the lowest class; 1 and 3 have no labelled point
-    assert np.allclose(purity, [2 / 3, np.nan, 1 / 2, np.nan, 1], equal_nan=True)
-    labels, purity = majority_labels([], [], 3)
-    assert (len(labels), len(purity)) == (0, 0)
-
-
-def test_majority_labels_name_bad_input():
-    with pytest.raises(DataError, match=r"point_labels must be in -1\.\.1, got 0\.\.2"):
-        majority_labels([0, 2], [0, 0], 2)
-    with pytest.raises(DataError, match=r"point_labels must have shape \(3,\), got \(2,\)"):
-        majority_labels([0, 1], [0, 0, 0], 2)
-    with pytest.raises(DataError, match="supervoxel_labels must not be negative, got -2"):
-        majority_labels([0, 1], [0, -2], 2)
 
 
 @pytest.mark.parametrize("offset", [0.0, np.array([451_234.0, 5_412_987.0, 312.0])])

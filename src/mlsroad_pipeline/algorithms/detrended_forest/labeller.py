@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import IGNORE
-from mlsroad_pipeline.algorithms.detrended_forest.inference import FlatForest
 from mlsroad_pipeline.algorithms.detrended_forest.labelling import label_points, smooth_probabilities
 from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import (

@@ -1,4 +1,4 @@
-"""From supervoxels to points: which supervoxel a point takes its label from, and majority labels for training."""
+"""From supervoxels to points: which supervoxel a point takes its label from."""
 
 from __future__ import annotations
 
@@ -16,54 +16,7 @@ from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.detrending import local_tendency
 from mlsroad_pipeline.algorithms.validation import check_column, check_xyz
 
-IGNORE = -1
-"""Label of points and supervoxels that are never trained on."""
-
 _SPACING_SAMPLE = 1000
-
-
-def majority_labels(
-    point_labels: ArrayLike, supervoxel_labels: ArrayLike, n_classes: int
-) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Give each supervoxel the class of most of its labelled points.
-
-    Parameters
-    ----------
-    point_labels : array-like of int, shape (n,)
-        Class of each point, 0 to `n_classes` - 1; -1 is ignored.
-    supervoxel_labels : array-like of int, shape (n,)
-        Supervoxel of each point, from 0.
-    n_classes : int
-        Number of classes.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (s,)
-        Majority class, of equal counts the lowest; -1 where no point is labelled.
-    purity : ndarray of float32, shape (s,)
-        Share of the majority class among the supervoxel's labelled points; NaN where none is.
-
-    Raises
-    ------
-    DataError
-        If the two columns differ in length, a class is outside -1 to `n_classes` - 1 or a supervoxel is negative.
-    """
-    owners = np.asarray(supervoxel_labels)
-    classes = check_column(point_labels, len(owners), "point_labels")
-    if len(owners) == 0:
-        return np.empty(0, np.int16), np.empty(0, np.float32)
-    if classes.min() < IGNORE or classes.max() >= n_classes:
-        raise DataError(f"point_labels must be in -1..{n_classes - 1}, got {classes.min()}..{classes.max()}")
-    if owners.min() < 0:
-        raise DataError(f"supervoxel_labels must not be negative, got {owners.min()}")
-    n_supervoxels = int(owners.max()) + 1
-    # Ignored points are counted in a column of their own, so that no copy of the others is needed.
-    cells = owners.astype(np.int64) * (n_classes + 1) + (classes.astype(np.int64) + 1)
-    counts = np.bincount(cells, minlength=n_supervoxels * (n_classes + 1)).reshape(n_supervoxels, -1)[:, 1:]
-    total = counts.sum(axis=1)
-    labels = np.where(total > 0, counts.argmax(axis=1), IGNORE).astype(np.int16)
-    purity = counts.max(axis=1) / np.where(total > 0, total, np.nan)
-    return labels, purity.astype(np.float32)
 
 
 @njit(cache=True, nogil=True)

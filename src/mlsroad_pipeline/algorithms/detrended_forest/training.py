@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.detrended_forest.classifier import DetrendedForestClassifier
 from mlsroad_pipeline.algorithms.detrended_forest.labeller import ENTRY_POINT, SLUG, StageParameters
-from mlsroad_pipeline.algorithms.detrended_forest.labelling import majority_labels
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.radiometry import COLOUR_FEATURES, INTENSITY_FEATURES
 from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures
+from mlsroad_pipeline.algorithms.majority import majority_labels
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.rendering.figures import importance_figure, oob_figure

@@ -25,9 +25,9 @@ def compute_fpfh(
     """Describe the shape around every point by how the normals of its neighbours lie to each other.
 
     For a point and each neighbour, three angles are taken in a frame that the normal of one of the two spans (Rusu et
-    al. 2009, equation 1: theta, alpha, phi) and counted in bins: the simplified histogram (SPFH). A point's histogram is
-    its own SPFH and the mean of its neighbours', each weighted by the inverse square of its distance, in equal shares,
-    feature by feature. Weights and bins are those of Open3D's ``compute_fpfh_feature``, whose histograms sum to 200 per
+    al. 2009, equation 1: theta, alpha, phi) and counted in bins: the simplified histogram (SPFH). A point's histogram
+    is its own SPFH and the mean of its neighbours', each weighted by the inverse square of its distance, in equal
+    shares, feature by feature. Weights and bins are those of Open3D's ``compute_fpfh_feature``, whose histograms sum to 200 per
     feature where these sum to 1 in all. Memory is about twice that of the result.
 
     Parameters

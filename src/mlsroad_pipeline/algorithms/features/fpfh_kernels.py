@@ -8,6 +8,7 @@ so that it vectorises. No neighbour lists are kept: both passes test distances, 
 from __future__ import annotations
 
 from math import sqrt
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -29,7 +30,7 @@ _C6, _C7, _C8 = np.float32(0.0397812), np.float32(-0.01440135), np.float32(0.002
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def _atan2(y: float, x: float) -> float:
+def _atan2(y: Any, x: Any) -> Any:
     """Return the angle of (x, y), 0 for (0, 0); a polynomial, because the library's function does not vectorise."""
     ax, ay = abs(x), abs(y)
     steep = ay > ax
@@ -102,9 +103,7 @@ def _distances(near: NDArray, n_near: int, own: int, squares: NDArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _collect(
-    near: NDArray, squares: NDArray, hits: NDArray, start: int, stop: int, own: int, pairs: NDArray
-) -> None:
+def _collect(near: NDArray, squares: NDArray, hits: NDArray, start: int, stop: int, own: int, pairs: NDArray) -> None:
     """Copy neighbours side by side: from the point to each of them, their normals and their squared distances."""
     px, py, pz, nx, ny, nz = near[0], near[1], near[2], near[3], near[4], near[5]
     x, y, z = px[own], py[own], pz[own]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from sklearn.ensemble import RandomForestClassifier
 
-from mlsroad_pipeline.algorithms.detrended_forest.inference import FlatForest
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.flat_forest import FlatForest
 
 
 def grow(rng, *, missing, n=600, n_features=9, **kwargs):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.detrended_forest.class_balance import class_weights, draw_per_class
+from mlsroad_pipeline.algorithms.class_balance import class_weights, draw_per_class
 from mlsroad_pipeline.algorithms.detrended_forest.classifier import DetrendedForestClassifier
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
 from mlsroad_pipeline.algorithms.exceptions import ParameterError

@@ -1,0 +1,310 @@
+"""What all methods that label patches share: scenes in, labels of points out, models as plain arrays.
+
+A method brings a class with `fit`, `predict_proba`, `to_arrays` and `from_arrays` (see `PatchClassifier`) and a
+function ``label_cloud(cloud, bundle)`` that hands its class to `label_patch_cloud`; that function is the model's entry
+point. All else is here:
+
+- `build_patches` is the stage of the pipeline `patches`: the patches and edges of one scene as arrays;
+- `label_patches` gives the patches of a training scene their classes;
+- `join_training_scenes` makes one set of patches and edges of all training scenes, what `fit` takes;
+- `bundle_model` packs a trained classifier for the workers and for the registry;
+- `label_patch_scene` labels the points of a prepared scene, `label_patch_cloud` those of a cloud never seen before.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.majority import majority_labels
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.patch_voting import vote_on_points
+from mlsroad_pipeline.algorithms.patches import Patches, PatchParameters, extract_patches, join_patches
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground, inliers
+
+logger = logging.getLogger(__name__)
+
+
+class PatchClassifier(Protocol):
+    """What a method that labels patches brings; the number of classes is its own business from `fit` on."""
+
+    def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.floating]:
+        """Return the probability of every class of the scheme for each patch, (n, c).
+
+        The patches are those of one scene, and may lack colour where the training scenes had it.
+        """
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return all that was learned as named plain arrays."""
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
+        """Rebuild the classifier from what `to_arrays` returned."""
+
+
+@dataclass(frozen=True)
+class PatchStages:
+    """How a scene is prepared before a classifier sees it; kept in the model, so that new surveys are prepared alike.
+
+    Parameters
+    ----------
+    ground : GroundParameters
+        The ground filter.
+    patches : PatchParameters
+        The patches.
+    """
+
+    ground: GroundParameters
+    patches: PatchParameters
+
+
+def build_patches(scene: PointCloud, ground: Mapping[str, NDArray], parameters: PatchParameters) -> dict[str, NDArray]:
+    """Cut a scene into patches.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene; outliers take no part.
+    ground : mapping
+        What `find_ground` gave.
+    parameters : PatchParameters
+        Sizes and radii.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The columns of `Patches`, ``patch_of_point`` int32 (n,), -1 for outliers, and ``edges`` int32 (m, 2).
+
+    Raises
+    ------
+    DataError
+        If no point takes part or a coordinate is not finite.
+    """
+    found = extract_patches(scene, height=ground["height"], parameters=parameters, keep=inliers(scene))
+    return {**found.patches.to_arrays(), "patch_of_point": found.patch_of_point, "edges": found.edges}
+
+
+def label_patches(scene: PointCloud, patches: Mapping[str, NDArray], scheme: ClassScheme) -> dict[str, NDArray]:
+    """Give each patch the class of most of its labelled core points (Luo et al. 2016, section III-A).
+
+    Parameters
+    ----------
+    scene : PointCloud
+        A training scene, with `label` and, where it has a buffer, `core`.
+    patches : mapping
+        What `build_patches` gave.
+    scheme : ClassScheme
+        The classes.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``label`` int16 (p,), of equal counts the lowest; -1 for patches without labelled core points.
+
+    Raises
+    ------
+    MissingColumnError
+        If the scene has no labels.
+    UnknownClassError
+        If a label is not in the scheme.
+    """
+    labels = scheme.encode(scene["label"], source=scene.source)
+    core = scene.get("core")
+    owner = patches["patch_of_point"]
+    known = (labels != IGNORE) & (owner >= 0) & (True if core is None else core.astype(np.bool_))
+    found = np.full(len(patches["height"]), IGNORE, np.int16)
+    voted, _ = majority_labels(labels[known], owner[known], len(scheme))
+    found[: len(voted)] = voted
+    return {"label": found}
+
+
+def join_training_scenes(
+    scenes: Mapping[str, Mapping[str, NDArray]], labels: Mapping[str, Mapping[str, NDArray]]
+) -> tuple[Patches, NDArray[np.int32]]:
+    """Make one set of patches of all training scenes.
+
+    Parameters
+    ----------
+    scenes : mapping of str to mapping
+        What `build_patches` gave for each scene.
+    labels : mapping of str to mapping
+        What `label_patches` gave for each training scene; other scenes are left out.
+
+    Returns
+    -------
+    patches : Patches
+        The labelled patches, scene after scene in the order of the scenes' names; `scene` numbers them from 0.
+    edges : ndarray of int32, shape (m, 2)
+        Pairs of labelled patches of a scene whose leaves touch, each once.
+
+    Raises
+    ------
+    DataError
+        If there is no training scene, or none of their patches is labelled.
+    """
+    if not labels:
+        raise DataError("no training scenes: the split 'train' is empty")
+    parts, edges, shift = [], [], 0
+    for number, key in enumerate(sorted(labels)):
+        arrays, label = scenes[key], labels[key]["label"]
+        rows = np.flatnonzero(label != IGNORE)
+        place = np.full(len(label), -1, np.int32)
+        place[rows] = np.arange(shift, shift + len(rows))
+        moved = place[arrays["edges"]]
+        edges.append(moved[(moved >= 0).all(axis=1)])
+        whole = Patches.from_arrays({**arrays, "label": label, "scene": np.full(len(label), number)})
+        parts.append(whole.take(rows))
+        shift += len(rows)
+    if shift == 0:
+        raise DataError("no patch of the training scenes is labelled with a class of the scheme")
+    return join_patches(parts), np.concatenate(edges)
+
+
+def bundle_model(
+    slug: str,
+    classifier: PatchClassifier,
+    patches: Patches,
+    *,
+    entry_point: str,
+    parameters: Any,
+    stages: PatchStages,
+    scheme: ClassScheme,
+    trained_on: Mapping[str, Any],
+    facts: Mapping[str, Any] | None = None,
+) -> ModelBundle:
+    """Pack a trained classifier.
+
+    Parameters
+    ----------
+    slug : str
+        The method's slug.
+    classifier : PatchClassifier
+        The classifier.
+    patches : Patches
+        What it was trained on.
+    entry_point : str
+        ``"module:function"`` of the method's ``label_cloud``.
+    parameters : dataclass
+        The method's parameters.
+    stages : PatchStages
+        How the scenes were prepared.
+    scheme : ClassScheme
+        The classes.
+    trained_on : mapping
+        What the metadata say of the training data; JSON values.
+    facts : mapping, optional
+        Further metadata, such as what cross-validation chose; JSON values.
+
+    Returns
+    -------
+    ModelBundle
+        The model.
+    """
+    counts = np.bincount(patches.label[patches.label >= 0], minlength=len(scheme))
+    missing = [name for name, count in zip(scheme.classes, counts, strict=True) if count == 0]
+    if missing:
+        logger.warning("%s: no training patch is of %s: the model never gives them", slug, ", ".join(missing))
+    metadata = {
+        "entry_point": entry_point,
+        "classes": list(scheme.classes),
+        "scheme": asdict(scheme),
+        "parameters": {slug: asdict(parameters), **asdict(stages)},
+        "attributes": [] if patches.rgb is None else ["rgb"],
+        "trained_on": {**trained_on, "patches": len(patches)},
+        **(facts or {}),
+    }
+    return ModelBundle(slug, classifier.to_arrays(), metadata)
+
+
+def label_patch_scene(
+    scene: PointCloud,
+    patches: Mapping[str, NDArray],
+    bundle: ModelBundle,
+    classifier: type[PatchClassifier],
+) -> dict[str, NDArray]:
+    """Give every point of a prepared scene a class and a confidence.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene.
+    patches : mapping
+        What `build_patches` gave with the parameters that the model was trained with.
+    bundle : ModelBundle
+        A model of `bundle_model`.
+    classifier : type
+        The method's class.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``label`` int16 (n,), -1 for outliers, and ``confidence`` float32 (n,), 0 for outliers.
+
+    Raises
+    ------
+    DataError
+        If the model needs other histograms than the patches have.
+    """
+    found = Patches.from_arrays(patches)
+    if "rgb" not in bundle.metadata["attributes"]:
+        found = found.with_columns(rgb=None)
+    stored = PatchParameters(**bundle.metadata["parameters"]["patches"])
+    width = (4 if stored.use_distance else 3) * stored.n_bins
+    if found.fpfh.shape[1] != width:
+        raise DataError(f"{scene.source}: the model needs histograms of {width} values, got {found.fpfh.shape[1]}")
+    probabilities = classifier.from_arrays(bundle.arrays).predict_proba(found, patches["edges"])
+    keep = inliers(scene)
+    label, confidence = np.full(len(scene), IGNORE, np.int16), np.zeros(len(scene), np.float32)
+    label[keep], confidence[keep] = vote_on_points(
+        scene.xyz[keep], found.centroid, probabilities, radius=stored.area_radius
+    )
+    return {"label": label, "confidence": confidence}
+
+
+def label_patch_cloud(
+    cloud: PointCloud, bundle: ModelBundle, classifier: type[PatchClassifier]
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Give every point of a cloud a class and a confidence, from raw coordinates on.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points; colour is used where the cloud and the model have it. Where it has the columns `ground` and `height`, as
+        `find_ground` gives them, they are taken.
+    bundle : ModelBundle
+        A model of `bundle_model`.
+    classifier : type
+        The method's class.
+
+    Returns
+    -------
+    labels : ndarray of int16, shape (n,)
+        Labels of the model's scheme, -1 for outliers.
+    confidence : ndarray of float32, shape (n,)
+        Mean probability of the label over the patches around.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is NaN or infinite.
+    """
+    if not inliers(cloud).any():
+        return np.full(len(cloud), IGNORE, np.int16), np.zeros(len(cloud), np.float32)
+    absent = [name for name in bundle.metadata["attributes"] if name not in cloud]
+    if absent:
+        level = logging.INFO if "core" in cloud else logging.WARNING  # who cuts a survey into scenes says it once
+        logger.log(level, "%s has no %s: it is labelled without", cloud.source, " and no ".join(absent))
+    stored = bundle.metadata["parameters"]
+    known = "ground" in cloud and "height" in cloud
+    ground = {"height": cloud["height"]} if known else find_ground(cloud, GroundParameters(**stored["ground"]))
+    patches = build_patches(cloud, ground, PatchParameters(**stored["patches"]))
+    found = label_patch_scene(cloud, patches, bundle, classifier)
+    return found["label"], found["confidence"]

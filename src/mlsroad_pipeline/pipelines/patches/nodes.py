@@ -1,0 +1,98 @@
+"""Patches, scene by scene, and what every method that labels patches does with them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.patch_labelling import PatchClassifier, build_patches, label_patches
+from mlsroad_pipeline.algorithms.patches import PatchParameters
+from mlsroad_pipeline.datasets.label_work import label_prepared_patches
+from mlsroad_pipeline.datasets.scene_store import SceneCollection
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
+
+TRAIN = "train."
+
+
+def extract_patches_of_scenes(
+    scenes: SceneCollection, ground: SceneCollection, parameters: PatchParameters
+) -> dict[str, SceneTask]:
+    """Name the work that cuts each scene into patches.
+
+    Parameters
+    ----------
+    scenes : SceneCollection
+        The scenes.
+    ground : SceneCollection
+        Ground masks and heights, keyed like the scenes.
+    parameters : PatchParameters
+        Sizes and radii.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene.
+    """
+    return {
+        key: SceneTask(build_patches, {"scene": scenes[key], "ground": ground[key]}, {"parameters": parameters})
+        for key in scenes
+    }
+
+
+def label_patches_of_scenes(
+    scenes: SceneCollection, patches: SceneCollection, survey: SurveyParameters, classes: Mapping[str, Any]
+) -> dict[str, SceneTask]:
+    """Name the work that gives the patches of each training scene their classes.
+
+    Parameters
+    ----------
+    scenes, patches : SceneCollection
+        The scenes and their patches.
+    survey : SurveyParameters
+        Names the class scheme.
+    classes : mapping
+        The class schemes.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene of the split ``train``.
+    """
+    scheme = find_scheme(classes["schemes"], survey.scheme)
+    return {
+        key: SceneTask(label_patches, {"scene": scenes[key], "patches": patches[key]}, {"scheme": scheme})
+        for key in scenes
+        if key.startswith(TRAIN)
+    }
+
+
+def label_scenes_by_patches(
+    scenes: SceneCollection, patches: SceneCollection, model: SourceFile, *, classifier: type[PatchClassifier]
+) -> dict[str, SceneTask]:
+    """Name the work that labels each scene that a model was not trained on; a method's pipeline fills in its class.
+
+    Parameters
+    ----------
+    scenes, patches : SceneCollection
+        The scenes and their patches.
+    model : SourceFile
+        The model's folder.
+    classifier : type
+        The method's class.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene of the other splits.
+    """
+    return {
+        key: SceneTask(
+            label_prepared_patches,
+            {"scene": scenes[key], "patches": patches[key], "model": model},
+            {"classifier": classifier},
+        )
+        for key in scenes
+        if not key.startswith(TRAIN)
+    }
