@@ -125,7 +125,11 @@ def _rounds(scenes: Sequence[_Scene], batch_patches: int, n_rounds: int, seed: i
 
 
 def _boost(
-    network: MarkovNetwork, batch: Sequence[_Scene], weights: NDArray[np.float64], round_number: int, p: MarginParameters
+    network: MarkovNetwork,
+    batch: Sequence[_Scene],
+    weights: NDArray[np.float64],
+    round_number: int,
+    p: MarginParameters,
 ) -> float:
     """Add one tree of each kind; return the share of sites that the search found a wrong label for."""
     wishes, rows, counts = {part: [] for part in PARTS}, {part: [] for part in PARTS}, {part: [] for part in PARTS}
