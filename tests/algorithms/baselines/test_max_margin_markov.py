@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.baselines.max_margin_markov import MarginParame
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.patches import Patches, join_patches
 
-QUICK = MarginParameters(n_rounds=15, site_depth=4, batch_patches=1000)
+QUICK = MarginParameters(n_rounds=15, site_depth=4, batch_patches=1000, fit_rows=2000)
 
 
 def planted_scene(rng, number=0, *, noise=1.5, side=24, colour=True):

@@ -128,7 +128,8 @@ class MarkovNetwork:
         """
         sites = self.trees["sites"].predict(graph.sites)
         agreement = np.maximum(self.trees["pairs"].predict(graph.pairs), 0.0)
-        reward = np.maximum(self.trees["groups"].predict(graph.groups), 0.0) * graph.sizes[:, None]
+        sizes = graph.sizes[:, None].astype(np.float64)
+        reward: NDArray[np.float64] = np.maximum(self.trees["groups"].predict(graph.groups), 0.0) * sizes
         return sites, agreement, reward
 
     def best_labels(

@@ -47,6 +47,8 @@ class MarginParameters:
         Fewest rows of a leaf.
     batch_patches : int, default 20000
         Patches of a round: scenes are drawn until there are as many. More give steadier steps and longer rounds.
+    fit_rows : int, default 10000
+        Sites, pairs and cliques that a tree is fitted to, drawn by what they weigh. Time grows with it.
     class_weight : {"balanced", "sqrt", "none"}, default "sqrt"
         What the patches of a class weigh together in fitting: the same, the square root of their number, their number.
     clique_shares : sequence of float, default [0.03, 0.01]
@@ -70,6 +72,7 @@ class MarginParameters:
     context_depth: int = 3
     min_samples_leaf: int = 10
     batch_patches: int = 20_000
+    fit_rows: int = 10_000
     class_weight: str = "sqrt"
     clique_shares: Sequence[float] = field(default_factory=lambda: [0.03, 0.01])
     truncation: float = 0.3
@@ -77,7 +80,7 @@ class MarginParameters:
     seed: int = 2009
 
     def __post_init__(self) -> None:
-        for name in ("n_rounds", "site_depth", "context_depth", "min_samples_leaf", "batch_patches"):
+        for name in ("n_rounds", "site_depth", "context_depth", "min_samples_leaf", "batch_patches", "fit_rows"):
             if getattr(self, name) < 1:
                 raise ParameterError(f"{SLUG}.{name} must be at least 1, got {getattr(self, name)!r}")
         for name in ("step", "truncation", "temperature"):
@@ -132,7 +135,9 @@ def _boost(
     p: MarginParameters,
 ) -> float:
     """Add one tree of each kind; return the share of sites that the search found a wrong label for."""
-    wishes, rows, counts = {part: [] for part in PARTS}, {part: [] for part in PARTS}, {part: [] for part in PARTS}
+    wishes: dict[str, list[NDArray]] = {part: [] for part in PARTS}
+    rows: dict[str, list[NDArray]] = {part: [] for part in PARTS}
+    counts: dict[str, list[NDArray]] = {part: [] for part in PARTS}
     wrong = 0
     for scene in batch:
         bonus = 1.0 - np.eye(network.n_labels)[scene.truth]
@@ -144,11 +149,14 @@ def _boost(
         counts["sites"].append(weights[scene.truth])
         counts["pairs"].append(np.minimum(*weights[scene.truth][scene.graph.edges.T]))
         counts["groups"].append(scene.graph.sizes.astype(np.float64))
+    rng = np.random.default_rng([p.seed, round_number])
     for number, part in enumerate(PARTS):
+        share = np.concatenate(counts[part])
+        drawn = rng.choice(len(share), p.fit_rows, p=share / share.sum()) if len(share) else np.zeros(0, np.int64)
         network.trees[part].grow(
-            np.concatenate(rows[part]),
-            np.concatenate(wishes[part]),
-            np.concatenate(counts[part]),
+            np.concatenate(rows[part])[drawn],
+            np.concatenate(wishes[part])[drawn],
+            np.ones(len(drawn)),
             step=p.step / np.sqrt(round_number + 1.0),
             max_depth=p.site_depth if part == "sites" else p.context_depth,
             min_samples_leaf=p.min_samples_leaf,
