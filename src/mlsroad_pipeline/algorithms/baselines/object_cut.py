@@ -39,7 +39,7 @@ class CutParameters:
         Each site is linked to so many nearest ones (golovinskiy2009: 4).
     link : float, default 0.3
         Distance over which the weight of a link falls to 1/e, metres.
-    background : float, default 1.0
+    background : float, default 0.2
         What a site at the radius costs as foreground, in links of length 0. Larger values cut closer to the place.
     isolated : float, default 0.1
         A cut whose links weigh less than this share of the foreground's number of sites isolates an object.
@@ -55,7 +55,7 @@ class CutParameters:
     core: float = 0.3
     neighbours: int = 8
     link: float = 0.3
-    background: float = 1.0
+    background: float = 0.2
     isolated: float = 0.1
 
     def __post_init__(self) -> None:

@@ -45,7 +45,7 @@ class ShapeParameters:
         Least distance in plan between two places where objects are looked for, metres. Larger values find fewer.
     radii : sequence of float, default [1.0, 2.0, 4.0]
         Background radii of the cut that are tried at each place, metres, ascending.
-    background : float, default 1.0
+    background : float, default 0.2
         What a site at the radius costs as foreground. Larger values cut closer to the place.
     isolated : float, default 0.1
         Cut links per foreground site below which a cut isolates an object, so that no larger radius is tried.
@@ -67,7 +67,7 @@ class ShapeParameters:
 
     spacing: float = 1.0
     radii: Sequence[float] = field(default_factory=lambda: [1.0, 2.0, 4.0])
-    background: float = 1.0
+    background: float = 0.2
     isolated: float = 0.1
     appearance: bool = True
     n_trees: int = 100
