@@ -21,6 +21,7 @@ RESULTS = HERE.parent / "data/08_reporting/benchmarks"
 BENCHMARKS: dict[str, list[str]] = {
     "ground": [],
     "vccs": [],
+    "fpfh": [],
     "forest": [],
     "clusters": [],
     "graph_cuts": [],
@@ -30,7 +31,7 @@ BENCHMARKS: dict[str, list[str]] = {
     "store": [],
     "label": ["--millions", "5", "20"],
 }
-NEEDS_CLOUDS = {"ground", "vccs", "clusters", "graph_cuts", "formats", "evaluation"}
+NEEDS_CLOUDS = {"ground", "vccs", "fpfh", "clusters", "graph_cuts", "formats", "evaluation"}
 
 
 def json_lines(text: str) -> list[dict[str, object]]:

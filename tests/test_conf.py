@@ -13,6 +13,8 @@ from kedro.io import DatasetError
 from numpydoc.docscrape import ClassDoc
 from references_wiring import REPOSITORY, joined, last_line, make_project, session_of
 
+from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForestParameters
+from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvmParameters
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme, Coding
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
@@ -30,6 +32,8 @@ TYPED = {
     "ground_removal": GroundParameters,
     "ingest": IngestParameters,
     "label": LabelParameters,
+    "patch_forest": PatchForestParameters,
+    "patch_svm": PatchSvmParameters,
     "patches": PatchParameters,
     "supervoxelise": SupervoxelParameters,
     "survey": SurveyParameters,

@@ -14,6 +14,7 @@ from sklearn.metrics import adjusted_rand_score
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.features.eigen import compute_eigen_features
+from mlsroad_pipeline.algorithms.features.fpfh import compute_fpfh
 from mlsroad_pipeline.algorithms.features.supervoxel_features import compute_supervoxel_features
 from mlsroad_pipeline.algorithms.ground.surface import height_above_ground
 from mlsroad_pipeline.algorithms.ground.upward_growing import classify_ground
@@ -95,6 +96,14 @@ def _nearest_eigen(xyz, **options):
     return tuple(found[name] for name in sorted(found) if name not in DIRECTED)
 
 
+def _fpfh(xyz, **options):
+    """Histograms with normals that point away from the middle, and so turn with the points."""
+    away = xyz - xyz.mean(axis=0) if len(xyz) and np.isfinite(xyz).all() and xyz.shape[1] == 3 else xyz[:, :3]
+    length = np.linalg.norm(away, axis=1, keepdims=True)
+    normals = np.divide(away, length, out=np.zeros_like(away, dtype=np.float64), where=length > 0)
+    return (compute_fpfh(xyz, normals, radius=0.4, **options),)
+
+
 def _features(xyz):
     """Features of supervoxels that are cells of a metre; cells that touch are neighbours."""
     low = xyz.min(axis=0) if len(xyz) else np.zeros(3)
@@ -122,6 +131,7 @@ KERNELS = {
     ),
     "compute_eigen_features": Kernel(_eigen, threads=True),
     "compute_eigen_features of k": Kernel(_nearest_eigen, threads=True),
+    "compute_fpfh": Kernel(_fpfh, threads=True),
     "cluster": Kernel(partial(lambda xyz: (cluster(xyz, tolerance=0.3),)), partition=True),
     "keep_inliers": Kernel(lambda xyz: (keep_inliers(xyz, n_neighbors=8, std_ratio=2.0),)),
     "compute_supervoxel_features": Kernel(_features, turn=None, minimum=1, shift=0.02, tolerance=0.15),

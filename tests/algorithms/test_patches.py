@@ -56,7 +56,9 @@ def test_colour_height_and_centroid_are_the_means_of_the_points(street, found):
         assert np.allclose(patches.rgb[p], street["rgb"][mine].mean(axis=0) / 255, atol=1e-6)
         assert patches.height[p] == pytest.approx(street.xyz[mine, 2].mean(), abs=1e-6)
     assert (patches.scene == 3).all() and (patches.label == -1).all()
-    assert patches.fpfh.shape[1] == 16 and np.allclose(patches.fpfh.sum(axis=1), 1, atol=1e-5)
+    total = patches.fpfh.sum(axis=1)
+    assert patches.fpfh.shape[1] == 16 and (np.isclose(total, 1, atol=1e-5) | (total == 0)).all()
+    assert (total > 0).mean() > 0.99
 
 
 def test_edges_join_leaves_that_touch(street, found):

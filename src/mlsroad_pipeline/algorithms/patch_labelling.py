@@ -37,17 +37,44 @@ class PatchClassifier(Protocol):
     """What a method that labels patches brings; the number of classes is its own business from `fit` on."""
 
     def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.floating]:
-        """Return the probability of every class of the scheme for each patch, (n, c).
+        """Return the class probabilities of the patches of one scene.
 
-        The patches are those of one scene, and may lack colour where the training scenes had it.
+        Parameters
+        ----------
+        patches : Patches
+            The patches; they may lack colour where the training scenes had it.
+        edges : ndarray of int32, shape (m, 2)
+            Pairs of patches whose leaves touch.
+
+        Returns
+        -------
+        ndarray of float, shape (n, c)
+            Probability of every class of the scheme.
         """
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return all that was learned as named plain arrays."""
+        """Return all that was learned as named plain arrays.
+
+        Returns
+        -------
+        dict of str to ndarray
+            The arrays.
+        """
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild the classifier from what `to_arrays` returned."""
+        """Rebuild the classifier from what `to_arrays` returned.
+
+        Parameters
+        ----------
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        PatchClassifier
+            The classifier.
+        """
 
 
 @dataclass(frozen=True)

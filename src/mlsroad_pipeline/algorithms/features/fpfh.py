@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.cell_grid import CELLS_PER_RADIUS, build_cell_grids, check_threads, run_in_chunks
+from mlsroad_pipeline.algorithms.cell_grid import build_cell_grids, check_threads, run_in_chunks
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.features.fpfh_kernels import simple_histograms, weighted_histograms
 from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
 
 _MAX_BINS = 255
+_REACH = 1
+"""Cells along the radius: tests of distances vectorise and cost less here than gathering for smaller cells."""
 
 
 def compute_fpfh(
@@ -27,8 +29,8 @@ def compute_fpfh(
     For a point and each neighbour, three angles are taken in a frame that the normal of one of the two spans (Rusu et
     al. 2009, equation 1: theta, alpha, phi) and counted in bins: the simplified histogram (SPFH). A point's histogram
     is its own SPFH and the mean of its neighbours', each weighted by the inverse square of its distance, in equal
-    shares, feature by feature. Weights and bins are those of Open3D's ``compute_fpfh_feature``, whose histograms sum to 200 per
-    feature where these sum to 1 in all. Memory is about twice that of the result.
+    shares, feature by feature. Weights and bins are those of Open3D's ``compute_fpfh_feature``, whose histograms sum
+    to 200 per feature where these sum to 1 in all. Memory is about twice that of the result.
 
     Parameters
     ----------
@@ -71,22 +73,23 @@ def compute_fpfh(
         return out
     if len(known) < len(points):
         points, directions = points[known], directions[known]
-    size, reach = radius * (1 + 1e-6) / CELLS_PER_RADIUS, CELLS_PER_RADIUS
-    grid = build_cell_grids(points, cell_size=size, margin=reach)[0]
-    rows = grid.row_offsets(reach)
+    # Slightly wider cells: a neighbour whose distance float32 rounds down to the radius must be in reach.
+    size = radius * (1 + 1e-6) / _REACH
+    grid = build_cell_grids(points, cell_size=size, margin=_REACH)[0]
+    rows = grid.row_offsets(_REACH)
     sorted_normals = np.ascontiguousarray(directions[grid.order].T, dtype=np.float32)
     simple = np.empty((len(points), out.shape[1]), np.float32)
     n_features = out.shape[1] // n_bins
 
     def count(first: int, last: int) -> None:
         simple_histograms(
-            grid.local, sorted_normals, grid.keys, grid.starts, rows, reach, size, radius, n_bins, n_features,
+            grid.local, sorted_normals, grid.keys, grid.starts, rows, _REACH, size, radius, n_bins, n_features,
             first, last, simple,
         )  # fmt: skip
 
     def weigh(first: int, last: int) -> None:
         weighted_histograms(
-            grid.local, targets, grid.keys, grid.starts, rows, reach, size, radius, simple, n_bins, first, last, out
+            grid.local, targets, grid.keys, grid.starts, rows, _REACH, size, radius, simple, n_bins, first, last, out
         )
 
     targets = known[grid.order].astype(np.int32)

@@ -108,7 +108,7 @@ def _collect(near: NDArray, squares: NDArray, hits: NDArray, start: int, stop: i
     px, py, pz, nx, ny, nz = near[0], near[1], near[2], near[3], near[4], near[5]
     x, y, z = px[own], py[own], pz[own]
     for m in range(stop - start):
-        k = hits[start + m]
+        k = np.uintp(hits[start + m])  # unsigned: no test for an index below zero
         pairs[m] = px[k] - x
         pairs[_BLOCK + m] = py[k] - y
         pairs[2 * _BLOCK + m] = pz[k] - z
@@ -155,13 +155,23 @@ def _bin_pairs(
 @njit(cache=True, nogil=True)
 def _count(bins: NDArray, n_pairs: int, n_bins: int, n_features: int, counts: NDArray) -> None:
     """Count how many pairs fall into each bin."""
-    for f in range(n_features):
-        one, two = counts[0, f * n_bins : (f + 1) * n_bins], counts[1, f * n_bins : (f + 1) * n_bins]
-        for m in range(0, n_pairs - 1, 2):
-            one[bins[f * _BLOCK + m]] += 1
-            two[bins[f * _BLOCK + m + 1]] += 1
-        if n_pairs & 1:
-            one[bins[f * _BLOCK + n_pairs - 1]] += 1
+    second, third, fourth = np.uintp(n_bins), np.uintp(2 * n_bins), np.uintp(3 * n_bins)
+    one, two = counts[0], counts[1]
+    for m in range(0, n_pairs - 1, 2):  # features take turns, so that increments do not wait for each other
+        one[np.uintp(bins[m])] += 1
+        one[second + np.uintp(bins[_BLOCK + m])] += 1
+        one[third + np.uintp(bins[2 * _BLOCK + m])] += 1
+        two[np.uintp(bins[m + 1])] += 1
+        two[second + np.uintp(bins[_BLOCK + m + 1])] += 1
+        two[third + np.uintp(bins[2 * _BLOCK + m + 1])] += 1
+    if n_pairs & 1:
+        m = n_pairs - 1
+        one[np.uintp(bins[m])] += 1
+        one[second + np.uintp(bins[_BLOCK + m])] += 1
+        one[third + np.uintp(bins[2 * _BLOCK + m])] += 1
+    if n_features > 3:
+        for m in range(n_pairs):
+            one[fourth + np.uintp(bins[3 * _BLOCK + m])] += 1
 
 
 @njit(cache=True, nogil=True)
@@ -256,7 +266,7 @@ def _add_neighbors(
     """Add up the neighbours' histograms, each over its squared distance, four at a time."""
     m = 0
     while m + 4 <= n_hits:
-        a, b, c, d = hits[m], hits[m + 1], hits[m + 2], hits[m + 3]
+        a, b, c, d = np.uintp(hits[m]), np.uintp(hits[m + 1]), np.uintp(hits[m + 2]), np.uintp(hits[m + 3])
         wa, wb, wc, wd = _ONE / squares[a], _ONE / squares[b], _ONE / squares[c], _ONE / squares[d]
         ra, rb, rc, rd = simple[source[a]], simple[source[b]], simple[source[c]], simple[source[d]]
         for j in range(len(total)):

@@ -1,4 +1,4 @@
-"""Patches, scene by scene, and what every method that labels patches does with them."""
+"""Patches, scene by scene."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from mlsroad_pipeline.algorithms.evaluation import find_scheme
-from mlsroad_pipeline.algorithms.patch_labelling import PatchClassifier, build_patches, label_patches
+from mlsroad_pipeline.algorithms.patch_labelling import build_patches, label_patches
 from mlsroad_pipeline.algorithms.patches import PatchParameters
-from mlsroad_pipeline.datasets.label_work import label_prepared_patches
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.scene_task import SceneTask
 from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
 
 TRAIN = "train."
@@ -65,34 +64,4 @@ def label_patches_of_scenes(
         key: SceneTask(label_patches, {"scene": scenes[key], "patches": patches[key]}, {"scheme": scheme})
         for key in scenes
         if key.startswith(TRAIN)
-    }
-
-
-def label_scenes_by_patches(
-    scenes: SceneCollection, patches: SceneCollection, model: SourceFile, *, classifier: type[PatchClassifier]
-) -> dict[str, SceneTask]:
-    """Name the work that labels each scene that a model was not trained on; a method's pipeline fills in its class.
-
-    Parameters
-    ----------
-    scenes, patches : SceneCollection
-        The scenes and their patches.
-    model : SourceFile
-        The model's folder.
-    classifier : type
-        The method's class.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene of the other splits.
-    """
-    return {
-        key: SceneTask(
-            label_prepared_patches,
-            {"scene": scenes[key], "patches": patches[key], "model": model},
-            {"classifier": classifier},
-        )
-        for key in scenes
-        if not key.startswith(TRAIN)
     }
