@@ -32,6 +32,8 @@ TINY: dict[str, Any] = {
     "ingest": {"scene_length": 15.0},
     "detrended_forest": {"n_trees": 10},
     "patch_svm": {"costs": [10.0], "gammas": [0.1], "cv_per_class": 30, "max_per_class": 60},
+    "max_margin_markov": {"n_rounds": 3, "fit_rows": 2000},
+    "shape_based": {"n_trees": 10},
     "execution": {"backend": "sequential"},
 }
 """Parameters with which the whole comparison takes seconds."""

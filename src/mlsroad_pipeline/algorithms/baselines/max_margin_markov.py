@@ -20,10 +20,14 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.baselines.markov_graph import MarkovGraph, build_markov_graph
 from mlsroad_pipeline.algorithms.baselines.markov_network import PARTS, MarkovNetwork, clique_shares
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.patch_labelling import label_patch_cloud
 from mlsroad_pipeline.algorithms.patches import Patches
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.validation import check_positive
 
 SLUG = "max_margin_markov"
+ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.max_margin_markov:label_cloud"
 _EXPONENTS = {"balanced": 1.0, "sqrt": 0.5, "none": 0.0}
 
 logger = logging.getLogger(__name__)
@@ -314,3 +318,23 @@ def _split(patches: Patches, edges: NDArray[np.int32], clique_shares: Sequence[f
         graph = build_markov_graph(patches.take(rows), inside[(inside >= 0).all(axis=1)], clique_shares)
         scenes.append(_Scene(graph, patches.label[rows].astype(np.int32)))
     return scenes
+
+
+def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Give every point of a cloud a class and a confidence; see `label_patch_cloud`.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points.
+    bundle : ModelBundle
+        A model of this method.
+
+    Returns
+    -------
+    labels : ndarray of int16, shape (n,)
+        Labels of the model's scheme, -1 for outliers.
+    confidence : ndarray of float32, shape (n,)
+        0 to 1.
+    """
+    return label_patch_cloud(cloud, bundle, MaxMarginMarkov)
