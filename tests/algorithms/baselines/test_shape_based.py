@@ -203,6 +203,14 @@ def test_training_needs_objects_of_two_classes():
         fit([{"features": np.zeros((3, 4), np.float32), "label": np.ones(3, np.int16)}], **options)
 
 
+def test_without_appearance_the_last_columns_are_left_out():
+    _, ground, patches = prepared(planted_street(3))
+    whole = build_objects(ground, patches, PARAMETERS)["features"]
+    shape = build_objects(ground, patches, ShapeParameters(appearance=False))["features"]
+    assert shape.shape[1] == whole.shape[1] - patches["fpfh"].shape[1] - 3
+    assert np.array_equal(shape, whole[:, : shape.shape[1]])
+
+
 def test_objects_of_a_scene_are_the_same_every_time():
     _, ground, patches = prepared(planted_street(3))
     one, other = build_objects(ground, patches, PARAMETERS), build_objects(ground, patches, PARAMETERS)

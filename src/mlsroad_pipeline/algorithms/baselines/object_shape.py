@@ -14,8 +14,10 @@ CONTEXT_RADII = (2.0, 5.0, 15.0)
 
 
 def _grouped_means(values: NDArray[np.float64], owner: NDArray[np.int32], sizes: NDArray[np.float64]) -> NDArray:
-    sums = [np.bincount(owner, column, len(sizes)) for column in values.T]
-    return np.stack(sums, axis=1) / sizes[:, None]
+    sums = np.empty((len(sizes), values.shape[1]))
+    for k in range(values.shape[1]):
+        sums[:, k] = np.bincount(owner, values[:, k], len(sizes))
+    return sums / sizes[:, None]
 
 
 def _shape(sites: NDArray[np.float64], owner: NDArray[np.int32], sizes: NDArray[np.float64]) -> list[NDArray]:
