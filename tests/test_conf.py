@@ -13,8 +13,10 @@ from kedro.io import DatasetError
 from numpydoc.docscrape import ClassDoc
 from references_wiring import REPOSITORY, joined, last_line, make_project, session_of
 
+from mlsroad_pipeline.algorithms.baselines.max_margin_markov import MarginParameters
 from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForestParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvmParameters
+from mlsroad_pipeline.algorithms.baselines.shape_based import ShapeParameters
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme, Coding
 from mlsroad_pipeline.algorithms.detection import DetectionParameters
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
@@ -40,11 +42,13 @@ TYPED = {
     "ground_removal": GroundParameters,
     "ingest": IngestParameters,
     "label": LabelParameters,
+    "max_margin_markov": MarginParameters,
     "patch_forest": PatchForestParameters,
     "patch_graph": PatchGraphParameters,
     "patch_graph_mrf": GridParameters,
     "patch_svm": PatchSvmParameters,
     "patches": PatchParameters,
+    "shape_based": ShapeParameters,
     "supervoxelise": SupervoxelParameters,
     "survey": SurveyParameters,
 }

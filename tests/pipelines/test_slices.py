@@ -24,6 +24,8 @@ CONTRACT = {
         "patch_forest",
         "patch_graph",
         "patch_graph_mrf",
+        "max_margin_markov",
+        "shape_based",
         "evaluation",
         "report",
         "label",

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.baselines.shape_based import label_objects
 from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.ingest import OutlierParameters, join_pieces
@@ -101,6 +102,33 @@ def detect_described_objects(groups: Mapping[str, NDArray], model: str) -> dict[
         ``label`` int16 and ``score`` float32 of each object.
     """
     return detect_scene(groups, open_model(model))
+
+
+def label_prepared_objects(
+    scene: PointCloud, ground: Mapping[str, NDArray], patches: Mapping[str, NDArray], model: str
+) -> dict[str, NDArray]:
+    """Label the objects of a scene of a comparison with a stored model of shape-based recognition.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene.
+    ground, patches : mapping
+        What the stages before gave.
+    model : str
+        The model's folder.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``label`` int16 (n,), -1 for ground and outliers, and ``confidence`` float32 (n,).
+
+    Raises
+    ------
+    DataError
+        If the model needs other patches.
+    """
+    return label_objects(scene, ground, patches, open_model(model))
 
 
 def label_pieces(

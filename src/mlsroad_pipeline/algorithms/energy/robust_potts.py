@@ -248,8 +248,8 @@ def minimize(
         raise DataError(
             f"cliques name nodes {cliques.members.min()} to {cliques.members.max()}, but there are {n_nodes}"
         )
-    groups = (cliques.indptr, cliques.members, cliques.member_weights)
-    groups = (*groups, cliques.uniform, cliques.maximum, cliques.truncation)
+    members = (cliques.indptr, cliques.members, cliques.member_weights)
+    groups = (*members, cliques.uniform, cliques.maximum, cliques.truncation)
     graph = _with_cliques(pairs.edges, cliques, n_nodes)
     gain, slack = np.empty(graph.n_nodes), np.empty(len(graph.edges))
     fixed = np.zeros(graph.n_nodes, dtype=np.bool_)

@@ -340,13 +340,13 @@ def objective_figure(values: ArrayLike, *, title: str = "") -> Figure:
     objective = np.asarray(values, dtype=np.float64)
     if objective.ndim != 1 or len(objective) == 0:
         raise DataError(f"an objective has one value per iteration, got shape {objective.shape}")
-    figure = _figure(6.5, 3.6)
+    figure = empty_figure(6.5, 3.6)
     axes = figure.add_subplot()
     axes.plot(objective, color=SERIES[0], linewidth=1.6, marker="o", markersize=3)
     axes.set_yscale("log")
     axes.set_xlabel("Iteration", fontsize=9, color=INK)
     axes.set_ylabel("Objective", fontsize=9, color=INK)
     axes.grid(color=_GRID, linewidth=0.7, which="both")
-    _tidy(axes)
+    tidy_axes(axes)
     axes.set_title(title or "Objective", fontsize=10, color=INK, loc="left")
     return figure
