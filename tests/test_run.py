@@ -18,6 +18,7 @@ from references_wiring import REPOSITORY, TINY, run, session_of, shared_run, sta
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.metrics.scores import COLUMNS
+from mlsroad_pipeline.pipelines.methods import LABELLERS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -130,10 +131,11 @@ def test_quality_names_each_file_with_its_points_and_classes(project, catalog):
 
 def test_comparison_has_one_row_per_method_and_split(project):
     table = pd.read_csv(reporting(project, "comparison.csv"))
-    assert table[["method", "split"]].to_numpy().tolist() == [[METHOD, "test"]]
-    scores = pd.read_csv(reporting(project, f"scores/{METHOD}.csv")).set_index(["class", "metric"])["value"]
-    for metric in ("overall_accuracy", "kappa", "mean_f1", "mean_iou"):
-        assert table[metric][0] == pytest.approx(scores["all", metric])
+    assert table[["method", "split"]].to_numpy().tolist() == [[method, "test"] for method in LABELLERS]
+    for row, method in enumerate(LABELLERS):
+        scores = pd.read_csv(reporting(project, f"scores/{method}.csv")).set_index(["class", "metric"])["value"]
+        for metric in ("overall_accuracy", "kappa", "mean_f1", "mean_iou"):
+            assert table[metric][row] == pytest.approx(scores["all", metric])
 
 
 def test_report_holds_the_figures_of_the_tables(project):
