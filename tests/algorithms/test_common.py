@@ -99,7 +99,8 @@ def _nearest_eigen(xyz, **options):
 
 def _fpfh(xyz, **options):
     """Histograms with normals that point away from the middle, and so turn with the points."""
-    away = xyz - xyz.mean(axis=0) if len(xyz) and np.isfinite(xyz).all() and xyz.shape[1] == 3 else xyz[:, :3]
+    known = np.nan_to_num(xyz, posinf=0.0)
+    away = known - (known.mean(axis=0) if len(xyz) else 0.0)
     length = np.linalg.norm(away, axis=1, keepdims=True)
     normals = np.divide(away, length, out=np.zeros_like(away, dtype=np.float64), where=length > 0)
     return (compute_fpfh(xyz, normals, radius=0.4, **options),)

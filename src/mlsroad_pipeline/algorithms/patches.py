@@ -163,7 +163,7 @@ class PatchParameters:
         fills a leaf. Smaller ones follow finer shape; time grows with their number times their neighbours.
     normal_radius : float, default 0.3
         Neighbourhood of the normals, metres.
-    fpfh_radius : float, default 0.5
+    fpfh_radius : float, default 0.8
         Neighbourhood of the histograms, metres. Larger ones see more of an object and more of what is beside it.
     n_bins : int, default 4
         Bins of each pair feature (luo2016: 16 values in all; read as 4 features of 4 bins).
@@ -181,7 +181,7 @@ class PatchParameters:
     patch_size: float = 0.2
     voxel_size: float = 0.1
     normal_radius: float = 0.3
-    fpfh_radius: float = 0.5
+    fpfh_radius: float = 0.8
     n_bins: int = 4
     use_distance: bool = True
     area_radius: float = 0.3

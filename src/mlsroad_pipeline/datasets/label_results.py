@@ -244,7 +244,7 @@ def attribute_warnings(bundle: ModelBundle, quality: pd.DataFrame) -> list[str]:
         have = [str(name).removeprefix("has_") for name, value in row.items() if str(name).startswith("has_") and value]
         absent = missing_attributes(bundle, have)
         if absent:
-            found.append(f"{row['source']} has no {' and no '.join(absent)}: a forest trained without was used.")
+            found.append(f"{row['source']} has no {' and no '.join(absent)}: a model trained without was used.")
     return found
 
 

@@ -14,8 +14,8 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # i
 from mlsroad_pipeline.algorithms.baselines.pairwise import couple_probabilities
 from mlsroad_pipeline.algorithms.exceptions import DataError
 
-_BLOCK = 1024
-"""Rows whose kernel values are in memory at a time."""
+_BLOCK = 64
+"""Rows whose kernel values are in memory at a time: few enough to stay in the cache."""
 
 
 @dataclass(frozen=True)

@@ -27,15 +27,15 @@ class PatchSvmParameters:
 
     Parameters
     ----------
-    costs : sequence of float, default [1.0, 10.0, 100.0]
+    costs : sequence of float, default [3.0, 30.0, 300.0]
         Values of C to choose from by cross-validation. Larger ones fit single patches more closely.
-    gammas : sequence of float, default [0.03, 0.1, 0.3]
+    gammas : sequence of float, default [0.003, 0.01, 0.03, 0.1]
         Values of gamma to choose from, for features of standard deviation 1. Larger ones look at closer patches only.
     n_folds : int, default 3
         Folds of the cross-validation, at least 2; a scene is in one of them.
     cv_per_class : int, default 150
         Most patches of a class in the cross-validation. Its time grows with the square.
-    max_per_class : int, default 600
+    max_per_class : int, default 2000
         Most patches of a class to train on (luo2016: 10,000). Time of training grows with the square, of labelling
         linearly.
     seed : int, default 2016
@@ -47,11 +47,11 @@ class PatchSvmParameters:
         If a list is empty, a value in one is not above 0, or a number is too small.
     """
 
-    costs: Sequence[float] = field(default_factory=lambda: [1.0, 10.0, 100.0])
-    gammas: Sequence[float] = field(default_factory=lambda: [0.03, 0.1, 0.3])
+    costs: Sequence[float] = field(default_factory=lambda: [3.0, 30.0, 300.0])
+    gammas: Sequence[float] = field(default_factory=lambda: [0.003, 0.01, 0.03, 0.1])
     n_folds: int = 3
     cv_per_class: int = 150
-    max_per_class: int = 600
+    max_per_class: int = 2000
     seed: int = 2016
 
     def __post_init__(self) -> None:
