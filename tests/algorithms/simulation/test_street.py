@@ -4,7 +4,7 @@ import pytest
 from mlsroad_pipeline.algorithms.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.simulation.ground import GROUND_LABELS
 from mlsroad_pipeline.algorithms.simulation.layout import populate
-from mlsroad_pipeline.algorithms.simulation.street import BLOCK, draw_street, ground_mesh
+from mlsroad_pipeline.algorithms.simulation.street import BLOCK, draw_street
 
 
 @pytest.fixture(scope="module")

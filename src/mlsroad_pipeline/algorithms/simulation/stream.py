@@ -22,7 +22,8 @@ from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
 from mlsroad_pipeline.algorithms.simulation.receiver import Returns, receive
 from mlsroad_pipeline.algorithms.simulation.scanner import Pulses, georeference, send_pulses
 from mlsroad_pipeline.algorithms.simulation.scene import Mover, RayScene
-from mlsroad_pipeline.algorithms.simulation.street import BLOCK, draw_street, generator, ground_mesh
+from mlsroad_pipeline.algorithms.simulation.ground_mesh import ground_mesh
+from mlsroad_pipeline.algorithms.simulation.street import BLOCK, draw_street, generator
 from mlsroad_pipeline.algorithms.simulation.surfaces import Surfaces
 from mlsroad_pipeline.algorithms.simulation.traffic import draw_traffic
 
