@@ -65,7 +65,8 @@ def _label(s: float, left: float, d: float, arm: int, t: float, q: float, ground
     c = nearest_crossing(s, ground.crossings)
     crossing = c >= 0 and abs(s - ground.crossings[c, 0]) < ground.crossings[c, 1]
     if arm == -2:
-        return SIDEWALK if crossing else ground.verge[side, row]
+        planted = GRASS if ground.verge[0, row] != SOIL else SOIL
+        return SIDEWALK if crossing else planted
     if d > curb + verge + pavement:
         return ground.lot[side, row]
     if arm >= 0:

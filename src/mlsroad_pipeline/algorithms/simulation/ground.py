@@ -156,8 +156,8 @@ def ground_height(s: float, left: float, ground: Ground) -> float:
     if arm == -2:
         full = min(low[1] + f * (high[1] - low[1]), low[2] + f * (high[2] - low[2]))
         step = ground.shape[2] * min(d / CURB_FACE, 1.0)
-        bed = 0.04 * (1.0 - np.exp(-max(d - curb, 0.0))) if full > 0.5 else 0.0
-        return z + min(max(full, 0.1), 1.0) * step + bed + uneven
+        bed = 0.04 * (1.0 - np.exp(-max(d - curb, 0.0)))  # soil is heaped up between the curbs
+        return z + min(max(full, 0.1), 1.0) * (step + bed) + uneven
     if arm >= 0:  # the side street has a crown of its own
         z += ground.arms[arm, CROWN] * max(ground.arms[arm, HALF_WIDTH] - abs(q), 0.0) * _smooth((t - 2.0) / 10.0)
     slope = low[3 + side] + f * (high[3 + side] - low[3 + side])

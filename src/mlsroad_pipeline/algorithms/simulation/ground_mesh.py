@@ -32,6 +32,7 @@ def _across(street: Street) -> NDArray[np.float64]:
         line = half + curb + verge + pavement
         inner = [*np.linspace(median, half - GUTTER, 8), half, half + CURB_FACE, half + curb, half + curb + verge]
         inner += [line - 0.5, line, line + 0.5, line + 1.0]
+        inner += [half + curb + d for d in (0.1, 1.0, 2.0) if curb + d < line - half - 0.6]
         if median > 0:
             inner += [*np.linspace(0, median - 0.4, 5)[1:], median - CURB_FACE]
         outer = [*np.linspace(line + 2.0, line + 20.0, 19), *np.linspace(line + 23.0, HALF_DEPTH, 10)]

@@ -21,9 +21,13 @@ from mlsroad_pipeline.algorithms.simulation.junctions import (
     nearest_crossing,
 )
 
+BAY = 5.8
+"""Length of a parallel parking bay, metres."""
+
+SLANTED_BAY = 2.9
+"""Length along the curb of a slanted one, metres."""
+
 _LINE = 0.06  # half width of a painted line, metres
-_BAY = 5.8  # length of a parallel bay, metres
-_SLANTED_BAY = 2.9  # length along the curb of a slanted bay, metres
 _ARROW = 5.0  # metres
 
 
@@ -62,7 +66,7 @@ def _side_street(t: float, q: float, ground: Ground, arm: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _near_junction(s: float, left: float, ground: Ground, lane_edge: float) -> int:
-    """Return 0 away from junctions, 1 where lines stop because a side street joins, 2 where an arrow is painted."""
+    """Return 0 away from junctions, 1 where a side street joins, 2 on an arrow, 3 opposite a side street."""
     arms = ground.arms
     for k in range(np.searchsorted(arms[:, STATION], s - REACH), len(arms)):
         row = arms[k]
@@ -73,8 +77,8 @@ def _near_junction(s: float, left: float, ground: Ground, lane_edge: float) -> i
             break
         mouth = row[HALF_WIDTH] + row[RADIUS]
         same = (left >= 0) == (int(row[SIDE]) == 0)
-        if abs(along) < mouth and (same or abs(left) < ground.shape[5] + 0.5):
-            return 1
+        if abs(along) < mouth + 0.5:
+            return 1 if same or abs(left) < ground.shape[5] + 0.5 else 3
         if int(row[CONTROL]) != SIGNALS or abs(left) > lane_edge:
             continue
         # Traffic on the right runs ahead along the street, on the left back.
@@ -141,7 +145,8 @@ def main_street_marking(s: float, left: float, ground: Ground) -> bool:
         return abs(edge + 0.45) < _LINE
     if not bay_is_free(s, side, ground.section, ground.arms, ground.crossings):
         return False
-    bay = (s - slant * edge * (1 if left >= 0 else -1)) % (_SLANTED_BAY if slant > 0 else _BAY)
+    # Slanted bays are entered forwards: their far ends lie ahead in the direction of traffic.
+    bay = (s + slant * edge * (1 if left >= 0 else -1)) % (SLANTED_BAY if slant > 0 else BAY)
     return abs(edge) < _LINE or (edge > 0 and bay < 0.1)
 
 

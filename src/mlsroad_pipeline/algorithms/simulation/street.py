@@ -112,7 +112,7 @@ def _section(
     slanted = rng.random() < parameters.slanted_parking
     rows = []
     for chance in rng.random((2, 2)):
-        depth = rng.uniform(4.4, 5.0) if slanted else rng.uniform(2.05, 2.4)
+        depth = rng.uniform(4.9, 5.4) if slanted else rng.uniform(2.05, 2.4)
         bay = depth if chance[0] < parameters.parking else 0.0
         has_verge = chance[1] < parameters.verges
         strip = parameters.verge_width * rng.uniform(0.7, 1.3) if has_verge else 0.0
@@ -120,7 +120,7 @@ def _section(
         rows.append([median + lanes * lane + bay, bay, rng.uniform(0.13, 0.28), strip, pavement])
     shape = [
         rng.uniform(0.015, 0.028), rng.uniform(-0.012, 0.012), rng.uniform(0.08, 0.16), lane, lanes, median,
-        rng.uniform(0.5, 1.0) if slanted else 0.0, parameters.grass_height,
+        rng.uniform(0.35, 0.7) if slanted else 0.0, parameters.grass_height,
     ]  # fmt: skip
     return np.array(rows), np.array(shape)
 
@@ -167,7 +167,7 @@ def _profile(rng: np.random.Generator, station: NDArray[np.float64]) -> NDArray[
 
 
 def _surfaces(
-    rng: np.random.Generator, station: NDArray[np.float64], lots: list[Lot], profile: NDArray[np.float64]
+    rng: np.random.Generator, station: NDArray[np.float64], lots: list[Lot], profile: NDArray[np.float64], soil: float
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     verge = np.empty((2, len(station)), dtype=np.uint8)
     lot_codes = np.full((2, len(station)), GRASS, dtype=np.uint8)
@@ -175,13 +175,13 @@ def _surfaces(
         at = 0
         while at < len(station):
             run = int(rng.uniform(8, 30) / STEP)
-            verge[side, at : at + run] = GRASS if rng.random() < 0.8 else SOIL
+            verge[side, at : at + run] = SOIL if rng.random() < soil else GRASS
             at += run
     for lot in lots:
         if lot.arm >= 0:
             continue
         rows = slice(*np.searchsorted(station, [lot.start, lot.end]))
-        share = [0.15, 0.1, 0.75] if lot.kind == "row" else [0.62, 0.2, 0.18]
+        share = [0.15, 0.1, 0.75] if lot.kind == "row" else [0.82 * (1 - soil), 0.82 * soil, 0.18]
         lot_codes[lot.side, rows] = rng.choice([GRASS, SOIL, OTHER_GROUND], p=share)
         if np.isfinite(lot.driveway):
             distance = np.abs(station - lot.driveway)
@@ -271,7 +271,7 @@ def draw_street(seed: int, *, length: float, parameters: StreetParameters | None
         for side in range(2)
         for lot in draw_lots(generator(seed, 3, side), side, start, end, section, arms, kind)
     ]
-    verge, lot_codes = _surfaces(generator(seed, 4), station, lots, profile)
+    verge, lot_codes = _surfaces(generator(seed, 4), station, lots, profile, kind.bare_soil)
     rng = generator(seed, 5)
     crossings = _crossings(rng, start, end, arms)
     for at, width in crossings:

@@ -29,6 +29,8 @@ class StreetParameters:
         Its mean width, metres, 0.8 to 8.
     grass_height : float, default 0.07
         Mean height of blades, metres, 0 to 0.2; a beam ends somewhere in between them.
+    bare_soil : float, default 0.2
+        Share of verges and gardens that are soil rather than grass.
     parking : float, default 0.65
         Chance that a side has parking bays.
     slanted_parking : float, default 0.25
@@ -64,6 +66,7 @@ class StreetParameters:
     verges: float = 0.75
     verge_width: float = 1.8
     grass_height: float = 0.07
+    bare_soil: float = 0.2
     parking: float = 0.65
     slanted_parking: float = 0.25
     parked: float = 0.7
@@ -81,7 +84,8 @@ class StreetParameters:
     hard_cases: float = 0.15
 
     def __post_init__(self) -> None:
-        shares = ("crossroads", "signals", "verges", "parking", "slanted_parking", "parked", "overhead_wires")
+        shares = ("crossroads", "signals", "verges", "parking", "slanted_parking", "parked", "overhead_wires",
+                  "bare_soil")  # fmt: skip
         for name in (*shares, "hard_cases"):
             self._check(name, 0.0, 1.0)
         for name in ("buildings", "trees", "palms", "cycas", "shrubs", "clutter", "signs", "people", "traffic"):
@@ -109,7 +113,7 @@ STREETS: dict[str, StreetParameters] = {
     ),
     "ring_road": StreetParameters(
         junction_spacing=300.0, crossroads=0.2, signals=0.5, lanes=2, median=5.0, verges=1.0, verge_width=5.0,
-        grass_height=0.09, parking=0.0, buildings=0.15, trees=0.0, palms=2.6, cycas=2.2, shrubs=2.0, clutter=0.3,
+        grass_height=0.09, bare_soil=0.05, parking=0.0, buildings=0.15, trees=0.0, palms=2.6, cycas=2.2, shrubs=2.0, clutter=0.3,
         signs=0.6, people=0.3, traffic=0.5, overhead_wires=0.0, hard_cases=0.3,
     ),
 }  # fmt: skip
