@@ -34,7 +34,9 @@ def _strip(site: Site, side: int, label: str) -> float:
     half, _, curb, verge, _ = (float(v) for v in site.street.ground.section[side])
     way = 1.0 if side == 0 else -1.0
     if label in _FREE and verge > 2.6:
-        return way * (half + curb + float(site.rng.uniform(0.9, verge - 0.7)))
+        # Low plants edge the lane, the others are spread over the strip.
+        far = min(verge - 0.7, 1.8) if label == "cycas" else verge - 0.7
+        return way * (half + curb + float(site.rng.uniform(0.9, far)))
     return site.street.kerb_zone(side) + float(site.rng.normal(0, 0.06))
 
 
@@ -242,13 +244,16 @@ def plant_median(site: Site) -> None:
     tall = float(generator(site.street.seed, 16).uniform(6, 9))
     weights = np.array([3.0 * parameters.palms, 2.5 * parameters.trees])
     for k in range(int(np.ceil(site.start / tall)), int(np.ceil(site.end / tall))):
-        if weights.sum() > 0 and rng.random() < 0.8:
+        if weights.sum() > 0 and rng.random() < 0.8 * min(parameters.palms + parameters.trees, 1.0):
             label = str(rng.choice(["palm", "tree"], p=weights / weights.sum()))
             _on_median(site, label, k * tall, 0.0, median)
-    for label, mean in (("brushwood", 4.0 * parameters.shrubs), ("cycas", 3.0 * parameters.cycas)):
+    for label, mean in (("brushwood", 4.0 * parameters.shrubs), ("cycas", 5.0 * parameters.cycas)):
         for _ in range(int(rng.poisson(mean))):
             s = float(rng.uniform(site.start + 1, site.end - 1))
-            _on_median(site, label, s, float(rng.uniform(-1, 1)) * max(median - 1.2, 0.0), median)
+            off = max(median - 1.2, 0.0) * (
+                rng.uniform(-1, 1) if label == "brushwood" else rng.choice([-1.0, 0.0, 1.0])
+            )
+            _on_median(site, label, s, float(off), median)
 
 
 def _on_median(site: Site, label: str, s: float, left: float, median: float) -> None:

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.simulation.materials import cloth, material
 from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, quads
 
-_UNIT = np.array(
-    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]
-) / 2
+_UNIT = (
+    np.array([[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]) / 2
+)
 _SIDES = np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]])
 
 
@@ -180,7 +180,9 @@ def shop_front(rng: np.random.Generator, left: float, right: float, low: float, 
     letters = Surface(board.label, (0.75, 0.74, 0.7), float(rng.uniform(0.4, 0.7)))
     count = int(rng.integers(4, 10))
     at = middle + np.linspace(-0.35, 0.35, count) * wide
-    size = np.stack([0.4 * wide / count * rng.uniform(0.5, 1.0, count), np.full(count, 0.03), np.full(count, 0.5 * tall)])
+    size = np.stack(
+        [0.4 * wide / count * rng.uniform(0.5, 1.0, count), np.full(count, 0.03), np.full(count, 0.5 * tall)]
+    )
     place = np.stack([at, np.full(count, -0.12), np.full(count, high + 0.08 + tall / 2)], axis=1)
     meshes.append(boxes(size.T, place, letters))
     if rng.random() < 0.55:

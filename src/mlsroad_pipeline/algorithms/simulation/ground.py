@@ -152,7 +152,7 @@ def ground_height(s: float, left: float, ground: Ground) -> float:
     if median < a < half - GUTTER - 0.1 or (median == 0 and a < half - GUTTER):
         return z + uneven
     d, arm, t, q = edge_distance(s, left, ground.section, median, ground.arms)
-    gutter = -_GUTTER_DEPTH * min(max(1.0 + d / GUTTER, 0.0), 1.0)
+    gutter = -_GUTTER_DEPTH * min(max(1.0 + d / GUTTER, 0.0), 1.0) if a > median else 0.0
     if arm == -2:
         full = min(low[1] + f * (high[1] - low[1]), low[2] + f * (high[2] - low[2]))
         step = ground.shape[2] * min(d / CURB_FACE, 1.0)

@@ -55,9 +55,10 @@ def _curves(street: Street, arms: NDArray[np.float64], stations: NDArray[np.floa
         if median > 0:
             radius, opening = 0.95 * median, arm[HALF_WIDTH] + 0.6 * arm[RADIUS]
             angle = np.linspace(0, np.pi / 2, max(int(radius * 6.5), 10))
+            beside = np.arange(1, 5) * 0.25
             for d in (0.0, CURB_FACE):
-                along = opening + radius - (radius - d) * np.sin(angle)
-                off = median - radius + (radius - d) * np.cos(angle)
+                along = np.append(opening + radius - (radius - d) * np.sin(angle), opening + radius + beside)
+                off = np.append(median - radius + (radius - d) * np.cos(angle), np.full(4, median - d))
                 places += [
                     np.stack([arm[STATION] + k * along, sign * off], axis=1) for k in (-1, 1) for sign in (-1, 1)
                 ]
@@ -67,26 +68,34 @@ def _curves(street: Street, arms: NDArray[np.float64], stations: NDArray[np.floa
 
 
 def _refitted(
-    street: Street, arms: NDArray[np.float64], stations: NDArray[np.float64], grid: NDArray[np.float64]
+    street: Street, grid: NDArray[np.float64], curves: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return places and triangles of a block with side streets."""
+    """Return places and triangles of a stretch of grid where the curbs are curved."""
     ground = street.ground
     distance, arm = ground.edge(grid[:, 0], grid[:, 1])
-    plain = ground._replace(arms=np.zeros((0, 9)))
-    undisturbed, _ = plain.edge(grid[:, 0], grid[:, 1])
+    undisturbed, _ = ground._replace(arms=np.zeros((0, 9))).edge(grid[:, 0], grid[:, 1])
     moved = (arm >= 0) | (np.abs(distance - undisturbed) > 1e-9)
-    # Points on the old curb lines inside a mouth are not needed there; those near the new lines would be in their way.
-    near = np.abs(distance - CURB_FACE / 2) < _CLEAR
-    keep = ~(moved & near)
-    places = np.concatenate([grid[keep], _curves(street, arms, stations)])
+    # Points of the grid that are close to a curved curb would be in its way.
+    keep = ~(moved & (np.abs(distance - CURB_FACE / 2) < _CLEAR))
+    places = np.concatenate([grid[keep], curves])
     places = places[np.unique(np.round(places, 4), axis=0, return_index=True)[1]]
     faces = Delaunay(places).simplices.astype(np.int64)
     a, b, c = (places[faces[:, k]] for k in range(3))
     area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    faces = faces[np.abs(area) > 1e-7]
-    turned = area[np.abs(area) > 1e-7] < 0
-    faces[turned] = faces[turned][:, ::-1]
-    return places, faces
+    faces[area < 0] = faces[area < 0][:, ::-1]
+    return places, faces[np.abs(area) > 1e-7]
+
+
+def _lattice(
+    stations: NDArray[np.float64], across: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return places and triangles of a grid."""
+    s, left = (grid.ravel() for grid in np.meshgrid(stations, across, indexing="ij"))
+    i, j = (g.ravel() for g in np.meshgrid(np.arange(len(stations) - 1), np.arange(len(across) - 1), indexing="ij"))
+    a = i * len(across) + j
+    b = a + len(across)
+    faces = np.concatenate([np.stack([a, b, b + 1], 1), np.stack([a, b + 1, a + 1], 1)])
+    return np.stack([s, left], axis=1), faces
 
 
 def ground_mesh(street: Street, block: int) -> Mesh:
@@ -108,16 +117,19 @@ def ground_mesh(street: Street, block: int) -> Mesh:
     ground = street.ground
     across = _across(street)
     stations = np.arange(block * BLOCK, (block + 1) * BLOCK + STEP / 2, STEP)
-    s, left = (grid.ravel() for grid in np.meshgrid(stations, across, indexing="ij"))
     arms = ground.arms[(ground.arms[:, STATION] > stations[0]) & (ground.arms[:, STATION] < stations[-1])]
+    pieces = []
     if len(arms):
-        places, faces = _refitted(street, arms, stations, np.stack([s, left], axis=1))
-        s, left = places.T
+        curves = _curves(street, arms, stations)
+        first, last = np.searchsorted(stations, [curves[:, 0].min() - 0.6, curves[:, 0].max() + 0.6])
+        first, last = max(first - 1, 0), min(last, len(stations) - 1)
+        pieces.append(_refitted(street, _lattice(stations[first : last + 1], across)[0], curves))
+        pieces += [_lattice(part, across) for part in (stations[: first + 1], stations[last:]) if len(part) > 1]
     else:
-        i, j = (g.ravel() for g in np.meshgrid(np.arange(len(stations) - 1), np.arange(len(across) - 1), indexing="ij"))
-        a = i * len(across) + j
-        b = a + len(across)
-        faces = np.concatenate([np.stack([a, b, b + 1], 1), np.stack([a, b + 1, a + 1], 1)])
-    xy, _ = street.alignment.place(s, left)
-    vertices = np.column_stack([xy, ground.height(s, left)])
+        pieces.append(_lattice(stations, across))
+    places = np.concatenate([p for p, _ in pieces])
+    before = np.cumsum([0, *(len(p) for p, _ in pieces[:-1])])
+    faces = np.concatenate([f + k for (_, f), k in zip(pieces, before, strict=True)])
+    xy, _ = street.alignment.place(places[:, 0], places[:, 1])
+    vertices = np.column_stack([xy, ground.height(places[:, 0], places[:, 1])])
     return Mesh(vertices, faces, Surface(0, (0.2, 0.2, 0.2), 0.3, GROUND).rows(len(faces)))

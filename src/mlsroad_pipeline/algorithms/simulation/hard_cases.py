@@ -38,7 +38,11 @@ def add(site: Site) -> None:
         if not cases or placed.instance == 0 or site.rows[number] < 0 or abs(left) > _outer(site, left):
             continue
         if site.rng.random() < site.parameters.hard_cases:
-            _partner(site, number, s, left, str(site.rng.choice(cases)))
+            before = len(site.placed)
+            for case in 2 * list(site.rng.permutation(cases)):
+                _partner(site, number, s, left, str(case))
+                if len(site.placed) > before:
+                    break
 
 
 def _outer(site: Site, left: float) -> float:
@@ -60,7 +64,9 @@ def _partner(site: Site, number: int, s: float, left: float, case: str) -> None:
     elif case == "shrub_row":
         label, half = TAXONOMY_NAMES[placed.label], max(placed.box.length, placed.box.width) / 2
         for k in range(1, int(rng.integers(2, 5))):
-            _beside(site, label, s + beside * k * 1.3 * half, left, float(rng.uniform(0, 6.28)), case, number, touch=True)
+            _beside(
+                site, label, s + beside * k * 1.3 * half, left, float(rng.uniform(0, 6.28)), case, number, touch=True
+            )
     elif case == "bin_at_pole":
         yaw = site.toward_road(left)
         mesh_half = float(rng.uniform(0.28, 0.4))
@@ -75,9 +81,7 @@ def _partner(site: Site, number: int, s: float, left: float, case: str) -> None:
                 touch=True)  # fmt: skip
 
 
-def _beside(
-    site: Site, label: str, s: float, left: float, yaw: float, case: str, number: int, *, touch: bool
-) -> None:
+def _beside(site: Site, label: str, s: float, left: float, yaw: float, case: str, number: int, *, touch: bool) -> None:
     """Place a partner where it meets nothing but, if it may touch, the object it belongs to."""
     design = catalogue.choose(label, site.rng)
     mesh = design.build(site.rng)

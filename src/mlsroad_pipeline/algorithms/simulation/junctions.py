@@ -40,9 +40,7 @@ def rounded(a: float, b: float, radius: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def arm_coordinates(
-    s: float, left: float, half: float, arm: NDArray[np.float64]
-) -> tuple[float, float]:
+def arm_coordinates(s: float, left: float, half: float, arm: NDArray[np.float64]) -> tuple[float, float]:
     """Return where a place lies along and across a side street, metres.
 
     Parameters
@@ -110,10 +108,12 @@ def edge_distance(
             continue
         t, q = arm_coordinates(s, left, half, arm)
         d = rounded(a - half, abs(q) - arm[HALF_WIDTH], arm[RADIUS])
-        if d < best:
+        if d < best - 1e-9:
             best, which, along, across = d, k, t, q
     if inner > 0:
         return inner, -2, 0.0, 0.0
+    if median > 0:
+        best = max(best, inner)
     return best, which, along, across
 
 
@@ -198,8 +198,9 @@ def corner_curve(
     radius = float(arm[RADIUS])
     angle = np.linspace(0, np.pi / 2, max(int(radius * 6.5), 8))
     beyond = np.append(np.arange(radius + 0.25, depth - half - 0.1, 0.25), depth - half)
-    t = np.concatenate([radius - (radius - distance) * np.cos(angle), beyond])
-    y = np.concatenate([radius - (radius - distance) * np.sin(angle), np.full(len(beyond), distance)])
+    before = np.arange(1.0, 0.1, -0.25)
+    t = np.concatenate([np.full(4, distance), radius - (radius - distance) * np.cos(angle), beyond])
+    y = np.concatenate([radius + before, radius - (radius - distance) * np.sin(angle), np.full(len(beyond), distance)])
     sign = 1.0 if arm[SIDE] == 0 else -1.0
     left = sign * (half + t)
     q = direction * (arm[HALF_WIDTH] + y)

@@ -174,5 +174,3 @@ def marked(s: float, left: float, arm: int, t: float, q: float, ground: Ground) 
     if abs(left) <= ground.section[side, 0]:
         return main_street_marking(s, left, ground)
     return arm >= 0 and _side_street(t, q, ground, arm)
-
-

@@ -57,8 +57,10 @@ def _one(site: Site, s: float, left: float, slant: float, depth: float) -> None:
         if long > BAY - 0.3:
             return
     wide = float(np.ptp(mesh.vertices[mesh.vertices[:, 2] < 0.9, 1]))
-    slack = max((depth - wide) / 2 - 0.05, 0.0) if slant == 0 else 0.05
+    # A car that stands askew takes up more of its bay.
+    askew = float(np.clip(rng.normal(0, 0.015), -0.03, 0.03))
+    slack = max((depth - wide - abs(askew) * long) / 2 - 0.04, 0.0) if slant == 0 else 0.05
     left += float(np.clip(rng.normal(0, 0.08), -slack, slack))
-    yaw += float(rng.normal(0, 0.015))
+    yaw += askew if slack > 0 else 0.0
     if site.fits(site.footprint(mesh, s, left, yaw)):
         site.add(design, mesh, s, left, yaw, tilt=True)

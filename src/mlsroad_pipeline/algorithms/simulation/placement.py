@@ -77,6 +77,20 @@ class Placed:
     hard_case: str = ""
 
 
+@njit(cache=True, nogil=True)
+def _extent(vertices: NDArray[np.float64], below: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least and the largest coordinates of the vertices below a height, of all where none is."""
+    least, most = np.full(3, np.inf), np.full(3, -np.inf)
+    for i in range(len(vertices)):
+        if vertices[i, 2] < below:
+            for c in range(3):
+                least[c] = min(least[c], vertices[i, c])
+                most[c] = max(most[c], vertices[i, c])
+    if least[0] > most[0] and below < np.inf:
+        return _extent(vertices, np.inf)
+    return least, most
+
+
 def box_around(mesh: Mesh, base: NDArray[np.float64], heading: float) -> Box:
     """Return the box around a mesh given in its own frame.
 
@@ -94,7 +108,7 @@ def box_around(mesh: Mesh, base: NDArray[np.float64], heading: float) -> Box:
     Box
         The box.
     """
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    low, high = _extent(mesh.vertices, np.inf)
     middle = (low + high) / 2
     c, s = np.cos(heading), np.sin(heading)
     x, y = base[0] + c * middle[0] - s * middle[1], base[1] + s * middle[0] + c * middle[1]
@@ -188,11 +202,8 @@ class Site:
 
     def footprint(self, mesh: Mesh, s: float, left: float, yaw: float) -> NDArray[np.float64]:
         """Return the rectangle that a mesh takes up near the ground, in station and offset."""
-        low = mesh.vertices[mesh.vertices[:, 2] < FOOTPRINT_HEIGHT, :2]
-        if len(low) == 0:
-            low = mesh.vertices[:, :2]
-        least, most = low.min(axis=0), low.max(axis=0)
-        middle, half = (least + most) / 2, (most - least) / 2
+        least, most = _extent(mesh.vertices, FOOTPRINT_HEIGHT)
+        middle, half = (least[:2] + most[:2]) / 2, (most[:2] - least[:2]) / 2
         c, n = np.cos(yaw), np.sin(yaw)
         return np.array([s + c * middle[0] - n * middle[1], left + n * middle[0] + c * middle[1], *half, yaw])
 

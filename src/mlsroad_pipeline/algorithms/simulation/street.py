@@ -103,9 +103,7 @@ def generator(seed: int, *path: int) -> np.random.Generator:
     return np.random.default_rng([seed, *(p + 1024 for p in path)])
 
 
-def _section(
-    rng: np.random.Generator, parameters: StreetParameters
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _section(rng: np.random.Generator, parameters: StreetParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     lanes = 1 + int(rng.random() < 0.3)
     lane = rng.uniform(3.1, 3.6)
     lanes, median = parameters.lanes or lanes, parameters.median / 2
@@ -267,9 +265,7 @@ def draw_street(seed: int, *, length: float, parameters: StreetParameters | None
     profile = _profile(generator(seed, 2), station)
     profile[:, 0] -= np.interp(0.0, station, profile[:, 0])
     lots = [
-        lot
-        for side in range(2)
-        for lot in draw_lots(generator(seed, 3, side), side, start, end, section, arms, kind)
+        lot for side in range(2) for lot in draw_lots(generator(seed, 3, side), side, start, end, section, arms, kind)
     ]
     verge, lot_codes = _surfaces(generator(seed, 4), station, lots, profile, kind.bare_soil)
     rng = generator(seed, 5)
@@ -286,5 +282,3 @@ def draw_street(seed: int, *, length: float, parameters: StreetParameters | None
     distance, _ = ground.edge(lids[:, 0], lids[:, 1])
     ground = ground._replace(manholes=lids[(lids[:, 2] > 0) | (np.abs(distance + 0.24) < 0.02)])
     return Street(seed, alignment, ground, tuple(lots), rgb, reflectivity, kind)
-
-

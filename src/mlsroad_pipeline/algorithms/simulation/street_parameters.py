@@ -47,10 +47,10 @@ class StreetParameters:
         Likewise for bins, benches, bollards and the like; for traffic signs; for people; for moving vehicles.
     overhead_wires : float, default 0.7
         Chance of utility poles with wires along the street and to the houses.
-    hard_cases : float, default 0.15
-        Share of the objects along the curb that are placed so that they are hard to tell apart: poles inside crowns,
-        shrubs in a row or around a post, bins that lean on posts, plants that touch parked cars, things that stand
-        close behind trees. 0 is none, 1 all for which there is a partner.
+    hard_cases : float, default 0.3
+        Chance that a plant, a pole or a parked vehicle along the curb gets a partner that is hard to tell from it:
+        poles inside crowns, shrubs in a row or around a post, bins that lean on posts, plants that touch parked cars,
+        things that stand close behind trees. 0 is never; at 1 all do where there is room.
 
     Raises
     ------
@@ -81,7 +81,7 @@ class StreetParameters:
     people: float = 1.0
     traffic: float = 1.0
     overhead_wires: float = 0.7
-    hard_cases: float = 0.15
+    hard_cases: float = 0.3
 
     def __post_init__(self) -> None:
         shares = ("crossroads", "signals", "verges", "parking", "slanted_parking", "parked", "overhead_wires",
@@ -112,9 +112,9 @@ STREETS: dict[str, StreetParameters] = {
         buildings=0.8, clutter=0.6, shrubs=1.5, people=0.6, traffic=0.6, overhead_wires=1.0,
     ),
     "ring_road": StreetParameters(
-        junction_spacing=300.0, crossroads=0.2, signals=0.5, lanes=2, median=5.0, verges=1.0, verge_width=5.0,
-        grass_height=0.09, bare_soil=0.05, parking=0.0, buildings=0.15, trees=0.0, palms=2.6, cycas=2.2, shrubs=2.0, clutter=0.3,
-        signs=0.6, people=0.3, traffic=0.5, overhead_wires=0.0, hard_cases=0.3,
+        junction_spacing=300.0, crossroads=0.2, signals=0.5, lanes=2, median=5.0, verges=1.0, verge_width=5.0, lamp_spacing=30.0,
+        grass_height=0.09, bare_soil=0.05, parking=0.0, buildings=0.15, trees=0.0, palms=0.5, cycas=5.0, shrubs=1.4, clutter=0.3,
+        signs=0.6, people=0.3, traffic=0.5, overhead_wires=0.0,
     ),
 }  # fmt: skip
 """Named kinds: ``town``, ``suburb``, and ``ring_road`` like the one in Xiamen that luo2016 surveyed."""
