@@ -53,7 +53,7 @@ def curb_distance_by_sampling(s, left, half, arm):
 
     The curb is drawn as points a millimetre apart: straight lines, and arcs of the arm's radius that touch both.
     """
-    station, side, wide, radius = arm[:4]
+    station, wide, radius = arm[[0, 2, 3]]
     angle = np.linspace(0, np.pi / 2, 12000)
     straight = np.arange(radius, 80, 0.001)
     x = np.concatenate([np.zeros_like(straight), radius - radius * np.cos(angle), straight])

@@ -33,8 +33,8 @@ def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
     Parameters
     ----------
     config : mapping
-        ``preset``, and fields of `SimulationParameters` that differ from it; ``street`` is the name of a kind of street,
-        or a mapping of ``kind`` and fields of `StreetParameters`.
+        ``preset``, and fields of `SimulationParameters` that differ from it; ``street`` is the name of a kind of
+        street, or a mapping of ``kind`` and fields of `StreetParameters`.
 
     Returns
     -------

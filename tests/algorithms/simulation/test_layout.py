@@ -1,4 +1,5 @@
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import open3d as o3d
@@ -103,11 +104,11 @@ def test_the_number_of_hard_cases_follows_the_parameter():
 def test_lamps_keep_their_spacing():
     parameters = replace(STREETS["town"], lamp_spacing=30.0, hard_cases=0.0, junction_spacing=0.0)
     street = draw_street(5, length=240.0, parameters=parameters)
-    placed = [p for block in range(5) for p in populate(street, block)]
+    placed = [p for block in range(3) for p in populate(street, block)]
     lamps = np.array([p.base for p in placed if p.label == TAXONOMY["light_pole"]])
-    station, offset = street.alignment.locate(lamps[:, :2], near=120.0)
+    station, _ = street.alignment.locate(lamps[:, :2], near=120.0)
     gaps = np.diff(np.sort(station))
-    assert len(lamps) >= 9
+    assert len(lamps) >= 6
     assert 15 < np.median(gaps[gaps > 8]) < 45
 
 
@@ -162,7 +163,7 @@ def test_vehicles_of_a_lane_never_meet():
         at_start = sorted(
             (m.motion.station - m.motion.speed * m.motion.time, np.ptp(m.mesh.vertices[:, 0])) for m in movers
         )
-        for (a, long), (b, other) in zip(at_start[:-1], at_start[1:], strict=True):
+        for (a, long), (b, other) in pairwise(at_start):
             assert b - a > (long + other) / 2 + 1.0
 
 

@@ -44,7 +44,8 @@ class _Plan:
         sill = np.where(french, 0.12, sill)
         high = np.where(shop, 2.5, np.where(door, 2.15, self.sill + self.tall))
         recess = np.where(door & (rng.random() < 0.4), rng.uniform(0.6, 1.1), self.recess)
-        every = Openings(cell, left, right, z0 + sill, np.minimum(z0 + high, z0 + self.storey - 0.25), recess)
+        top = np.minimum(z0 + high, z0 + self.storey - 0.25)
+        every = Openings(cell, left, right, np.asarray(z0 + sill, float), np.asarray(top, float), recess)
         return every.of(~door & ~shop), every.of(door), every.of(shop)
 
 
@@ -151,8 +152,11 @@ def fence(rng: np.random.Generator, length: float) -> Mesh:
     width, thick = ((0.09, 0.02), (0.016, 0.016), (0.005, 0.005))[design]
     xs = np.arange(-h + step, h, step)
     tall = height * (rng.uniform(0.97, 1.03, len(xs)) if design == 0 else np.ones(len(xs)))
-    sizes = [[[0.09, 0.09, height + 0.6]] * len(posts), [[length, thin * 0.5 if design < 2 else thin, thin]] * len(levels),
-             np.stack([np.full(len(xs), width), np.full(len(xs), thick), tall - 0.06], axis=1)]  # fmt: skip
+    sizes = [
+        np.tile([0.09, 0.09, height + 0.6], (len(posts), 1)),
+        np.tile([length, thin * 0.5 if design < 2 else thin, thin], (len(levels), 1)),
+        np.stack([np.full(len(xs), width), np.full(len(xs), thick), tall - 0.06], axis=1),
+    ]
     centres = [
         np.stack([posts, np.zeros(len(posts)), np.full(len(posts), (height - 0.4) / 2)], axis=1),
         np.stack([np.zeros(len(levels)), np.zeros(len(levels)), levels], axis=1),

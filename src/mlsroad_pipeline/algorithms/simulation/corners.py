@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation import catalogue
+from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.junctions import (
     CONTROL,
     HALF_WIDTH,
@@ -25,7 +26,7 @@ _SIGNS = {"stop": ("octagonal_sign",), "give_way": ("yield_sign",), "zebra": ("s
           "name": ("street_name_sign",)}  # fmt: skip
 
 
-def sign(site: Site, meaning: str) -> catalogue.Design:
+def sign(site: Site, meaning: str) -> Design:
     """Choose a traffic sign for a purpose, any sign where the catalogue has none of its shape.
 
     Parameters
@@ -63,7 +64,7 @@ def keep_clear(site: Site) -> None:
     ground = site.street.ground
     for at, half in ground.crossings:
         if site.start - 10 < at < site.end + 10:
-            for side, sign_of in ((0, 1), (1, -1)):
+            for side, sign_of in ((0, 1.0), (1, -1.0)):
                 line = ground.property_line(side)
                 inner = float(ground.section[side, 0]) - 2.2
                 site.block_out(float(at), sign_of * (line + inner) / 2, float(half) + 0.3, (line - inner) / 2)
@@ -76,8 +77,8 @@ def keep_clear(site: Site) -> None:
         half = float(ground.section[int(arm[SIDE]), 0])
         depth = 55.0 - half
         s, left = arm_place(arm, half, depth / 2, 0.0)
-        side = 1.0 if arm[SIDE] == 0 else -1.0
-        angle = side * (np.pi / 2 - np.arctan(arm[SKEW]))
+        way = 1.0 if arm[SIDE] == 0 else -1.0
+        angle = way * (np.pi / 2 - np.arctan(arm[SKEW]))
         site.block_out(s, left, depth / 2 + 0.5, float(arm[HALF_WIDTH]) - 0.05, float(angle))
 
 
@@ -160,8 +161,10 @@ def furnish_side_streets(site: Site) -> None:
         zone = float(ground.section[side, 2]) + max(float(ground.section[side, 3]) / 2, 0.4)
         outward = way * (np.pi / 2 - np.arctan(arm[SKEW]))
         for flank in (-1.0, 1.0):
-            rows = [(label, t) for label, share, gap in (("tree", site.parameters.trees, 9.0), ("light_pole", 1.0, 28.0))
-                    for t in np.arange(16.0 + rng.uniform(0, 4), 44.0, gap) if rng.random() < 0.7 * share]  # fmt: skip
+            rows = []
+            for label, share, gap in (("tree", 0.7 * site.parameters.trees, 9.0), ("light_pole", 0.7, 28.0)):
+                places = np.arange(16.0 + rng.uniform(0, 4), 44.0, gap)
+                rows += [(label, float(t)) for t in places[rng.random(len(places)) < share]]
             rows += [("person", float(rng.uniform(8, 40))) for _ in range(rng.poisson(0.5 * site.parameters.people))]
             rows += [("bin", float(rng.uniform(12, 40))) for _ in range(rng.poisson(0.7 * site.parameters.clutter))]
             for label, t in rows:

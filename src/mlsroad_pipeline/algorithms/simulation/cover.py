@@ -46,36 +46,48 @@ def _lid(s: float, left: float, ground: Ground) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _label(s: float, left: float, d: float, arm: int, t: float, q: float, ground: Ground) -> int:
+def _on_carriageway(s: float, left: float, arm: int, t: float, q: float, ground: Ground) -> int:
+    if _lid(s, left, ground):
+        return MANHOLE
+    if marked(s, left, arm, t, q, ground):
+        return LANE_MARKING
+    side = 0 if left >= 0 else 1
+    half, parking = ground.section[side, 0], ground.section[side, 1]
+    bay = half - parking < abs(left) <= half and bay_is_free(s, side, ground.section, ground.arms, ground.crossings)
+    return PARKING if bay else ROAD
+
+
+@njit(cache=True, nogil=True)
+def _off_carriageway(s: float, left: float, d: float, arm: int, t: float, ground: Ground) -> int:
     side = 0 if left >= 0 else 1
     a = abs(left)
-    half, parking, curb, verge, pavement = ground.section[side]
-    if d <= 0:
-        if _lid(s, left, ground):
-            return MANHOLE
-        if marked(s, left, arm, t, q, ground):
-            return LANE_MARKING
-        bay = half - parking < a <= half and bay_is_free(s, side, ground.section, ground.arms, ground.crossings)
-        return PARKING if bay else ROAD
-    if d <= curb:
-        return CURB
+    curb, verge, pavement = ground.section[side, 2], ground.section[side, 3], ground.section[side, 4]
     # Edges of grass and soil fray.
     row = int(min(max((s + 0.3 * lattice_value(int(a * 8), int(s * 8), 3) - ground.start) / STEP, 0.0),
                   ground.verge.shape[1] - 1.0))  # fmt: skip
     c = nearest_crossing(s, ground.crossings)
-    crossing = c >= 0 and abs(s - ground.crossings[c, 0]) < ground.crossings[c, 1]
+    paved = c >= 0 and abs(s - ground.crossings[c, 0]) < ground.crossings[c, 1]
+    planted = ground.verge[side, row]
     if arm == -2:
-        planted = GRASS if ground.verge[0, row] != SOIL else SOIL
-        return SIDEWALK if crossing else planted
-    if d > curb + verge + pavement:
-        return ground.lot[side, row]
-    if arm >= 0:
-        crossing = ground.arms[arm, ZEBRA] > 0 and abs(t - ground.arms[arm, ZEBRA]) < ZEBRA_HALF
-    # At corners people tread on what would be verge.
-    corner = arm >= 0 and t < max(ground.arms[arm, ZEBRA] + ZEBRA_HALF, 0.7 * ground.arms[arm, RADIUS])
-    if d <= curb + verge and not crossing and not corner:
-        return ground.verge[side, row]
+        planted = SOIL if ground.verge[0, row] == SOIL else GRASS
+    elif arm >= 0:
+        zebra = ground.arms[arm, ZEBRA]
+        # At corners people tread on what would be verge.
+        paved = t < max(zebra + ZEBRA_HALF, 0.7 * ground.arms[arm, RADIUS])
+    if arm != -2 and d > curb + verge + pavement:
+        return int(ground.lot[side, row])
+    if not paved and (arm == -2 or d <= curb + verge):
+        return int(planted)
     return SIDEWALK
+
+
+@njit(cache=True, nogil=True)
+def _label(s: float, left: float, d: float, arm: int, t: float, q: float, ground: Ground) -> int:
+    if d <= 0:
+        return _on_carriageway(s, left, arm, t, q, ground)
+    if d <= ground.section[0 if left >= 0 else 1, 2]:
+        return CURB
+    return _off_carriageway(s, left, d, arm, t, ground)
 
 
 @njit(cache=True, nogil=True)

@@ -135,7 +135,7 @@ def nearest_crossing(s: float, crossings: NDArray[np.float64]) -> int:
     """
     if len(crossings) == 0:
         return -1
-    k = min(np.searchsorted(crossings[:, 0], s), len(crossings) - 1)
+    k = int(min(int(np.searchsorted(crossings[:, 0], s)), len(crossings) - 1))
     if k > 0 and s - crossings[k - 1, 0] < abs(crossings[k, 0] - s):
         k -= 1
     return k

@@ -96,6 +96,52 @@ def _near_junction(s: float, left: float, ground: Ground, lane_edge: float) -> i
 
 
 @njit(cache=True, nogil=True)
+def _at_crossing(s: float, left: float, edge: float, junction: int, ground: Ground) -> int:
+    """Return 1 on the paint of a zebra crossing, of its stop line and of the line before it, 0 between, -1 away."""
+    c = nearest_crossing(s, ground.crossings)
+    if c < 0:
+        return -1
+    a, median, ahead = abs(left), ground.shape[5], ground.crossings[c, 0] > s
+    gap = abs(s - ground.crossings[c, 0]) - ground.crossings[c, 1]
+    if gap < 0:
+        on_road = median < a < ground.section[0 if left >= 0 else 1, 0] - 0.3
+        return 1 if on_road and (left % 1.0) < 0.5 else 0
+    if gap < 12.0 and junction == 0:
+        before = gap if ahead == (left < 0) else -gap
+        if (a < _LINE and median == 0) or (1.2 < before < 1.6 and median + 0.3 < a and edge < -0.3):
+            return 1
+    return -1
+
+
+@njit(cache=True, nogil=True)
+def _between_lanes(s: float, a: float, edge: float, ground: Ground) -> bool:
+    """Tell whether a place lies on the centre line, on a line between lanes or on that along the median."""
+    lane, lanes, median = ground.shape[3], ground.shape[4], ground.shape[5]
+    dashed = (s % 9.0) < 3.0
+    if median == 0 and a < _LINE:
+        return bool(dashed or lanes > 1)
+    if median > 0 and abs(a - median - 0.3) < _LINE:
+        return True
+    beside = (a - median) / lane
+    inner = dashed and edge < -lane / 2 and beside > 0.5
+    return bool(inner and abs(beside - np.rint(beside)) * lane < _LINE)
+
+
+@njit(cache=True, nogil=True)
+def _at_the_edge(s: float, left: float, edge: float, ground: Ground) -> bool:
+    """Tell whether a place lies on the edge line or on the lines of parking bays."""
+    side = 0 if left >= 0 else 1
+    if ground.section[side, 1] == 0:
+        return abs(edge + 0.45) < _LINE
+    if edge < -_LINE or not bay_is_free(s, side, ground.section, ground.arms, ground.crossings):
+        return False
+    # Slanted bays are entered forwards: their far ends lie ahead in the direction of traffic.
+    slant = ground.shape[6]
+    bay = (s + slant * edge * (1 if left >= 0 else -1)) % (SLANTED_BAY if slant > 0 else BAY)
+    return edge < _LINE or bay < 0.1
+
+
+@njit(cache=True, nogil=True)
 def main_street_marking(s: float, left: float, ground: Ground) -> bool:
     """Tell whether a place of the main carriageway is painted.
 
@@ -111,43 +157,15 @@ def main_street_marking(s: float, left: float, ground: Ground) -> bool:
     bool
         True where there is paint.
     """
-    a = abs(left)
-    side = 0 if left >= 0 else 1
-    half, parking = ground.section[side, 0], ground.section[side, 1]
-    lane, lanes, median, slant = ground.shape[3], ground.shape[4], ground.shape[5], ground.shape[6]
-    edge = a - (half - parking)
-    junction = _near_junction(s, left, ground, half - parking)
+    a, side = abs(left), 0 if left >= 0 else 1
+    lane_edge = ground.section[side, 0] - ground.section[side, 1]
+    junction = _near_junction(s, left, ground, lane_edge)
     if junction == 2:
         return True
-    c = nearest_crossing(s, ground.crossings)
-    if c >= 0:
-        gap = abs(s - ground.crossings[c, 0]) - ground.crossings[c, 1]
-        if gap < 0:
-            return median < a < half - 0.3 and (left % 1.0) < 0.5
-        if gap < 12.0 and junction == 0:
-            if a < _LINE and median == 0:
-                return True
-            before = gap if (ground.crossings[c, 0] > s) == (left < 0) else -gap
-            if 1.2 < before < 1.6 and median + 0.3 < a and edge < -0.3:
-                return True
-    if junction == 1:
-        return False
-    dashed = (s % 9.0) < 3.0
-    if median == 0 and a < _LINE:
-        return dashed or lanes > 1
-    if lanes > 1 and dashed and edge < -lane / 2:
-        beside = (a - median) / lane
-        if abs(beside - np.rint(beside)) * lane < _LINE and 0.5 < beside:
-            return True
-    if median > 0 and abs(a - median - 0.3) < _LINE:
-        return True
-    if parking == 0:
-        return abs(edge + 0.45) < _LINE
-    if not bay_is_free(s, side, ground.section, ground.arms, ground.crossings):
-        return False
-    # Slanted bays are entered forwards: their far ends lie ahead in the direction of traffic.
-    bay = (s + slant * edge * (1 if left >= 0 else -1)) % (SLANTED_BAY if slant > 0 else BAY)
-    return abs(edge) < _LINE or (edge > 0 and bay < 0.1)
+    crossing = _at_crossing(s, left, a - lane_edge, junction, ground)
+    if crossing >= 0 or junction == 1:
+        return crossing == 1
+    return _between_lanes(s, a, a - lane_edge, ground) or _at_the_edge(s, left, a - lane_edge, ground)
 
 
 @njit(cache=True, nogil=True)

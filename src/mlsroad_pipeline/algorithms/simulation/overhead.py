@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation import catalogue, poles
+from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, rotation_matrix
 from mlsroad_pipeline.algorithms.simulation.placement import Placed, Site
 from mlsroad_pipeline.algorithms.simulation.street import Street, generator
@@ -55,7 +56,7 @@ class _Line:
     def station(self, k: int) -> float:
         return dry_station(self.street, k * self.spacing, self.left, least=0.5)
 
-    def pole(self, k: int) -> tuple[catalogue.Design, Mesh, NDArray[np.float64]]:
+    def pole(self, k: int) -> tuple[Design, Mesh, NDArray[np.float64]]:
         return catalogue.hung_pole(generator(self.street.seed, 13, k))
 
     def hang(self, k: int, points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import pyproj
 
@@ -75,7 +75,7 @@ class SimulationParameters:
     height: float = 34.0
     epsg: int = 25833
     start_time: float = 216_000.0
-    street: StreetParameters = StreetParameters()
+    street: StreetParameters = field(default_factory=StreetParameters)
 
     def __post_init__(self) -> None:
         if isinstance(self.seed, bool) or self.seed != int(self.seed) or self.seed < 0:

@@ -15,6 +15,7 @@ from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud, concatenate
 from mlsroad_pipeline.algorithms.simulation.cameras import CAMERAS, Image, take_image
 from mlsroad_pipeline.algorithms.simulation.drive import drive_along
+from mlsroad_pipeline.algorithms.simulation.ground_mesh import ground_mesh
 from mlsroad_pipeline.algorithms.simulation.layout import populate
 from mlsroad_pipeline.algorithms.simulation.lighting import draw_light, shade
 from mlsroad_pipeline.algorithms.simulation.meshes import Mesh
@@ -23,7 +24,6 @@ from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
 from mlsroad_pipeline.algorithms.simulation.receiver import Returns, receive
 from mlsroad_pipeline.algorithms.simulation.scanner import Pulses, georeference, send_pulses
 from mlsroad_pipeline.algorithms.simulation.scene import Mover, RayScene
-from mlsroad_pipeline.algorithms.simulation.ground_mesh import ground_mesh
 from mlsroad_pipeline.algorithms.simulation.street import BLOCK, draw_street, generator
 from mlsroad_pipeline.algorithms.simulation.surfaces import Surfaces
 from mlsroad_pipeline.algorithms.simulation.traffic import draw_traffic

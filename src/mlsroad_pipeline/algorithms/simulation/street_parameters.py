@@ -112,9 +112,9 @@ STREETS: dict[str, StreetParameters] = {
         buildings=0.8, clutter=0.6, shrubs=1.5, people=0.6, traffic=0.6, overhead_wires=1.0,
     ),
     "ring_road": StreetParameters(
-        junction_spacing=300.0, crossroads=0.2, signals=0.5, lanes=2, median=5.0, verges=1.0, verge_width=5.0, lamp_spacing=30.0,
-        grass_height=0.09, bare_soil=0.05, parking=0.0, buildings=0.15, trees=0.0, palms=0.5, cycas=5.0, shrubs=1.4, clutter=0.3,
-        signs=0.6, people=0.3, traffic=0.5, overhead_wires=0.0,
+        junction_spacing=300.0, crossroads=0.2, signals=0.5, lanes=2, median=5.0, verges=1.0, verge_width=5.0,
+        lamp_spacing=30.0, grass_height=0.09, bare_soil=0.05, parking=0.0, buildings=0.15, trees=0.0, palms=0.5,
+        cycas=5.0, shrubs=1.4, clutter=0.3, signs=0.6, people=0.3, traffic=0.5, overhead_wires=0.0,
     ),
 }  # fmt: skip
 """Named kinds: ``town``, ``suburb``, and ``ring_road`` like the one in Xiamen that luo2016 surveyed."""
