@@ -16,6 +16,7 @@ from PIL import Image as Picture
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.simulation.cameras import Image
 from mlsroad_pipeline.algorithms.simulation.presets import PRESETS, SimulationParameters
+from mlsroad_pipeline.algorithms.simulation.street_parameters import street_parameters
 from mlsroad_pipeline.algorithms.simulation.survey import Survey, simulate_survey
 from mlsroad_pipeline.datasets.formats.las import LasFormat
 from mlsroad_pipeline.datasets.formats.options import WriteOptions
@@ -32,7 +33,8 @@ def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
     Parameters
     ----------
     config : mapping
-        ``preset``, and fields of `SimulationParameters` that differ from it.
+        ``preset``, and fields of `SimulationParameters` that differ from it; ``street`` is the name of a kind of
+        street, or a mapping of ``kind`` and fields of `StreetParameters`.
 
     Returns
     -------
@@ -52,6 +54,8 @@ def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
     unknown = sorted(set(changes) - known)
     if unknown:
         raise ParameterError(f"unknown simulation parameters: {', '.join(unknown)} (known: {', '.join(sorted(known))})")
+    if "street" in changes:
+        changes["street"] = street_parameters(changes["street"])
     return replace(PRESETS[preset], **changes)
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import pyproj
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.simulation.street_parameters import StreetParameters
 from mlsroad_pipeline.algorithms.validation import check_positive
 
 
@@ -47,6 +48,8 @@ class SimulationParameters:
         Projected coordinate reference system in metres.
     start_time : float, default 216000
         GPS seconds of the week at the start of the drive.
+    street : StreetParameters
+        What kind of street it is; see `STREETS`.
 
     Raises
     ------
@@ -72,6 +75,7 @@ class SimulationParameters:
     height: float = 34.0
     epsg: int = 25833
     start_time: float = 216_000.0
+    street: StreetParameters = field(default_factory=StreetParameters)
 
     def __post_init__(self) -> None:
         if isinstance(self.seed, bool) or self.seed != int(self.seed) or self.seed < 0:

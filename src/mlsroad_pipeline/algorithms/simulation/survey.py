@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud, concatenate
 from mlsroad_pipeline.algorithms.simulation.cameras import Image
 from mlsroad_pipeline.algorithms.simulation.colouring import colour_points, spread_colours
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
-from mlsroad_pipeline.algorithms.simulation.stream import SurveyStream
+from mlsroad_pipeline.algorithms.simulation.stream import ObjectRecord, SurveyStream
 from mlsroad_pipeline.algorithms.simulation.street import Street
 
 _COLOUR_REACH = 0.5  # metres
@@ -35,7 +35,9 @@ class Survey:
         In the order of time.
     objects : pandas.DataFrame
         The truth behind `instance`: instance, label, x, y, z (world metres of the base point; of a moving object when
-        the van passes it), moving.
+        the van passes it), moving, design, length, width, height (of the upright box along its front, metres; the
+        height is that of its top above the base point), heading (of its front, radians counter-clockwise from east),
+        box_x, box_y (world metres of the box's middle), hard_case (why it is hard to tell from a neighbour, or empty).
     origin : ndarray of shape (3,), float64
         World coordinates of the local zero, metres.
     crs : str
@@ -76,12 +78,12 @@ def simulate_survey(parameters: SimulationParameters, *, n_threads: int = 1) -> 
     stream = SurveyStream(parameters, n_threads=n_threads)
     clouds: list[PointCloud] = []
     images: list[Image] = []
-    truth: dict[int, tuple[int, int, NDArray[np.float64], bool]] = {}
+    truth: dict[int, ObjectRecord] = {}
     waiting: list[PointCloud] = []
     taken: list[tuple[list[Image], list[NDArray[np.float32]]]] = []
     for number in range(stream.block_count()):
         scene = stream.scene(number)
-        truth.update({row[0]: row for row in stream.objects()})
+        truth.update({record.instance: record for record in stream.objects()})
         scanned = list(stream.scan(number, scene))
         if not parameters.with_images:
             clouds += [_as_float32(cloud) for cloud in scanned]
@@ -93,12 +95,20 @@ def simulate_survey(parameters: SimulationParameters, *, n_threads: int = 1) -> 
         waiting = scanned
     clouds += [_coloured(cloud, taken) for cloud in waiting]
     cloud = concatenate(clouds)
-    objects = pd.DataFrame(
-        [(i, label, *(base + stream.origin), moving) for i, label, base, moving in truth.values()],
-        columns=["instance", "label", "x", "y", "z", "moving"],
-    )
+    objects = _object_table(truth.values(), stream.origin)
     objects = objects[objects["instance"].isin(np.unique(cloud["instance"]))].reset_index(drop=True)
     return Survey(cloud, stream.trajectory, images, objects, stream.origin, stream.crs, stream.street)
+
+
+def _object_table(records: Iterable[ObjectRecord], origin: NDArray[np.float64]) -> pd.DataFrame:
+    rows = [
+        (r.instance, r.label, *(r.base + origin), r.moving, r.design, r.box.length, r.box.width, r.box.height,
+         r.box.heading, r.box.x + origin[0], r.box.y + origin[1], r.hard_case)
+        for r in records
+    ]  # fmt: skip
+    names = ["instance", "label", "x", "y", "z", "moving", "design", "length", "width", "height", "heading", "box_x",
+             "box_y", "hard_case"]  # fmt: skip
+    return pd.DataFrame(rows, columns=names)
 
 
 def survey_chunks(parameters: SimulationParameters, *, n_points: int, n_threads: int = 1) -> Iterator[PointCloud]:
