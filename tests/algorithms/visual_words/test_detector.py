@@ -77,6 +77,16 @@ def test_a_class_with_one_example_is_detected_by_any_likeness(rng):
     assert detector.detect(counts)[0][0] == 0
 
 
+def test_a_class_without_training_objects_is_warned_of_and_never_detected(rng, caplog):
+    counts, labels = planted(rng, 60)
+    detector = VisualWordsDetector(["pole", "car", "tram"]).fit(counts, labels)
+    assert "No training object is a tram" in caplog.text
+    again = VisualWordsDetector.from_arrays(detector.to_arrays())
+    for each in (detector, again):
+        assert set(each.detect(counts)[0].tolist()) == {-1, 0, 1}
+        assert (each.score(counts)[:, 2] == 0).all()
+
+
 def test_arrays_give_the_same_detector(rng):
     counts, labels = planted(rng, 100)
     detector = VisualWordsDetector(["pole", "car"]).fit(counts, labels)
@@ -89,8 +99,8 @@ def test_bad_input(rng):
     counts, labels = planted(rng, 30)
     with pytest.raises(DataError, match=r"\(29,\) labels for 30 objects"):
         VisualWordsDetector(["pole"]).fit(counts, labels[:-1])
-    with pytest.raises(DataError, match="no training object of class 'tram' has words"):
-        VisualWordsDetector(["pole", "car", "tram"]).fit(counts, labels)
+    with pytest.raises(DataError, match="no training object is a pole or a car: there is nothing to look for"):
+        VisualWordsDetector(["pole", "car"]).fit(counts, np.full(30, -1))
     with pytest.raises(DataError, match="2 words for the objects of 1 groups"):
         count_words(np.array([0, 1]), np.array([0]), n_objects=1, stopped=np.zeros(2, bool))
     with pytest.raises(DataError, match="bags of 60 and 3 words cannot be compared"):
