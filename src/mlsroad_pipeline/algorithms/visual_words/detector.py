@@ -174,7 +174,7 @@ class VisualWordsDetector:
         """
         found = self.score(counts)
         thresholds = np.array([q.threshold for q in self.queries_.values()])
-        margin = found / thresholds
+        margin = found / np.maximum(thresholds, 1e-12)
         best = margin.argmax(axis=1)
         rows = np.arange(len(found))
         passed = found[rows, best] >= thresholds[best]
