@@ -1,0 +1,1 @@
+"""The experiments of the papers, as plain functions: what is run, and what the tables are made of."""

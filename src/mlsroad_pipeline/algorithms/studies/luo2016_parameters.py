@@ -1,0 +1,160 @@
+"""What the study of Luo et al. 2016 runs: its scales, its streets, and the settings that are tried."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from typing import Any
+
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.validation import check_positive
+
+GRAPH, REFINED = "patch_graph", "patch_graph_mrf"
+METHODS = ("patch_svm", "patch_forest", "shape_based", "max_margin_markov", GRAPH, REFINED)
+"""The methods in the order of the paper's Table III."""
+
+RUNS = METHODS[:-1]
+"""What is trained: label transfer and its refinement come of one graph."""
+
+
+@dataclass(frozen=True)
+class StudyScale:
+    """How large the study is.
+
+    Parameters
+    ----------
+    survey : mapping
+        ``preset`` and changes of `SimulationParameters`, without the seed. Longer streets take more time and narrow
+        the spread between seeds.
+    repetitions : sequence of mapping
+        ``test``, the seed of a street that methods are scored on, and ``train``, the seeds of those that they learn
+        from, together more than K scenes of 10 m. No street is in both, nor in the training of another repetition's.
+    patch_sizes : sequence of float
+        Patch sizes L of Figures 7 and 8, metres.
+    search_radii : sequence of float
+        Local search radii R_loc of Figures 9 to 11, metres.
+    methods : mapping
+        Slug to changes of the method's parameters at this scale.
+
+    Raises
+    ------
+    ParameterError
+        If a repetition lacks streets, a street is in training and test, or a length is not above 0.
+    """
+
+    survey: Mapping[str, Any]
+    repetitions: Sequence[Mapping[str, Any]]
+    patch_sizes: Sequence[float]
+    search_radii: Sequence[float]
+    methods: Mapping[str, Mapping[str, Any]]
+
+    def __post_init__(self) -> None:
+        if not self.repetitions or not all(set(r) == {"train", "test"} and r["train"] for r in self.repetitions):
+            raise ParameterError("luo2016_study: each repetition must name its streets: {train: [seeds], test: seed}")
+        tests = [repetition["test"] for repetition in self.repetitions]
+        both = sorted({seed for repetition in self.repetitions for seed in repetition["train"]} & set(tests))
+        if both or len(set(tests)) < len(tests):
+            raise ParameterError(f"luo2016_study: a test street is met once, got {tests} and in training {both}")
+        for name in ("patch_sizes", "search_radii"):
+            for value in getattr(self, name):
+                check_positive(value, f"luo2016_study.{name}")
+        if "seed" in self.survey:
+            raise ParameterError("luo2016_study: the seeds of the streets stand in repetitions")
+
+
+@dataclass(frozen=True)
+class StudyParameters:
+    """The study of Luo et al. 2016.
+
+    Parameters
+    ----------
+    scale : str
+        Which of `scales` is run.
+    scales : mapping
+        Name to the fields of `StudyScale`.
+    scheme : str
+        The class scheme; its class ``other`` is learned and counted, but is in no mean.
+    sensitivity : int
+        How many of the repetitions Figures 7 to 11 are made of.
+    tuning : mapping
+        Slug to the settings that are tried on training streets, each a mapping of parameters. As many for every method
+        keep the comparison level. Methods without settings here choose by a grid of their own.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such scale, or a method is not part of the study.
+    """
+
+    scale: str
+    scales: Mapping[str, Any]
+    scheme: str
+    sensitivity: int
+    tuning: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.scale not in self.scales:
+            raise ParameterError(f"luo2016_study.scale {self.scale!r} is unknown (scales: {', '.join(self.scales)})")
+        unknown = sorted(set(self.tuning) - set(RUNS))
+        if unknown:
+            raise ParameterError(f"luo2016_study.tuning: {unknown} are not trained (methods: {', '.join(RUNS)})")
+        if self.sensitivity < 0:
+            raise ParameterError(f"luo2016_study.sensitivity must be at least 0, got {self.sensitivity!r}")
+        self.chosen_scale()
+
+    def chosen_scale(self) -> StudyScale:
+        """Return the scale that is run.
+
+        Returns
+        -------
+        StudyScale
+            The scale.
+
+        Raises
+        ------
+        ParameterError
+            If a field is unknown or missing.
+        """
+        given = dict(self.scales[self.scale])
+        known = {entry.name for entry in fields(StudyScale)}
+        if set(given) != known:
+            raise ParameterError(f"luo2016_study.scales.{self.scale} must have {sorted(known)}, got {sorted(given)}")
+        return StudyScale(**given)
+
+
+def changed(parameters: Any, changes: Mapping[str, Any]) -> Any:
+    """Change fields of a parameter dataclass, nested ones field by field.
+
+    Parameters
+    ----------
+    parameters : dataclass
+        The parameters.
+    changes : mapping
+        Field to its new value; a mapping changes fields of a nested dataclass.
+
+    Returns
+    -------
+    dataclass
+        The changed parameters.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such field, or a value is outside its domain.
+
+    Examples
+    --------
+    >>> from mlsroad_pipeline.algorithms.patches import PatchParameters
+    >>> changed(PatchParameters(), {"patch_size": 0.3}).patch_size
+    0.3
+    """
+    known = {entry.name for entry in fields(parameters)}
+    unknown = sorted(set(changes) - known)
+    if unknown:
+        raise ParameterError(f"{type(parameters).__name__} has no {', '.join(unknown)}")
+    values = {}
+    for name, value in changes.items():
+        old = getattr(parameters, name)
+        nested = is_dataclass(old) and isinstance(value, Mapping)
+        values[name] = changed(old, value) if nested else value
+    return replace(parameters, **values)

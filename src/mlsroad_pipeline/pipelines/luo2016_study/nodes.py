@@ -1,0 +1,221 @@
+"""The study of Luo et al. 2016, stage by stage."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.patches import PatchParameters
+from mlsroad_pipeline.algorithms.rendering.report import build_report
+from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
+from mlsroad_pipeline.algorithms.studies import luo2016_plan
+from mlsroad_pipeline.algorithms.studies.luo2016_parameters import METHODS, StudyParameters
+from mlsroad_pipeline.algorithms.studies.luo2016_plan import StudyPlan, StudyRun
+from mlsroad_pipeline.algorithms.studies.luo2016_report import StudyTables, study_figures, study_sections
+from mlsroad_pipeline.algorithms.studies.luo2016_results import study_tables
+from mlsroad_pipeline.algorithms.studies.luo2016_runs import cut_patches, make_street, train_and_score
+from mlsroad_pipeline.datasets.scene_store import SceneCollection
+from mlsroad_pipeline.datasets.scene_task import SceneTask
+from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
+
+
+def plan_study(
+    study: StudyParameters,
+    classes: Mapping[str, Any],
+    ground: GroundParameters,
+    sizes: PatchParameters,
+    *methods: Any,
+) -> StudyPlan:
+    """Plan the runs.
+
+    Parameters
+    ----------
+    study : StudyParameters
+        What is run.
+    classes : mapping
+        The class schemes.
+    ground : GroundParameters
+        How the ground is found.
+    sizes : PatchParameters
+        How patches are cut and described.
+    *methods : dataclass
+        Parameters of the methods in the order of `METHODS`.
+
+    Returns
+    -------
+    StudyPlan
+        The plan.
+    """
+    scheme = find_scheme(classes["schemes"], study.scheme)
+    given = dict(zip(METHODS, methods, strict=True))
+    return luo2016_plan.plan_study(study, scheme=scheme, ground=ground, sizes=sizes, methods=given)
+
+
+def _street(seed: int) -> str:
+    return f"seed_{seed}"
+
+
+def _cut(seed: int, patch_size: float) -> str:
+    return f"seed_{seed}.size_{patch_size:g}"
+
+
+def make_streets(plan: StudyPlan) -> dict[str, SceneTask]:
+    """Name the work that simulates each street.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per street.
+    """
+    return {
+        _street(seed): SceneTask(
+            make_street,
+            parameters={
+                "simulation": simulation_parameters({**plan.scale.survey, "seed": seed}),
+                "ground": plan.ground,
+            },
+        )
+        for seed in plan.seeds()
+    }
+
+
+def cut_streets(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
+    """Name the work that cuts each street into patches, in every size that it is used in.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+    streets : SceneCollection
+        The streets.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per street and size.
+    """
+    runs = [*plan.tuning_runs(), *plan.all_runs(plan.parameters).values()]
+    wanted = {_cut(seed, run.sizes.patch_size): (seed, run.sizes) for run in runs for seed in (*run.train, *run.test)}
+    return {
+        key: SceneTask(cut_patches, {"points": streets[_street(seed)]}, {"sizes": sizes, "scheme": plan.scheme})
+        for key, (seed, sizes) in wanted.items()
+    }
+
+
+def _task(plan: StudyPlan, run: StudyRun, streets: SceneCollection, cut: SceneCollection) -> SceneTask:
+    size = run.sizes.patch_size
+    patches, labels = cut.part("patches"), cut.part("labels")
+
+    def inputs(seeds: tuple[int, ...]) -> dict[str, Any]:
+        return {
+            _street(seed): {
+                "points": streets[_street(seed)],
+                "patches": patches[_cut(seed, size)],
+                "labels": labels[_cut(seed, size)],
+            }
+            for seed in seeds
+        }
+
+    return SceneTask(
+        train_and_score,
+        {"train": inputs(run.train), "test": inputs(run.test)},
+        {
+            "method": run.method,
+            "parameters": dict(run.parameters),
+            "stages": plan.stages(run.sizes),
+            "scheme": plan.scheme,
+        },
+    )
+
+
+def try_settings(plan: StudyPlan, streets: SceneCollection, cut: SceneCollection) -> dict[str, SceneTask]:
+    """Name the work that tries the settings of each method on training streets.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+    streets, cut : SceneCollection
+        The streets and their patches.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per method and setting.
+    """
+    return {run.key: _task(plan, run, streets, cut) for run in plan.tuning_runs()}
+
+
+def run_methods(
+    plan: StudyPlan, streets: SceneCollection, cut: SceneCollection, tried: SceneCollection
+) -> dict[str, SceneTask]:
+    """Name the work that trains each method on each repetition, and the settings of the sensitivity figures.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+    streets, cut : SceneCollection
+        The streets and their patches.
+    tried : SceneCollection
+        What came of the settings.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per run.
+    """
+    parameters = plan.tuned(tried.load_all())
+    return {key: _task(plan, run, streets, cut) for key, run in plan.all_runs(parameters).items()}
+
+
+def tabulate_study(plan: StudyPlan, tried: SceneCollection, runs: SceneCollection) -> tuple[Any, ...]:
+    """Make the tables of the study.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+    tried : SceneCollection
+        What came of the settings.
+    runs : SceneCollection
+        What came of the runs.
+
+    Returns
+    -------
+    tuple of DataFrame
+        The fields of `StudyTables` in their order.
+    """
+    return study_tables(plan, tried.load_all(), runs.load_all()).as_tuple()
+
+
+def report_study(plan: StudyPlan, *tables: pd.DataFrame) -> tuple[Figure, Figure, Figure, str]:
+    """Draw the figures and write the report.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+    *tables : DataFrame
+        The fields of `StudyTables`.
+
+    Returns
+    -------
+    methods, patch_size, search_radius : Figure
+        F1 of the methods beside the paper's, and Figures 7 and 8, and 9 to 11.
+    report : str
+        HTML.
+    """
+    found = StudyTables(*tables)
+    figures = study_figures(found)
+    page = build_report(study_sections(plan, found, figures), title="Luo et al. 2016 on simulated streets")
+    return *figures, page

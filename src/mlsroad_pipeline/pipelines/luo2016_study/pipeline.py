@@ -1,0 +1,47 @@
+"""Wiring of the study of Luo et al. 2016."""
+
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.algorithms.studies.luo2016_parameters import METHODS
+from mlsroad_pipeline.pipelines.luo2016_study.nodes import (
+    cut_streets,
+    make_streets,
+    plan_study,
+    report_study,
+    run_methods,
+    tabulate_study,
+    try_settings,
+)
+
+STUDY = "luo2016_study"
+TABLES = ("scores", "table_3", "differences", "patch_size", "search_radius", "times", "tuning", "by_size", "by_radius")
+
+
+def create_pipeline(**_: object) -> Pipeline:
+    """Return the pipeline: parameters to streets, runs, tables, figures and a report.
+
+    Parameters
+    ----------
+    **_ : object
+        Not used; Kedro lets callers of any pipeline give keyword arguments.
+
+    Returns
+    -------
+    Pipeline
+        Parameters to ``luo2016_study.*``.
+    """
+    own = [f"params:{name}" for name in (STUDY, "classes", "ground_removal", "patches", *METHODS)]
+    plan, streets, cut = (f"{STUDY}.{name}" for name in ("plan", "streets", "patches"))
+    tried, runs, tables = f"{STUDY}.tried", f"{STUDY}.runs", [f"{STUDY}.{name}" for name in TABLES]
+    drawn = [f"{STUDY}.{name}" for name in ("methods_figure", "patch_size_figure", "search_radius_figure", "report")]
+    return Pipeline(
+        [
+            Node(plan_study, inputs=own, outputs=plan, name="plan_luo2016_study"),
+            Node(make_streets, inputs=plan, outputs=streets, name="make_luo2016_streets"),
+            Node(cut_streets, inputs=[plan, streets], outputs=cut, name="cut_luo2016_streets"),
+            Node(try_settings, inputs=[plan, streets, cut], outputs=tried, name="try_luo2016_settings"),
+            Node(run_methods, inputs=[plan, streets, cut, tried], outputs=runs, name="run_luo2016_methods"),
+            Node(tabulate_study, inputs=[plan, tried, runs], outputs=tables, name="tabulate_luo2016_study"),
+            Node(report_study, inputs=[plan, *tables], outputs=drawn, name="report_luo2016_study"),
+        ]
+    )
