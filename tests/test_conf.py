@@ -27,6 +27,7 @@ from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParamet
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
+from mlsroad_pipeline.algorithms.studies.luo2016_parameters import StudyParameters
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
 from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
 from mlsroad_pipeline.datasets.survey_plan import LabelParameters, SurveyParameters, plan_comparison, plan_labelling
@@ -42,6 +43,7 @@ TYPED = {
     "ground_removal": GroundParameters,
     "ingest": IngestParameters,
     "label": LabelParameters,
+    "luo2016_study": StudyParameters,
     "max_margin_markov": MarginParameters,
     "patch_forest": PatchForestParameters,
     "patch_graph": PatchGraphParameters,
@@ -52,7 +54,7 @@ TYPED = {
     "supervoxelise": SupervoxelParameters,
     "survey": SurveyParameters,
 }
-CONFIGURED = {"survey"}
+CONFIGURED = {"luo2016_study", "survey"}
 """Groups whose values are those of the embedded survey and not the defaults of the code."""
 TREES = {"classes", "simulation"}
 """Groups that are read by functions of their own."""
@@ -139,7 +141,7 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
             catalog.load(name)
     # what stages exchange is stored, so that a run can be resumed; only plans stay in memory
     in_memory = {n for n in names if type(catalog.get(n)).__name__ == "MemoryDataset" and not n.startswith("params:")}
-    assert in_memory == {"survey_plan", "label_plan"}
+    assert in_memory == {"survey_plan", "label_plan", "luo2016_study.plan"}
 
 
 def paths_below_data(env, catalog):

@@ -123,7 +123,35 @@ def sum_by_split(matrices: Mapping[str, Mapping[str, NDArray]]) -> dict[str, NDA
     return total
 
 
-def scores_table(matrices: Mapping[str, NDArray[np.int64]], *, method: str, scheme: ClassScheme) -> pd.DataFrame:
+def given_classes(metadata: Mapping[str, Any], trained: ClassScheme, scored: ClassScheme) -> list[str]:
+    """Name the classes that a model can give, in the scheme that it is scored on.
+
+    Parameters
+    ----------
+    metadata : mapping
+        Metadata of the model; ``classes_given`` names classes of `trained`, without it all can be given.
+    trained, scored : ClassScheme
+        The schemes; the first nests in the second.
+
+    Returns
+    -------
+    list of str
+        Classes of `scored` in label order.
+
+    Raises
+    ------
+    ParameterError
+        If the schemes do not nest.
+    """
+    if "classes_given" not in metadata:
+        return list(scored.classes)
+    own = np.array([trained.classes.index(name) for name in metadata["classes_given"]], np.int16)
+    return [scored.classes[label] for label in np.unique(coarse_labels(own, trained, scored)) if label != IGNORE]
+
+
+def scores_table(
+    matrices: Mapping[str, NDArray[np.int64]], *, method: str, scheme: ClassScheme, given: Sequence[str] | None = None
+) -> pd.DataFrame:
     """Score a method on all splits.
 
     Parameters
@@ -134,13 +162,18 @@ def scores_table(matrices: Mapping[str, NDArray[np.int64]], *, method: str, sche
         The method's slug.
     scheme : ClassScheme
         The scheme of the matrices.
+    given : sequence of str, optional
+        The classes that the method can give; None is all.
 
     Returns
     -------
     DataFrame
         The table of scores.
     """
-    tables = [labelling_scores(m, method=method, split=s, classes=scheme.classes) for s, m in matrices.items()]
+    tables = [
+        labelling_scores(matrix, method=method, split=split, classes=scheme.classes, given=given)
+        for split, matrix in matrices.items()
+    ]
     return pd.concat(tables, ignore_index=True)
 
 

@@ -93,3 +93,16 @@ def test_names_must_fit_the_matrix_and_none_may_be_all():
 
 def test_every_documented_metric_is_known():
     assert set(module.DETECTION_METRICS) == {"precision", "recall", "quality", "f_score", "tp", "fp", "fn"}
+
+
+def test_classes_that_a_method_cannot_give_are_undefined_and_in_no_mean():
+    matrix = np.array([[0, 0, 0, 10], [0, 6, 2, 0], [0, 0, 4, 0]])
+    table = labelling_scores(matrix, method="m", split="s", classes=("ground", "pole", "car"), given=("pole", "car"))
+    value = table.set_index(["class", "metric"])["value"]
+    assert value["ground"].isna().all() and table.loc[table["class"] == "ground", "support"].eq(10).all()
+    f1 = (12 / 14, 8 / 10)
+    assert value["pole", "f1"] == pytest.approx(f1[0]) and value["all", "mean_f1"] == pytest.approx(np.mean(f1))
+    assert value["all", "mean_iou"] == pytest.approx(np.mean([6 / 8, 4 / 6]))
+    assert value["all", "overall_accuracy"] == pytest.approx(10 / 22)  # its points still count
+    with pytest.raises(DataError, match="wire cannot be given"):
+        labelling_scores(matrix, method="m", split="s", classes=("ground", "pole", "car"), given=("wire",))

@@ -152,6 +152,7 @@ def training_objects(
     -------
     dict of str to ndarray
         ``features`` float32 (o, d) and ``label`` int16 (o,): the class of most of an object's labelled patches.
+        ``on_ground`` int64 (2, C): labelled patches of each class off the ground and on it.
 
     Raises
     ------
@@ -165,7 +166,8 @@ def training_objects(
     off = owner >= 0
     majority, _ = majority_labels(labels[off], owner[off], len(scheme))
     known = majority != IGNORE
-    return {"features": objects["features"][known], "label": majority[known]}
+    counts = [np.bincount(labels[side & (labels != IGNORE)], minlength=len(scheme)) for side in (off, ~off)]
+    return {"features": objects["features"][known], "label": majority[known], "on_ground": np.array(counts)}
 
 
 def fit(
@@ -194,7 +196,8 @@ def fit(
     Returns
     -------
     ModelBundle
-        The model; its metadata name the classes that it gives.
+        The model; its metadata name the classes that it gives: those of objects, without the classes most of whose
+        patches lie on the ground, which stays without labels.
 
     Raises
     ------
@@ -218,10 +221,12 @@ def fit(
     missing = [name for number, name in enumerate(scheme.classes) if number not in known]
     if missing:
         logger.warning("%s: no training object is of %s: the model never gives them", SLUG, ", ".join(missing))
+    above, below = np.sum([scene["on_ground"] for scene in filled], axis=0)
+    off_ground = above >= below
     metadata = {
         "entry_point": ENTRY_POINT,
         "classes": list(scheme.classes),
-        "classes_given": [scheme.classes[number] for number in known],
+        "classes_given": [scheme.classes[number] for number in known if off_ground[number]],
         "scheme": asdict(scheme),
         "parameters": {SLUG: asdict(parameters), **asdict(stages)},
         "attributes": ["rgb"] if parameters.appearance else [],

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.metrics.confusion import scores
+from mlsroad_pipeline.algorithms.metrics.confusion import LabellingScores, scores
 
 COLUMNS = ("method", "split", "class", "metric", "value", "support")
 """Columns of the table, in order."""
@@ -27,7 +28,14 @@ METRICS = tuple(dict.fromkeys((*CLASS_METRICS, *OVERALL_METRICS, *DETECTION_METR
 _ILLEGAL = re.compile(r"[^\w.\- /]")
 
 
-def labelling_scores(matrix: NDArray[np.integer], *, method: str, split: str, classes: Sequence[str]) -> pd.DataFrame:
+def labelling_scores(
+    matrix: NDArray[np.integer],
+    *,
+    method: str,
+    split: str,
+    classes: Sequence[str],
+    given: Sequence[str] | None = None,
+) -> pd.DataFrame:
     """Turn a confusion matrix into the table of scores of one method on one split.
 
     Parameters
@@ -40,6 +48,9 @@ def labelling_scores(matrix: NDArray[np.integer], *, method: str, split: str, cl
         The split's name, such as ``"test"``.
     classes : sequence of str, length C
         Class names in label order.
+    given : sequence of str, optional
+        The classes that the method can give; None is all. The others get NaN and are in no mean over classes; their
+        points still count in overall accuracy and kappa.
 
     Returns
     -------
@@ -50,12 +61,14 @@ def labelling_scores(matrix: NDArray[np.integer], *, method: str, split: str, cl
     Raises
     ------
     DataError
-        If the matrix has another number of classes or is no confusion matrix, if a class is called ``"all"``, or
-        if two classes have the same name.
+        If the matrix has another number of classes or is no confusion matrix, if a class is called ``"all"``, if
+        two classes have the same name, or if a given class is none of them.
     """
     figures = scores(matrix)
     if len(classes) != len(figures.support):
         raise DataError(f"{len(classes)} class names for a confusion matrix of {len(figures.support)} classes")
+    if given is not None:
+        figures = _of_given(figures, classes, given)
     rows = [
         (method, split, name, metric, float(getattr(figures, metric)[label]), int(figures.support[label]))
         for label, name in enumerate(classes)
@@ -66,6 +79,21 @@ def labelling_scores(matrix: NDArray[np.integer], *, method: str, split: str, cl
     if ALL in classes:
         raise DataError(f"no class may be called {ALL!r}: it stands for all classes together")
     return check_scores(pd.DataFrame(rows, columns=list(COLUMNS)))
+
+
+def _of_given(figures: LabellingScores, classes: Sequence[str], given: Sequence[str]) -> LabellingScores:
+    """Leave out the classes that a method cannot give."""
+    unknown = sorted(set(given) - set(classes))
+    if unknown:
+        raise DataError(f"{', '.join(unknown)} cannot be given: the classes are {', '.join(classes)}")
+    able = np.array([name in given for name in classes])
+    shown = {metric: np.where(able, getattr(figures, metric), np.nan) for metric in CLASS_METRICS}
+    scored = able & (figures.support > 0)
+    means = {
+        f"mean_{metric}": float(shown[metric][scored].mean()) if scored.any() else float("nan")
+        for metric in ("f1", "iou")
+    }
+    return replace(figures, **shown, **means)
 
 
 def check_scores(frame: pd.DataFrame, *, source: str = "scores") -> pd.DataFrame:

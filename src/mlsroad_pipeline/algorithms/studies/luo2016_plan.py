@@ -92,7 +92,7 @@ class StudyPlan:
     def resized(self, patch_size: float) -> PatchParameters:
         """Return the parameters of larger or smaller patches, with voxels in proportion."""
         ratio = self.sizes.voxel_size / self.sizes.patch_size
-        return changed(self.sizes, {"patch_size": patch_size, "voxel_size": patch_size * ratio})  # type: ignore[no-any-return]
+        return changed(self.sizes, {"patch_size": patch_size, "voxel_size": patch_size * ratio})
 
     def tuning_runs(self) -> list[StudyRun]:
         """Return the runs that settings are chosen by: half of the first training streets for each half.

@@ -92,8 +92,8 @@ def _lines(table: pd.DataFrame, label: str, columns: Sequence[str]) -> Figure:
     figure = empty_figure(4.4 * (1 + len(columns)), 3.8)
     panels: Sequence[Axes] = np.atleast_1d(figure.subplots(1, 1 + len(columns))).tolist()
     for k, name in enumerate((*CLASSES, "mean of seven")):
-        style = {"linewidth": 2.2, "color": INK} if name in MEANS else {"linewidth": 1.2, "color": SERIES[k]}
-        panels[0].plot(table["value"], table[name], marker="o", markersize=3, label=name, **style)
+        width, colour = (2.2, INK) if name in MEANS else (1.2, SERIES[k])
+        panels[0].plot(table["value"], table[name], marker="o", markersize=3, label=name, linewidth=width, color=colour)
     panels[0].set_ylim(0, 1.02)
     panels[0].set_ylabel("F1", fontsize=9, color=INK)
     panels[0].legend(frameon=False, fontsize=6.5, labelcolor=INK, ncols=2)

@@ -17,14 +17,16 @@ from mlsroad_pipeline.algorithms.detection import (
 from mlsroad_pipeline.algorithms.evaluation import (
     count_scene,
     find_scheme,
+    given_classes,
     scene_figures,
     score_figures,
     scores_table,
     sum_by_split,
 )
 from mlsroad_pipeline.algorithms.rendering.detection_figures import precision_recall_figure
+from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
 from mlsroad_pipeline.datasets.survey_plan import SurveyParameters, middle_scenes
 
 
@@ -60,7 +62,7 @@ def count_points(
 
 
 def score_method(
-    counts: SceneCollection, survey: SurveyParameters, classes: Mapping[str, Any], *, method: str
+    counts: SceneCollection, model: SourceFile, survey: SurveyParameters, classes: Mapping[str, Any], *, method: str
 ) -> tuple[pd.DataFrame, Figure, Figure]:
     """Score a method and draw its figures.
 
@@ -68,6 +70,8 @@ def score_method(
     ----------
     counts : SceneCollection
         Confusion matrices of scenes.
+    model : SourceFile
+        The model's folder; it may say that there are classes that it does not give.
     survey : SurveyParameters
         Names the class schemes.
     classes : mapping
@@ -82,9 +86,11 @@ def score_method(
     confusion, bars : Figure
         The confusion matrix of the last split, and its scores per class.
     """
+    trained = find_scheme(classes["schemes"], survey.scheme)
     scheme = find_scheme(classes["schemes"], survey.evaluation_scheme or survey.scheme)
     matrices = sum_by_split(counts.load_all())
-    table = scores_table(matrices, method=method, scheme=scheme)
+    given = given_classes(open_model(model.load()).metadata, trained, scheme)
+    table = scores_table(matrices, method=method, scheme=scheme, given=given)
     return table, *score_figures(matrices, table, method=method, scheme=scheme)
 
 

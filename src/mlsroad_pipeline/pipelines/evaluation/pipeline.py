@@ -32,7 +32,7 @@ def _nodes_of(slug: str) -> list[Node]:
         ),
         Node(
             _of(slug, score_method),
-            inputs=[f"{slug}.confusions", *configured],
+            inputs=[f"{slug}.confusions", f"{slug}.model", *configured],
             outputs=[f"{slug}.scores", f"{slug}.confusion_figure", f"{slug}.bars_figure"],
             name=f"score_{slug}",
         ),

@@ -8,7 +8,13 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
+from mlsroad_pipeline.algorithms.baselines.max_margin_markov import MarginParameters
+from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForestParameters
+from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvmParameters
+from mlsroad_pipeline.algorithms.baselines.shape_based import ShapeParameters
 from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
+from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.algorithms.rendering.report import build_report
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
@@ -28,7 +34,12 @@ def plan_study(
     classes: Mapping[str, Any],
     ground: GroundParameters,
     sizes: PatchParameters,
-    *methods: Any,
+    svm: PatchSvmParameters,
+    forest: PatchForestParameters,
+    shapes: ShapeParameters,
+    network: MarginParameters,
+    graph: PatchGraphParameters,
+    refinement: GridParameters,
 ) -> StudyPlan:
     """Plan the runs.
 
@@ -42,7 +53,7 @@ def plan_study(
         How the ground is found.
     sizes : PatchParameters
         How patches are cut and described.
-    *methods : dataclass
+    svm, forest, shapes, network, graph, refinement : dataclass
         Parameters of the methods in the order of `METHODS`.
 
     Returns
@@ -51,7 +62,7 @@ def plan_study(
         The plan.
     """
     scheme = find_scheme(classes["schemes"], study.scheme)
-    given = dict(zip(METHODS, methods, strict=True))
+    given = dict(zip(METHODS, (svm, forest, shapes, network, graph, refinement), strict=True))
     return luo2016_plan.plan_study(study, scheme=scheme, ground=ground, sizes=sizes, methods=given)
 
 
