@@ -113,6 +113,11 @@ def test_only_grass_beside_road_and_other_pairs_are_smoothed():
         labels, None, edges, parameters=RefinementParameters(), ground=GroundClasses(grass=0, road=1)
     )
     assert weights.tolist() == [1, 0, 1, 0, 0]
+    inside = np.append(edges, [[0, 0], [1, 1]], axis=0)  # grass beside grass, road beside road
+    for smooth, expected in ((False, [1, 0, 1, 0, 0, 0, 0]), (True, [1, 0, 1, 0, 1, 1, 1])):
+        parameters = RefinementParameters(smooth_ground=smooth)
+        weights = edge_weights(labels, None, inside, parameters=parameters, ground=GroundClasses(grass=0, road=1))
+        assert weights.tolist() == expected
     joint = edge_weights(labels, None, edges, parameters=RefinementParameters(), ground=GroundClasses(0, 0))
     assert joint.tolist() == [0, 1, 1, 0, 1]
     none = edge_weights(labels, None, edges, parameters=RefinementParameters(), ground=GroundClasses())

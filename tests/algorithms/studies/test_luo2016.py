@@ -176,7 +176,7 @@ def test_table_for_people_shows_the_paper_beside_and_dashes(three):
 
 
 SCALE = {
-    "survey": {"preset": "tiny"}, "repetitions": [{"test": 3, "train": [1, 2]}], "patch_sizes": [0.2],
+    "survey": {"preset": "tiny"}, "repetitions": [{"test": [3], "train": [1, 2]}], "patch_sizes": [0.2],
     "search_radii": [1.0], "methods": {},
 }  # fmt: skip
 
@@ -184,9 +184,9 @@ SCALE = {
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"repetitions": [{"test": 1, "train": [1, 2]}]}, r"met once, got \[1\] and in training \[1\]"),
-        ({"repetitions": [{"test": 3, "train": [1]}] * 2}, r"met once, got \[3, 3\]"),
-        ({"repetitions": [{"test": 1, "train": []}]}, "must name its streets"),
+        ({"repetitions": [{"test": [1], "train": [1, 2]}]}, r"met once, got \[1\] and in training \[1\]"),
+        ({"repetitions": [{"test": [3], "train": [1]}] * 2}, r"met once, got \[3, 3\]"),
+        ({"repetitions": [{"test": [1], "train": []}]}, "must name its streets"),
         ({"patch_sizes": [0.0]}, "patch_sizes must be a finite number > 0, got 0"),
         ({"survey": {"seed": 1}}, "seeds of the streets stand in repetitions"),
     ],

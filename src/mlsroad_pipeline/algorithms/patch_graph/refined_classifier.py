@@ -40,6 +40,8 @@ class GridParameters:
         Gamma (luo2016: 0).
     floor : float, default 0.01
         Least probability of a class.
+    smooth_ground : bool, default False
+        Whether edges inside grass and inside road are smoothed (luo2016: not, as equation 11 is printed).
     max_patches : int, default 200_000
         The choice takes whole training scenes, evenly spread, up to about this many patches.
 
@@ -53,6 +55,7 @@ class GridParameters:
     colour_decay: tuple[float, ...] = (0.0, 10.0, 50.0)
     ground_penalty: float = 0.0
     floor: float = 0.01
+    smooth_ground: bool = False
     max_patches: int = 200_000
 
     def __post_init__(self) -> None:
@@ -138,7 +141,8 @@ class RefinedPatchGraphClassifier:
         missing = [name for name in ("refinement", "ground") if name not in arrays]
         if missing:
             raise DataError(f"the arrays of a refined patch graph lack {', '.join(missing)}")
-        parameters = RefinementParameters(*np.asarray(arrays["refinement"]).tolist())
+        *numbers, smooth_ground = np.asarray(arrays["refinement"]).tolist()
+        parameters = RefinementParameters(*numbers, smooth_ground=bool(smooth_ground))
         ground = GroundClasses(*np.asarray(arrays["ground"]).tolist())
         return cls(PatchGraphClassifier.from_arrays(arrays), parameters=parameters, ground=ground)
 
@@ -183,7 +187,7 @@ def refine_classifier(
     probabilities = np.empty((len(used), transfer.n_classes))
     probabilities[graph.rows] = class_probabilities(graph.labels[graph.matches], transfer.n_classes)
     scenes = _validation_scenes(used, pairs, probabilities, grid.max_patches)
-    base = RefinementParameters(ground_penalty=grid.ground_penalty, floor=grid.floor)
+    base = RefinementParameters(ground_penalty=grid.ground_penalty, floor=grid.floor, smooth_ground=grid.smooth_ground)
     parameters, tried = choose_parameters(
         scenes, smoothness=grid.smoothness, colour_decay=grid.colour_decay, base=base, ground=ground
     )

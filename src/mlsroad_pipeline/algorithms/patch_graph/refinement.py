@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -31,6 +31,10 @@ class RefinementParameters:
     floor : float, default 0.01
         Least probability in equation 10: a class that no match votes for costs 1 - log(floor). Larger ones let the
         neighbours bring in classes that the patch's matches do not name.
+    smooth_ground : bool, default False
+        Whether edges between two patches of the same of grass and road are smoothed like any other. As printed,
+        equation 11 gives them `ground_penalty`, so that with 0 patches at the border of grass and road are drawn to
+        the other side alone.
 
     Raises
     ------
@@ -42,6 +46,7 @@ class RefinementParameters:
     colour_decay: float = 10.0
     ground_penalty: float = 0.0
     floor: float = 0.01
+    smooth_ground: bool = False
 
     def __post_init__(self) -> None:
         for name in ("smoothness", "colour_decay", "ground_penalty"):
@@ -104,7 +109,8 @@ def edge_weights(
     a, b = labels[edges[:, 0]], labels[edges[:, 1]]
     for u, v in ((a, b), (b, a)):
         for kept, exchanged in ((ground.grass, ground.road), (ground.road, ground.grass)):
-            weights[(kept >= 0) & (u == kept) & (v != exchanged)] = parameters.ground_penalty
+            other = (v != exchanged) & ~((v == kept) & parameters.smooth_ground)
+            weights[(kept >= 0) & (u == kept) & other] = parameters.ground_penalty
     return weights
 
 
@@ -233,7 +239,7 @@ def choose_parameters(
     decays = colour_decay if all(scene.rgb is not None for scene in scenes) else colour_decay[:1]
     tried: list[tuple[float, RefinementParameters]] = []
     for weight, decay in product(smoothness, decays):
-        parameters = RefinementParameters(weight, decay, rest.ground_penalty, rest.floor)
+        parameters = replace(rest, smoothness=weight, colour_decay=decay)
         total = np.zeros((scenes[0].probabilities.shape[1],) * 2, np.int64)
         for scene in scenes:
             found, _ = refine(scene.probabilities, scene.rgb, scene.edges, parameters=parameters, ground=ground)

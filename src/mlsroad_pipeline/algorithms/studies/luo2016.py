@@ -175,13 +175,13 @@ def times_table(facts: pd.DataFrame) -> pd.DataFrame:
     Parameters
     ----------
     facts : DataFrame
-        One row per repetition and method with `method`, `train_seconds` and `label_seconds`.
+        One row per training and method with `method`, `train_seconds` and `label_seconds`.
 
     Returns
     -------
     DataFrame
-        Columns `method`, `train_seconds`, `label_seconds` and `repetitions`.
+        Columns `method`, `train_seconds`, `label_seconds` (of one street) and `trainings`.
     """
     grouped = facts.groupby("method", sort=False)
     table = grouped[["train_seconds", "label_seconds"]].mean()
-    return table.assign(repetitions=grouped.size()).reset_index()
+    return table.assign(trainings=grouped.size()).reset_index()

@@ -27,8 +27,10 @@ class StudyScale:
         ``preset`` and changes of `SimulationParameters`, without the seed. Longer streets take more time and narrow
         the spread between seeds.
     repetitions : sequence of mapping
-        ``test``, the seed of a street that methods are scored on, and ``train``, the seeds of those that they learn
-        from, together more than K scenes of 10 m. No street is in both, nor in the training of another repetition's.
+        ``train``, the seeds of streets that every method learns from, together more than K scenes of 10 m; ``test``,
+        the seeds of streets that it is scored on, one repetition each. No street is in the training and in the test of
+        any. Other training streets for each test street make the spread one of training too, and cost as many
+        trainings.
     patch_sizes : sequence of float
         Patch sizes L of Figures 7 and 8, metres.
     search_radii : sequence of float
@@ -49,9 +51,13 @@ class StudyScale:
     methods: Mapping[str, Mapping[str, Any]]
 
     def __post_init__(self) -> None:
-        if not self.repetitions or not all(set(r) == {"train", "test"} and r["train"] for r in self.repetitions):
-            raise ParameterError("luo2016_study: each repetition must name its streets: {train: [seeds], test: seed}")
-        tests = [repetition["test"] for repetition in self.repetitions]
+        if not self.repetitions or not all(
+            set(r) == {"train", "test"} and r["train"] and r["test"] for r in self.repetitions
+        ):
+            raise ParameterError(
+                "luo2016_study: each repetition must name its streets: {train: [seeds], test: [seeds]}"
+            )
+        tests = [seed for repetition in self.repetitions for seed in repetition["test"]]
         both = sorted({seed for repetition in self.repetitions for seed in repetition["train"]} & set(tests))
         if both or len(set(tests)) < len(tests):
             raise ParameterError(f"luo2016_study: a test street is met once, got {tests} and in training {both}")
@@ -75,7 +81,7 @@ class StudyParameters:
     scheme : str
         The class scheme; its class ``other`` is learned and counted, but is in no mean.
     sensitivity : int
-        How many of the repetitions Figures 7 to 11 are made of.
+        How many test streets Figures 7 to 11 are made of: the first ones of the first repetition.
     tuning : mapping
         Slug to the settings that are tried on training streets, each a mapping of parameters. As many for every method
         keep the comparison level. Methods without settings here choose by a grid of their own.

@@ -86,7 +86,7 @@ class StudyPlan:
 
     def seeds(self) -> list[int]:
         """Return the seeds of all streets, ascending."""
-        found = {seed for r in self.scale.repetitions for seed in (*r["train"], r["test"])}
+        found = {seed for r in self.scale.repetitions for seed in (*r["train"], *r["test"])}
         return sorted(found)
 
     def resized(self, patch_size: float) -> PatchParameters:
@@ -142,14 +142,15 @@ class StudyPlan:
         run : StudyRun
             The run.
         matrices : mapping of str to ndarray
-            Its confusion matrices.
+            Its confusion matrices, one per street.
 
         Returns
         -------
         float
             The mean F1, of shape-based recognition over five classes, of the others over seven.
         """
-        found = repetition_scores({"": {run.method: matrices[run.method]}}, classes=self.scheme.classes)
+        total = matrices[run.method].sum(axis=0)
+        found = repetition_scores({"": {run.method: total}}, classes=self.scheme.classes)
         wanted = "mean of five" if run.method == "shape_based" else "mean of seven"
         return float(found.set_index(["class", "metric"])["value"][wanted, "f1"])
 
@@ -170,24 +171,20 @@ class StudyPlan:
             self._run(number, method, parameters) for number in range(len(self.scale.repetitions)) for method in RUNS
         ]
 
-    def size_runs(self, parameters: Mapping[str, Any]) -> dict[float, list[StudyRun]]:
-        """Return the runs of Figures 7 and 8: patch size to one run per repetition that takes part."""
-        repetitions = range(min(self.study.sensitivity, len(self.scale.repetitions)))
-        return {
-            size: [self._run(number, GRAPH, parameters, self.resized(size)) for number in repetitions]
-            for size in self.scale.patch_sizes
-        }
+    def size_runs(self, parameters: Mapping[str, Any]) -> dict[float, StudyRun]:
+        """Return the runs of Figures 7 and 8, by patch size."""
+        tests = self.study.sensitivity
+        sizes = self.scale.patch_sizes if tests else ()
+        return {size: self._run(0, GRAPH, parameters, self.resized(size), tests=tests) for size in sizes}
 
-    def radius_runs(self, parameters: Mapping[str, Any]) -> dict[float, list[StudyRun]]:
-        """Return the runs of Figures 9 to 11: local search radius to one run per repetition that takes part."""
-        repetitions = range(min(self.study.sensitivity, len(self.scale.repetitions)))
+    def radius_runs(self, parameters: Mapping[str, Any]) -> dict[float, StudyRun]:
+        """Return the runs of Figures 9 to 11, by local search radius."""
+        tests = self.study.sensitivity
+        radii = self.scale.search_radii if tests else ()
+        searches = {radius: changed(parameters[GRAPH], {"search": {"search_radius": radius}}) for radius in radii}
         return {
-            radius: [
-                self._run(number, GRAPH, {**parameters, GRAPH: changed(parameters[GRAPH], search)})
-                for number in repetitions
-            ]
-            for radius in self.scale.search_radii
-            for search in [{"search": {"search_radius": radius}}]
+            radius: self._run(0, GRAPH, {**parameters, GRAPH: search}, tests=tests)
+            for radius, search in searches.items()
         }
 
     def all_runs(self, parameters: Mapping[str, Any]) -> dict[str, StudyRun]:
@@ -203,23 +200,30 @@ class StudyPlan:
         dict of str to StudyRun
             The runs.
         """
-        groups = [
-            self.comparison_runs(parameters),
+        runs = [
+            *self.comparison_runs(parameters),
             *self.size_runs(parameters).values(),
             *self.radius_runs(parameters).values(),
         ]
-        return {run.key: run for group in groups for run in group}
+        return {run.key: run for run in runs}
 
     def _run(
-        self, number: int, method: str, parameters: Mapping[str, Any], sizes: PatchParameters | None = None
+        self,
+        number: int,
+        method: str,
+        parameters: Mapping[str, Any],
+        sizes: PatchParameters | None = None,
+        *,
+        tests: int | None = None,
     ) -> StudyRun:
         repetition, used = self.scale.repetitions[number], sizes or self.sizes
+        streets = tuple(repetition["test"])[:tests]
         own = [method, REFINED] if method == GRAPH else [method]
-        key = f"test_{repetition['test']}.{method}.size_{used.patch_size:g}"
+        key = f"repetition_{number}.{method}.tests_{len(streets)}.size_{used.patch_size:g}"
         if method == GRAPH:
             key += f".radius_{parameters[GRAPH].search.search_radius:g}"
         mine = {slug: parameters[slug] for slug in own}
-        return StudyRun(key, method, tuple(repetition["train"]), (repetition["test"],), used, mine)
+        return StudyRun(key, method, tuple(repetition["train"]), streets, used, mine)
 
 
 def plan_study(

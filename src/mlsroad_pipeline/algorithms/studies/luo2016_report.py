@@ -127,9 +127,9 @@ def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figur
     facts = {
         "scale": plan.study.scale,
         "streets": ", ".join(f"{key} {value}" for key, value in scale.survey.items()),
-        **{f"repetition of test street {r['test']}": f"trained on {r['train']}" for r in scale.repetitions},
+        **{f"test streets {list(r['test'])}": f"trained on {list(r['train'])}" for r in scale.repetitions},
     }
-    swapped = "Ours ± standard deviation over repetitions (the paper's in brackets). "
+    swapped = "Ours ± standard deviation over test streets (the paper's in brackets). "
     swapped += "The paper prints precision and recall with swapped names; here both have their usual meaning."
     captions = ("F1 of the methods", "Patch size: figures 7 and 8", "Local search radius: figures 9 to 11")
     return [

@@ -84,8 +84,11 @@ def study_tables(plan: StudyPlan, tried: Results, results: Results) -> StudyTabl
     facts = []
     for run in plan.comparison_runs(parameters):
         result = results[run.key]
-        matrices.setdefault(f"test_{run.test[0]}", {}).update(result["matrices"])
-        facts.append(result["facts"])
+        for place, seed in enumerate(run.test):
+            found_here = {method: counts[place] for method, counts in result["matrices"].items()}
+            matrices.setdefault(f"test_{seed}", {}).update(found_here)
+        per_street = result["facts"]["label_seconds"] / len(run.test)
+        facts.append(result["facts"].assign(label_seconds=per_street))
     ordered = {r: {m: found[m] for m in METHODS} for r, found in matrices.items()}
     found = repetition_scores(ordered, classes=classes, given=GIVEN)
     times = times_table(pd.concat(facts, ignore_index=True)).set_index("method").reindex(list(METHODS)).reset_index()
@@ -105,17 +108,13 @@ def study_tables(plan: StudyPlan, tried: Results, results: Results) -> StudyTabl
     )
 
 
-def _sensitivity(runs: Mapping[float, Sequence[StudyRun]], results: Results, classes: Sequence[str]) -> pd.DataFrame:
+def _sensitivity(runs: Mapping[float, StudyRun], results: Results, classes: Sequence[str]) -> pd.DataFrame:
+    found = {value: results[run.key] for value, run in runs.items()}
     matrices = {
-        value: {run.key: {REFINED: results[run.key]["matrices"][REFINED]} for run in group}
-        for value, group in runs.items()
-        if group
+        value: {str(place): {REFINED: counts} for place, counts in enumerate(result["matrices"][REFINED])}
+        for value, result in found.items()
     }
-    facts = {
-        value: pd.concat([results[run.key]["facts"].query("method == @REFINED") for run in group])
-        for value, group in runs.items()
-        if group
-    }
+    facts = {value: result["facts"].query("method == @REFINED") for value, result in found.items()}
     return sensitivity_table(matrices, facts, classes=classes)
 
 

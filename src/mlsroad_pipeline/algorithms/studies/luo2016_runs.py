@@ -33,6 +33,7 @@ from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_grou
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
 from mlsroad_pipeline.algorithms.simulation.survey import simulate_survey
 from mlsroad_pipeline.algorithms.studies.luo2016_parameters import GRAPH, REFINED
+from mlsroad_pipeline.algorithms.trajectory import Trajectory
 
 Street = Mapping[str, Any]
 """``points``, a cloud with ground and heights; ``patches`` and ``labels``, what `cut_patches` made of it."""
@@ -41,7 +42,9 @@ Value = TypeVar("Value")
 
 
 def make_street(*, simulation: SimulationParameters, ground: GroundParameters) -> PointCloud:
-    """Simulate a survey and find its ground.
+    """Simulate a survey, find its ground and leave out what lies before its start and behind its end.
+
+    Rays reach far beyond both ends, where no scene of the paper has points.
 
     Parameters
     ----------
@@ -55,10 +58,14 @@ def make_street(*, simulation: SimulationParameters, ground: GroundParameters) -
     PointCloud
         Points with the columns `rgb`, `label`, `ground` and `height`.
     """
-    cloud = simulate_survey(simulation, n_threads=1).cloud
+    survey = simulate_survey(simulation, n_threads=1)
+    cloud = survey.cloud
     found = find_ground(cloud, ground)
     kept = {name: cloud[name] for name in ("rgb", "label")}
-    return PointCloud(cloud.xyz, {**kept, **found}, cloud.origin, cloud.crs, f"street of seed {simulation.seed}")
+    whole = PointCloud(cloud.xyz, {**kept, **found}, cloud.origin, cloud.crs, f"street of seed {simulation.seed}")
+    path = Trajectory.from_positions(survey.trajectory[["x", "y", "z"]], survey.trajectory["gps_time"])
+    station, _ = path.locate(cloud.xyz, origin=cloud.origin)
+    return whole.select(np.flatnonzero((station >= 0) & (station <= path.length)))
 
 
 def cut_patches(points: PointCloud, *, sizes: PatchParameters, scheme: ClassScheme) -> dict[str, dict[str, NDArray]]:
@@ -94,22 +101,21 @@ class _Tally:
 
     def __init__(self, scheme: ClassScheme) -> None:
         self.scheme = scheme
-        self.matrices: dict[str, NDArray[np.int64]] = {}
+        self.matrices: dict[str, list[NDArray[np.int64]]] = {}
         self.facts: dict[str, dict[str, Any]] = {}
 
     def add(self, method: str, *, train_seconds: float, **facts: Any) -> None:
-        n = len(self.scheme)
-        self.matrices[method] = np.zeros((n, n + 1), np.int64)
+        self.matrices[method] = []
         self.facts[method] = {"train_seconds": train_seconds, "label_seconds": 0.0, **facts}
 
     def count(self, method: str, points: PointCloud, labels: NDArray[np.integer], seconds: float) -> None:
         truth = self.scheme.encode(points["label"], source=points.source)
-        self.matrices[method] += confusion_matrix(truth, labels, len(self.scheme))
+        self.matrices[method].append(confusion_matrix(truth, labels, len(self.scheme)))
         self.facts[method]["label_seconds"] += seconds
 
     def result(self) -> dict[str, Any]:
         frame = pd.DataFrame([{"method": name, **facts} for name, facts in self.facts.items()])
-        return {"matrices": self.matrices, "facts": frame}
+        return {"matrices": {name: np.array(found) for name, found in self.matrices.items()}, "facts": frame}
 
 
 def train_and_score(
@@ -139,8 +145,9 @@ def train_and_score(
     Returns
     -------
     dict
-        ``matrices``: method to confusion matrix int64 (C, C + 1). ``facts``: a table of one row per method with
-        `train_seconds` and `label_seconds` of processor time, and what the method tells of its training.
+        ``matrices``: method to confusion matrices of the test streets in their order, int64 (t, C, C + 1). ``facts``: a
+        table of one row per method with `train_seconds` and `label_seconds` of processor time, the latter of all test
+        streets, and what the method tells of its training.
     """
     tally = _Tally(scheme)
     if method == shape_based.SLUG:
