@@ -33,6 +33,9 @@ TINY: dict[str, Any] = {
     "detrended_forest": {"n_trees": 10},
     "patch_svm": {"costs": [10.0], "gammas": [0.1], "cv_per_class": 30, "max_per_class": 60},
     "visual_words": {"regions": {"voxel_size": 0.1, "seed_resolution": 0.3}, "detector": {"candidates": 20}},
+    "hough_forest": {"n_trees": 4},
+    "object_matching": {"candidates": 4, "n_turns": 4},
+    "bottom_up_top_down": {"candidates": 4, "max_images": 200},
     "detection": {"classes": ["light pole", "car"], "min_points": 10},
     "execution": {"backend": "sequential"},
 }

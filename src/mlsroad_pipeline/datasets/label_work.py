@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.baselines import bottom_up_top_down, hough_forest, object_matching
 from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.ingest import OutlierParameters, join_pieces
@@ -19,7 +20,7 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.survey_labelling import label_new_scene
 from mlsroad_pipeline.algorithms.tiling import SceneSpan
-from mlsroad_pipeline.algorithms.visual_words.labeller import detect_scene
+from mlsroad_pipeline.algorithms.visual_words import labeller as visual_words
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
 from mlsroad_pipeline.datasets.labelled_writer import write_labelled
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
@@ -27,6 +28,13 @@ from mlsroad_pipeline.datasets.scene_task import StoredResult
 
 SCENES_IN_MEMORY = 8
 """Scenes whose labels a writer keeps at a time; a file in the order of its recording needs two or three."""
+
+_DETECT = {
+    visual_words.SLUG: visual_words.detect_scene,
+    hough_forest.SLUG: hough_forest.detect_scene,
+    object_matching.SLUG: object_matching.detect_scene,
+    bottom_up_top_down.SLUG: bottom_up_top_down.detect_scene,
+}
 
 
 def label_prepared_scene(
@@ -85,22 +93,23 @@ def label_prepared_patches(
     return label_patch_scene(scene, patches, open_model(model), classifier)
 
 
-def detect_described_objects(groups: Mapping[str, NDArray], model: str) -> dict[str, NDArray]:
+def detect_described_objects(parts: Mapping[str, NDArray], model: str) -> dict[str, NDArray]:
     """Detect the objects of a scene of a comparison with a stored model.
 
     Parameters
     ----------
-    groups : mapping
-        What `describe_objects` gave.
+    parts : mapping
+        The objects as the model's method describes them.
     model : str
         The model's folder.
 
     Returns
     -------
     dict of str to ndarray
-        ``label`` int16 and ``score`` float32 of each object.
+        ``label`` int16 and ``score`` float32 of each object, and ``scores`` of every class.
     """
-    return detect_scene(groups, open_model(model))
+    bundle = open_model(model)
+    return _DETECT[bundle.slug](parts, bundle)
 
 
 def label_pieces(

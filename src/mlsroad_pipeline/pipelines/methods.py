@@ -4,6 +4,6 @@ LABELLERS = ("detrended_forest", "patch_svm", "patch_forest")
 """Slugs of the methods that label points; each has a pipeline of its name that writes ``<slug>.model`` and
 ``<slug>.labels``."""
 
-DETECTORS = ("visual_words",)
+DETECTORS = ("visual_words", "hough_forest", "object_matching", "bottom_up_top_down")
 """Slugs of the methods that detect objects; each has a pipeline of its name that writes ``<slug>.model`` and
 ``<slug>.detections``."""

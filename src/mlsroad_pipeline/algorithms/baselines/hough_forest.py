@@ -14,18 +14,22 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines._hough_trees import grow_tree, vote
 from mlsroad_pipeline.algorithms.baselines.object_parts import describe_parts, descriptors_of, heights_of
-from mlsroad_pipeline.algorithms.detection import best_threshold
+from mlsroad_pipeline.algorithms.cell_grid import run_in_chunks
+from mlsroad_pipeline.algorithms.classes import ClassScheme
+from mlsroad_pipeline.algorithms.detection import DetectionParameters, best_threshold
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.object_detectors import (
     WITH_INTENSITY,
     Description,
+    DetectionStages,
     choose_variant,
     detections_of,
     label_detected_objects,
     object_bounds,
     sample_objects,
     select_objects,
+    train_object_detector,
     variant_arrays,
 )
 from mlsroad_pipeline.algorithms.object_regions import RegionParameters
@@ -68,7 +72,7 @@ class HoughForestParameters:
         Peaks are divided by the number of voting parts to one of these powers, the one that is best on the training
         objects: 0 counts votes, 1 takes their share.
     max_per_class, max_others : int, default 400, 1200
-        The most training objects of a class, and of all others.
+        The most training objects of a class, and of all others, that trees are grown on.
     max_parts : int, default 60
         The most parts of an object that are learned from.
     seed : int, default 2016
@@ -132,7 +136,9 @@ class HoughForest:
     thresholds: NDArray[np.float64]
     intensity: bool
 
-    def peaks(self, parts: Description, unseen: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
+    def peaks(
+        self, parts: Description, unseen: NDArray[np.bool_] | None = None, *, n_threads: int = 1
+    ) -> NDArray[np.float64]:
         """Return the highest peak of each object's votes for each class.
 
         Parameters
@@ -141,6 +147,8 @@ class HoughForest:
             What `describe_parts` gave.
         unseen : ndarray of bool, shape (t, n), optional
             Trees that vote for each object; all by default.
+        n_threads : int, default 1
+            Threads; the result does not depend on it.
 
         Returns
         -------
@@ -155,7 +163,11 @@ class HoughForest:
         cell, height_cell = self.arrays["cells"]
         forest = [self.arrays[name] for name in _FOREST]
         centres = np.ascontiguousarray(parts["centres"], dtype=np.float64)
-        vote(features, centres, bounds, asked, *forest, float(cell), float(height_cell), out, 0, len(out))
+
+        def work(start: int, stop: int) -> None:
+            vote(features, centres, bounds, asked, *forest, float(cell), float(height_cell), out, start, stop)
+
+        run_in_chunks(work, len(out), n_threads=n_threads)
         return out
 
     def score(self, parts: Description) -> NDArray[np.float32]:
@@ -249,7 +261,13 @@ def offsets_to_centre(parts: Description) -> NDArray[np.float64]:
 
 
 def fit_hough_forest(
-    parts: Description, labels: NDArray[np.int16], intensity: bool, *, parameters: HoughForestParameters, n_classes: int
+    parts: Description,
+    labels: NDArray[np.int16],
+    intensity: bool,
+    *,
+    parameters: HoughForestParameters,
+    n_classes: int,
+    n_threads: int = 1,
 ) -> tuple[HoughForest, dict[str, Any]]:
     """Grow a forest, and choose exponents and thresholds by the votes of trees that have not seen the object.
 
@@ -265,6 +283,8 @@ def fit_hough_forest(
         Parameters.
     n_classes : int
         Wanted classes.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
 
     Returns
     -------
@@ -290,8 +310,11 @@ def fit_hough_forest(
         rows = _rows_of(sample, seen[t], place, p.max_parts)
         trees.append(_tree(columns, rows, n_classes, p, rng))
     forest = HoughForest(_joined(trees, p), np.zeros(n_classes), np.zeros(n_classes), intensity)
-    peaks = forest.peaks(sample, ~seen)
-    return _with_thresholds(forest, peaks, np.maximum(np.diff(object_bounds(sample)), 1), kinds, p)
+    # Thresholds are chosen on all objects, drawn or not: among the drawn ones others are rarer than in a street.
+    unseen = np.ones((p.n_trees, len(labels)), dtype=np.bool_)
+    unseen[:, drawn] = ~seen
+    peaks = forest.peaks(parts, unseen, n_threads=n_threads)
+    return _with_thresholds(forest, peaks, np.maximum(np.diff(object_bounds(parts)), 1), labels, p)
 
 
 def _rows_of(sample: Description, seen: NDArray[np.bool_], place: NDArray[np.int64], most: int) -> NDArray[np.int64]:
@@ -345,17 +368,70 @@ def _joined(trees: list[dict[str, NDArray]], p: HoughForestParameters) -> dict[s
 
 
 def _with_thresholds(
-    forest: HoughForest, peaks: NDArray, n_parts: NDArray, kinds: NDArray, p: HoughForestParameters
+    forest: HoughForest, peaks: NDArray, n_parts: NDArray, labels: NDArray, p: HoughForestParameters
 ) -> tuple[HoughForest, dict[str, Any]]:
     exponents, thresholds, reached = [], [], []
     for k in range(len(forest.thresholds)):
-        trials = [(*best_threshold((peaks[:, k] / n_parts**e).astype(np.float32), kinds == k), e) for e in p.exponents]
+        trials = [(*best_threshold((peaks[:, k] / n_parts**e).astype(np.float32), labels == k), e) for e in p.exponents]
         f_score, threshold, exponent = trials[int(np.argmax([trial[0] for trial in trials]))]
         reached.append(f_score)
         thresholds.append(threshold)
         exponents.append(exponent)
     done = HoughForest(forest.arrays, np.array(exponents), np.array(thresholds), forest.intensity)
     return done, {"leaves": len(forest.arrays["shares"]), "f_scores": reached, "exponents": exponents}
+
+
+def train_hough_forest(
+    parts: Mapping[str, Description],
+    labels: Mapping[str, Mapping[str, NDArray]],
+    *,
+    parameters: HoughForestParameters,
+    stages: DetectionStages,
+    detection: DetectionParameters,
+    scheme: ClassScheme,
+    trained_on: Mapping[str, Any],
+    n_threads: int = 1,
+) -> ModelBundle:
+    """Train a model on the objects that the training scenes own.
+
+    Parameters
+    ----------
+    parts : mapping of str to mapping
+        What `describe_parts` gave for each training scene.
+    labels : mapping of str to mapping
+        What `object_classes` gave for each of them.
+    parameters : HoughForestParameters
+        Parameters of the method.
+    stages : DetectionStages
+        How the scenes were prepared.
+    detection : DetectionParameters
+        The wanted classes.
+    scheme : ClassScheme
+        The classes.
+    trained_on : mapping
+        What the metadata say of the training data; JSON values.
+    n_threads : int, default 1
+        Threads; the model does not depend on it.
+
+    Returns
+    -------
+    ModelBundle
+        The model.
+
+    Raises
+    ------
+    DataError
+        If there are no training scenes, or a wanted class has no object.
+    """
+    n = len(detection.classes)
+
+    def fit(joined: Description, truth: NDArray[np.int16], intensity: bool) -> tuple[HoughForest, dict[str, Any]]:
+        return fit_hough_forest(joined, truth, intensity, parameters=parameters, n_classes=n, n_threads=n_threads)
+
+    return train_object_detector(
+        parts, labels, fit, slug=SLUG, entry_point=ENTRY_POINT, parameters=parameters,
+        uses_intensity=True, stages=stages, detection=detection, scheme=scheme, trained_on=trained_on,
+    )  # fmt: skip
 
 
 def detect_scene(parts: Description, bundle: ModelBundle) -> dict[str, NDArray]:
