@@ -68,7 +68,7 @@ def _best_split(
     n_classes: int,
     n_tests: int,
     rng: np.random.Generator,
-) -> tuple[int, float]:
+) -> tuple[int, np.float32]:
     """Return column and threshold of the best of some random splits, by class or by offset as chance decides; or -1."""
     best, best_feature, best_threshold = np.inf, -1, np.float32(0)
     by_class = rng.random() < 0.5

@@ -17,7 +17,7 @@ def spread_evenly(points: NDArray[np.float64], bounds: NDArray[np.int64], most: 
             chosen[first:last] = True
             continue
         away = np.full(last - first, np.inf)
-        at = np.argmin(points[first:last, 2])
+        at = int(np.argmin(points[first:last, 2]))
         for _ in range(most):
             chosen[first + at] = True
             x, y, z = points[first + at, 0], points[first + at, 1], points[first + at, 2]

@@ -54,7 +54,7 @@ class BottomUpTopDownParameters:
     ----------
     surfaces : OrientedPointParameters or mapping
         Oriented points and their spin images.
-    max_images : int, default 1200
+    max_images : int, default 500
         The most spin images of a class in the database, and three times as many of all others.
     reach : float, default 0.5
         Distance from which points of two aligned surfaces do not overlap, metres.
@@ -72,8 +72,8 @@ class BottomUpTopDownParameters:
         The most models of a class that hypotheses are aligned with.
     candidates : int, default 24
         Training objects of a class that may become models: drawn at random.
-    max_per_class, max_others : int, default 150, 400
-        The most training objects of a class, and of all others.
+    max_per_class, max_others : int, default 150, 600
+        The most training objects of a class, and of all others, that database and models are chosen on.
     seed : int, default 2016
         Seed of the samples.
 
@@ -84,7 +84,7 @@ class BottomUpTopDownParameters:
     """
 
     surfaces: OrientedPointParameters = field(default_factory=OrientedPointParameters)
-    max_images: int = 1200
+    max_images: int = 500
     reach: float = 0.5
     n_steps: int = 2
     n_azimuths: int = 36
@@ -94,7 +94,7 @@ class BottomUpTopDownParameters:
     max_models: int = 12
     candidates: int = 24
     max_per_class: int = 150
-    max_others: int = 400
+    max_others: int = 600
     seed: int = 2016
 
     def __post_init__(self) -> None:

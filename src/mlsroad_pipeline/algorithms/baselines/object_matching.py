@@ -76,7 +76,7 @@ class ObjectMatchingParameters:
         The most prototypes of a class.
     candidates : int, default 24
         Training objects of a class that may become prototypes: drawn at random.
-    max_per_class, max_others : int, default 150, 400
+    max_per_class, max_others : int, default 150, 1000
         The most training objects of a class, and of all others, that prototypes are chosen on.
     seed : int, default 2016
         Seed of the samples.
@@ -98,7 +98,7 @@ class ObjectMatchingParameters:
     max_prototypes: int = 12
     candidates: int = 24
     max_per_class: int = 150
-    max_others: int = 400
+    max_others: int = 1000
     seed: int = 2016
 
     def __post_init__(self) -> None:

@@ -33,7 +33,7 @@ class OrientedPointParameters:
         hidden.
     n_radial, n_axial : int, default 9, 17
         Size of the spin images: 153 bins.
-    max_points : int, default 64
+    max_points : int, default 40
         The most oriented points of an object, spread as far apart as they can be.
 
     Raises
@@ -47,7 +47,7 @@ class OrientedPointParameters:
     image_radius: float = 1.0
     n_radial: int = 9
     n_axial: int = 17
-    max_points: int = 64
+    max_points: int = 40
 
     def __post_init__(self) -> None:
         for name in ("voxel_size", "normal_radius", "image_radius"):
@@ -87,8 +87,8 @@ def describe_surfaces(
     rows = rows[np.argsort(owner[rows], kind="stable")]
     points, owner = check_xyz(scene.xyz[rows]).astype(np.float64), owner[rows].astype(np.int32)
     if len(rows) == 0:
-        empty = {"centres": np.zeros((0, 3)), "normals": np.zeros((0, 3), np.float32), "objects": owner}
-        return {**empty, "images": np.zeros((0, p.n_radial * p.n_axial), np.float32), **facts}
+        images, nothing = np.zeros((0, p.n_radial * p.n_axial), np.float32), np.zeros((0, 3))
+        return {"centres": nothing, "normals": nothing, "images": images, "objects": owner, **facts}
     shift = stand_apart(points, owner, cell=p.voxel_size, gap=2.0 * max(p.image_radius, p.normal_radius))
     grid = build_voxel_grid(points + shift, voxel_size=p.voxel_size, anchor=np.zeros(3))
     first = np.unique(grid.voxel_of_point, return_index=True)[1]
