@@ -45,15 +45,12 @@ class DetectionStages:
 
 
 class TrainedDetector(Protocol):
-    """A detector that scores each object for each wanted class.
+    """A detector that scores each object for each wanted class."""
 
-    Attributes
-    ----------
-    thresholds : ndarray of float64, shape (c,)
-        Score from which an object is detected.
-    """
-
-    thresholds: NDArray[np.float64]
+    @property
+    def thresholds(self) -> NDArray[np.float64]:
+        """Score of each class from which an object is detected, (c,)."""
+        ...
 
     def score(self, parts: Description) -> NDArray[np.float32]:
         """Return the score of each object for each class, (n, c); 0 is no likeness at all."""

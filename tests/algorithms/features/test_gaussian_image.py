@@ -23,6 +23,11 @@ def test_a_wall_has_two_opposite_directions():
     np.testing.assert_allclose(flipped[0], wanted[0], atol=1e-6)
 
 
+def test_a_roof_has_no_azimuth():
+    image = compute_gaussian_images([[0, 0, 1.0], [0, 0, -1.0], [0.03, 0, 0.9995]], [0, 3], n_azimuths=8, n_bands=4)
+    np.testing.assert_allclose(image[0, 3], 1 / 8, atol=1e-6)
+
+
 def test_cells_have_equal_areas(rng):
     normals = rng.normal(size=(200_000, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

@@ -157,10 +157,8 @@ class BottomUpTopDown:
         shares = class_shares(parts, self.images, self.image_kinds, owner, n_classes=len(self.thresholds))
         hypothesis = (shares >= self.least_shares) & (shares > 0)
         found = overlaps(parts, self.models, self.geometry, wanted=hypothesis[:, self.kinds])
-        out = np.zeros(shares.shape)
-        for k in range(out.shape[1]):
-            out[:, k] = found[:, self.kinds == k].max(axis=1, initial=0.0)
-        return (out * hypothesis * shares**self.exponents).astype(np.float32)
+        best = [found[:, self.kinds == k].max(axis=1, initial=0.0) for k in range(len(self.thresholds))]
+        return (np.column_stack(best) * hypothesis * shares**self.exponents).astype(np.float32)
 
     def to_arrays(self) -> dict[str, NDArray]:
         """Return what was learned as plain arrays."""

@@ -8,6 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 
+UPRIGHT = 0.05
+"""Horizontal length of a unit normal below which it has no azimuth: 3 degrees."""
+
 
 def compute_gaussian_images(
     normals: ArrayLike, indptr: ArrayLike, *, n_azimuths: int = 36, n_bands: int = 5
@@ -16,7 +19,8 @@ def compute_gaussian_images(
 
     The cells have equal areas: bands of equal height |nz|, cut by azimuth. Scanned surfaces tell no outside, so a
     normal and its opposite are one: it is counted half in its own azimuth and half in the opposite one. A count is
-    shared between the two cells whose middle azimuths it lies between.
+    shared between the two cells whose middle azimuths it lies between. That of an upright normal, whose azimuth is
+    noise, is spread over its band.
 
     Parameters
     ----------
@@ -105,6 +109,11 @@ def _count(normals: NDArray[np.float64], indptr: NDArray[np.int64], out: NDArray
             if not np.isfinite(x + y + z):
                 continue
             band = min(int(abs(z) * n_bands), n_bands - 1)
+            total += 1.0
+            if x * x + y * y < UPRIGHT * UPRIGHT:
+                for j in range(n):
+                    image[band, j] += 1.0 / n
+                continue
             place = np.arctan2(y, x) / (2.0 * np.pi) * n
             low = np.floor(place)
             share = place - low
@@ -113,7 +122,6 @@ def _count(normals: NDArray[np.float64], indptr: NDArray[np.int64], out: NDArray
                 at = (cell + half * (n // 2)) % n
                 image[band, at] += 0.5 * (1.0 - share)
                 image[band, (at + 1) % n] += 0.5 * share
-            total += 1.0
         if total > 0.0:
             for band in range(n_bands):
                 for j in range(n):
