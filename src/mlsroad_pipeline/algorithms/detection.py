@@ -107,7 +107,8 @@ def object_classes(
     -------
     dict of str to ndarray
         ``label`` int16 (number of objects,): place in `parameters.classes`, -1 for objects that match nothing wanted;
-        ``own`` bool: whether the scene's core owns the object.
+        ``own`` bool: whether the scene's core owns the object, and it may be learned from: what matches a reference
+        object of a wanted class with fewer than `parameters.min_points` is neither an example nor a counterexample.
 
     Raises
     ------
@@ -125,7 +126,12 @@ def object_classes(
     good = good[np.argsort(overlaps.iou[good], kind="stable")]  # the best overlap is written last
     found = classes[overlaps.instances[overlaps.instance[good]]]
     label[overlaps.segments[overlaps.segment[good]]] = np.where(found == IGNORE, IGNORE, place[found])
-    return {"label": label, "own": owned_by_core(scene, segments, n)}
+    own = owned_by_core(scene, segments, n)
+    small = np.zeros(n, dtype=np.bool_)
+    small[overlaps.segments[overlaps.segment[good]]] = (
+        overlaps.instance_sizes[overlaps.instance[good]] < parameters.min_points
+    )
+    return {"label": label, "own": own & ~(small & (label != IGNORE))}
 
 
 def count_detections_of_scene(

@@ -9,24 +9,27 @@ from mlsroad_pipeline.algorithms.baselines import bottom_up_top_down, hough_fore
 from mlsroad_pipeline.algorithms.baselines._hough_trees import N_DIRECTIONS, grow_tree
 from mlsroad_pipeline.algorithms.baselines._surface_kernels import nearest_images, spread_evenly
 from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import BottomUpTopDownParameters, overlaps
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down_training import train_bottom_up_top_down
 from mlsroad_pipeline.algorithms.baselines.hough_forest import (
     HoughForest,
     HoughForestParameters,
-    fit_hough_forest,
     offsets_to_centre,
 )
+from mlsroad_pipeline.algorithms.baselines.hough_forest_training import fit_hough_forest, train_hough_forest
 from mlsroad_pipeline.algorithms.baselines.object_matching import (
     ObjectMatchingParameters,
     affine_combinations,
     likeness,
 )
+from mlsroad_pipeline.algorithms.baselines.object_matching_training import train_object_matching
 from mlsroad_pipeline.algorithms.baselines.object_parts import describe_parts, relative_centres
 from mlsroad_pipeline.algorithms.baselines.oriented_points import OrientedPointParameters, describe_surfaces
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.detection import DetectionParameters
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.model_bundle import label_cloud
-from mlsroad_pipeline.algorithms.object_detectors import DetectionStages, object_bounds, select_objects
+from mlsroad_pipeline.algorithms.object_detector_training import select_objects
+from mlsroad_pipeline.algorithms.object_detectors import DetectionStages, object_bounds
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
@@ -45,9 +48,9 @@ MATCHING = ObjectMatchingParameters(candidates=4, n_turns=6)
 SURFACES = OrientedPointParameters(voxel_size=0.15, max_points=30)
 DESCRIPTORS = BottomUpTopDownParameters(surfaces=SURFACES, candidates=4, max_images=300)
 METHODS = {
-    "hough_forest": (hough_forest, hough_forest.train_hough_forest, FOREST),
-    "object_matching": (object_matching, object_matching.train_object_matching, MATCHING),
-    "bottom_up_top_down": (bottom_up_top_down, bottom_up_top_down.train_bottom_up_top_down, DESCRIPTORS),
+    "hough_forest": (hough_forest, train_hough_forest, FOREST),
+    "object_matching": (object_matching, train_object_matching, MATCHING),
+    "bottom_up_top_down": (bottom_up_top_down, train_bottom_up_top_down, DESCRIPTORS),
 }
 methods = pytest.mark.parametrize("slug", METHODS)
 

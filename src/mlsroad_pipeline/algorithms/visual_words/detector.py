@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.detection import detect_by_thresholds
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.object_detectors import choose_queries
+from mlsroad_pipeline.algorithms.object_detector_training import choose_queries
 from mlsroad_pipeline.algorithms.visual_words.bags import inverse_document_frequency, similarity, weigh_words
 
 

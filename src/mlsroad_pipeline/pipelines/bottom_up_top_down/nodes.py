@@ -8,7 +8,7 @@ from typing import Any
 from joblib import cpu_count
 
 from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import BottomUpTopDownParameters
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import train_bottom_up_top_down as train
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down_training import train_bottom_up_top_down as train
 from mlsroad_pipeline.algorithms.baselines.oriented_points import describe_surfaces
 from mlsroad_pipeline.algorithms.detection import DetectionParameters
 from mlsroad_pipeline.algorithms.evaluation import find_scheme

@@ -8,7 +8,7 @@ from typing import Any
 from joblib import cpu_count
 
 from mlsroad_pipeline.algorithms.baselines.hough_forest import HoughForestParameters
-from mlsroad_pipeline.algorithms.baselines.hough_forest import train_hough_forest as train
+from mlsroad_pipeline.algorithms.baselines.hough_forest_training import train_hough_forest as train
 from mlsroad_pipeline.algorithms.baselines.object_parts import describe_parts
 from mlsroad_pipeline.algorithms.detection import DetectionParameters
 from mlsroad_pipeline.algorithms.evaluation import find_scheme
