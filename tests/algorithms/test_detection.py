@@ -100,6 +100,14 @@ def test_small_references_are_not_looked_for(rng):
     assert counted["n_objects"].tolist() == [0, 1]
 
 
+def test_what_is_too_small_to_look_for_is_not_learned_from(rng):
+    scene, ground = street(rng)
+    objects = segment_scene(scene, ground, PARAMETERS)
+    strict = DetectionParameters(scheme="test", classes=("pole", "car"), min_points=500)
+    found = object_classes(scene, objects, scheme=SCHEME, parameters=strict)
+    assert found["label"].tolist() == [0, 1, -1, 0] and found["own"].tolist() == [False, True, True, False]
+
+
 def test_an_object_belongs_to_the_scene_that_holds_its_foot():
     xyz = np.array([[0, 0, 0.0], [1, 0, 5.0], [0, 0, 3.0], [1, 0, 2.0]])
     scene = PointCloud(xyz, {"core": np.array([True, False, True, False])})
