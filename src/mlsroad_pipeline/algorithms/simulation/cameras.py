@@ -196,7 +196,7 @@ def take_image(
     rgb = shade(surfaces, hits.normal, rays, hits.distance, lit, light, grain).reshape(height, width, 3)
     r, t = camera_pose(camera, pose_at(drive.reported, time))
     label = surfaces.label.reshape(height, width)
-    image = Image(name, camera, time + parameters.start_time, rgb, label, r, t, k, width, height)
+    image = Image(name, camera, time + drive.start, rgb, label, r, t, k, width, height)
     return image, (hits.distance * cosine).astype(np.float32).reshape(height, width)
 
 

@@ -73,32 +73,94 @@ def simulate_survey(parameters: SimulationParameters, *, n_threads: int = 1) -> 
     ParameterError
         If `n_threads` is not at least 1.
     """
-    stream = SurveyStream(parameters, n_threads=n_threads)
-    clouds: list[PointCloud] = []
-    images: list[Image] = []
-    truth: dict[int, tuple[int, int, NDArray[np.float64], bool]] = {}
+    pieces, images = SurveyPieces(parameters, n_threads=n_threads), []
+    clouds = []
+    for cloud, taken in pieces:
+        clouds.append(cloud)
+        images += taken
+    return Survey(
+        concatenate(clouds), pieces.trajectory, images, pieces.objects, pieces.origin, pieces.crs, pieces.street
+    )
+
+
+class SurveyPieces:
+    """A survey that is read once, piece by piece, coloured by its images; all its passes, one after the other.
+
+    Parameters
+    ----------
+    parameters : SimulationParameters
+        What is surveyed, and how; see `PRESETS`.
+    n_threads : int, default 1
+        Threads to use; nothing but the time depends on it.
+
+    Raises
+    ------
+    ParameterError
+        If `n_threads` is not at least 1.
+    """
+
+    def __init__(self, parameters: SimulationParameters, *, n_threads: int = 1) -> None:
+        self._parameters, self._stream = parameters, SurveyStream(parameters, n_threads=n_threads)
+        self.origin, self.crs, self.street = self._stream.origin, self._stream.crs, self._stream.street
+        self._truth: dict[int, tuple[int, NDArray[np.float64], bool]] = {}
+        self._present: set[int] = set()
+        self._trajectories: list[pd.DataFrame] = []
+
+    @property
+    def trajectory(self) -> pd.DataFrame:
+        """Reported trajectories of the passes read so far; see `Survey`."""
+        return pd.concat(self._trajectories, ignore_index=True)
+
+    @property
+    def objects(self) -> pd.DataFrame:
+        """The truth behind the instances read so far; see `Survey`."""
+        rows = [
+            (i, label, *(base + self.origin), moving)
+            for i, (label, base, moving) in self._truth.items()
+            if i in self._present
+        ]
+        return pd.DataFrame(rows, columns=["instance", "label", "x", "y", "z", "moving"])
+
+    def __iter__(self) -> Iterator[tuple[PointCloud, list[Image]]]:
+        """Yield points in the order of gps_time, float32 relative to the survey's origin, and new images."""
+        stream = self._stream
+        for number in range(self._parameters.passes):
+            stream = stream if number == 0 else stream.next_pass()
+            self._trajectories.append(stream.trajectory)
+            pieces = _coloured_pieces(stream, self._truth) if self._parameters.with_images else _bare(stream, self._truth)
+            for cloud, images in pieces:
+                self._present.update(np.unique(cloud["instance"]).tolist())
+                yield _as_float32(cloud), images
+
+
+def _bare(
+    stream: SurveyStream, truth: dict[int, tuple[int, NDArray[np.float64], bool]]
+) -> Iterator[tuple[PointCloud, list[Image]]]:
+    for number, scene, objects in stream.scenes():
+        truth.update(objects)
+        for cloud in stream.scan(number, scene):
+            yield cloud, []
+
+
+def _coloured_pieces(
+    stream: SurveyStream, truth: dict[int, tuple[int, NDArray[np.float64], bool]]
+) -> Iterator[tuple[PointCloud, list[Image]]]:
+    """Yield points once the images of the block after theirs are taken."""
     waiting: list[PointCloud] = []
     taken: list[tuple[list[Image], list[NDArray[np.float32]]]] = []
-    for number in range(stream.block_count()):
-        scene = stream.scene(number)
-        truth.update({row[0]: row for row in stream.objects()})
+    for number, scene, objects in stream.scenes():
+        truth.update(objects)
         scanned = list(stream.scan(number, scene))
-        if not parameters.with_images:
-            clouds += [_as_float32(cloud) for cloud in scanned]
-            continue
-        # Points of a block are coloured once the images of the next one are there too.
         taken = [*taken[-2:], stream.photograph(number, scene)]
-        images += taken[-1][0]
-        clouds += [_coloured(cloud, taken) for cloud in waiting]
+        images = taken[-1][0]
+        for cloud in waiting:
+            yield _coloured(cloud, taken), images
+            images = []
+        if images:
+            yield scanned[0].select(np.zeros(0, np.int64)).with_columns(rgb=np.zeros((0, 3), np.uint8)), images
         waiting = scanned
-    clouds += [_coloured(cloud, taken) for cloud in waiting]
-    cloud = concatenate(clouds)
-    objects = pd.DataFrame(
-        [(i, label, *(base + stream.origin), moving) for i, label, base, moving in truth.values()],
-        columns=["instance", "label", "x", "y", "z", "moving"],
-    )
-    objects = objects[objects["instance"].isin(np.unique(cloud["instance"]))].reset_index(drop=True)
-    return Survey(cloud, stream.trajectory, images, objects, stream.origin, stream.crs, stream.street)
+    for cloud in waiting:
+        yield _coloured(cloud, taken), []
 
 
 def survey_chunks(parameters: SimulationParameters, *, n_points: int, n_threads: int = 1) -> Iterator[PointCloud]:
@@ -155,7 +217,8 @@ def long_survey(parameters: SimulationParameters, *, n_points: int, n_threads: i
         If `n_threads` is below 1.
     """
     # As a rule 60 % of the pulses come back; a street longer than needed costs nothing.
-    length = 60.0 + n_points / (2 * parameters.pulse_rate * 0.3) * parameters.speed
+    pulses = sum(device.pulse_rate for device in parameters.devices)
+    length = 60.0 + n_points / (pulses * 0.3) * parameters.speed
     return SurveyStream(replace(parameters, with_images=False), length=length, n_threads=n_threads)
 
 
@@ -180,8 +243,7 @@ def stream_points(stream: SurveyStream, *, n_points: int) -> Iterator[PointCloud
         If the street ends before there are as many points.
     """
     left = n_points
-    for number in range(stream.block_count()):
-        scene = stream.scene(number)
+    for number, scene, _ in stream.scenes():
         for cloud in stream.scan(number, scene):
             shifted = cloud.moved_to(cloud.origin + scene.centre)
             piece = _as_float32(shifted if len(shifted) <= left else shifted.select(np.arange(left)))
@@ -202,4 +264,4 @@ def _coloured(cloud: PointCloud, taken: list[tuple[list[Image], list[NDArray[np.
     xyz = cloud.xyz.astype(np.float64)
     rgb, seen = colour_points(xyz, cloud["gps_time"], images, depths)
     rgb = spread_colours(xyz, cloud["scanner"], rgb, seen, _COLOUR_REACH)
-    return _as_float32(cloud.with_columns(rgb=rgb))
+    return cloud.with_columns(rgb=rgb)
