@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 import numpy as np
 import open3d as o3d
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.simulation.alignment import interpolate
-from mlsroad_pipeline.algorithms.simulation.ground import Ground, ground_height
 from mlsroad_pipeline.algorithms.simulation.meshes import GLASS, KIND, Mesh
+from mlsroad_pipeline.algorithms.simulation.moving import Motion, Mover, rays_toward, turned
 from mlsroad_pipeline.algorithms.simulation.standing import (
     Standing,
     build_standing,
@@ -24,51 +22,10 @@ from mlsroad_pipeline.algorithms.simulation.standing import (
 from mlsroad_pipeline.algorithms.simulation.street import Street
 from mlsroad_pipeline.algorithms.simulation.surfaces import Hits, Surfaces, resolve_hits, water_level
 
+__all__ = ["Motion", "Mover", "RayScene"]
+
 _PAST_GLASS = 0.003  # how far behind a pane a ray starts anew, metres
 _PANES = 4  # a ray through more panes than this is lost in reflections
-_KNOT = 0.01  # moving objects go straight for this long, seconds
-_FAR = 100.0  # moving objects farther away than this are not looked at, metres
-
-
-class Motion(NamedTuple):
-    """How something moves along the street.
-
-    Parameters
-    ----------
-    station, time : float
-        Where it is (m) at one moment (s).
-    speed : float
-        Speed along the alignment, m/s; negative against it.
-    offset : float
-        Distance to the left of the centre line, metres.
-    """
-
-    station: float
-    time: float
-    speed: float
-    offset: float
-
-
-@dataclass(frozen=True)
-class Mover:
-    """Something that moves while it is scanned.
-
-    Parameters
-    ----------
-    label : int
-        Taxonomy code of the whole.
-    instance : int
-        Its number.
-    mesh : Mesh
-        Faces in its own frame, front along +x, z = 0 on the ground.
-    motion : Motion
-        Where it is when.
-    """
-
-    label: int
-    instance: int
-    mesh: Mesh
-    motion: Motion
 
 
 class RayScene:
@@ -110,7 +67,8 @@ class RayScene:
         self._moving = [casting_structure(m.mesh.vertices, m.mesh.faces) for m in self.movers]
         counts = [0, *(len(part.instances) for part in self._standing), *(len(m) for m in moving)]
         self._first_face = np.cumsum(counts)
-        self._reach = [float(np.sqrt((m.mesh.vertices**2).sum(axis=1).max())) for m in self.movers]
+        self._motions = np.array([m.motion for m in self.movers], dtype=np.float64).reshape(-1, 4)
+        self._reaches = np.array([np.sqrt((m.mesh.vertices**2).sum(axis=1).max()) for m in self.movers])
 
     def cast(
         self, rays: NDArray[np.float32], times: NDArray[np.float64], *, passing: NDArray[np.float32] | None = None
@@ -166,10 +124,8 @@ class RayScene:
             index, moved = entering(rays, limit, part.box, self.centre - part.centre)
             if len(index):
                 blocked[index] |= part.structure.test_occlusions(_tensor(moved), nthreads=self.n_threads).numpy()
-        for k, mover in enumerate(self.movers):
-            index, local, _ = self._toward(k, mover, rays, times)
-            if len(index):
-                blocked[index] |= self._moving[k].test_occlusions(_tensor(local), nthreads=self.n_threads).numpy()
+        for k, index, local, _ in self._toward(rays, times):
+            blocked[index] |= self._moving[k].test_occlusions(_tensor(local), nthreads=self.n_threads).numpy()
         return blocked
 
     def resolve(self, hits: Hits, rays: NDArray[np.float32]) -> Surfaces:
@@ -195,20 +151,15 @@ class RayScene:
         )  # fmt: skip
 
     def _toward(
-        self, number: int, mover: Mover, rays: NDArray[np.float32], times: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
-        if len(rays) == 0:
-            return np.zeros(0, np.int64), np.zeros((0, 6), np.float32), np.zeros(0, np.float32)
-        first = int(np.floor(times.min() / _KNOT))
-        knots = _poses(
-            mover.motion, first, int(np.floor(times.max() / _KNOT)) - first + 2, self.centre,
-            self.street.alignment.table, self.street.ground,
-        )  # fmt: skip
-        # What stays farther away than this all the time is not looked at.
-        near = np.abs(knots[:, None, :2] - rays[:: max(len(rays) // 16, 1), :2]).max(axis=2).min()
-        if near > _FAR:
-            return np.zeros(0, np.int64), np.zeros((0, 6), np.float32), np.zeros(0, np.float32)
-        return _rays_toward(rays, times, knots, first, self._reach[number])
+        self, rays: NDArray[np.float32], times: NDArray[np.float64]
+    ) -> Iterator[tuple[int, NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]]:
+        """Yield number, rows, rays and headings of each moving object that rays come near."""
+        indptr, index, local, yaw = rays_toward(
+            rays, times, self._motions, self._reaches, self.centre, self.street.alignment.table, self.street.ground
+        )
+        for k, (low, high) in enumerate(pairwise(indptr)):
+            if high > low:
+                yield k, index[low:high], local[low:high], yaw[low:high]
 
     def _cast_once(self, rays: NDArray[np.float32], times: NDArray[np.float64]) -> Hits:
         n = len(rays)
@@ -220,15 +171,10 @@ class RayScene:
             answer = part.structure.cast_rays(_tensor(moved), nthreads=self.n_threads)
             t, ids, normals = (answer[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_normals"))
             keep_nearer(index, t, ids, normals, first, *hits)
-        for k, mover in enumerate(self.movers):
-            index, local, yaw = self._toward(k, mover, rays, times)
-            if len(index) == 0:
-                continue
+        for k, index, local, yaw in self._toward(rays, times):
             answer = self._moving[k].cast_rays(_tensor(local), nthreads=self.n_threads)
             t, ids, own = (answer[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_normals"))
-            c, s = np.cos(yaw), np.sin(yaw)
-            normals = np.stack([c * own[:, 0] - s * own[:, 1], s * own[:, 0] + c * own[:, 1], own[:, 2]], axis=1)
-            keep_nearer(index, t, ids, normals, self._first_face[len(self._standing) + k], *hits)
+            keep_nearer(index, t, ids, turned(own, yaw), self._first_face[len(self._standing) + k], *hits)
         return hits
 
 
@@ -274,49 +220,3 @@ def _replace(
         hits.distance[i] = travelled + again.distance[k]
         hits.face[i] = again.face[k]
         hits.normal[i] = again.normal[k]
-
-
-@njit(cache=True, nogil=True)
-def _poses(
-    motion: Motion, first: int, count: int, centre: NDArray[np.float64], table: NDArray[np.float64], ground: Ground
-) -> NDArray[np.float64]:
-    """Return x, y, z relative to the centre and heading of a moving object at `count` knots of time."""
-    knots = np.empty((count, 4))
-    for k in range(count):
-        s = motion.station + motion.speed * ((first + k) * _KNOT - motion.time)
-        x, y, heading = interpolate(table, ground.start, s)
-        knots[k, 0] = x - motion.offset * np.sin(heading) - centre[0]
-        knots[k, 1] = y + motion.offset * np.cos(heading) - centre[1]
-        knots[k, 2] = ground_height(s, motion.offset, ground) - centre[2]
-        knots[k, 3] = heading + (np.pi if motion.speed < 0 else 0.0)
-    return knots
-
-
-@njit(cache=True, nogil=True)
-def _rays_toward(
-    rays: NDArray[np.float32], times: NDArray[np.float64], knots: NDArray[np.float64], first: int, reach: float
-) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
-    """Return the rays that pass within `reach` of a moving object, in its own frame at their times."""
-    n = 0
-    index = np.empty(len(rays), dtype=np.int64)
-    local = np.empty((len(rays), 6), dtype=np.float32)
-    yaw = np.empty(len(rays), dtype=np.float32)
-    for i in range(len(rays)):
-        u = times[i] / _KNOT - first
-        k = min(int(u), len(knots) - 2)
-        f = u - k
-        px = rays[i, 0] - (knots[k, 0] + f * (knots[k + 1, 0] - knots[k, 0]))
-        py = rays[i, 1] - (knots[k, 1] + f * (knots[k + 1, 1] - knots[k, 1]))
-        pz = rays[i, 2] - (knots[k, 2] + f * (knots[k + 1, 2] - knots[k, 2]))
-        dx, dy, dz = rays[i, 3], rays[i, 4], rays[i, 5]
-        along = -(px * dx + py * dy + pz * dz)
-        squared = px * px + py * py + pz * pz
-        if squared - along * along > reach * reach or (along < 0 and squared > reach * reach):
-            continue
-        heading = knots[k, 3] + f * (knots[k + 1, 3] - knots[k, 3])
-        c, sn = np.cos(heading), np.sin(heading)
-        index[n], yaw[n] = i, heading
-        local[n, 0], local[n, 1], local[n, 2] = c * px + sn * py, c * py - sn * px, pz
-        local[n, 3], local[n, 4], local[n, 5] = c * dx + sn * dy, c * dy - sn * dx, dz
-        n += 1
-    return index[:n], local[:n], yaw[:n]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -32,7 +33,9 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 _BEHIND, _AHEAD = 1, 2  # blocks around the vehicle's own that rays can meet
-_PULSES = 131_072  # pulses of one scanner that are cast at once
+_PULSES = 262_144  # pulses of one scanner that are cast at once
+
+_SWITCH = 0.0002  # seconds that a thread may hold the interpreter while others wait
 
 PASS_INSTANCES = 10_000_000
 """Moving objects of a further pass are numbered this much higher, as they are others."""
@@ -215,8 +218,8 @@ class SurveyStream:
         """Return the points of all scanners in the order of time."""
         columns = parts[0]
         for part in parts[1:]:
-            from_second = _later(columns["gps_time"], part["gps_time"])
-            columns = {name: _woven(values, part[name], from_second) for name, values in columns.items()}
+            places = _places(columns["gps_time"], part["gps_time"])
+            columns = {name: _woven(values, part[name], *places) for name, values in columns.items()}
         xyz = columns.pop("xyz")
         return PointCloud(xyz, columns, self.origin, self.crs, "simulated survey")
 
@@ -273,10 +276,14 @@ def _workers(count: int) -> Iterator[ThreadPoolExecutor | None]:
         yield None
         return
     pool = ThreadPoolExecutor(count)
+    # Compiled code runs without the interpreter's lock and comes back for it often: it should not wait for 5 ms each time.
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(min(interval, _SWITCH))
     try:
         yield pool
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+        sys.setswitchinterval(interval)
 
 
 def _ahead(
@@ -296,21 +303,22 @@ def _ahead(
 
 
 @njit(cache=True, nogil=True)
-def _later(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which rows of two merged rising sequences come from the second; at ties the first leads."""
-    out = np.empty(len(first) + len(second), np.bool_)
+def _places(first: NDArray[np.float64], second: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return where the rows of two rising sequences go when they are merged; at ties the first leads."""
+    of_first, of_second = np.empty(len(first), np.int64), np.empty(len(second), np.int64)
     i = j = 0
-    for k in range(len(out)):
-        out[k] = i == len(first) or (j < len(second) and second[j] < first[i])
-        if out[k]:
+    for k in range(len(first) + len(second)):
+        if i == len(first) or (j < len(second) and second[j] < first[i]):
+            of_second[j] = k
             j += 1
         else:
+            of_first[i] = k
             i += 1
-    return out
+    return of_first, of_second
 
 
-def _woven(first: NDArray, second: NDArray, from_second: NDArray[np.bool_]) -> NDArray:
-    out = np.empty((len(from_second), *first.shape[1:]), dtype=first.dtype)
-    out[from_second] = second
-    out[~from_second] = first
+def _woven(first: NDArray, second: NDArray, of_first: NDArray[np.int64], of_second: NDArray[np.int64]) -> NDArray:
+    out = np.empty((len(first) + len(second), *first.shape[1:]), dtype=first.dtype)
+    out[of_first] = first
+    out[of_second] = second
     return out

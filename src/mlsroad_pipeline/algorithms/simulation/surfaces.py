@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation.alignment import locate_one
 from mlsroad_pipeline.algorithms.simulation.ground import GRASS, MANHOLE, SOIL, Ground, ground_label, surface_tone
-from mlsroad_pipeline.algorithms.simulation.materials import texture_tone, value_noise
+from mlsroad_pipeline.algorithms.simulation.materials import lattice_value, texture_tone
 from mlsroad_pipeline.algorithms.simulation.meshes import GROUND, KIND, LABEL, RED
 
 WET = 8
@@ -81,14 +81,26 @@ def _is_wet(label: int, x: float, y: float, water: float) -> bool:
     """Tell whether a film of water lies on the ground at a place: puddles of some metres on what is paved."""
     if label in (GRASS, SOIL):
         return False
-    level = 0.65 * value_noise(x * 0.35, y * 0.35, 11.0) + 0.35 * value_noise(x * 1.3, y * 1.3, 17.0)
-    return level < water
+    coarse = 0.65 * _plane_noise(x * 0.35, y * 0.35)
+    return coarse < water and coarse + 0.35 * _plane_noise(x * 1.3, y * 1.3) < water
 
 
 @njit(cache=True, nogil=True)
-def _ground_relief(label: int, s: float, left: float, ground: Ground) -> float:
+def _plane_noise(x: float, y: float) -> float:
+    """Return smooth noise in [0, 1) with unit lattice spacing."""
+    fx, fy = np.floor(x), np.floor(y)
+    ix, iy = int(fx), int(fy)
+    u, v = x - fx, y - fy
+    u, v = u * u * (3 - 2 * u), v * v * (3 - 2 * v)
+    low = (1 - u) * lattice_value(ix, iy, 5) + u * lattice_value(ix + 1, iy, 5)
+    high = (1 - u) * lattice_value(ix, iy + 1, 5) + u * lattice_value(ix + 1, iy + 1, 5)
+    return (1 - v) * low + v * high
+
+
+@njit(cache=True, nogil=True)
+def _ground_relief(label: int, tone: float) -> float:
     """Return the height of blades and clods above the ground's mesh, and the few millimetres of a road's texture."""
-    from_noise = surface_tone(label, s, left) - 1.0
+    from_noise = tone - 1.0
     if label == GRASS:
         return 0.05 + 0.05 * from_noise
     if label == SOIL:
@@ -123,7 +135,7 @@ def resolve_hits(
             code = ground_label(s, left, ground)
             label[i] = code
             tone = surface_tone(code, s, left)
-            relief[i] = _ground_relief(code, s, left, ground)
+            relief[i] = _ground_relief(code, tone)
             for c in range(3):
                 rgb[i, c] = min(ground_rgb[code, c] * tone, 1.0)
             reflectivity[i] = min(ground_reflectivity[code] * (0.5 + 0.5 * tone), 0.98)
