@@ -3,12 +3,15 @@ from references_simulator import nearest_image_colour
 
 from mlsroad_pipeline.algorithms.simulation.cameras import CAMERAS, calibration, camera_pose
 from mlsroad_pipeline.algorithms.simulation.colouring import colour_points, spread_colours
+from mlsroad_pipeline.algorithms.simulation.lenses import distort
 
 
 def project(xyz, image):
     seen = xyz @ image.R.T + image.t
-    uvw = seen @ image.K.T
-    return uvw[:, :2] / uvw[:, 2:], seen[:, 2]
+    plane = np.full((len(xyz), 2), 9.0)
+    near = np.abs(seen[:, :2]).max(axis=1) < 1.3 * seen[:, 2]
+    plane[near] = distort(seen[near, :2] / seen[near, 2:], image.distortion)
+    return plane * [image.K[0, 0], image.K[1, 1]] + image.K[:2, 2], seen[:, 2]
 
 
 def test_poses_look_where_the_cameras_are_mounted(parameters):

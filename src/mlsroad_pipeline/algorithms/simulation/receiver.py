@@ -180,9 +180,7 @@ def _may_mix(distance: NDArray[np.float32], max_range: float, beams: int) -> NDA
 
 
 @njit(cache=True, nogil=True)
-def _differ(
-    edge: NDArray[np.int64], hits: Hits, aside: Hits, attributes: NDArray[np.float32]
-) -> NDArray[np.bool_]:
+def _differ(edge: NDArray[np.int64], hits: Hits, aside: Hits, attributes: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Tell where the second ray shows that the beam meets more than one surface, or leaves."""
     out = np.zeros(len(edge), np.bool_)
     for k in range(len(edge)):

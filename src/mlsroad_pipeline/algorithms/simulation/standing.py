@@ -85,9 +85,7 @@ def _box(vertices: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
     if len(vertices) == 0:
         return np.array([c, s, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
     x, y, z = vertices.T
-    bounds = [
-        (axis.min() - _SLACK, axis.max() + _SLACK) for axis in (c * x + s * y, c * y - s * x, z)
-    ]
+    bounds = [(axis.min() - _SLACK, axis.max() + _SLACK) for axis in (c * x + s * y, c * y - s * x, z)]
     return np.array([c, s, *np.ravel(bounds)])
 
 

@@ -286,9 +286,7 @@ def _workers(count: int) -> Iterator[ThreadPoolExecutor | None]:
         sys.setswitchinterval(interval)
 
 
-def _ahead(
-    pool: ThreadPoolExecutor | None, function: Callable[[T], R], items: Iterable[T], ahead: int
-) -> Iterator[R]:
+def _ahead(pool: ThreadPoolExecutor | None, function: Callable[[T], R], items: Iterable[T], ahead: int) -> Iterator[R]:
     """Apply a function to items in order, with a few more in work than have been asked for."""
     if pool is None:
         yield from map(function, items)

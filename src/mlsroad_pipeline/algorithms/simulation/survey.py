@@ -127,7 +127,9 @@ class SurveyPieces:
         for number in range(self._parameters.passes):
             stream = stream if number == 0 else stream.next_pass()
             self._trajectories.append(stream.trajectory)
-            pieces = _coloured_pieces(stream, self._truth) if self._parameters.with_images else _bare(stream, self._truth)
+            pieces = (
+                _coloured_pieces(stream, self._truth) if self._parameters.with_images else _bare(stream, self._truth)
+            )
             for cloud, images in pieces:
                 self._present.update(np.unique(cloud["instance"]).tolist())
                 yield _as_float32(cloud), images
