@@ -260,7 +260,7 @@ def scanner_system(config: str | Mapping[str, Any]) -> ScannerSystem:
     given = dict(config)
     base = scanner_system(str(given.pop("like"))) if "like" in given else None
     devices = given.pop("devices", None)
-    own = {key: given.pop(key) for key in ("name", "platform", "body") if key in given}
+    own: dict[str, Any] = {key: given.pop(key) for key in ("name", "platform", "body") if key in given}
     _check_fields(given)
     if devices is not None:
         if given:

@@ -62,17 +62,17 @@ class Slots(NamedTuple):
     edge : ndarray of shape (n,), int64
         Row of the pulse's second ray among the extra rays, or -1.
     more : ndarray of shape (n,), int64
-        Row of the first of `count` further ones, or -1.
+        Row of the first of `n_more` further ones, or -1.
     ghost : ndarray of shape (n,), int64
         Row of the ray that a mirror sent on, or -1.
-    count : int
+    n_more : int
         See `more`.
     """
 
     edge: NDArray[np.int64]
     more: NDArray[np.int64]
     ghost: NDArray[np.int64]
-    count: int
+    n_more: int
 
 
 @njit(cache=True, nogil=True)
@@ -188,7 +188,7 @@ def _strongest(count: int, most: int, r: NDArray, a: NDArray, source: NDArray, s
 
 @njit(cache=True, nogil=True)
 def _glare(
-    i: int, time: NDArray[np.float64], r: NDArray[np.float32], a: NDArray[np.float32], kind: NDArray[np.uint8],
+    i: int, r: NDArray[np.float32], a: NDArray[np.float32], kind: NDArray[np.uint8],
     receiver: Receiver,
 ) -> tuple[float, float, int]:  # fmt: skip
     """Return range, amplitude and source of the strongest glare of pulses beside one on the same profile."""
@@ -210,65 +210,81 @@ def _glare(
 
 
 @njit(cache=True, nogil=True)
+def _gather(
+    i: int, central: tuple[NDArray, NDArray, NDArray], extra: tuple[NDArray, NDArray, NDArray], slots: Slots,
+    chance: float, r: NDArray[np.float64], a: NDArray[np.float64], source: NDArray[np.int64],
+    slant: NDArray[np.float64],
+) -> int:  # fmt: skip
+    """Write what the rays of one pulse's beam met, each with its share of the energy, and return how many did."""
+    n, count, aside = len(slots.edge), 0, 0.0
+    edge, more, ghost = slots.edge[i], slots.more[i], slots.ghost[i]
+    rays = slots.n_more if more >= 0 else 0
+    if edge >= 0:
+        aside = 0.2 + 0.35 * chance if rays == 0 else 0.65 / (1.0 + rays)
+    if np.isfinite(central[0][i]):
+        share = 1.0 - aside * (1 + rays)
+        r[0], a[0], slant[0], source[0] = central[0][i], central[1][i] + 10 * np.log10(share), central[2][i], i
+        count = 1
+    for k in range(rays + 2):
+        e, share = (ghost, 1.0) if k == rays + 1 else (edge if k == 0 else more + k - 1, aside)
+        if e < 0 or (edge < 0 and k <= rays) or not np.isfinite(extra[0][e]):
+            continue
+        r[count], a[count] = extra[0][e], extra[1][e] + 10 * np.log10(share)
+        slant[count], source[count] = extra[2][e], n + e
+        count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _detect(
+    i: int, count: int, chance: NDArray[np.float32], noise: NDArray[np.float32], receiver: Receiver,
+    r: NDArray[np.float64], a: NDArray[np.float64], source: NDArray[np.int64], slant: NDArray[np.float64],
+) -> int:  # fmt: skip
+    """Keep the echoes that are detected, in place and with their noise, and return how many they are."""
+    kept = 0
+    for k in range(count):
+        row = (i + 7919 * k) % len(chance)
+        # Detection fails softly around the threshold, and rarely anywhere.
+        needed = THRESHOLD_DB + 1.2 * noise[row, 1]
+        if not receiver.min_range < r[k] < receiver.max_range or a[k] < needed or chance[row] * 977.0 % 1.0 < 0.002:
+            continue
+        stretch = 0.25 * receiver.divergence * r[k] * slant[k] if receiver.range_noise > 0 else 0.0
+        distance = r[k] + deviation(receiver.range_noise, a[k], stretch) * noise[row, 0]
+        if receiver.range_step > 0:
+            distance = np.round(distance / receiver.range_step) * receiver.range_step
+        r[kept], a[kept], source[kept] = distance, a[k] + 0.4 * noise[row, 2], source[k]
+        kept += 1
+    return _strongest(kept, receiver.max_returns, r, a, source, slant)
+
+
+@njit(cache=True, nogil=True)
 def measure(
-    time: NDArray[np.float64], central: tuple[NDArray, NDArray, NDArray], kind: NDArray[np.uint8],
+    central: tuple[NDArray, NDArray, NDArray], kind: NDArray[np.uint8],
     extra: tuple[NDArray, NDArray, NDArray], slots: Slots, chance: NDArray[np.float32], noise: NDArray[np.float32],
     receiver: Receiver,
 ) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray, NDArray]:  # fmt: skip
     """Return pulse, range, intensity, source row (extra rays after the central ones), number and total of returns."""
-    n, m = len(time), 0
+    n, m = len(kind), 0
     room = n * receiver.max_returns
     pulse, distance = np.empty(room, np.int64), np.empty(room)
     intensity, origin = np.empty(room, np.float32), np.empty(room, np.int64)
     number, total = np.empty(room, np.uint8), np.empty(room, np.uint8)
     r, a, slant = np.empty(_MOST), np.empty(_MOST), np.empty(_MOST)
     source = np.empty(_MOST, np.int64)
-    (cr, ca, ct), (er, ea, et) = central, extra
     for i in range(n):
-        edge, more, ghost = slots.edge[i], slots.more[i], slots.ghost[i]
-        if edge < 0 and not np.isfinite(cr[i]) and receiver.blooming == 0.0:
+        if slots.edge[i] < 0 and receiver.blooming == 0.0 and not np.isfinite(central[0][i]):
             continue
-        rays = slots.count if more >= 0 else 0
-        aside = 0.0
-        if edge >= 0:
-            aside = 0.2 + 0.35 * chance[i] if rays == 0 else 0.65 / (1.0 + rays)
-        count = 0
-        if np.isfinite(cr[i]):
-            centre_share = 1.0 - aside * (1 + rays)
-            r[0], a[0], slant[0], source[0] = cr[i], ca[i] + 10 * np.log10(centre_share), ct[i], i
-            count = 1
-        for k in range(rays + 1 if edge >= 0 else 0):
-            e = edge if k == 0 else more + k - 1
-            if np.isfinite(er[e]):
-                r[count], a[count], slant[count], source[count] = er[e], ea[e] + 10 * np.log10(aside), et[e], n + e
-                count += 1
-        if ghost >= 0 and np.isfinite(er[ghost]):
-            r[count], a[count], slant[count], source[count] = er[ghost], ea[ghost], et[ghost], n + ghost
-            count += 1
+        count = _gather(i, central, extra, slots, chance[i], r, a, source, slant)
         if receiver.blooming > 0.0:
-            gr, ga, row = _glare(i, time, cr, ca, kind, receiver)
-            if row >= 0 and (count == 0 or abs(gr - r[0]) > receiver.pulse_length):
-                r[count], a[count], slant[count], source[count] = gr, ga, 0.0, row
+            distance_of_glare, glare, row = _glare(i, central[0], central[1], kind, receiver)
+            if row >= 0 and (count == 0 or abs(distance_of_glare - r[0]) > receiver.pulse_length):
+                r[count], a[count], slant[count], source[count] = distance_of_glare, glare, 0.0, row
                 count += 1
         count = _mix(count, receiver.pulse_length, r, a, source, slant)
-        detected = 0
+        count = _detect(i, count, chance, noise, receiver, r, a, source, slant)
         for k in range(count):
-            row = (i + 7919 * k) % n
-            # Detection fails softly around the threshold, and rarely anywhere.
-            needed = THRESHOLD_DB + 1.2 * noise[row, 1]
-            if not receiver.min_range < r[k] < receiver.max_range or a[k] < needed or chance[row] * 977.0 % 1.0 < 0.002:
-                continue
-            stretch = 0.25 * receiver.divergence * r[k] * slant[k]
-            spread = deviation(receiver.range_noise, a[k], stretch if receiver.range_noise > 0 else 0.0)
-            r[detected] = r[k] + spread * noise[row, 0]
-            a[detected], source[detected], slant[detected] = a[k], source[k], noise[row, 2]
-            detected += 1
-        detected = _strongest(detected, receiver.max_returns, r, a, source, slant)
-        for k in range(detected):
-            pulse[m], origin[m], number[m], total[m] = i, source[k], k + 1, detected
-            distance[m] = r[k]
-            if receiver.range_step > 0:
-                distance[m] = np.round(r[k] / receiver.range_step) * receiver.range_step
-            intensity[m] = intensity_of(a[k] + 0.4 * slant[k] - receiver.sensitivity, r[k], receiver.corrected)
+            pulse[m], distance[m], origin[m] = i, r[k], source[k]
+            intensity[m] = intensity_of(a[k] - receiver.sensitivity, r[k], receiver.corrected)
+            number[m], total[m] = k + 1, count
             m += 1
     return pulse[:m], distance[:m], intensity[:m], origin[:m], number[:m], total[:m]

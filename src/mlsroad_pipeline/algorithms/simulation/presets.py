@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import pyproj
 
@@ -13,9 +14,13 @@ from mlsroad_pipeline.algorithms.validation import check_positive
 OF_THE_SCANNER = ("profile_rate", "pulse_rate", "range_noise", "beam_divergence", "max_range")
 """Parameters that are None where the scanner's own values hold."""
 
-_DOMAINS = (
-    ("range_noise", 0, 100), ("trajectory_noise", 0, 100), ("boresight_error", 0, 10), ("pass_offset", 0, 100),
-    ("wetness", 0, 1.001), ("image_readout", 0, 1),
+_DOMAINS: tuple[tuple[str, float, float, str], ...] = (
+    ("length", 10, 5000, " m"), ("range_noise", 0, 100, ""), ("trajectory_noise", 0, 100, ""),
+    ("boresight_error", 0, 10, " degrees"), ("pass_offset", 0, 100, " m"), ("wetness", 0, 1, ""),
+    ("image_readout", 0, 1, " s"), ("beam_rays", 1, 9, ""), ("passes", 1, 8, ""),
+    ("image_width", 16, 8192, " pixels"), ("image_height", 16, 8192, " pixels"),
+    ("easting", -1e8, 1e8, " m"), ("northing", -1e8, 1e8, " m"), ("height", -500, 9000, " m"),
+    ("start_time", 0, 1e10, " s"),
 )  # fmt: skip
 
 
@@ -112,24 +117,14 @@ class SimulationParameters:
         for name in OF_THE_SCANNER:
             if name != "range_noise" and getattr(self, name) is not None:
                 check_positive(getattr(self, name), name)
-        if not 10 <= self.length <= 5000:
-            raise ParameterError(f"length must be between 10 and 5000 m, got {self.length!r}")
-        for name, low, high in _DOMAINS:
+        for name, low, high, unit in _DOMAINS:
             value = getattr(self, name)
-            if value is not None and not low <= value < high:
-                raise ParameterError(f"{name} must be between {low:g} and {high:g}, got {value!r}")
-        for name, most in (("beam_rays", 9), ("passes", 8)):
-            if getattr(self, name) not in range(1, most + 1):
-                raise ParameterError(f"{name} must be an integer between 1 and {most}, got {getattr(self, name)!r}")
-        for name in ("image_width", "image_height"):
-            if not 16 <= getattr(self, name) <= 8192:
-                raise ParameterError(f"{name} must be between 16 and 8192 pixels, got {getattr(self, name)!r}")
+            if value is not None and not low <= value <= high:
+                raise ParameterError(f"{name} must be between {low:g} and {high:g}{unit}, got {value!r}")
+        for name in ("beam_rays", "passes"):
+            if getattr(self, name) != int(getattr(self, name)):
+                raise ParameterError(f"{name} must be an integer, got {getattr(self, name)!r}")
         _ = self.devices  # checks that its fields agree
-        for name, low, high in (("easting", -1e8, 1e8), ("northing", -1e8, 1e8), ("height", -500, 9000)):
-            if not low <= getattr(self, name) <= high:
-                raise ParameterError(f"{name} must be between {low:g} and {high:g} m, got {getattr(self, name)!r}")
-        if not 0 <= self.start_time < 1e10:
-            raise ParameterError(f"start_time must be between 0 and 1e10 s, got {self.start_time!r}")
         self.crs_wkt()
 
     @property
@@ -164,7 +159,7 @@ class SimulationParameters:
 
 
 _DEMO = SimulationParameters()
-_OWN: dict[str, None] = dict.fromkeys(OF_THE_SCANNER)
+_OWN: dict[str, Any] = dict.fromkeys(OF_THE_SCANNER)
 
 PRESETS: dict[str, SimulationParameters] = {
     "tiny": replace(_DEMO, length=30.0, speed=14.0, profile_rate=50.0, pulse_rate=14_000.0, image_interval=15.0,

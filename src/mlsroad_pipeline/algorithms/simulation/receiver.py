@@ -103,7 +103,7 @@ def receive(
     of_extra = answers(extra, around, rays, device.sensitivity)
     _by_mirror(slots.ghost, of_centre, of_extra, hits, pulses.rays, around)
     pulse, distance, intensity, source, number, total = measure(
-        pulses.time, of_centre, central.kind, of_extra, slots, chance[:, 1], noise, receiver
+        of_centre, central.kind, of_extra, slots, chance[:, 1], noise, receiver
     )
     face, normal, surfaces = _chosen(source, hits, central, extra, around)
     return Returns(pulse, distance, intensity, face, normal, number, total), surfaces
@@ -144,14 +144,15 @@ def _extra_rays(
 ) -> tuple[Slots, NDArray[np.float32], Hits]:  # fmt: skip
     """Cast a second ray where a profile is not plane, more where that one met something else, and mirrored ones."""
     n, spot = len(pulses.time), device.divergence / 2
-    slots = Slots(*(np.full(n, -1, np.int64) for _ in range(3)), max(beam_rays - 2, 0))
+    edges, mores, ghosts = (np.full(n, -1, np.int64) for _ in range(3))
+    slots = Slots(edges, mores, ghosts, max(beam_rays - 2, 0))
     edge = _may_mix(hits.distance, device.max_range, len(device.elevations)) if beam_rays > 1 else _NONE
     rays = [_tilted(pulses.rays, edge, rng.random((len(edge), 2), dtype=np.float32), spot)]
     cast = [scene.cast(rays[0], pulses.time[edge], passing=chance[edge, 0])]
     slots.edge[edge] = np.arange(len(edge))
-    apart = edge[_differ(edge, hits, cast[0], scene.attributes)] if slots.count else _NONE
-    slots.more[apart] = len(edge) + slots.count * np.arange(len(apart))
-    again = np.repeat(apart, slots.count)
+    apart = edge[_differ(edge, hits, cast[0], scene.attributes)] if slots.n_more else _NONE
+    slots.more[apart] = len(edge) + slots.n_more * np.arange(len(apart))
+    again = np.repeat(apart, slots.n_more)
     rays.append(_tilted(pulses.rays, again, rng.random((len(again), 2), dtype=np.float32), spot))
     cast.append(scene.cast(rays[1], pulses.time[again], passing=chance[again, 0]))
     mirror, mirrored = _mirrored(pulses.rays, hits, central.kind)

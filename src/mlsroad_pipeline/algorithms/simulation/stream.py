@@ -276,7 +276,7 @@ def _workers(count: int) -> Iterator[ThreadPoolExecutor | None]:
         yield None
         return
     pool = ThreadPoolExecutor(count)
-    # Compiled code runs without the interpreter's lock and comes back for it often: it should not wait for 5 ms each time.
+    # Compiled code runs without the interpreter's lock and comes back for it often: waiting for 5 ms each time adds up.
     interval = sys.getswitchinterval()
     sys.setswitchinterval(min(interval, _SWITCH))
     try:

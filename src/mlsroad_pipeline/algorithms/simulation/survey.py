@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud, concatenate
-from mlsroad_pipeline.algorithms.simulation.cameras import Image
+from mlsroad_pipeline.algorithms.simulation.cameras import Image, pose_at
 from mlsroad_pipeline.algorithms.simulation.colouring import colour_points, spread_colours
+from mlsroad_pipeline.algorithms.simulation.devices import Device
+from mlsroad_pipeline.algorithms.simulation.drive import Drive
+from mlsroad_pipeline.algorithms.simulation.meshes import rotation_matrix
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
 from mlsroad_pipeline.algorithms.simulation.stream import SurveyStream
 from mlsroad_pipeline.algorithms.simulation.street import Street
@@ -76,7 +79,7 @@ def simulate_survey(parameters: SimulationParameters, *, n_threads: int = 1) -> 
     pieces, images = SurveyPieces(parameters, n_threads=n_threads), []
     clouds = []
     for cloud, taken in pieces:
-        clouds.append(cloud)
+        clouds.append(_as_float32(cloud))
         images += taken
     return Survey(
         concatenate(clouds), pieces.trajectory, images, pieces.objects, pieces.origin, pieces.crs, pieces.street
@@ -104,12 +107,12 @@ class SurveyPieces:
         self.origin, self.crs, self.street = self._stream.origin, self._stream.crs, self._stream.street
         self._truth: dict[int, tuple[int, NDArray[np.float64], bool]] = {}
         self._present: set[int] = set()
-        self._trajectories: list[pd.DataFrame] = []
+        self._drives: list[Drive] = []
 
     @property
     def trajectory(self) -> pd.DataFrame:
         """Reported trajectories of the passes read so far; see `Survey`."""
-        return pd.concat(self._trajectories, ignore_index=True)
+        return pd.concat([drive.table(self._parameters) for drive in self._drives], ignore_index=True)
 
     @property
     def objects(self) -> pd.DataFrame:
@@ -122,17 +125,87 @@ class SurveyPieces:
         return pd.DataFrame(rows, columns=["instance", "label", "x", "y", "z", "moving"])
 
     def __iter__(self) -> Iterator[tuple[PointCloud, list[Image]]]:
-        """Yield points in the order of gps_time, float32 relative to the survey's origin, and new images."""
+        """Yield points in the order of gps_time, float64 relative to the survey's origin, and new images."""
         stream = self._stream
         for number in range(self._parameters.passes):
             stream = stream if number == 0 else stream.next_pass()
-            self._trajectories.append(stream.trajectory)
-            pieces = (
-                _coloured_pieces(stream, self._truth) if self._parameters.with_images else _bare(stream, self._truth)
-            )
+            self._drives.append(stream.drive)
+            make = _coloured_pieces if self._parameters.with_images else _bare
+            pieces = make(stream, self._truth)
             for cloud, images in pieces:
                 self._present.update(np.unique(cloud["instance"]).tolist())
-                yield _as_float32(cloud), images
+                yield cloud, images
+
+    def pass_of(self, gps_time: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return which pass times belong to, and the seconds since its start.
+
+        Parameters
+        ----------
+        gps_time : ndarray of shape (n,), float64
+            GPS seconds within the passes read so far.
+
+        Returns
+        -------
+        number : ndarray of shape (n,), int64
+            Number of the pass.
+        time : ndarray of shape (n,), float64
+            Seconds since its start.
+        """
+        starts = np.array([drive.start for drive in self._drives])
+        number = np.searchsorted(starts, gps_time, side="right") - 1
+        return number, gps_time - starts[number]
+
+    def piece_of(self, gps_time: NDArray[np.float64], piece_length: float) -> NDArray[np.int64]:
+        """Return the piece of street, counted through all passes, in which the vehicle was at times.
+
+        Parameters
+        ----------
+        gps_time : ndarray of shape (n,), float64
+            GPS seconds within the passes read so far.
+        piece_length : float
+            Street per piece, metres.
+
+        Returns
+        -------
+        ndarray of shape (n,), int64
+            Numbers of pieces.
+        """
+        per_pass = int(np.ceil(self._parameters.length / piece_length))
+        number, time = self.pass_of(gps_time)
+        ends = piece_length * np.arange(1, per_pass)
+        within = np.zeros(len(time), dtype=np.int64)
+        for p in np.unique(number):
+            rows = number == p
+            passed = np.array([self._drives[p].time_at(end) for end in ends])
+            within[rows] = np.searchsorted(passed, time[rows], side="right")
+        return number * per_pass + within
+
+    def sensor_pose(self, number: int, time: float, device: Device) -> NDArray[np.float64]:
+        """Return where a device was by the reported trajectory, with the axes of the vehicle.
+
+        Parameters
+        ----------
+        number : int
+            The pass.
+        time : float
+            Seconds since its start.
+        device : Device
+            The scanner.
+
+        Returns
+        -------
+        ndarray of shape (4, 4), float64
+            From the device's place to the world less the survey's origin.
+        """
+        pose = pose_at(self._drives[number].reported, time)
+        out = np.eye(4)
+        out[:3, :3] = rotation_matrix(pose[5], pose[4], pose[3])
+        out[:3, 3] = pose[:3] + out[:3, :3] @ np.asarray(device.lever)
+        return out
+
+    def moving_instances(self) -> list[int]:
+        """Return the instances read so far that move."""
+        return [instance for instance, (_, _, moving) in self._truth.items() if moving]
 
 
 def _bare(
