@@ -34,6 +34,7 @@ RESOLUTION = Device.pulse_length
 GHOST = TAXONOMY["outlier"]
 """Label of returns that came by way of a mirror and lie where nothing is."""
 
+_OFF_MIRROR = 0.003  # how far from a mirror a ray starts anew, metres
 _APART = 0.12  # rays of one beam whose ranges differ by more met different surfaces, metres
 
 
@@ -146,7 +147,9 @@ def _extra_rays(
     n, spot = len(pulses.time), device.divergence / 2
     edges, mores, ghosts = (np.full(n, -1, np.int64) for _ in range(3))
     slots = Slots(edges, mores, ghosts, max(beam_rays - 2, 0))
-    edge = _may_mix(hits.distance, device.max_range, len(device.elevations)) if beam_rays > 1 else _NONE
+    edge = _NONE
+    if beam_rays > 1:
+        edge = _may_mix(hits.distance, device.max_range, len(device.elevations), int(spot / device.step))
     rays = [_tilted(pulses.rays, edge, rng.random((len(edge), 2), dtype=np.float32), spot)]
     cast = [scene.cast(rays[0], pulses.time[edge], passing=chance[edge, 0])]
     slots.edge[edge] = np.arange(len(edge))
@@ -167,17 +170,20 @@ _NONE = np.zeros(0, np.int64)
 
 
 @njit(cache=True, nogil=True)
-def _may_mix(distance: NDArray[np.float32], max_range: float, beams: int) -> NDArray[np.int64]:
-    """Return which pulses pass near an edge: on a plane the inverse range is a sinusoid of the angle."""
-    n, m = len(distance), 0
-    rows = np.empty(n, dtype=np.int64)
+def _may_mix(distance: NDArray[np.float32], max_range: float, beams: int, reach: int) -> NDArray[np.int64]:
+    """Return which pulses pass near an edge: on a plane the inverse range is a sinusoid of the angle.
+
+    `reach` is how many pulses beyond the next one a beam is wide to either side.
+    """
+    n = len(distance)
+    marked = np.zeros(n, np.bool_)
     for i in range(beams, n - beams):
         before, here, after = 1 / distance[i - beams], 1 / distance[i], 1 / distance[i + beams]
         level = max(before, here, after)
         if level > 1 / max_range and abs(before - 2 * here + after) > 0.004 * level:
-            rows[m] = i
-            m += 1
-    return rows[:m]
+            for k in range(-reach, reach + 1):
+                marked[min(max(i + k * beams, 0), n - 1)] = True
+    return np.flatnonzero(marked)
 
 
 @njit(cache=True, nogil=True)
@@ -237,7 +243,7 @@ def _mirrored(
         rows[m] = i
         for r in range(3):
             out[m, 3 + r] = rays[i, 3 + r] - 2 * along * hits.normal[i, r]
-            out[m, r] = rays[i, r] + hits.distance[i] * rays[i, 3 + r] + 0.003 * out[m, 3 + r]
+            out[m, r] = rays[i, r] + hits.distance[i] * rays[i, 3 + r] + _OFF_MIRROR * out[m, 3 + r]
         m += 1
     return rows[:m], out[:m].copy()
 
@@ -255,7 +261,7 @@ def _by_mirror(
         cosine = 0.0
         for r in range(3):
             cosine += hits.normal[i, r] * rays[i, 3 + r]
-        there, beyond = float(central[0][i]), float(extra[0][e])
+        there, beyond = float(central[0][i]), float(extra[0][e]) + _OFF_MIRROR
         loss = 20 * np.log10(mirrored_share(abs(cosine)))
         near, far = np.sqrt(beyond * beyond + 16.0), np.sqrt((there + beyond) ** 2 + 16.0)
         extra[1][e] += loss + 20 * np.log10(near / far)
