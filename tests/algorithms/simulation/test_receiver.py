@@ -154,7 +154,9 @@ def test_parts_answer_as_the_whole_does(street, rng):
     ]
     pieces = RayScene(street, [], [], [], np.zeros(3), standing=parts)
     d = rng.normal(size=(3000, 3))
-    rays = np.hstack([rng.uniform([-22, -6, -4], [22, 6, 4], (3000, 3)), d / np.linalg.norm(d, axis=1, keepdims=True)]).astype(np.float32)
+    rays = np.hstack(
+        [rng.uniform([-22, -6, -4], [22, 6, 4], (3000, 3)), d / np.linalg.norm(d, axis=1, keepdims=True)]
+    ).astype(np.float32)
     times = np.zeros(3000)
     a, b = whole.cast(rays, times), pieces.cast(rays, times)
     assert 300 < (a.face >= 0).sum() < 2900
