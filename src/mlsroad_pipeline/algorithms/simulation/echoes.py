@@ -24,6 +24,7 @@ GLARE_LOSS_DB = 20.0
 """How much weaker than the saturated return its glare begins, decibels."""
 
 _WHITE_DB = 38.0  # amplitude of a white surface met squarely 10 m away
+_NEPER = 0.23025850929940458  # ln(10) / 10
 _MOST = 20  # echoes of one pulse before they mix
 
 
@@ -78,8 +79,7 @@ class Slots(NamedTuple):
 @njit(cache=True, nogil=True)
 def deviation(range_noise: float, amplitude: float, stretch: float) -> float:
     """Return the standard deviation of a range; see `range_deviation`."""
-    weak = range_noise * np.sqrt(1.0 + 10.0 ** ((14.0 - amplitude) / 10.0))
-    return np.sqrt(weak * weak + stretch * stretch)
+    return np.sqrt(range_noise * range_noise * (1.0 + np.exp(_NEPER * (14.0 - amplitude))) + stretch * stretch)
 
 
 @njit(cache=True, nogil=True)
@@ -254,7 +254,7 @@ def _detect(
             distance = np.round(distance / receiver.range_step) * receiver.range_step
         r[kept], a[kept], source[kept] = distance, a[k] + 0.4 * noise[row, 2], source[k]
         kept += 1
-    return _strongest(kept, receiver.max_returns, r, a, source, slant)
+    return kept if kept <= receiver.max_returns else _strongest(kept, receiver.max_returns, r, a, source, slant)
 
 
 @njit(cache=True, nogil=True)
@@ -271,16 +271,22 @@ def measure(
     number, total = np.empty(room, np.uint8), np.empty(room, np.uint8)
     r, a, slant = np.empty(_MOST), np.empty(_MOST), np.empty(_MOST)
     source = np.empty(_MOST, np.int64)
+    of_centre, amplitude, tangent = central
     for i in range(n):
-        if slots.edge[i] < 0 and receiver.blooming == 0.0 and not np.isfinite(central[0][i]):
+        if slots.edge[i] < 0 and receiver.blooming == 0.0 and not np.isfinite(of_centre[i]):
             continue
-        count = _gather(i, central, extra, slots, chance[i], r, a, source, slant)
+        alone = slots.edge[i] < 0 and slots.ghost[i] < 0
+        if alone and np.isfinite(of_centre[i]):
+            r[0], a[0], slant[0], source[0], count = of_centre[i], amplitude[i], tangent[i], i, 1
+        else:
+            count = _gather(i, central, extra, slots, chance[i], r, a, source, slant)
         if receiver.blooming > 0.0:
             distance_of_glare, glare, row = _glare(i, central[0], central[1], kind, receiver)
             if row >= 0 and (count == 0 or abs(distance_of_glare - r[0]) > receiver.pulse_length):
                 r[count], a[count], slant[count], source[count] = distance_of_glare, glare, 0.0, row
                 count += 1
-        count = _mix(count, receiver.pulse_length, r, a, source, slant)
+        if count > 1:
+            count = _mix(count, receiver.pulse_length, r, a, source, slant)
         count = _detect(i, count, chance, noise, receiver, r, a, source, slant)
         for k in range(count):
             pulse[m], distance[m], origin[m] = i, r[k], source[k]
