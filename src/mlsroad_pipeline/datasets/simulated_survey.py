@@ -19,6 +19,7 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.simulation.cameras import Image
 from mlsroad_pipeline.algorithms.simulation.devices import scanner_system
 from mlsroad_pipeline.algorithms.simulation.presets import OF_THE_SCANNER, PRESETS, SimulationParameters
+from mlsroad_pipeline.algorithms.simulation.street_parameters import street_parameters
 from mlsroad_pipeline.algorithms.simulation.survey import SurveyPieces
 from mlsroad_pipeline.algorithms.validation import check_positive
 from mlsroad_pipeline.datasets.formats.las_layout import new_header, pack_records
@@ -43,7 +44,8 @@ def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
     config : mapping
         ``preset``, and fields of `SimulationParameters` that differ from it; ``scanner`` is a name or a mapping, see
         `scanner_system`. With another scanner than the preset's, the rates, noise, divergence and range are that
-        scanner's own where they are not given.
+        scanner's own where they are not given. ``street`` is the name of a kind of
+        street, or a mapping of ``kind`` and fields of `StreetParameters`.
 
     Returns
     -------
@@ -68,6 +70,8 @@ def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
         changes["scanner"] = scanner_system(changes["scanner"])
         if changes["scanner"] != PRESETS[preset].scanner:
             changes = {**dict.fromkeys(OF_THE_SCANNER), **changes}
+    if "street" in changes:
+        changes["street"] = street_parameters(changes["street"])
     return replace(PRESETS[preset], **changes)
 
 

@@ -132,8 +132,8 @@ def drive_along(
     station = np.concatenate([[0.0], np.cumsum(parameters.speed * factor[:-1] / RATE)])
     count = int(np.searchsorted(station, length)) + 1
     time, station = steady[:count], station[:count]
-    lane, lanes = street.ground.shape[3:]
-    left = -(lanes - 0.5) * lane + drifting(rng, time, deviation=0.12, slow=20, fast=5)
+    lanes = int(street.ground.shape[4])
+    left = -street.ground.lane_centre(lanes - 1) + drifting(rng, time, deviation=0.12, slow=20, fast=5)
     xy, heading = street.alignment.place(station, left)
     z = street.ground.height(station, left)
     ahead, behind = (street.ground.height(station + d, left) for d in (1.4, -1.4))

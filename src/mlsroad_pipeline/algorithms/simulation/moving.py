@@ -53,12 +53,15 @@ class Mover:
         Faces in its own frame, front along +x, z = 0 on the ground.
     motion : Motion
         Where it is when.
+    design : str, default ""
+        Name of what it was built from.
     """
 
     label: int
     instance: int
     mesh: Mesh
     motion: Motion
+    design: str = ""
 
 
 @njit(cache=True, nogil=True)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pyproj
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.simulation.devices import SCANNERS, Device, ScannerSystem
+from mlsroad_pipeline.algorithms.simulation.street_parameters import StreetParameters
 from mlsroad_pipeline.algorithms.validation import check_positive
 
 OF_THE_SCANNER = ("profile_rate", "pulse_rate", "range_noise", "beam_divergence", "max_range")
@@ -76,6 +77,8 @@ class SimulationParameters:
         Projected coordinate reference system in metres.
     start_time : float, default 216000
         GPS seconds of the week at the start of the drive.
+    street : StreetParameters
+        What kind of street it is; see `STREETS`.
 
     Raises
     ------
@@ -108,6 +111,7 @@ class SimulationParameters:
     height: float = 34.0
     epsg: int = 25833
     start_time: float = 216_000.0
+    street: StreetParameters = field(default_factory=StreetParameters)
 
     def __post_init__(self) -> None:
         if isinstance(self.seed, bool) or self.seed != int(self.seed) or self.seed < 0:

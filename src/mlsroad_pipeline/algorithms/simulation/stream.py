@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -19,14 +19,16 @@ from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.simulation.cameras import CAMERAS, Image, take_image
 from mlsroad_pipeline.algorithms.simulation.drive import PAUSE, drive_along
-from mlsroad_pipeline.algorithms.simulation.layout import Placed, populate
+from mlsroad_pipeline.algorithms.simulation.ground_mesh import ground_mesh
+from mlsroad_pipeline.algorithms.simulation.layout import populate
 from mlsroad_pipeline.algorithms.simulation.lighting import draw_light, shade
+from mlsroad_pipeline.algorithms.simulation.placement import Box, Placed, box_around
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
 from mlsroad_pipeline.algorithms.simulation.receiver import GHOST, receive
 from mlsroad_pipeline.algorithms.simulation.scanner import draw_calibration, georeference, send_pulses
 from mlsroad_pipeline.algorithms.simulation.scene import Mover, RayScene
 from mlsroad_pipeline.algorithms.simulation.standing import Standing, build_standing
-from mlsroad_pipeline.algorithms.simulation.street import BLOCK, draw_street, generator, ground_mesh
+from mlsroad_pipeline.algorithms.simulation.street import BLOCK, draw_street, generator
 from mlsroad_pipeline.algorithms.simulation.traffic import draw_traffic
 
 T = TypeVar("T")
@@ -48,6 +50,34 @@ class _Block:
     standing: Standing
     placed: list[Placed]
     movers: list[Mover]
+
+
+class ObjectRecord(NamedTuple):
+    """The truth about one object.
+
+    Parameters
+    ----------
+    instance, label : int
+        Its number and the taxonomy code of the whole.
+    design : str
+        Name of what it was built from.
+    base : ndarray of shape (3,), float64
+        Where it stands, street-local metres; of a moving object when the van passes it.
+    moving : bool
+        Whether it moves.
+    box : Box
+        The box around it.
+    hard_case : str
+        Why it is hard to tell from its neighbour, where it was placed so.
+    """
+
+    instance: int
+    label: int
+    design: str
+    base: NDArray[np.float64]
+    moving: bool
+    box: Box
+    hard_case: str
 
 
 class SurveyStream:
@@ -80,7 +110,7 @@ class SurveyStream:
             raise ParameterError(f"n_threads must be >= 1, got {n_threads!r}")
         self.parameters, self.n_threads, self.number = parameters, n_threads, number
         self.length = parameters.length if length is None else length
-        self.street = draw_street(parameters.seed, length=self.length)
+        self.street = draw_street(parameters.seed, length=self.length, parameters=parameters.street)
         self.drive = drive_along(self.street, parameters, length=self.length, number=number, start=start)
         self.light = draw_light(parameters.seed)
         self.origin = np.array([parameters.easting, parameters.northing, parameters.height], dtype=np.float64)
@@ -140,7 +170,7 @@ class SurveyStream:
             wetness=self.parameters.wetness, standing=[blocks[k].standing for k in near],
         )  # fmt: skip
 
-    def scenes(self) -> Iterator[tuple[int, RayScene, dict[int, tuple[int, NDArray[np.float64], bool]]]]:
+    def scenes(self) -> Iterator[tuple[int, RayScene, dict[int, ObjectRecord]]]:
         """Yield number, scene and objects of each block in turn; with threads the next is built meanwhile.
 
         Yields
@@ -149,12 +179,12 @@ class SurveyStream:
             The block.
         scene : RayScene
             What `scene` gives for it.
-        objects : dict of int to tuple
+        objects : dict of int to ObjectRecord
             What `objects` gives while the block is the vehicle's own.
         """
 
-        def build(number: int) -> tuple[int, RayScene, dict[int, tuple[int, NDArray[np.float64], bool]]]:
-            return number, self.scene(number), {row[0]: row[1:] for row in self.objects()}
+        def build(number: int) -> tuple[int, RayScene, dict[int, ObjectRecord]]:
+            return number, self.scene(number), {record.instance: record for record in self.objects()}
 
         with _workers(1 if self.n_threads > 1 else 0) as pool:
             yield from _ahead(pool, build, range(self.block_count()), 1)
@@ -256,17 +286,22 @@ class SurveyStream:
             pairs = list(_ahead(pool, take, shots, self.n_threads))
         return [image for image, _ in pairs], [depth for _, depth in pairs]
 
-    def objects(self) -> Iterator[tuple[int, int, NDArray[np.float64], bool]]:
-        """Yield instance, label, local base point and whether it moves, of all objects in the blocks held now."""
+    def objects(self) -> Iterator[ObjectRecord]:
+        """Yield the truth about all objects in the blocks held now."""
         for block in self._blocks.values():
             for placed in block.placed:
                 if placed.instance:
-                    yield placed.instance, placed.label, placed.base, False
+                    yield ObjectRecord(
+                        placed.instance, placed.label, placed.design, placed.base, False, placed.box, placed.hard_case
+                    )
             for mover in block.movers:
                 motion = mover.motion
-                xy, _ = self.street.alignment.place([motion.station], [motion.offset])
+                xy, heading = self.street.alignment.place([motion.station], [motion.offset])
                 z = self.street.ground.height([motion.station], [motion.offset])
-                yield mover.instance, mover.label, np.array([xy[0, 0], xy[0, 1], z[0]]), True
+                base = np.array([xy[0, 0], xy[0, 1], z[0]])
+                turn = float(heading[0]) + (np.pi if motion.speed < 0 else 0.0)
+                around = box_around(mover.mesh, base, turn)
+                yield ObjectRecord(mover.instance, mover.label, mover.design, base, True, around, "")
 
 
 @contextmanager

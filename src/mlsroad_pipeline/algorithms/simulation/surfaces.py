@@ -9,7 +9,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation.alignment import locate_one
-from mlsroad_pipeline.algorithms.simulation.ground import GRASS, MANHOLE, SOIL, Ground, ground_label, surface_tone
+from mlsroad_pipeline.algorithms.simulation.cover import ground_cover
+from mlsroad_pipeline.algorithms.simulation.ground import GRASS, SOIL, Ground
 from mlsroad_pipeline.algorithms.simulation.materials import lattice_value, texture_tone
 from mlsroad_pipeline.algorithms.simulation.meshes import GROUND, KIND, LABEL, RED
 
@@ -98,19 +99,6 @@ def _plane_noise(x: float, y: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _ground_relief(label: int, tone: float) -> float:
-    """Return the height of blades and clods above the ground's mesh, and the few millimetres of a road's texture."""
-    from_noise = tone - 1.0
-    if label == GRASS:
-        return 0.05 + 0.05 * from_noise
-    if label == SOIL:
-        return 0.012 * from_noise
-    if label == MANHOLE:  # lids lie a little low
-        return -0.006
-    return 0.003 * from_noise
-
-
-@njit(cache=True, nogil=True)
 def resolve_hits(
     distance: NDArray[np.float32], face: NDArray[np.int32], rays: NDArray[np.float32],
     attributes: NDArray[np.float32], centre: NDArray[np.float64], table: NDArray[np.float64], ground: Ground,
@@ -132,10 +120,8 @@ def resolve_hits(
         if kind[i] == GROUND:
             s, left = locate_one(x, y, table, ground.start, guess)
             guess = s
-            code = ground_label(s, left, ground)
+            code, tone, relief[i] = ground_cover(s, left, ground)
             label[i] = code
-            tone = surface_tone(code, s, left)
-            relief[i] = _ground_relief(code, tone)
             for c in range(3):
                 rgb[i, c] = min(ground_rgb[code, c] * tone, 1.0)
             reflectivity[i] = min(ground_reflectivity[code] * (0.5 + 0.5 * tone), 0.98)

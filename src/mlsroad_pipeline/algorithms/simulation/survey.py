@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.simulation.devices import Device
 from mlsroad_pipeline.algorithms.simulation.drive import Drive
 from mlsroad_pipeline.algorithms.simulation.meshes import rotation_matrix
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
-from mlsroad_pipeline.algorithms.simulation.stream import SurveyStream
+from mlsroad_pipeline.algorithms.simulation.stream import ObjectRecord, SurveyStream
 from mlsroad_pipeline.algorithms.simulation.street import Street
 
 _COLOUR_REACH = 0.5  # metres
@@ -38,7 +38,9 @@ class Survey:
         In the order of time.
     objects : pandas.DataFrame
         The truth behind `instance`: instance, label, x, y, z (world metres of the base point; of a moving object when
-        the van passes it), moving.
+        the van passes it), moving, design, length, width, height (of the upright box along its front, metres; the
+        height is that of its top above the base point), heading (of its front, radians counter-clockwise from east),
+        box_x, box_y (world metres of the box's middle), hard_case (why it is hard to tell from a neighbour, or empty).
     origin : ndarray of shape (3,), float64
         World coordinates of the local zero, metres.
     crs : str
@@ -105,7 +107,7 @@ class SurveyPieces:
     def __init__(self, parameters: SimulationParameters, *, n_threads: int = 1) -> None:
         self._parameters, self._stream = parameters, SurveyStream(parameters, n_threads=n_threads)
         self.origin, self.crs, self.street = self._stream.origin, self._stream.crs, self._stream.street
-        self._truth: dict[int, tuple[int, NDArray[np.float64], bool]] = {}
+        self._truth: dict[int, ObjectRecord] = {}
         self._present: set[int] = set()
         self._drives: list[Drive] = []
 
@@ -117,12 +119,7 @@ class SurveyPieces:
     @property
     def objects(self) -> pd.DataFrame:
         """The truth behind the instances read so far; see `Survey`."""
-        rows = [
-            (i, label, *(base + self.origin), moving)
-            for i, (label, base, moving) in self._truth.items()
-            if i in self._present
-        ]
-        return pd.DataFrame(rows, columns=["instance", "label", "x", "y", "z", "moving"])
+        return _object_table([r for i, r in self._truth.items() if i in self._present], self.origin)
 
     def __iter__(self) -> Iterator[tuple[PointCloud, list[Image]]]:
         """Yield points in the order of gps_time, float64 relative to the survey's origin, and new images."""
@@ -205,21 +202,17 @@ class SurveyPieces:
 
     def moving_instances(self) -> list[int]:
         """Return the instances read so far that move."""
-        return [instance for instance, (_, _, moving) in self._truth.items() if moving]
+        return [instance for instance, record in self._truth.items() if record.moving]
 
 
-def _bare(
-    stream: SurveyStream, truth: dict[int, tuple[int, NDArray[np.float64], bool]]
-) -> Iterator[tuple[PointCloud, list[Image]]]:
+def _bare(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
     for number, scene, objects in stream.scenes():
         truth.update(objects)
         for cloud in stream.scan(number, scene):
             yield cloud, []
 
 
-def _coloured_pieces(
-    stream: SurveyStream, truth: dict[int, tuple[int, NDArray[np.float64], bool]]
-) -> Iterator[tuple[PointCloud, list[Image]]]:
+def _coloured_pieces(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
     """Yield points once the images of the block after theirs are taken."""
     waiting: list[PointCloud] = []
     taken: list[tuple[list[Image], list[NDArray[np.float32]]]] = []
@@ -236,6 +229,17 @@ def _coloured_pieces(
         waiting = scanned
     for cloud in waiting:
         yield _coloured(cloud, taken), []
+
+
+def _object_table(records: Iterable[ObjectRecord], origin: NDArray[np.float64]) -> pd.DataFrame:
+    rows = [
+        (r.instance, r.label, *(r.base + origin), r.moving, r.design, r.box.length, r.box.width, r.box.height,
+         r.box.heading, r.box.x + origin[0], r.box.y + origin[1], r.hard_case)
+        for r in records
+    ]  # fmt: skip
+    names = ["instance", "label", "x", "y", "z", "moving", "design", "length", "width", "height", "heading", "box_x",
+             "box_y", "hard_case"]  # fmt: skip
+    return pd.DataFrame(rows, columns=names)
 
 
 def survey_chunks(parameters: SimulationParameters, *, n_points: int, n_threads: int = 1) -> Iterator[PointCloud]:
