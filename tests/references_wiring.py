@@ -33,6 +33,7 @@ TINY: dict[str, Any] = {
     "detrended_forest": {"n_trees": 10},
     "patch_svm": {"costs": [10.0], "gammas": [0.1], "cv_per_class": 30, "max_per_class": 60},
     "visual_words": {"regions": {"voxel_size": 0.1, "seed_resolution": 0.3}, "detector": {"candidates": 20}},
+    "segmentation": {"normalized_cut": {"tolerance": 0.5}},
     "detection": {"classes": ["light pole", "car"], "min_points": 10},
     "patch_graph": {"n_matches": 2, "scene_length": 3.0, "max_patches": 300},
     "patch_graph_mrf": {"smoothness": [0.2], "colour_decay": [10.0]},

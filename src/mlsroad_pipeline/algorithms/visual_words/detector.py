@@ -88,7 +88,7 @@ class VisualWordsDetector:
 
         For each class queries are taken one by one, each time the object that raises the F-score on the training
         objects most, at the threshold that is best for it; no object is compared with itself. It ends when none raises
-        it any more.
+        it any more. A class without training objects is warned of and never detected.
 
         Parameters
         ----------
@@ -105,8 +105,7 @@ class VisualWordsDetector:
         Raises
         ------
         DataError
-            If there is not one label per object, or no object of any class has words. A class without one is warned of
-            and never detected.
+            If there is not one label per object.
         """
         truth = np.asarray(labels)
         if truth.shape != (counts.shape[0],):
@@ -114,10 +113,6 @@ class VisualWordsDetector:
         self.inverse_frequency_ = inverse_document_frequency(counts)
         bags = weigh_words(counts, self.inverse_frequency_)
         filled = np.asarray(counts.sum(axis=1)).ravel()
-        if not ((truth >= 0) & (filled > 0)).any():
-            raise DataError(
-                f"no training object is a {' or a '.join(self.classes)}: there is nothing to look for them with"
-            )
         self.queries_: dict[str, ClassQueries] = {}
         for number, name in enumerate(self.classes):
             mine = np.flatnonzero((truth == number) & (filled > 0))
