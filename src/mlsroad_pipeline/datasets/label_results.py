@@ -11,11 +11,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import missing_attributes
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.ingest import corridor_from_arrays
 from mlsroad_pipeline.algorithms.inventory import SceneObjects
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, missing_attributes
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule
 from mlsroad_pipeline.algorithms.rendering.report import Section
 from mlsroad_pipeline.algorithms.rendering.report_sections import (
@@ -244,7 +243,7 @@ def attribute_warnings(bundle: ModelBundle, quality: pd.DataFrame) -> list[str]:
         have = [str(name).removeprefix("has_") for name, value in row.items() if str(name).startswith("has_") and value]
         absent = missing_attributes(bundle, have)
         if absent:
-            found.append(f"{row['source']} has no {' and no '.join(absent)}: a forest trained without was used.")
+            found.append(f"{row['source']} has no {' and no '.join(absent)}: the model, which was trained with it, does without.")
     return found
 
 

@@ -113,7 +113,7 @@ def label_new_scenes(
         "rules": object_rules(bundle, parameters.inventory),
         "ground": ground,
     }
-    bins, points = pieces.load_all("bins"), pieces.part("points")
+    bins, points = pieces.load_all("bins"), pieces.part("points", mapped=True)
     return {
         scene.key: SceneTask(
             label_pieces,
