@@ -101,12 +101,15 @@ class PlannedOutput:
         The labels of the scenes that hold its points.
     rows : ndarray of int64, shape (m, 2)
         First and last row of the file in each of them.
+    had_classes : bool or None
+        Whether a LAS file has classes other than 0, where that is known.
     """
 
     file: PlannedFile
     target: str
     scenes: Deferred
     rows: NDArray[np.int64]
+    had_classes: bool | None
 
     @property
     def written(self) -> tuple[str, ...]:
@@ -121,16 +124,26 @@ class PlannedOutput:
             "target": self.target,
             "options": options,
             "n_threads": WRITING_THREADS,
+            "had_classes": self.had_classes,
         }
 
 
-def planned_outputs(plan: SurveyPlan, results: SceneCollection, folder: str) -> list[PlannedOutput]:
+def _had_classes(file: PlannedFile, classes: Mapping[str, Mapping[str, NDArray]]) -> bool | None:
+    found = [part["has_classes"] for key, part in classes.items() if key.rpartition(".")[0] == file.key]
+    return bool(np.any(np.concatenate(found))) if found and all(map(len, found)) else None
+
+
+def planned_outputs(
+    plan: SurveyPlan, pieces: SceneCollection, results: SceneCollection, folder: str
+) -> list[PlannedOutput]:
     """Plan what is written where; subfolders are mirrored.
 
     Parameters
     ----------
     plan : SurveyPlan
         The files.
+    pieces : SceneCollection
+        Their ranges, which know whether there were classes.
     results : SceneCollection
         What the scenes found.
     folder : str
@@ -148,6 +161,7 @@ def planned_outputs(plan: SurveyPlan, results: SceneCollection, folder: str) -> 
     """
     spans = results.load_all("spans")
     labels = results.part("labels")
+    classes = pieces.load_all("classes")
     outputs: list[PlannedOutput] = []
     taken: dict[str, str] = {}
     for file in plan.files:
@@ -165,7 +179,13 @@ def planned_outputs(plan: SurveyPlan, results: SceneCollection, folder: str) -> 
                 chosen.append(labels[key])
                 rows.append((first, last))
         outputs.append(
-            PlannedOutput(file, target, Deferred(tuple(chosen)), np.array(rows, dtype=np.int64).reshape(-1, 2))
+            PlannedOutput(
+                file,
+                target,
+                Deferred(tuple(chosen)),
+                np.array(rows, dtype=np.int64).reshape(-1, 2),
+                _had_classes(file, classes),
+            )
         )
     return outputs
 

@@ -180,6 +180,7 @@ def write_file(
     target: str,
     options: ReadOptions,
     n_threads: int,
+    had_classes: bool | None,
 ) -> dict[str, NDArray]:
     """Write a file of a survey with the labels of its points.
 
@@ -199,6 +200,8 @@ def write_file(
         How the file is read.
     n_threads : int
         Threads for decompressing and compressing.
+    had_classes : bool or None
+        Whether a LAS file has classes other than 0, where that is known.
 
     Returns
     -------
@@ -214,5 +217,5 @@ def write_file(
     """
     Path(target).parent.mkdir(parents=True, exist_ok=True)
     labels = SceneLabels(scenes, rows, file, path)
-    written = write_labelled(path, target, labels, options=options, n_threads=n_threads)
+    written = write_labelled(path, target, labels, options=options, n_threads=n_threads, had_classes=had_classes)
     return {"files": np.array([str(item) for item in written])}
