@@ -1,4 +1,4 @@
-"""Arrays of an uncompressed NPZ file mapped into memory: pages are read when they are touched, and processes share them."""
+"""Arrays of an NPZ file mapped into memory: pages are read when they are touched, and processes share them."""
 
 from __future__ import annotations
 
@@ -57,5 +57,4 @@ def _map_entry(content: mmap.mmap, entry: zipfile.ZipInfo) -> NDArray:
         raise ValueError(f"{entry.filename} ends early")
     if size == 0:
         return np.empty(shape, dtype)
-    order = "F" if fortran_order else "C"
-    return np.ndarray(shape, dtype, buffer=content, offset=content.tell(), order=order)  # type: ignore[call-overload]
+    return np.ndarray(shape, dtype, buffer=content, offset=content.tell(), order="F" if fortran_order else "C")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.ingest import corridor_from_arrays
 from mlsroad_pipeline.algorithms.inventory import SceneObjects
+from mlsroad_pipeline.algorithms.label_confidence import confidence_table, confidence_warnings
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, missing_attributes
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule
 from mlsroad_pipeline.algorithms.rendering.report import Section
@@ -33,6 +34,10 @@ from mlsroad_pipeline.datasets.scene_task import Deferred
 from mlsroad_pipeline.datasets.survey_plan import LabelParameters, PlannedFile, SurveyPlan
 
 WRITING_THREADS = 2
+CONFIDENCE_NOTE = (
+    "The probability that the model gives to the class of a point. Where a fifth of all points lie below 0.5, or half "
+    "of a class, there is a warning above."
+)
 
 
 def _scenes_of(drive: str, results: SceneCollection) -> list[str]:
@@ -209,7 +214,7 @@ def label_report_sections(
     quality : DataFrame
         The quality of each file.
     counts : mapping of str to mapping
-        Points per class of each scene.
+        Points per class of each scene, and their confidences.
     written : mapping of str to mapping
         The files that were written.
     objects : DataFrame
@@ -222,6 +227,7 @@ def label_report_sections(
     """
     scheme = bundle_scheme(bundle)
     total = np.sum([found["counts"] for found in counts.values()], axis=0)
+    sureness = confidence_table(np.sum([found["confidences"] for found in counts.values()], axis=0), scheme.classes)
     facts = {
         "survey": parameters.survey,
         "output": parameters.output,
@@ -235,8 +241,9 @@ def label_report_sections(
     shares = dict(zip((*scheme.classes, "unlabelled"), total.tolist(), strict=True))
     return [
         FactsSection("What was run", facts),
-        WarningsSection("Warnings", _warnings(bundle, quality)),
+        WarningsSection("Warnings", [*confidence_warnings(sureness), *_warnings(bundle, quality)]),
         DistributionSection("Classes", shares, scheme=scheme),
+        TableSection("Confidence", sureness, note=CONFIDENCE_NOTE),
         InventorySection("Inventory", objects, geopackage="inventory.gpkg"),
         TableSection("Quality of the survey", quality),
         TableSection("Files written", outputs),
@@ -263,7 +270,9 @@ def attribute_warnings(bundle: ModelBundle, quality: pd.DataFrame) -> list[str]:
         have = [str(name).removeprefix("has_") for name, value in row.items() if str(name).startswith("has_") and value]
         absent = missing_attributes(bundle, have)
         if absent:
-            found.append(f"{row['source']} has no {' and no '.join(absent)}: the model, which was trained with it, does without.")
+            found.append(
+                f"{row['source']} has no {' and no '.join(absent)}: the model, which was trained with it, does without."
+            )
     return found
 
 

@@ -1,4 +1,4 @@
-"""What workers do with scenes and files: label a scene with a stored model, write a file with its labels."""
+"""What workers do with a survey: label a scene with a stored model of any method, write a file with its labels."""
 
 from __future__ import annotations
 
@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.ingest import OutlierParameters, join_pieces
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.survey_labelling import label_new_scene
 from mlsroad_pipeline.algorithms.tiling import SceneSpan
@@ -25,33 +23,6 @@ from mlsroad_pipeline.datasets.scene_task import StoredResult
 
 SCENES_IN_MEMORY = 8
 """Scenes whose labels a writer keeps at a time; a file in the order of its recording needs two or three."""
-
-
-def label_prepared_scene(
-    scene: PointCloud, supervoxels: Mapping[str, Any], features: Mapping[str, NDArray], model: str
-) -> dict[str, NDArray]:
-    """Label a scene of a comparison with a stored model.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    supervoxels, features : mapping
-        What the stages before gave.
-    model : str
-        The model's folder.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``label`` int16 (n,) and ``confidence`` float32 (n,).
-
-    Raises
-    ------
-    DataError
-        If the scene lacks features that the model needs.
-    """
-    return label_scene(scene, supervoxels, features, open_model(model))
 
 
 def label_pieces(

@@ -96,7 +96,8 @@ def write_labelled(
     native : bool, default True
         Whether other formats are written in their own format too.
     had_classes : bool, optional
-        Whether a LAS file has classes other than 0; None looks through the file, which reads it twice where it has none.
+        Whether a LAS file has classes other than 0; None looks through the file, which reads it twice where it has
+        none.
 
     Returns
     -------
@@ -125,7 +126,10 @@ def write_labelled(
     with ExitStack() as stack:
         stream = stack.enter_context(atomic_file(target))
         sinks = [stack.enter_context(native_sink(source, own, form, options))] if own is not None else []
-        survey = _las_source(source, had_classes, n_threads, stack) if form.name == "LAS" else _other_source(source, form, options)
+        if form.name == "LAS":
+            survey = _las_source(source, had_classes, n_threads, stack)
+        else:
+            survey = _other_source(source, form, options)
         writer = RecordWriter(stream, survey.header, compress=True, n_threads=n_threads)
         for start, stop in _ranges(survey.n_points, chunk_size):
             _write_range(survey, writer, sinks, labels_of, (start, stop))

@@ -53,13 +53,12 @@ def _candidates(
     for z in range(0 if every else max(iz - reach, 0), 1 if every else min(iz + reach + 1, nz)):
         for y in range(0 if every else max(iy - reach, 0), 1 if every else min(iy + reach + 1, ny)):
             row = z * ny + y
-            if every:
-                first, last = 0, len(keys)
-            elif len(rows):
+            first, last = np.int64(0), np.int64(len(keys))
+            if len(rows) and not every:
                 first, last = rows[row], rows[row + 1]
-            else:
-                first = np.searchsorted(keys, row * nx + low)
-                last = np.searchsorted(keys, row * nx + high, side="right")
+            elif not every:
+                first = np.int64(np.searchsorted(keys, row * nx + low))
+                last = np.int64(np.searchsorted(keys, row * nx + high, side="right"))
             for cell in range(first, last):
                 if not every and not row * nx + low <= keys[cell] <= row * nx + high:
                     continue
