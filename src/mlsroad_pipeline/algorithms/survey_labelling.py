@@ -35,8 +35,15 @@ def bundle_scheme(bundle: ModelBundle) -> ClassScheme:
     -------
     ClassScheme
         The scheme.
+
+    Raises
+    ------
+    ParameterError
+        If the model does not say its scheme.
     """
-    stored = bundle.metadata["scheme"]
+    stored = bundle.metadata.get("scheme")
+    if stored is None:
+        raise ParameterError(f"model {bundle.slug!r} has no class scheme in its metadata: it cannot label a survey")
     return ClassScheme(
         stored["name"],
         tuple(stored["classes"]),
