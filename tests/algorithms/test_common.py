@@ -28,6 +28,7 @@ from mlsroad_pipeline.algorithms.scene_stages import (
     find_ground,
 )
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import segment
 from mlsroad_pipeline.algorithms.supervoxels.vccs import segment_supervoxels
 
 DIRECTED = ("nx", "ny", "direction_x", "direction_y")
@@ -123,6 +124,7 @@ KERNELS = {
     "compute_eigen_features": Kernel(_eigen, threads=True),
     "compute_eigen_features of k": Kernel(_nearest_eigen, threads=True),
     "cluster": Kernel(partial(lambda xyz: (cluster(xyz, tolerance=0.3),)), partition=True),
+    "segment": Kernel(lambda xyz: (segment(xyz),), partition=True, shift=0.05, turn=0.05),
     "keep_inliers": Kernel(lambda xyz: (keep_inliers(xyz, n_neighbors=8, std_ratio=2.0),)),
     "compute_supervoxel_features": Kernel(_features, turn=None, minimum=1, shift=0.02, tolerance=0.15),
     "stages of a model": Kernel(_stages, partition=True, shift=0.2, turn=None, permute=0.05, minimum=1),

@@ -1,54 +1,80 @@
-"""Ranges of a file as workers read them: what a survey that is labelled tells of its own classes."""
+"""What a drive is cut along: a trajectory's file, a path estimated from the points, or their main axis."""
 
-import laspy
 import numpy as np
 import pytest
-from references_formats import make_labels, make_las
+from references_inventory import scanned_street
 
-from mlsroad_pipeline.algorithms.ingest import SplitPart, corridor_to_arrays
-from mlsroad_pipeline.datasets.formats.base import ReadOptions
-from mlsroad_pipeline.datasets.ingest_work import read_and_cut
-from mlsroad_pipeline.datasets.labelled_writer import write_labelled
+from mlsroad_pipeline.algorithms.corridor import MainAxis
+from mlsroad_pipeline.algorithms.ingest import corridor_from_arrays
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.trajectory import Trajectory
+from mlsroad_pipeline.datasets.formats.las import LasFormat
+from mlsroad_pipeline.datasets.formats.options import ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.ingest_work import describe_file, find_corridor
+
+UTM = np.array([583_000.0, 4_477_000.0, 120.0])
+WEEK = 312_345.0
 
 
-def cut(path, start=0, stop=300, **changes):
-    given = {"options": ReadOptions(), "labels": False, "along": False, "part": SplitPart(), "file": 0, **changes}
-    return read_and_cut(
-        str(path), corridor_to_arrays(None), start=start, stop=stop, n_total=300, bin_length=1.0, time_gap=1.0, **given
+def written(path, xyz, **columns):
+    LasFormat().write(path, PointCloud(xyz, columns, UTM), WriteOptions(like="none"))
+    return describe_file(str(path), options=ReadOptions(), labels=False, windows=True)
+
+
+def corridor_of(*described):
+    arrays = find_corridor(
+        [d["sample"] for d in described], [d["windows"] for d in described], trajectory=None, along=True
     )
+    return corridor_from_arrays(arrays), str(arrays.get("note", ""))
 
 
-@pytest.mark.parametrize(("extension", "point_format"), [("las", 3), ("laz", 1), ("laz", 7)])
-def test_a_range_tells_whether_it_has_classes_and_keeps_none(tmp_path, rng, extension, point_format):
-    path = tmp_path / f"a.{extension}"
-    las = make_las(path, rng, point_format=point_format, extras=False)
-    las.classification[:] = 0
-    las.classification[-1] = 1
-    las.write(str(path))
-    first, last = cut(path, 0, 200), cut(path, 200, 300)
-    assert first["classes"]["has_classes"].tolist() == [False]
-    assert last["classes"]["has_classes"].tolist() == [True]
-    assert "column.classification" not in last["points"]
-    assert "classification" not in last["quality"]["columns"]
+def test_path_is_estimated_from_line_scanners_over_several_files(rng, tmp_path):
+    xyz, time, centre = scanned_street(rng, seconds=6.0, pulses=60_000, rate=150.0)
+    half = len(xyz) // 2
+    parts = [
+        written(tmp_path / f"{name}.laz", xyz[rows], gps_time=time[rows] + WEEK)
+        for name, rows in (("a", slice(0, half)), ("b", slice(half, None)))
+    ]
+    corridor, note = corridor_of(*parts)
+    assert isinstance(corridor, Trajectory)
+    true = np.column_stack([np.interp(corridor.time - WEEK, time, centre[:, axis]) for axis in range(3)]) + UTM
+    assert np.linalg.norm(corridor.xyz - true, axis=1).max() < 0.05
+    way = np.linalg.norm(np.diff(centre[:, :2], axis=0), axis=1).sum()
+    assert 0.6 * way < corridor.length < way
+    assert "estimated" in note and "a.laz" in note
 
 
-def test_other_formats_and_comparisons_do_not_tell(tmp_path, rng):
-    (tmp_path / "a.xyz").write_text("".join(f"{x:.3f} {y:.3f} 0\n" for x, y in rng.random((300, 2))))
-    options = ReadOptions(columns={"x": 0, "y": 1, "z": 2}, header=False)
-    assert cut(tmp_path / "a.xyz", options=options)["classes"]["has_classes"].shape == (0,)
-    make_las(tmp_path / "a.las", rng, point_format=1, extras=False)
-    assert cut(tmp_path / "a.las", labels=True)["classes"]["has_classes"].shape == (0,)
+def test_windows_are_few_points_of_a_long_file(rng, tmp_path):
+    xyz, time, _ = scanned_street(rng, seconds=8.0)
+    described = written(tmp_path / "a.laz", xyz, gps_time=time)
+    windows = described["windows"]
+    assert 0.05 * len(xyz) < len(windows) < 0.2 * len(xyz)
+    for number in np.unique(windows["window"]):
+        assert 0.02 < np.ptp(windows["gps_time"][windows["window"] == number]) < 0.3
 
 
-@pytest.mark.parametrize("highest", [0, 5])
-def test_knowing_the_classes_gives_the_file_that_looking_for_them_gives(tmp_path, rng, highest):
-    path = tmp_path / "a.laz"
-    las = make_las(path, rng, point_format=6, extras=False)
-    las.classification[:] = rng.integers(0, highest + 1, 300)
-    las.write(str(path))
-    write_labelled(path, tmp_path / "looked.laz", make_labels)
-    write_labelled(path, tmp_path / "known.laz", make_labels, had_classes=highest > 0)
-    assert (tmp_path / "known.laz").read_bytes() == (tmp_path / "looked.laz").read_bytes()
-    kept = "original_classification" in laspy.read(tmp_path / "known.laz").point_format.dimension_names
-    assert kept == (highest > 0)
-    assert np.asarray(las.classification).max() == highest
+@pytest.mark.parametrize("times", ["per turn", "shuffled"])
+def test_what_gives_no_path_is_cut_along_its_axis_and_told(rng, tmp_path, times):
+    xyz, time, _ = scanned_street(rng, seconds=3.0)
+    time = np.floor(time * 75) / 75 if times == "per turn" else rng.permutation(time)
+    corridor, note = corridor_of(written(tmp_path / "a.laz", xyz, gps_time=time))
+    assert isinstance(corridor, MainAxis)
+    assert "a.laz: no trajectory from scanner 0" in note and "main axis" in note
+
+
+@pytest.mark.parametrize("column", [{}, {"gps_time": 1.0}], ids=["without times", "one time"])
+def test_without_times_the_axis_is_taken_without_a_word(rng, tmp_path, column):
+    xyz, time, _ = scanned_street(rng, seconds=1.0)
+    described = written(tmp_path / "a.laz", xyz, **{name: np.full(len(time), v) for name, v in column.items()})
+    corridor, note = corridor_of(described)
+    assert isinstance(corridor, MainAxis) and note == ""
+
+
+def test_a_trajectory_file_is_preferred(rng, tmp_path):
+    xyz, time, _ = scanned_street(rng, seconds=1.0)
+    described = written(tmp_path / "a.laz", xyz, gps_time=time)
+    (tmp_path / "trajectory.csv").write_text("time,x,y,z\n0,0,0,0\n1,10,0,0\n")
+    found = find_corridor(
+        [described["sample"]], [described["windows"]], trajectory=str(tmp_path / "trajectory.csv"), along=True
+    )
+    assert corridor_from_arrays(found).length == 10.0 and "note" not in found

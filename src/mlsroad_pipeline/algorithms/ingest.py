@@ -72,6 +72,9 @@ class IngestParameters:
         Points that a worker reads at a time.
     time_gap : float, default 1.0
         Seconds without a point that the quality report calls a gap.
+    estimate_trajectory : bool, default True
+        Whether the path is estimated from the points where no trajectory lies beside them and they have times per
+        pulse; where that cannot be done the survey is cut along its main axis, and the log says why.
     outliers : OutlierParameters or mapping
         The statistical outlier filter.
 
@@ -88,6 +91,7 @@ class IngestParameters:
     max_points: int = 1_500_000
     range_points: int = 500_000
     time_gap: float = 1.0
+    estimate_trajectory: bool = True
     outliers: OutlierParameters = field(default_factory=OutlierParameters)
 
     def __post_init__(self) -> None:

@@ -83,7 +83,7 @@ def ground_table(counts: Mapping[str, Mapping[str, NDArray]]) -> pd.DataFrame:
 
 
 def measure_supervoxels(scene: PointCloud, supervoxels: Mapping[str, Any]) -> dict[str, NDArray]:
-    """Measure the quality of a scene's partition.
+    """Measure the quality of a scene's partition in its core: points of buffers count in the scene that they belong to.
 
     The border between classes is looked for around a seeded sample of the points, which is enough for a share.
 
@@ -106,14 +106,14 @@ def measure_supervoxels(scene: PointCloud, supervoxels: Mapping[str, Any]) -> di
         If the scene has no labels.
     """
     label = scene["label"]
-    keep = inliers(scene) & ~np.isin(label, [TAXONOMY[name] for name in UNSCORED])
+    keep = scene["core"] & inliers(scene) & ~np.isin(label, [TAXONOMY[name] for name in UNSCORED])
     labels, truth = supervoxels["labels"][keep], label[keep].astype(np.int32)
     if len(truth) < 2:
         quality = np.full(len(SUPERVOXEL_SCORES), np.nan)
     else:
         found = evaluate_partition(labels, truth, pairs=_near_pairs(scene.xyz[keep]))
         quality = np.array([getattr(found, name) for name in SUPERVOXEL_SCORES], dtype=np.float64)
-    return {"quality": quality, "weights": np.array([len(truth), supervoxels["adjacency"].shape[0]])}
+    return {"quality": quality, "weights": np.array([len(truth), len(np.unique(labels))])}
 
 
 def _near_pairs(xyz: NDArray[np.floating], *, sample: int = 20_000, k: int = 10) -> NDArray[np.int64]:

@@ -12,6 +12,7 @@ ground must be seen, for the normal.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
 
@@ -171,6 +173,7 @@ def estimate_trajectory(
     gps_time: ArrayLike,
     *,
     scanner: ArrayLike | None = None,
+    at: ArrayLike | None = None,
     interval: float = 0.25,
     rotation_rate: float | None = None,
     source: str = "points",
@@ -188,8 +191,12 @@ def estimate_trajectory(
         Seconds, per pulse, to a microsecond or better.
     scanner : array-like of shape (n,), optional
         Which scanner measured a point; needed where there are several.
+    at : array-like of shape (m,), optional
+        Times of the positions in increasing order, seconds; None spreads them evenly over all points. For a survey of
+        which windows are at hand only, their middles.
     interval : float, default 0.25
-        Seconds between positions. Smaller follows turns and braking more closely and takes longer.
+        Seconds between positions where `at` is not given. Smaller follows turns and braking more closely and takes
+        longer.
     rotation_rate : float, optional
         Turns per second, to within 1 %; None finds it. Scanners that differ in it must leave it to be found.
     source : str, default "points"
@@ -221,7 +228,10 @@ def estimate_trajectory(
     units = np.zeros(len(points), int) if scanner is None else check_column(scanner, len(points), f"{source}: scanner")
     origin = np.floor(points.mean(axis=0))
     start = float(seconds.min())
-    middles = np.arange(interval / 2, seconds.max() - start, interval)
+    if at is None:
+        middles = np.arange(interval / 2, seconds.max() - start, interval)
+    else:
+        middles = np.asarray(at, dtype=np.float64) - start
     tracks = []
     for unit in np.unique(units):
         mine = np.flatnonzero(units == unit)
@@ -235,3 +245,39 @@ def estimate_trajectory(
     if known.sum() < 2:
         raise DataError(f"{source}: the scanners are known together at {known.sum()} times only")
     return Trajectory.from_positions(mean[known] + origin, middles[known] + start, source=f"{source} (estimated)")
+
+
+def trajectory_from_windows(windows: Sequence[PointCloud]) -> Trajectory:
+    """Estimate the path from short stretches of a survey's files.
+
+    Parameters
+    ----------
+    windows : sequence of PointCloud
+        Per file, stretches of consecutive points with the columns gps_time and window, the stretch's number, and
+        scanner where there are several.
+
+    Returns
+    -------
+    Trajectory
+        One position per stretch that shows one.
+
+    Raises
+    ------
+    DataError
+        If the points do not give a path, see `estimate_trajectory`.
+    """
+    times = np.concatenate([part["gps_time"] for part in windows])
+    middles = [
+        np.median(part["gps_time"][part["window"] == number])
+        for part in windows
+        for number in np.unique(part["window"])
+    ]
+    units = [part.get("scanner") for part in windows]
+    known = [unit for unit in units if unit is not None]
+    return estimate_trajectory(
+        np.concatenate([part.world_xyz() for part in windows]),
+        times,
+        scanner=np.concatenate(known) if len(known) == len(units) else None,
+        at=np.unique(middles),
+        source=windows[0].source if len(windows) == 1 else f"{windows[0].source} and {len(windows) - 1} more",
+    )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import ReadError
+from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.ingest import (
     SplitPart,
     axis_of_samples,
@@ -21,8 +21,10 @@ from mlsroad_pipeline.algorithms.ingest import (
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud, concatenate
 from mlsroad_pipeline.algorithms.quality import inspect_chunk
 from mlsroad_pipeline.algorithms.quality_storage import chunk_to_arrays
+from mlsroad_pipeline.algorithms.trajectory_estimation import trajectory_from_windows
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
 from mlsroad_pipeline.datasets.formats.registry import get_format
+from mlsroad_pipeline.datasets.time_windows import read_time_windows
 from mlsroad_pipeline.datasets.trajectory_dataset import read_trajectory
 
 SAMPLE_RUNS, SAMPLE_SIZE = 16, 256
@@ -48,7 +50,7 @@ def _scene_options(path: str, options: ReadOptions, *, labels: bool) -> ReadOpti
     return replace(options, only=tuple(wanted), coding=options.coding if "label" in wanted else None)
 
 
-def describe_file(path: str, *, options: ReadOptions, labels: bool) -> dict[str, Any]:
+def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: bool) -> dict[str, Any]:
     """Count a file's points and take a sample of them.
 
     Parameters
@@ -59,11 +61,14 @@ def describe_file(path: str, *, options: ReadOptions, labels: bool) -> dict[str,
         How to read it.
     labels : bool
         Whether its labels are read too.
+    windows : bool
+        Whether a trajectory is to be estimated from the points.
 
     Returns
     -------
     dict
-        ``info``: number of points; ``sample``: a PointCloud of up to 4,096 points spread over the file.
+        ``info``: number of points; ``sample``: a PointCloud of up to 4,096 points spread over the file; ``windows``:
+        a PointCloud of stretches of it, without points where none are wanted or the file has no times.
 
     Raises
     ------
@@ -77,16 +82,26 @@ def describe_file(path: str, *, options: ReadOptions, labels: bool) -> dict[str,
         raise ReadError(f"{path} is empty: it holds no points")
     starts = np.unique(np.linspace(0, max(n_points - SAMPLE_SIZE, 0), SAMPLE_RUNS).astype(int))
     runs = [form.read(Path(path), chosen, start=int(start), stop=int(start) + SAMPLE_SIZE) for start in starts]
-    return {"info": {"n_points": np.array([n_points])}, "sample": concatenate(runs)}
+    sample = concatenate(runs)
+    stretches = read_time_windows(form, path, chosen, sample=sample, n_points=n_points) if windows else None
+    return {
+        "info": {"n_points": np.array([n_points])},
+        "sample": sample,
+        "windows": sample.select(np.zeros(0, dtype=np.int64)) if stretches is None else stretches,
+    }
 
 
-def find_corridor(samples: Sequence[PointCloud], *, trajectory: str | None, along: bool) -> dict[str, NDArray]:
+def find_corridor(
+    samples: Sequence[PointCloud], windows: Sequence[PointCloud], *, trajectory: str | None, along: bool
+) -> dict[str, NDArray]:
     """Find what the files of one drive are cut along.
 
     Parameters
     ----------
     samples : sequence of PointCloud
         Samples of the files.
+    windows : sequence of PointCloud
+        Stretches of them, for a trajectory estimated from the points.
     trajectory : str or None
         The trajectory's file.
     along : bool
@@ -95,7 +110,7 @@ def find_corridor(samples: Sequence[PointCloud], *, trajectory: str | None, alon
     Returns
     -------
     dict of str to ndarray
-        The corridor, for `corridor_from_arrays`.
+        The corridor, for `corridor_from_arrays`, and `note`, a sentence for the log, where it was not simply read.
 
     Raises
     ------
@@ -106,7 +121,17 @@ def find_corridor(samples: Sequence[PointCloud], *, trajectory: str | None, alon
     """
     if trajectory is not None:
         return corridor_to_arrays(read_trajectory(trajectory))
-    return corridor_to_arrays(axis_of_samples(samples) if along else None)
+    if not along:
+        return corridor_to_arrays(None)
+    stretches = [part for part in windows if len(part)]
+    if not stretches:
+        return corridor_to_arrays(axis_of_samples(samples))
+    try:
+        found = trajectory_from_windows(stretches)
+    except DataError as error:
+        note = f"{error}; cut along the main axis of the points"
+        return {**corridor_to_arrays(axis_of_samples(samples)), "note": np.array(note)}
+    return {**corridor_to_arrays(found), "note": np.array(f"{found.source}: {found.length:.0f} m of trajectory")}
 
 
 def read_and_cut(

@@ -135,6 +135,42 @@ class SurveyPlan:
         return drives
 
 
+def trajectory_beside(files: Sequence[PlannedFile]) -> str | None:
+    """Return the trajectory's file of a drive, None where there is none.
+
+    Parameters
+    ----------
+    files : sequence of PlannedFile
+        The drive.
+
+    Returns
+    -------
+    str or None
+        Its path.
+    """
+    return next((file.source.trajectory for file in files if file.source.trajectory), None)
+
+
+def estimated_drives(plan: SurveyPlan, ingest: IngestParameters) -> set[str]:
+    """Name the drives whose path is to be estimated from the points.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+    ingest : IngestParameters
+        How they are cut.
+
+    Returns
+    -------
+    set of str
+        Drives without a trajectory's file, where cuts go along one.
+    """
+    if ingest.cut != "along" or not ingest.estimate_trajectory:
+        return set()
+    return {drive for drive, files in plan.drives().items() if trajectory_beside(files) is None}
+
+
 def _store_name(*parts: str) -> str:
     """Return a name that stores accept; what is not a letter, digit, `_` or `-` becomes a number in hexadecimal."""
     safe = (re.sub(r"[^A-Za-z0-9-]", lambda m: "_" if m[0] in "_/ ." else f"_{ord(m[0]):x}_", p) for p in parts)

@@ -206,6 +206,9 @@ def fit(
             variants[variant] = list(chosen.names)
             arrays |= {f"{variant}.{key}": array for key, array in classifier.to_arrays().items()}
     assert classifier is not None  # the empty subset is always trained
+    missing = [scheme.classes[label] for label in classifier.missing_classes_]
+    if missing:
+        logger.warning("No training supervoxel is of %s: the model never gives them", ", ".join(missing))
     metadata = {
         "entry_point": ENTRY_POINT,
         "classes": list(scheme.classes),
@@ -263,9 +266,6 @@ def _train(
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="no supervoxel of classes")
         forest.fit(table, labels)
-    missing = [scheme.classes[label] for label in forest.missing_classes_]
-    if missing:
-        logger.warning("No training supervoxel is of %s: the model never gives them", ", ".join(missing))
     return forest
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,7 +14,15 @@ from mlsroad_pipeline.datasets.ingest_work import describe_file, find_corridor, 
 from mlsroad_pipeline.datasets.scene_planning import cut_ranges, plan_drive
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
-from mlsroad_pipeline.datasets.survey_plan import SurveyParameters, SurveyPlan, plan_comparison
+from mlsroad_pipeline.datasets.survey_plan import (
+    SurveyParameters,
+    SurveyPlan,
+    estimated_drives,
+    plan_comparison,
+    trajectory_beside,
+)
+
+logger = logging.getLogger(__name__)
 
 
 def plan_files(
@@ -41,21 +50,30 @@ def plan_files(
     return plan_comparison(parameters, ingest, classes["codings"])
 
 
-def describe_files(plan: SurveyPlan) -> dict[str, SceneTask]:
+def describe_files(plan: SurveyPlan, ingest: IngestParameters) -> dict[str, SceneTask]:
     """Name the work that counts and samples each file's points.
 
     Parameters
     ----------
     plan : SurveyPlan
         The files.
+    ingest : IngestParameters
+        How the survey is cut.
 
     Returns
     -------
     dict of str to SceneTask
         One task per file.
     """
-    parameters = {"options": plan.options, "labels": plan.labels}
-    return {f.key: SceneTask(describe_file, {"path": SourceFile(f.source.path)}, parameters) for f in plan.files}
+    estimated = estimated_drives(plan, ingest)
+    return {
+        f.key: SceneTask(
+            describe_file,
+            {"path": SourceFile(f.source.path)},
+            {"options": plan.options, "labels": plan.labels, "windows": f.drive in estimated},
+        )
+        for f in plan.files
+    }
 
 
 def find_corridors(plan: SurveyPlan, files: SceneCollection, ingest: IngestParameters) -> dict[str, SceneTask]:
@@ -75,12 +93,13 @@ def find_corridors(plan: SurveyPlan, files: SceneCollection, ingest: IngestParam
     dict of str to SceneTask
         One task per drive.
     """
-    samples = files.part("sample")
+    samples, windows = files.part("sample"), files.part("windows")
     tasks = {}
     for drive, members in plan.drives().items():
-        beside = next((f.source.trajectory for f in members if f.source.trajectory), None)
+        beside = trajectory_beside(members)
         inputs = {
             "samples": [samples[f.key] for f in members],
+            "windows": [windows[f.key] for f in members],
             "trajectory": None if beside is None else SourceFile(beside),
         }
         tasks[drive] = SceneTask(find_corridor, inputs, {"along": ingest.cut == "along"})
@@ -108,6 +127,9 @@ def cut_files(
     dict of str to SceneTask
         One task per range.
     """
+    for drive, corridor in corridors.load_all().items():
+        if "note" in corridor:
+            logger.info("%s: %s", drive, corridor["note"])
     info = files.load_all("info")
     return {
         cut.key: SceneTask(

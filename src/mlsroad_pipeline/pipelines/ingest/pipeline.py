@@ -34,7 +34,12 @@ def create_pipeline(**_: object) -> Pipeline:
                     outputs="survey_plan",
                     name="plan_files",
                 ),
-                Node(describe_files, inputs="survey_plan", outputs="survey_files", name="describe_files"),
+                Node(
+                    describe_files,
+                    inputs=["survey_plan", "params:ingest"],
+                    outputs="survey_files",
+                    name="describe_files",
+                ),
                 Node(
                     find_corridors,
                     inputs=["survey_plan", "survey_files", "params:ingest"],

@@ -16,7 +16,12 @@ from mlsroad_pipeline.pipelines.label.nodes import (
 def _ingest() -> list[Node]:
     return [
         Node(plan_label_files, inputs=["params:label", "params:ingest"], outputs="label_plan", name="plan_label_files"),
-        Node(describe_files, inputs="label_plan", outputs="label_files_store", name="describe_label_files"),
+        Node(
+            describe_files,
+            inputs=["label_plan", "params:ingest"],
+            outputs="label_files_store",
+            name="describe_label_files",
+        ),
         Node(
             find_corridors,
             inputs=["label_plan", "label_files_store", "params:ingest"],

@@ -1,0 +1,271 @@
+"""Off-ground points to objects: Euclidean clusters, cut where they hold several (Yu et al. 2016, section IV-A).
+
+With intensity this is the paper's extended voxel-based normalised cut; without, the one that it is compared with.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.segmentation._bisection import (
+    best_split,
+    extend,
+    gather,
+    node_weights,
+    second_eigenvector,
+)
+from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
+from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
+from mlsroad_pipeline.algorithms.voxels.grid import build_voxel_grid
+
+_LEAST_EIGENVALUE = 1e-3  # below, nodes are no longer joined at all and the extension has no meaning
+
+
+@dataclass(frozen=True)
+class NormalizedCutParameters:
+    """How points are grouped and groups are cut.
+
+    Parameters
+    ----------
+    tolerance : float, default 0.15
+        The clustering distance d_c of the paper, metres. Larger joins more into one cluster.
+    voxel_size : float, default 0.1
+        The voxels' edge w_s, metres.
+    sigma_h, sigma_v : float, default 2.0, 10.0
+        Metres over which the weight of two voxels falls to 1/e, horizontally and vertically. A smaller `sigma_h` cuts
+        objects that stand closer together, and wide ones in pieces.
+    sigma_i : float, default 1.0
+        The same for the intensity, in [0, 1]. Smaller separates by reflectivity more eagerly.
+    max_distance : float, default 5.0
+        Voxels farther apart horizontally, d_H, have no edge, metres.
+    max_cut : float, default 0.5
+        A group is left whole where the least normalised cut is above this; 0 to 2. Larger cuts more. Not in the paper.
+    min_voxels : int, default 20
+        No part is made smaller than this. Not in the paper.
+    max_nodes : int, default 256
+        Size of the graph that a cut is found on; more follows the voxels more closely, and time grows with its square.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its domain.
+    """
+
+    tolerance: float = 0.15
+    voxel_size: float = 0.1
+    sigma_h: float = 2.0
+    sigma_v: float = 10.0
+    sigma_i: float = 1.0
+    max_distance: float = 5.0
+    max_cut: float = 0.5
+    min_voxels: int = 20
+    max_nodes: int = 256
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance", "voxel_size", "sigma_h", "sigma_v", "sigma_i", "max_distance", "min_voxels"):
+            check_positive(getattr(self, name), name)
+        if not 0 <= self.max_cut <= 2:
+            raise ParameterError(f"max_cut must be between 0 and 2, got {self.max_cut!r}")
+        if self.max_nodes < 8:
+            raise ParameterError(f"max_nodes must be at least 8, got {self.max_nodes!r}")
+
+
+def segment(
+    xyz: ArrayLike,
+    *,
+    intensity: ArrayLike | None = None,
+    parameters: NormalizedCutParameters = NormalizedCutParameters(),
+    min_points: int = 1,
+) -> NDArray[np.int32]:
+    """Segment off-ground points into objects.
+
+    Points are clustered by distance. Each cluster's voxels form a graph whose edges are weighted by equation 19; the
+    normalised cut (equation 20) of least value splits it in two, and so on with the parts, until a cut would cost more
+    than `max_cut` or a part would be smaller than `min_voxels`.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Coordinates without the ground, metres.
+    intensity : array-like of shape (n,), optional
+        Normalised intensities in [0, 1]; without them the third factor of equation 19 is 1.
+    parameters : NormalizedCutParameters
+        See there.
+    min_points : int, default 1
+        Objects with fewer points are labelled -1.
+
+    Returns
+    -------
+    ndarray of int32, shape (n,)
+        Objects 0, 1, ... numbered by their first points; -1 below `min_points`.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3) or not finite, or an intensity is not in [0, 1].
+    ParameterError
+        If `min_points` is below 1.
+    """
+    points = check_xyz(xyz)
+    values = np.zeros(len(points)) if intensity is None else _checked_intensity(intensity, len(points))
+    if min_points < 1:
+        raise ParameterError(f"min_points must be at least 1, got {min_points!r}")
+    if len(points) == 0:
+        return np.zeros(0, dtype=np.int32)
+    clusters = cluster(points, tolerance=parameters.tolerance)
+    grid = build_voxel_grid(points, voxel_size=parameters.voxel_size)
+    voxel = _cluster_voxels(clusters, grid.voxel_of_point)
+    places, of_voxel = _places(points - grid.origin, values, voxel, clusters)
+    order = np.argsort(of_voxel, kind="stable")
+    starts = np.searchsorted(of_voxel[order], np.arange(int(clusters.max()) + 2))
+    scale = 1.0 / np.square([parameters.sigma_h, parameters.sigma_v, parameters.sigma_i])
+    parts = _cut_clusters(
+        places, order, starts, scale, parameters.max_distance**2, parameters.voxel_size, parameters.max_cut,
+        parameters.min_voxels, parameters.max_nodes,
+    )  # fmt: skip
+    return _numbered(parts[voxel], min_points)
+
+
+def _checked_intensity(intensity: ArrayLike, n_points: int) -> NDArray[np.float64]:
+    values = check_column(intensity, n_points, "intensity").astype(np.float64)
+    wrong = ~((values >= 0) & (values <= 1))
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise DataError(f"intensity at row {row} is {values[row]}: it must be normalised to [0, 1]")
+    return values
+
+
+def _cluster_voxels(clusters: NDArray[np.int32], voxel_of_point: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Number the voxels; one that two clusters share counts once for each."""
+    pairs = voxel_of_point.astype(np.int64) * (int(clusters.max()) + 1) + clusters
+    return np.unique(pairs, return_inverse=True)[1].astype(np.int64)
+
+
+@njit(cache=True, nogil=True)
+def _places(
+    points: NDArray, values: NDArray[np.float64], voxel: NDArray[np.int64], clusters: NDArray[np.int32]
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Return centroid and interpolated intensity (equations 4, 8, 9) of each voxel, and its cluster."""
+    n = voxel.max() + 1
+    places, counts = np.zeros((n, 4)), np.zeros(n)
+    low, high = np.full(n, np.inf), np.full(n, -np.inf)
+    of_voxel = np.empty(n, np.int32)
+    for i in range(len(voxel)):
+        v = voxel[i]
+        for axis in range(3):
+            places[v, axis] += points[i, axis]
+        counts[v] += 1.0
+        low[v], high[v] = min(low[v], values[i]), max(high[v], values[i])
+        of_voxel[v] = clusters[i]
+    weights = np.zeros(n)
+    for i in range(len(voxel)):
+        v = voxel[i]
+        # A constant intensity makes equation 9 0/0: all points then weigh the same, and the mean is taken.
+        w = (values[i] - low[v]) / (high[v] - low[v]) if high[v] > low[v] else 1.0
+        places[v, 3] += w * values[i]
+        weights[v] += w
+    for v in range(n):
+        for axis in range(3):
+            places[v, axis] /= counts[v]
+        places[v, 3] /= weights[v]
+    return places, of_voxel
+
+
+@njit(cache=True, nogil=True)
+def _cut_clusters(
+    places: NDArray[np.float64],
+    order: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    scale: NDArray[np.float64],
+    max_squared: float,
+    voxel_size: float,
+    max_cut: float,
+    min_voxels: int,
+    max_nodes: int,
+) -> NDArray[np.int64]:
+    """Return the part of each voxel; the voxels of a part become consecutive in `order`."""
+    parts = np.empty(len(places), np.int64)
+    n_parts = 0
+    for c in range(len(starts) - 1):
+        stack = [(starts[c], starts[c + 1])]
+        while len(stack) > 0:
+            first, stop = stack.pop()
+            members = order[first:stop].copy()
+            side = _bisect(places, members, scale, max_squared, voxel_size, max_cut, min_voxels, max_nodes)
+            n_left = np.int64(side.sum())
+            if n_left == 0:
+                parts[members] = n_parts
+                n_parts += 1
+                continue
+            left, right = first, first + n_left
+            for k in range(len(members)):
+                if side[k]:
+                    order[left] = members[k]
+                    left += 1
+                else:
+                    order[right] = members[k]
+                    right += 1
+            stack.append((first, first + n_left))
+            stack.append((first + n_left, stop))
+    return parts
+
+
+@njit(cache=True, nogil=True)
+def _bisect(
+    places: NDArray[np.float64],
+    members: NDArray[np.int64],
+    scale: NDArray[np.float64],
+    max_squared: float,
+    voxel_size: float,
+    max_cut: float,
+    min_voxels: int,
+    max_nodes: int,
+) -> NDArray[np.bool_]:
+    """Tell which voxels are on one side of the best cut; none where the group stays whole."""
+    whole = np.zeros(len(members), np.bool_)
+    if len(members) < 2 * min_voxels:
+        return whole
+    nodes, mass = gather(places, members, voxel_size, max_nodes)
+    if len(nodes) < 2:
+        return whole
+    weights = node_weights(nodes, mass, scale, max_squared)
+    degree = weights.sum(axis=1)
+    y, eigenvalue = second_eigenvector(weights, degree, nodes[:, 0] - nodes[:, 0].mean() + 0.7 * nodes[:, 1])
+    if eigenvalue < _LEAST_EIGENVALUE:
+        return whole
+    threshold, cut = best_split(weights, degree, mass, y, float(min_voxels))
+    if not cut <= max_cut:
+        return whole
+    values = y if len(nodes) == len(members) else extend(
+        places, members, nodes, mass, y, eigenvalue, scale, max_squared
+    )  # fmt: skip
+    side = values <= threshold
+    n_left = side.sum()
+    if n_left < min_voxels or len(members) - n_left < min_voxels:
+        return whole
+    return side
+
+
+@njit(cache=True, nogil=True)
+def _numbered(parts: NDArray[np.int64], min_points: int) -> NDArray[np.int32]:
+    counts = np.zeros(parts.max() + 1, np.int64)
+    for part in parts:
+        counts[part] += 1
+    number = np.full(len(counts), -1, np.int32)
+    out = np.empty(len(parts), np.int32)
+    n_objects = 0
+    for i in range(len(parts)):
+        part = parts[i]
+        if counts[part] < min_points:
+            out[i] = -1
+            continue
+        if number[part] < 0:
+            number[part] = n_objects
+            n_objects += 1
+        out[i] = number[part]
+    return out
