@@ -15,7 +15,17 @@ class ParameterConfigLoader(OmegaConfigLoader):
     It gives the parameter's value wherever that was set, in the base, in the environment or on the command line
     (Kedro's own ``runtime_params`` knows the command line alone), and the default where the parameter is missing, null
     or empty.
+
+    Parameters
+    ----------
+    conf_source : str
+        The folder of the configuration.
+    **options : object
+        Further arguments of `OmegaConfigLoader`.
     """
+
+    def __init__(self, conf_source: str, **options: Any) -> None:
+        super().__init__(conf_source, **options)
 
     def __getitem__(self, key: str) -> dict[str, Any]:
         """Load the configuration of a kind.
