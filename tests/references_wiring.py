@@ -49,7 +49,8 @@ def make_project(folder: Path, *, tiny: bool = True) -> Path:
     shutil.copytree(REPOSITORY / "conf", folder / "conf", dirs_exist_ok=True)
     if tiny:  # in place of the base's own: an environment could add surveys, but not take them away
         changed = folder / "conf/base/parameters_simulation.yml"
-        changed.write_text(yaml.safe_dump({"simulation": {"enabled": True, "surveys": SURVEYS}}), encoding="utf-8")
+        simulation = {"enabled": True, "only": None, "surveys": SURVEYS}
+        changed.write_text(yaml.safe_dump({"simulation": simulation}), encoding="utf-8")
     shutil.copy(REPOSITORY / "pyproject.toml", folder)
     (folder / ".telemetry").write_text("consent: false\n", encoding="utf-8")
     (folder / "src").mkdir(exist_ok=True)  # kedro asks for it; the package is imported from elsewhere
