@@ -24,13 +24,15 @@ BENCHMARKS: dict[str, list[str]] = {
     "fpfh": [],
     "forest": [],
     "clusters": [],
+    "graph_cuts": [],
+    "patch_graph": [],
     "formats": [],
     "evaluation": [],
     "simulator": [],
     "store": [],
     "label": ["--millions", "5", "20"],
 }
-NEEDS_CLOUDS = {"ground", "vccs", "fpfh", "clusters", "formats", "evaluation"}
+NEEDS_CLOUDS = {"ground", "vccs", "fpfh", "clusters", "graph_cuts", "formats", "evaluation"}
 
 
 def json_lines(text: str) -> list[dict[str, object]]:

@@ -26,6 +26,7 @@ from mlsroad_pipeline.algorithms.metrics.scores import scores_to_metrics
 from mlsroad_pipeline.datasets.data_fingerprint import fingerprint_files, source_files
 from mlsroad_pipeline.datasets.figure_dataset import FigureDataset
 from mlsroad_pipeline.datasets.html_report_dataset import HtmlReportDataset
+from mlsroad_pipeline.datasets.metric_series_dataset import MetricSeriesDataset
 from mlsroad_pipeline.datasets.report_file import ReportFileDataset
 from mlsroad_pipeline.datasets.run_details import environment, flatten_parameters, git_state
 from mlsroad_pipeline.datasets.scores_dataset import ScoresDataset
@@ -120,7 +121,7 @@ class MlflowDetailsHooks:
 
     @hook_impl
     def after_dataset_saved(self, dataset_name: str, data: Any) -> None:
-        """Record saved scores as metrics, saved figures and reports as artifacts, and note raw files of tasks.
+        """Record saved scores and series as metrics, figures and reports as artifacts, and note raw files of tasks.
 
         Parameters
         ----------
@@ -135,6 +136,8 @@ class MlflowDetailsHooks:
         dataset = self._catalog.get(dataset_name)
         if isinstance(dataset, ScoresDataset):
             self.log_scores(dataset)
+        elif isinstance(dataset, MetricSeriesDataset):
+            self.log_series(dataset, dataset_name.split(".", maxsplit=1)[0])
         elif isinstance(dataset, FigureDataset):
             self.log_file(dataset, "figures")
         elif isinstance(dataset, HtmlReportDataset):
@@ -205,6 +208,26 @@ class MlflowDetailsHooks:
         """
         now = int(time.time() * 1000)
         metrics = [Metric(name, value, now, 0) for name, value in scores_to_metrics(dataset.load()).items()]
+        for batch in _batches(metrics):
+            mlflow.MlflowClient().log_batch(self._run_id, metrics=batch)
+
+    def log_series(self, dataset: MetricSeriesDataset, slug: str) -> None:
+        """Record every column of figures as the metric ``<slug>/<column>``, step by step.
+
+        Parameters
+        ----------
+        dataset : MetricSeriesDataset
+            The table as it was written.
+        slug : str
+            The method's slug.
+        """
+        now, table = int(time.time() * 1000), dataset.load()
+        steps = table.iloc[:, 0].astype(int).tolist()
+        metrics = [
+            Metric(f"{slug}/{name}", value, now, step)
+            for name in table.columns[1:]
+            for step, value in zip(steps, table[name].astype(float).tolist(), strict=True)
+        ]
         for batch in _batches(metrics):
             mlflow.MlflowClient().log_batch(self._run_id, metrics=batch)
 

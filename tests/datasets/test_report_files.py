@@ -9,6 +9,7 @@ from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
 from mlsroad_pipeline.algorithms.rendering.figures import oob_figure
 from mlsroad_pipeline.datasets.figure_dataset import FigureDataset
 from mlsroad_pipeline.datasets.html_report_dataset import HtmlReportDataset
+from mlsroad_pipeline.datasets.metric_series_dataset import MetricSeriesDataset
 from mlsroad_pipeline.datasets.scores_dataset import ScoresDataset
 
 
@@ -47,7 +48,20 @@ def test_broken_scores_are_refused_on_both_ways_and_named(table, tmp_path):
             dataset.load()
 
 
-@pytest.mark.parametrize("dataset", [ScoresDataset, FigureDataset, HtmlReportDataset])
+def test_series_come_back_and_others_are_refused(tmp_path):
+    dataset = MetricSeriesDataset(filepath=str(tmp_path / "objective.csv"))
+    series = pd.DataFrame({"iteration": [0, 1, 2], "objective": [9.0, 4.5, 1 / 3]})
+    dataset.save(series)
+    pd.testing.assert_frame_equal(dataset.load(), series)
+    for wrong in (series[["iteration"]], series[["objective", "iteration"]], series.assign(objective="low")):
+        with pytest.raises(DatasetError, match=r"objective.csv: a column of whole steps"):
+            dataset.save(wrong)
+    (tmp_path / "objective.csv").write_text("")
+    with pytest.raises(DatasetError, match=r"objective.csv: no table of figures"):
+        dataset.load()
+
+
+@pytest.mark.parametrize("dataset", [ScoresDataset, FigureDataset, HtmlReportDataset, MetricSeriesDataset])
 def test_a_missing_file_is_named(dataset, tmp_path):
     with pytest.raises(DatasetError, match=r"there is no file .*gone"):
         dataset(filepath=str(tmp_path / "gone")).load()

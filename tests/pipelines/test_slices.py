@@ -19,7 +19,21 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 ORIGIN = np.array([389_300.0, 5_819_700.0, 34.0])
 CONTRACT = {
     *("simulate", "ingest", "ground_removal", "supervoxelise", "features", "patches", "detrended_forest"),
-    *("patch_svm", "patch_forest", "evaluation", "report", "label", "inspect", "compare"),
+    *(
+        "patch_svm",
+        "patch_forest",
+        "patch_graph",
+        "patch_graph_mrf",
+        "max_margin_markov",
+        "shape_based",
+        "segmentation",
+        "visual_words",
+        "evaluation",
+        "report",
+        "label",
+        "inspect",
+        "compare",
+    ),
 }
 
 

@@ -1,6 +1,14 @@
 """The methods that there are; a new one is one line here."""
 
-LABELLERS = ("detrended_forest", "patch_svm", "patch_forest")
+LABELLERS = (
+    "detrended_forest",
+    "patch_graph",
+    "patch_graph_mrf",
+    "patch_svm",
+    "patch_forest",
+    "shape_based",
+    "max_margin_markov",
+)
 """Slugs of the methods that label points; each has a pipeline of its name that writes ``<slug>.model`` and
 ``<slug>.labels``."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import warnings
 from dataclasses import dataclass
 from itertools import combinations, product
 from typing import Any
@@ -132,9 +133,12 @@ def _folds(patches: Patches, parameters: PatchSvmParameters) -> list[tuple[NDArr
             f"{SLUG}: {len(patches)} labelled patches are too few for {parameters.n_folds} folds: give more scenes"
         )
     splitter = StratifiedGroupKFold(parameters.n_folds, shuffle=True, random_state=parameters.seed)
-    # Rare classes may miss a fold; scikit-learn would warn of it, and the sigmoids provide for it.
+    # Rare classes may miss a fold, which the sigmoids provide for; all of them count as one class here.
     frequent = np.where(np.bincount(patches.label)[patches.label] >= parameters.n_folds, patches.label, -1)
-    found = [(train, test) for train, test in splitter.split(groups, frequent, groups) if len(train) and len(test)]
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="The least populated class")
+        parts = list(splitter.split(groups, frequent, groups))
+    found = [(train, test) for train, test in parts if len(train) and len(test)]
     return [fold for fold in found if len(np.unique(patches.label[fold[0]])) > 1]
 
 

@@ -1,4 +1,4 @@
-"""Figures of scores and of a forest: confusion matrix, bars per class, feature importances, out-of-bag error."""
+"""Figures of scores and of training: confusion matrix, bars per class, importances, out-of-bag error, objective."""
 
 from __future__ import annotations
 
@@ -314,4 +314,39 @@ def oob_figure(n_trees: ArrayLike, errors: ArrayLike, *, chosen: int | None = No
     axes.grid(color=_GRID, linewidth=0.7)
     tidy_axes(axes)
     axes.set_title(title or "Out-of-bag error", fontsize=10, color=INK, loc="left")
+    return figure
+
+
+def objective_figure(values: ArrayLike, *, title: str = "") -> Figure:
+    """Draw an objective over the iterations of its minimisation.
+
+    Parameters
+    ----------
+    values : array-like of float, shape (m,)
+        The objective at the start and after every iteration, above 0.
+    title : str, default ""
+        Heading of the figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure of its own.
+
+    Raises
+    ------
+    DataError
+        If there is nothing to draw.
+    """
+    objective = np.asarray(values, dtype=np.float64)
+    if objective.ndim != 1 or len(objective) == 0:
+        raise DataError(f"an objective has one value per iteration, got shape {objective.shape}")
+    figure = empty_figure(6.5, 3.6)
+    axes = figure.add_subplot()
+    axes.plot(objective, color=SERIES[0], linewidth=1.6, marker="o", markersize=3)
+    axes.set_yscale("log")
+    axes.set_xlabel("Iteration", fontsize=9, color=INK)
+    axes.set_ylabel("Objective", fontsize=9, color=INK)
+    axes.grid(color=_GRID, linewidth=0.7, which="both")
+    tidy_axes(axes)
+    axes.set_title(title or "Objective", fontsize=10, color=INK, loc="left")
     return figure

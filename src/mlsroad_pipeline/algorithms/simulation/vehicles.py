@@ -7,16 +7,16 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.simulation.design import draw_one
 from mlsroad_pipeline.algorithms.simulation.materials import (
     SIGN_RED,
     SIGN_WHITE,
     car_paint,
-    cloth,
     material,
     retroreflective,
 )  # fmt: skip
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, ellipsoid, join, quads, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, join, quads, tube
+from mlsroad_pipeline.algorithms.simulation.objects import bicycles, people
 
 CAR_DESIGNS = ("sedan", "hatchback", "estate", "suv", "pickup")
 
@@ -213,7 +213,7 @@ def bus(rng: np.random.Generator) -> Mesh:
 
 
 def bicycle(rng: np.random.Generator) -> Mesh:
-    """Return a bicycle.
+    """Return a parked bicycle.
 
     Parameters
     ----------
@@ -223,80 +223,25 @@ def bicycle(rng: np.random.Generator) -> Mesh:
     Returns
     -------
     Mesh
-        Upright, both wheels on the x axis; every face is `bicycle`.
+        On its stand, wheels along x; every face is `bicycle`.
     """
-    radius, base = rng.uniform(0.31, 0.36), rng.uniform(0.98, 1.12)
-    frame, tyre = car_paint("bicycle", rng), material("rubber", "bicycle", rng)
-    frame = Surface(frame.label, frame.rgb, frame.reflectivity)
-    turn = np.linspace(0, 2 * np.pi, 17)
-    meshes = []
-    for x in (-base / 2, base / 2):
-        rim = np.column_stack([x + radius * np.cos(turn), 0 * turn, radius + radius * np.sin(turn)])
-        meshes.append(tube(rim, 0.02, tyre, sides=5))
-        for a in turn[:-1:2]:
-            meshes.append(
-                tube([[x, 0, radius], [x + radius * np.cos(a), 0, radius + radius * np.sin(a)]], 0.003, frame, sides=3)
-            )
-    crank, saddle, head = [-0.05, 0, 0.28], [-0.22, 0, rng.uniform(0.85, 0.98)], [base / 2 - 0.2, 0, 0.82]
-    hubs = [-base / 2, 0, radius], [base / 2, 0, radius]
-    for a, b in ((crank, saddle), (crank, head), (saddle, head), (crank, hubs[0]), (saddle, hubs[0]), (head, hubs[1])):
-        meshes.append(tube([a, b], 0.018, frame, sides=6))
-    meshes.append(box([0.25, 0.14, 0.06], [saddle[0], 0, saddle[2] + 0.03], tyre))
-    bar = [head[0] + 0.03, 0, head[2] + rng.uniform(0.12, 0.25)]
-    meshes += [tube([head, bar], 0.015, frame, sides=5)]
-    meshes += [tube([[bar[0] - 0.1, -0.28, bar[2]], bar, [bar[0] - 0.1, 0.28, bar[2]]], 0.014, tyre, sides=5)]
-    return join(meshes)
+    return draw_one([d for d in bicycles.DESIGNS if d.name == "parked_bicycle"], rng)
 
 
-def person(rng: np.random.Generator, *, label: str = "person", seated: bool = False) -> Mesh:
-    """Return a person: walking in a phase of the step, standing, or seated on a bicycle.
+def person(rng: np.random.Generator) -> Mesh:
+    """Return a person on the way, with or without a bag.
 
     Parameters
     ----------
     rng : numpy.random.Generator
         Source of height, girth, step and clothes.
-    label : str, default "person"
-        Taxonomy class of every face.
-    seated : bool, default False
-        Whether the person sits as on a bicycle.
 
     Returns
     -------
     Mesh
-        A person of 1.5 to 1.92 m who looks along +x.
-
-    Raises
-    ------
-    KeyError
-        If the taxonomy has no such class.
+        An adult or a child who looks along +x; every face is `person`.
     """
-    height = rng.uniform(1.5, 1.92)
-    leg, shoulder = 0.49 * height, 0.82 * height
-    trousers, shirt, skin = cloth(label, rng), cloth(label, rng), material("skin", label, rng)
-    stride = 0.0 if seated else rng.uniform(-0.45, 0.45)
-    girth = rng.uniform(0.9, 1.25)
-    meshes = []
-    for side in (-1, 1):
-        y = 0.1 * side
-        hip = np.array([-0.22 if seated else 0.0, y, leg + (0.1 if seated else 0.0)])
-        swing = stride * side
-        foot = np.array([0.05 * side, y, 0.25 + 0.12 * side]) if seated else np.array([leg * np.sin(swing), y, 0.03])
-        knee = (hip + foot) / 2 + [0.25 if seated else 0.06, 0, 0.05]
-        meshes.append(tube([foot, knee, hip], np.array([0.05, 0.065, 0.085]) * girth, trousers))
-        meshes.append(
-            box([0.26, 0.1, 0.08], foot + np.array([0.06, 0, 0.01]), Surface(TAXONOMY[label], (0.05, 0.04, 0.04), 0.2))
-        )
-        top = np.array([0.12 if seated else 0.0, 0.19 * side * girth, shoulder - 0.02])
-        hand = np.array([0.42, 0.27 * side, 1.02]) if seated else np.array([-0.4 * np.sin(swing), 0.26 * side, leg])
-        meshes.append(tube([top, (top + hand) / 2 + [-0.04, 0.03 * side, 0], hand], [0.055, 0.045, 0.035], shirt))
-    spine = [[-0.22 if seated else 0, 0, leg - 0.03 + 0.1 * seated], [0, 0, 0.68 * height], [0.1 * seated, 0, shoulder]]
-    torso = tube(spine, np.array([0.15, 0.17, 0.13]) * girth, shirt, sides=10)
-    meshes.append(Mesh(torso.vertices * [1, 1.25, 1], torso.faces, torso.attributes))
-    head = np.array([0.13 * seated, 0, 0.93 * height])
-    hair = Surface(TAXONOMY[label], (0.06, 0.045, 0.035), float(rng.uniform(0.15, 0.5)))
-    meshes.append(ellipsoid(head, [0.1, 0.08, 0.12], skin))
-    meshes.append(ellipsoid(head + np.array([-0.02, 0, 0.04]), [0.105, 0.09, 0.1], hair))
-    return join(meshes)
+    return draw_one([d for d in people.DESIGNS if d.name in people.WALKERS], rng)
 
 
 def cyclist(rng: np.random.Generator) -> Mesh:
@@ -312,4 +257,4 @@ def cyclist(rng: np.random.Generator) -> Mesh:
     Mesh
         Faces are `bicycle` or `rider`.
     """
-    return join([bicycle(rng), person(rng, label="rider", seated=True)])
+    return draw_one([d for d in bicycles.DESIGNS if d.name == "ridden_bicycle"], rng)

@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-from mlsroad_pipeline.datasets.label_work import detect_described_objects
+from mlsroad_pipeline.datasets.method_work import detect_described_objects
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
 from mlsroad_pipeline.datasets.survey_plan import SurveyParameters

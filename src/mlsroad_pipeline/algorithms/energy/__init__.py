@@ -1,0 +1,1 @@
+"""Discrete energies over graphs and their minimisation by graph cuts."""

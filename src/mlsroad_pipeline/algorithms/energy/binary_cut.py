@@ -1,0 +1,159 @@
+"""Exact minima of submodular energies of binary variables: persistency first, a minimum cut for what is left.
+
+The energy is ``sum_i gain_i x_i + sum_e slack_e |x_i - x_j|`` with slacks that are not negative; every submodular
+energy of pairs takes this form (Kolmogorov and Zabih 2004, Theorem 4.1). A variable whose own gain outweighs the slacks
+of all its edges has the same value in every minimum (Hammer, Hansen and Simeone 1984). It is fixed, its edges become
+gains of their other ends, and those may be fixed in turn. In label problems a few per cent of the variables are left.
+"""
+
+from __future__ import annotations
+
+import maxflow
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+_FREE = -1
+
+
+@njit(cache=True)
+def _incidence(edges: NDArray[np.int32], n_nodes: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Return, for each node, its neighbours and the edges to them: (row starts, (2 e, 2) of neighbour and edge)."""
+    start = np.zeros(n_nodes + 1, np.int64)
+    for e in range(len(edges)):
+        start[edges[e, 0] + 1] += 1
+        start[edges[e, 1] + 1] += 1
+    for i in range(n_nodes):
+        start[i + 1] += start[i]
+    at = start[:-1].copy()
+    incident = np.empty((2 * len(edges), 2), np.int32)
+    for e in range(len(edges)):
+        for side in range(2):
+            i = edges[e, side]
+            incident[at[i], 0], incident[at[i], 1] = edges[e, 1 - side], e
+            at[i] += 1
+    return start, incident
+
+
+@njit(cache=True)
+def _fix(
+    gain: NDArray[np.float64],
+    slack: NDArray[np.float64],
+    value: NDArray[np.int8],
+    edges: NDArray[np.int32],
+    start: NDArray[np.int64],
+    incident: NDArray[np.int32],
+) -> None:
+    """Set the values that hold in every minimum, ties to 0, and move their edges into the gains of the free nodes."""
+    n_nodes = len(gain)
+    bound = np.empty((n_nodes, 2))  # what taking 1 costs when all free neighbours take 1, and when all take 0
+    bound[:, 0], bound[:, 1] = gain, gain
+    for e in range(len(edges)):
+        if slack[e] > 0:
+            bound[edges[e, 0], 0] -= slack[e]
+            bound[edges[e, 0], 1] += slack[e]
+            bound[edges[e, 1], 0] -= slack[e]
+            bound[edges[e, 1], 1] += slack[e]
+    stack = np.empty(n_nodes, np.int32)
+    for first in range(n_nodes):
+        if value[first] != _FREE or not (bound[first, 0] >= 0 or bound[first, 1] < 0):
+            continue
+        value[first] = bound[first, 1] < 0
+        stack[0], top = first, 1
+        while top > 0:
+            top -= 1
+            i = stack[top]
+            side, sign = (1, -2.0) if value[i] == 1 else (0, 2.0)
+            for at in range(start[i], start[i + 1]):
+                j = incident[at, 0]
+                if value[j] == _FREE:
+                    bound[j, side] += sign * slack[incident[at, 1]]
+                    if bound[j, 0] >= 0 or bound[j, 1] < 0:
+                        value[j] = bound[j, 1] < 0
+                        stack[top] = j
+                        top += 1
+    for i in range(n_nodes):
+        gain[i] = 0.5 * (bound[i, 0] + bound[i, 1])
+
+
+@njit(cache=True)
+def _free_part(
+    gain: NDArray[np.float64],
+    slack: NDArray[np.float64],
+    value: NDArray[np.int8],
+    start: NDArray[np.int64],
+    incident: NDArray[np.int32],
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Return the free nodes, their gains, and the ends (as numbers of free nodes) and slacks of the edges between."""
+    number = np.full(len(value), -1, np.int64)
+    nodes = np.flatnonzero(value == _FREE)
+    number[nodes] = np.arange(len(nodes))
+    n_edges = 0
+    for i in nodes:
+        n_edges += start[i + 1] - start[i]
+    first, second, weight = np.empty(n_edges, np.int64), np.empty(n_edges, np.int64), np.empty(n_edges)
+    n_edges = 0
+    for i in nodes:
+        for at in range(start[i], start[i + 1]):
+            j, e = incident[at, 0], incident[at, 1]
+            if j > i and number[j] >= 0 and slack[e] > 0:
+                first[n_edges], second[n_edges], weight[n_edges] = number[i], number[j], slack[e]
+                n_edges += 1
+    return nodes, gain[nodes], first[:n_edges], second[:n_edges], weight[:n_edges]
+
+
+class CutGraph:
+    """A graph over which binary energies are minimised again and again, with other numbers each time.
+
+    Parameters
+    ----------
+    edges : ndarray of int32, shape (e, 2)
+        Pairs of node indices; a pair may occur more than once.
+    n_nodes : int
+        The number of nodes.
+    """
+
+    def __init__(self, edges: NDArray[np.int32], n_nodes: int) -> None:
+        self.edges = np.ascontiguousarray(edges, dtype=np.int32)
+        self.n_nodes = n_nodes
+        self._start, self._incident = _incidence(self.edges, n_nodes)
+
+    def minimize(
+        self, gain: NDArray[np.float64], slack: NDArray[np.float64], fixed: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Return the minimum of ``sum_i gain_i x_i + sum_e slack_e |x_i - x_j|``.
+
+        Parameters
+        ----------
+        gain : ndarray of float64, shape (n_nodes,)
+            The cost of x_i = 1; changed in place. Edges to fixed nodes must be part of it already.
+        slack : ndarray of float64, shape (e,)
+            The cost of ends that differ, not negative; 0 for edges of fixed nodes.
+        fixed : ndarray of bool, shape (n_nodes,)
+            Nodes that take no part; they are False in the result.
+
+        Returns
+        -------
+        ndarray of bool, shape (n_nodes,)
+            The variables; of several minima the one with the fewest True, up to rounding.
+        """
+        value = np.where(fixed, 0, _FREE).astype(np.int8)
+        _fix(gain, slack, value, self.edges, self._start, self._incident)
+        nodes, tied, first, second, weight = _free_part(gain, slack, value, self._start, self._incident)
+        value[nodes] = _cut(tied, first, second, weight)
+        return value == 1
+
+
+def _cut(
+    gain: NDArray[np.float64], first: NDArray[np.int64], second: NDArray[np.int64], weight: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Solve the free part by maximum flow: the nodes that the sink can be reached from take 1, the others 0."""
+    if len(gain) == 0:
+        return np.zeros(0, dtype=np.bool_)
+    graph = maxflow.Graph[float](len(gain), len(first))
+    nodes = np.arange(len(gain))
+    graph.add_nodes(len(gain))
+    graph.add_edges(first, second, weight, weight)
+    graph.add_grid_tedges(nodes, np.maximum(gain, 0.0), np.maximum(-gain, 0.0))
+    graph.maxflow()
+    return np.asarray(graph.get_grid_segments(nodes), dtype=np.bool_)

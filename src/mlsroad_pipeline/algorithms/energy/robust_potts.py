@@ -1,0 +1,268 @@
+"""Robust P^n Potts cliques in alpha-expansion (Kohli, Ladicky and Torr 2009, equation 9 and section 4).
+
+A clique pays, for the label k that suits it best, its uniform cost of k plus a share of the way to its maximum for
+every member that deviates, and never more than the maximum:
+
+    psi(y) = min(maximum, min_k [uniform_k + deviating_k(y) * (maximum - uniform_k) / truncation])
+
+where deviating_k is the weight of the members that have not label k. In an expansion of alpha only two labels can lower
+the cost of a clique: alpha, and the one label that enough members have. Each is one further binary variable: whether
+the clique pays for that label or its maximum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.energy.alpha_expansion import PairwiseEnergy, expand_in_turn, initial_labels
+from mlsroad_pipeline.algorithms.energy.binary_cut import CutGraph
+from mlsroad_pipeline.algorithms.exceptions import DataError
+
+
+@dataclass(frozen=True, eq=False)
+class Cliques:
+    """Groups of nodes that had better share a label.
+
+    Parameters
+    ----------
+    indptr : array-like of int, shape (c + 1,)
+        Where each clique's members start in `members`.
+    members : array-like of int, shape (m,)
+        Node indices, clique after clique. A node may be in several cliques.
+    uniform : array-like of shape (c, l)
+        What a clique pays where all of its members have label k; at most `maximum`, negative for a reward.
+    maximum : array-like of shape (c,)
+        What a clique pays where no label suits it.
+    truncation : array-like of shape (c,)
+        Weight of deviating members at which the maximum is reached, above 0 and at most half of the clique's weight.
+        Small values come close to the strict P^n Potts model, large ones tolerate many deviating members.
+    weights : array-like of shape (m,), optional
+        Weight of each member, not negative; 1 by default.
+
+    Raises
+    ------
+    DataError
+        If shapes do not fit, a number is not finite, a weight is negative, a uniform cost exceeds the maximum, or a
+        truncation is not above 0 and at most half of its clique's weight.
+    """
+
+    indptr: NDArray[np.int64]
+    members: NDArray[np.int32]
+    uniform: NDArray[np.float64]
+    maximum: NDArray[np.float64]
+    truncation: NDArray[np.float64]
+    weights: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        if self.weights is None:
+            object.__setattr__(self, "weights", np.ones(np.shape(self.members)))
+        for name, dtype in (("indptr", np.int64), ("members", np.int32)):
+            values = np.asarray(getattr(self, name))
+            if values.ndim != 1 or (len(values) and not np.issubdtype(values.dtype, np.integer)):
+                raise DataError(f"{name} of cliques must be integers in one dimension, got {values.dtype}")
+            object.__setattr__(self, name, np.ascontiguousarray(values, dtype=dtype))
+        for name in ("uniform", "maximum", "truncation", "weights"):
+            numbers = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
+            if not np.isfinite(numbers).all():
+                raise DataError(f"{name} of cliques must be finite")
+            object.__setattr__(self, name, numbers)
+        self._check()
+
+    def _check(self) -> None:
+        n, starts = len(self), self.indptr
+        if len(starts) == 0 or starts[0] != 0 or starts[-1] != len(self.members) or (np.diff(starts) < 0).any():
+            raise DataError(f"indptr of cliques must rise from 0 to {len(self.members)}")
+        shapes = (self.uniform.ndim, len(self.uniform), self.maximum.shape, self.truncation.shape)
+        if shapes != (2, n, (n,), (n,)) or self.member_weights.shape != self.members.shape:
+            raise DataError(f"{n} cliques need uniform costs per label, a maximum and a truncation each, got {shapes}")
+        if (self.member_weights < 0).any():
+            raise DataError(f"weights of cliques must not be negative, got {self.member_weights.min()}")
+        above = np.flatnonzero((self.uniform > self.maximum[:, None]).any(axis=1))
+        if len(above):
+            raise DataError(f"clique {above[0]} has a uniform cost above its maximum of {self.maximum[above[0]]}")
+        cumulated = np.concatenate([[0.0], np.cumsum(self.member_weights)])
+        total = cumulated[starts[1:]] - cumulated[starts[:-1]]
+        wrong = np.flatnonzero((self.truncation <= 0) | (2 * self.truncation > total * (1 + 1e-9)))
+        if len(wrong):
+            first = wrong[0]
+            raise DataError(
+                f"truncation of clique {first} must be above 0 and at most half of its weight of {total[first]}, "
+                f"got {self.truncation[first]}: otherwise two labels could suit it at once"
+            )
+
+    def __len__(self) -> int:
+        """Return the number of cliques."""
+        return max(len(self.indptr) - 1, 0)
+
+    @property
+    def member_weights(self) -> NDArray[np.float64]:
+        """Weight of each member."""
+        return np.asarray(self.weights, dtype=np.float64)
+
+
+@njit(cache=True)
+def _deviating(
+    c: int, labels: NDArray[np.int32], indptr: NDArray[np.int64], members: NDArray[np.int32], weights: NDArray
+) -> NDArray[np.float64]:
+    """Return the weight of the members of a clique that have not label k, for each k."""
+    share = np.zeros(labels.max() + 1)
+    for s in range(indptr[c], indptr[c + 1]):
+        share[labels[members[s]]] += weights[s]
+    return share.sum() - share
+
+
+@njit(cache=True)
+def _clique_energy(
+    labels: NDArray[np.int32],
+    indptr: NDArray[np.int64],
+    members: NDArray[np.int32],
+    weights: NDArray[np.float64],
+    uniform: NDArray[np.float64],
+    maximum: NDArray[np.float64],
+    truncation: NDArray[np.float64],
+) -> float:
+    total = 0.0
+    for c in range(len(maximum)):
+        deviating = _deviating(c, labels, indptr, members, weights)
+        cost = maximum[c]
+        for k in range(len(deviating)):  # a label that no member has costs at least the maximum
+            cost = min(cost, uniform[c, k] + deviating[k] * (maximum[c] - uniform[c, k]) / truncation[c])
+        total += cost
+    return total
+
+
+@njit(cache=True)
+def _clique_terms(
+    labels: NDArray[np.int32],
+    alpha: int,
+    indptr: NDArray[np.int64],
+    members: NDArray[np.int32],
+    weights: NDArray[np.float64],
+    uniform: NDArray[np.float64],
+    maximum: NDArray[np.float64],
+    truncation: NDArray[np.float64],
+    gain: NDArray[np.float64],
+    slack: NDArray[np.float64],
+) -> None:
+    """Add the cliques to the binary energy of a move.
+
+    `gain` ends with two variables per clique: "pays for alpha" and "pays its maximum rather than for the label it has";
+    `slack` ends with two edges per member, to these two.
+    """
+    n_nodes, n_edges = len(labels), len(slack) - 2 * len(members)
+    for c in range(len(maximum)):
+        takes, leaves = n_nodes + 2 * c, n_nodes + 2 * c + 1
+        deviating = _deviating(c, labels, indptr, members, weights)
+        present = -1
+        for k in range(len(deviating)):
+            if k != alpha and deviating[k] < truncation[c]:  # true of one label at most
+                present = k
+        rate = (maximum[c] - uniform[c, alpha]) / truncation[c]
+        gain[takes] = uniform[c, alpha] - maximum[c]
+        gain[leaves] = 0.0
+        present_rate = 0.0
+        if present >= 0:
+            present_rate = (maximum[c] - uniform[c, present]) / truncation[c]
+            gain[leaves] = maximum[c] - uniform[c, present] - present_rate * deviating[present]
+        for s in range(indptr[c], indptr[c + 1]):
+            i, e = members[s], n_edges + 2 * s
+            slack[e], slack[e + 1] = 0.0, 0.0
+            if labels[i] != alpha:  # costs where the clique pays for alpha and the member keeps its label
+                half = 0.5 * rate * weights[s]
+                slack[e] = half
+                gain[takes] += half
+                gain[i] -= half
+            if labels[i] == present:  # costs where the clique pays for its label and the member takes alpha
+                half = 0.5 * present_rate * weights[s]
+                slack[e + 1] = half
+                gain[leaves] -= half
+                gain[i] += half
+
+
+def _with_cliques(edges: NDArray[np.int32], cliques: Cliques, n_nodes: int) -> CutGraph:
+    owner = np.repeat(np.arange(len(cliques), dtype=np.int32), np.diff(cliques.indptr))
+    further = np.empty((2 * len(owner), 2), dtype=np.int32)
+    further[:, 0] = np.repeat(cliques.members, 2)
+    further[0::2, 1] = n_nodes + 2 * owner
+    further[1::2, 1] = n_nodes + 2 * owner + 1
+    return CutGraph(np.concatenate([edges, further]), n_nodes + 2 * len(cliques))
+
+
+def minimize(
+    unary: ArrayLike,
+    edges: ArrayLike,
+    weights: ArrayLike,
+    cliques: Cliques,
+    *,
+    label_costs: ArrayLike | None = None,
+    agreement: ArrayLike | None = None,
+    initial: ArrayLike | None = None,
+    max_cycles: int = 100,
+) -> tuple[NDArray[np.int32], float]:
+    """Minimise an energy of unary terms, pairs and robust P^n Potts cliques by alpha-expansion.
+
+    Every expansion is the best of all 2**n. No expansion of any label lowers the energy of the result any further.
+
+    Parameters
+    ----------
+    unary : array-like of shape (n, l)
+        What node i pays for label k.
+    edges : array-like of int, shape (e, 2)
+        Pairs of different nodes, each undirected edge once.
+    weights : array-like of shape (e,) or a number
+        Factor of the label costs of each edge, not negative.
+    cliques : Cliques
+        The cliques; none of them leaves the energy of `alpha_expansion.minimize`.
+    label_costs : array-like of shape (l, l), optional
+        What two labels cost at the ends of an edge of weight 1, a metric; the Potts model by default.
+    agreement : array-like of shape (e, l), optional
+        What an edge gains where both of its ends have label k, not negative.
+    initial : array-like of int, shape (n,), optional
+        Labels to start from; by default the cheapest of each node.
+    max_cycles : int, default 100
+        How often each label may have its turn.
+
+    Returns
+    -------
+    labels : ndarray of int32, shape (n,)
+        The labelling.
+    energy : float
+        Its energy.
+
+    Raises
+    ------
+    DataError
+        As `alpha_expansion.minimize` does, or if a clique has a member that does not exist or another number of labels.
+    ParameterError
+        As `alpha_expansion.minimize` does.
+    """
+    pairs = PairwiseEnergy.checked(unary, edges, weights, label_costs, agreement)
+    n_nodes, n_labels = pairs.unary.shape
+    if len(cliques) and cliques.uniform.shape[1] != n_labels:
+        raise DataError(f"cliques know {cliques.uniform.shape[1]} labels, unary {n_labels}")
+    if len(cliques.members) and not 0 <= cliques.members.min() <= cliques.members.max() < n_nodes:
+        raise DataError(
+            f"cliques name nodes {cliques.members.min()} to {cliques.members.max()}, but there are {n_nodes}"
+        )
+    members = (cliques.indptr, cliques.members, cliques.member_weights)
+    groups = (*members, cliques.uniform, cliques.maximum, cliques.truncation)
+    graph = _with_cliques(pairs.edges, cliques, n_nodes)
+    gain, slack = np.empty(graph.n_nodes), np.empty(len(graph.edges))
+    fixed = np.zeros(graph.n_nodes, dtype=np.bool_)
+
+    def energy(labels: NDArray[np.int32]) -> float:
+        return pairs.of(labels) + (float(_clique_energy(labels, *groups)) if len(cliques) else 0.0)
+
+    def move(labels: NDArray[np.int32], alpha: int) -> NDArray[np.bool_]:
+        pairs.write_move(labels, alpha, gain[:n_nodes], slack[: len(pairs.edges)])
+        if len(cliques):
+            _clique_terms(labels, alpha, *groups, gain, slack)
+        fixed[:n_nodes] = labels == alpha
+        return graph.minimize(gain, slack, fixed)[:n_nodes]
+
+    labels = initial_labels(pairs.unary, initial)
+    return expand_in_turn(labels, n_labels=n_labels, max_cycles=max_cycles, energy=energy, move=move)

@@ -1,0 +1,106 @@
+"""What a match costs: equations 2 to 5 of Luo et al. 2016."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.patches import Patches
+from mlsroad_pipeline.algorithms.validation import check_positive
+
+N_ABSOLUTE = 4
+"""Columns of a table that are compared by their absolute differences: red, green, blue and height."""
+
+_LEAST = np.float32(1e-30)
+
+
+@dataclass(frozen=True)
+class CostWeights:
+    """Weights of the three costs of a match; patches without colour share that of colour among the other two.
+
+    Parameters
+    ----------
+    colour : float, default 0.3
+        Weight alpha_c of the summed absolute differences of red, green and blue in [0, 1], equation 3.
+    height : float, default 0.3
+        Weight alpha_h of the difference of heights, equation 5.
+    shape : float, default 0.4
+        Weight alpha_f of the chi-square distance of the histograms, equation 4; bins empty in both count nothing.
+    max_height : float, default 20.0
+        H_max in metres: the difference of heights that counts 1. Smaller lets height weigh more.
+
+    Raises
+    ------
+    ParameterError
+        If a weight is negative or not finite, `height` and `shape` are both 0, or `max_height` is not positive.
+    """
+
+    colour: float = 0.3
+    height: float = 0.3
+    shape: float = 0.4
+    max_height: float = 20.0
+
+    def __post_init__(self) -> None:
+        for name in ("colour", "height", "shape"):
+            if not np.isfinite(getattr(self, name)) or getattr(self, name) < 0:
+                raise ParameterError(f"the weight of {name} must be a finite number >= 0, got {getattr(self, name)!r}")
+        if self.height + self.shape == 0:
+            raise ParameterError("the weights of height and shape must not both be 0")
+        check_positive(self.max_height, "max_height")
+
+    def without_colour(self) -> CostWeights:
+        """Return the weights for patches without colour: that of colour goes to the others, in proportion."""
+        grown = (self.colour + self.height + self.shape) / (self.height + self.shape)
+        return CostWeights(0.0, self.height * grown, self.shape * grown, self.max_height)
+
+
+def weigh_descriptors(patches: Patches, weights: CostWeights, *, with_colour: bool) -> NDArray[np.float32]:
+    """Scale descriptors so that a cost is a plain sum: absolute differences of four columns, chi-square of the rest.
+
+    Parameters
+    ----------
+    patches : Patches
+        The patches.
+    weights : CostWeights
+        The weights as given; they are shared out here where there is no colour.
+    with_colour : bool
+        Whether colour counts.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, 4 + d)
+        alpha_c times the colours (0 without colour), alpha_h times the heights over H_max, alpha_f times the
+        histograms.
+
+    Raises
+    ------
+    DataError
+        If colour counts and the patches have none.
+    """
+    if with_colour and patches.rgb is None:
+        raise DataError("the patches have no colour, and the matches that they are compared with do")
+    used = weights if with_colour else weights.without_colour()
+    table = np.zeros((len(patches), N_ABSOLUTE + patches.fpfh.shape[1]), np.float32)
+    if with_colour and patches.rgb is not None:
+        table[:, :3] = used.colour * patches.rgb
+    table[:, 3] = used.height / used.max_height * patches.height
+    # The chi-square of histograms scaled by a factor is scaled by that factor.
+    table[:, N_ABSOLUTE:] = used.shape * patches.fpfh
+    return table
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "arcp"})
+def bounded_cost(a: NDArray[np.float32], i: int, b: NDArray[np.float32], j: int, bound: np.float32) -> np.float32:
+    """Return the cost of matching row i of `a` with row j of `b`, or a part of it that already reaches `bound`."""
+    absolute = abs(a[i, 0] - b[j, 0]) + abs(a[i, 1] - b[j, 1]) + abs(a[i, 2] - b[j, 2]) + abs(a[i, 3] - b[j, 3])
+    if absolute >= bound:
+        return absolute
+    chi_square = np.float32(0.0)
+    for k in range(N_ABSOLUTE, a.shape[1]):
+        difference = a[i, k] - b[j, k]
+        chi_square += difference * difference / (a[i, k] + b[j, k] + _LEAST)
+    return absolute + chi_square

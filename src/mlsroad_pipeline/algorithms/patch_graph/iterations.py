@@ -1,0 +1,256 @@
+"""The iterations of the 3-D patch match graph (Luo et al. 2016, section III-B.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.cell_grid import check_threads, run_in_chunks
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.patch_graph import exhaustive, moves
+from mlsroad_pipeline.algorithms.patch_graph.exhaustive import NodeChooser
+from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex
+from mlsroad_pipeline.algorithms.validation import check_positive
+
+
+@dataclass(frozen=True)
+class SearchParameters:
+    """How matches are searched.
+
+    Parameters
+    ----------
+    propagation_radius : float, default 0.5
+        R_pro in metres: how far neighbours pass on what they have found. Work grows with about its fourth power.
+    search_radius : float, default 1.0
+        R_loc in metres: how far around a match the local search looks. Larger finds more in an iteration and takes
+        longer.
+    promise : float, default 1.5
+        Propagation looks around a neighbour's match only where that match itself, as one of the patch at hand, costs
+        less than this times the match to be beaten. Infinity is as in the paper: several times slower, with the same
+        objective after an iteration or two fewer.
+    n_iterations : int, default 50
+        Most iterations.
+    tolerance : float, default 0.001
+        The search ends when an iteration lowers the objective by less than this share of it; at 0 when it stands
+        still, as in the paper.
+    height_tolerance : float, default 0.1
+        Difference in metres up to which patches count as of the same height in the initialisation.
+    minority_share : float, default 0.001
+        Share of the patches of minority classes that each iteration searches exhaustively.
+    n_costly : int, default 10
+        Patches that each iteration searches exhaustively because their best match is costly.
+    exhaustive_budget : int, default 50_000_000
+        More costly patches are searched, as long as an iteration compares no more than this many pairs for them. Up to
+        about its root of patches all are searched at once, and the graph is optimal; 0 leaves it at `n_costly`.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its domain.
+    """
+
+    propagation_radius: float = 0.5
+    search_radius: float = 1.0
+    promise: float = 1.5
+    n_iterations: int = 50
+    tolerance: float = 1e-3
+    height_tolerance: float = 0.1
+    minority_share: float = 0.001
+    n_costly: int = 10
+    exhaustive_budget: int = 50_000_000
+
+    def __post_init__(self) -> None:
+        for name in ("propagation_radius", "search_radius"):
+            check_positive(getattr(self, name), name)
+        if self.n_iterations < 1:
+            raise ParameterError(f"n_iterations must be at least 1, got {self.n_iterations!r}")
+        if not self.promise >= 1:
+            raise ParameterError(f"promise must be at least 1, got {self.promise!r}")
+        for name in ("tolerance", "height_tolerance", "n_costly", "exhaustive_budget"):
+            if not np.isfinite(getattr(self, name)) or getattr(self, name) < 0:
+                raise ParameterError(f"{name} must be a finite number >= 0, got {getattr(self, name)!r}")
+        if not 0 <= self.minority_share <= 1:
+            raise ParameterError(f"minority_share must be in [0, 1], got {self.minority_share!r}")
+
+
+class MatchGraph(NamedTuple):
+    """Directed matches of patches.
+
+    Attributes
+    ----------
+    matches : ndarray of int32, shape (n, K)
+        The patches that each patch is matched with, cheapest first; no two from one scene, none from its own.
+    costs : ndarray of float32, shape (n, K)
+        Costs of the matches, equation 2.
+    objective : ndarray of float64, shape (iterations + 1,)
+        Equation 1 after the initialisation and after every iteration.
+    """
+
+    matches: NDArray[np.int32]
+    costs: NDArray[np.float32]
+    objective: NDArray[np.float64]
+
+
+def make_chooser(
+    labels: NDArray[np.int16], minority: Sequence[int], n_targets: int, search: SearchParameters, seed: int
+) -> NodeChooser:
+    """Return the choice of nodes for the exhaustive search that the parameters ask for.
+
+    Parameters
+    ----------
+    labels : ndarray of int16, shape (n,)
+        Classes of the nodes.
+    minority : sequence of int
+        Minority classes.
+    n_targets : int
+        Patches that a node is compared with.
+    search : SearchParameters
+        How matches are searched.
+    seed : int
+        Seed of the choice.
+
+    Returns
+    -------
+    NodeChooser
+        The choice.
+    """
+    n_costly = max(search.n_costly, search.exhaustive_budget // n_targets)
+    return NodeChooser(labels, minority=minority, minority_share=search.minority_share, n_costly=n_costly, seed=seed)
+
+
+class _State:
+    """The graph of the last iteration, the one being made, and which edges have not been followed yet."""
+
+    def __init__(
+        self,
+        source: PatchIndex,
+        heights: NDArray[np.float32],
+        target: PatchIndex,
+        graph: NDArray[np.int32] | None,
+        n_matches: int,
+        search: SearchParameters,
+        n_threads: int,
+    ) -> None:
+        n = len(source.table)
+        self.source, self.target, self.heights, self.graph = source, target, heights, graph
+        self.search, self.n_threads, self.promise = search, n_threads, np.float32(search.promise)
+        self.same = graph is None
+        self.matches, self.costs = np.empty((n, n_matches), np.int32), np.empty((n, n_matches), np.float32)
+        self.new_matches, self.new_costs = np.empty_like(self.matches), np.empty_like(self.costs)
+        # Edges that enrichment and local search have not followed, and those that propagation has not.
+        self.fresh, self.unspread = np.ones((n, n_matches), bool), np.ones((n, n_matches), bool)
+        self.incoming = np.zeros(n + 1, np.int64), np.empty(0, np.int32)
+        self.links_fresh = self.fresh if graph is None else np.zeros(graph.shape, bool)
+
+    def initialise(self, seed: int) -> None:
+        def run(first: int, last: int) -> None:
+            moves.initialise(
+                self.source, self.heights, self.target, self.same, self.search.height_tolerance, seed, first, last,
+                self.matches, self.costs,
+            )  # fmt: skip
+
+        run_in_chunks(run, len(self.matches), n_threads=self.n_threads)
+
+    def enrich_and_look_around(self) -> None:
+        if self.same:
+            self.incoming = moves.incoming_edges(self.matches, self.fresh)
+        links = self.matches if self.graph is None else self.graph
+
+        def run(first: int, last: int) -> None:
+            moves.enrich_and_look_around(
+                self.source, self.target, self.same, links, self.links_fresh, *self.incoming, self.matches,
+                self.costs, self.fresh, self.search.search_radius, first, last, self.new_matches, self.new_costs,
+            )  # fmt: skip
+
+        run_in_chunks(run, len(self.matches), n_threads=self.n_threads)
+        moves.mark_changes(self.matches, self.new_matches, self.fresh, False)
+        moves.mark_changes(self.matches, self.new_matches, self.unspread, True)
+        self._swap()
+
+    def propagate_and_exhaust(self, nodes: NDArray[np.int32]) -> None:
+        def propagate(first: int, last: int) -> None:
+            moves.propagate(
+                self.source, self.target, self.matches, self.costs, self.unspread, self.search.propagation_radius,
+                self.promise, first, last, self.new_matches, self.new_costs,
+            )  # fmt: skip
+
+        def outwards(first: int, last: int) -> None:
+            exhaustive.search_all_targets(
+                self.source, self.target, self.same, nodes, first, last, self.new_matches, self.new_costs
+            )
+
+        def inwards(first: int, last: int) -> None:
+            exhaustive.offer_to_all(self.source, nodes, first, last, self.new_matches, self.new_costs)
+
+        run_in_chunks(propagate, len(self.matches), n_threads=self.n_threads)
+        run_in_chunks(outwards, len(nodes), n_threads=self.n_threads)
+        if self.same and len(nodes) < len(self.matches):
+            run_in_chunks(inwards, len(self.matches), n_threads=self.n_threads)
+        moves.mark_changes(self.matches, self.new_matches, self.fresh, True)
+        moves.mark_changes(self.matches, self.new_matches, self.unspread, False)
+        self._swap()
+
+    def _swap(self) -> None:
+        self.matches, self.new_matches = self.new_matches, self.matches
+        self.costs, self.new_costs = self.new_costs, self.costs
+
+    def objective(self) -> float:
+        return float(self.costs.sum(dtype=np.float64))
+
+
+def find_matches(
+    source: PatchIndex,
+    target: PatchIndex,
+    heights: NDArray[np.float32],
+    graph: NDArray[np.int32] | None,
+    n_matches: int,
+    search: SearchParameters,
+    chooser: NodeChooser,
+    *,
+    seed: int,
+    n_threads: int,
+) -> MatchGraph:
+    """Search matches from the patches of one index to those of another, or of the same one.
+
+    Parameters
+    ----------
+    source, target : PatchIndex
+        Where matches start and end.
+    heights : ndarray of float32, shape (n,)
+        Heights of the source's patches, metres.
+    graph : ndarray of int32, shape (m, K), or None
+        Matches of the target that forward enrichment follows; None where source and target are the same, which
+        matches in both directions.
+    n_matches : int
+        K.
+    search : SearchParameters
+        How matches are searched.
+    chooser : NodeChooser
+        Chooses the nodes of the exhaustive search.
+    seed : int
+        Seed of the initialisation.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    MatchGraph
+        The matches, in the order of the indices.
+    """
+    check_threads(n_threads)
+    state = _State(source, heights, target, graph, n_matches, search, n_threads)
+    state.initialise(seed)
+    objective = [state.objective()]
+    for _ in range(search.n_iterations):
+        state.enrich_and_look_around()
+        state.propagate_and_exhaust(chooser.choose(state.costs))
+        objective.append(state.objective())
+        if chooser.exhausted or objective[-2] - objective[-1] <= search.tolerance * objective[-1]:
+            break
+    by_cost = np.argsort(state.costs, axis=1, kind="stable")
+    ranked = np.take_along_axis(state.matches, by_cost, 1), np.take_along_axis(state.costs, by_cost, 1)
+    return MatchGraph(*ranked, np.array(objective))

@@ -1,0 +1,251 @@
+"""Refinement of transferred labels by a pairwise Markov random field (Luo et al. 2016, section III-D)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.energy.alpha_expansion import minimize
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
+from mlsroad_pipeline.algorithms.validation import check_column
+
+
+@dataclass(frozen=True)
+class RefinementParameters:
+    """Parameters of the Markov random field.
+
+    Parameters
+    ----------
+    smoothness : float, default 1.0
+        Lambda of equation 9: larger ones give smoother labels.
+    colour_decay : float, default 10.0
+        Beta of equation 11: how fast an edge weakens with the squared difference of the colours in [0, 1] at its ends;
+        without colour every such edge has weight 1.
+    ground_penalty : float, default 0.0
+        Gamma of equation 11: the weight of edges that could turn grass or road into another class (luo2016: 0).
+    floor : float, default 0.01
+        Least probability in equation 10: a class that no match votes for costs 1 - log(floor). Larger ones let the
+        neighbours bring in classes that the patch's matches do not name.
+
+    Raises
+    ------
+    ParameterError
+        If a value is negative or not finite, or `floor` is not in (0, 1).
+    """
+
+    smoothness: float = 1.0
+    colour_decay: float = 10.0
+    ground_penalty: float = 0.0
+    floor: float = 0.01
+
+    def __post_init__(self) -> None:
+        for name in ("smoothness", "colour_decay", "ground_penalty"):
+            if not np.isfinite(getattr(self, name)) or getattr(self, name) < 0:
+                raise ParameterError(f"{name} must be a finite number >= 0, got {getattr(self, name)!r}")
+        if not 0 < self.floor < 1:
+            raise ParameterError(f"floor must be in (0, 1), got {self.floor!r}")
+
+
+@dataclass(frozen=True)
+class GroundClasses:
+    """The two classes that equation 11 treats apart.
+
+    Parameters
+    ----------
+    grass, road : int
+        Their labels; -1 where the scheme has no such class. They may be the same.
+    """
+
+    grass: int = -1
+    road: int = -1
+
+
+def edge_weights(
+    labels: NDArray[np.integer],
+    rgb: NDArray[np.float32] | None,
+    edges: NDArray[np.int32],
+    *,
+    parameters: RefinementParameters,
+    ground: GroundClasses,
+) -> NDArray[np.float64]:
+    """Return what different labels at the ends of each edge cost, equation 11.
+
+    The penalty for grass and road is taken where either order of the two ends meets the printed condition; so there is
+    one weight per edge, and it depends on the initial labels only.
+
+    Parameters
+    ----------
+    labels : ndarray of int, shape (n,)
+        Initial labels y'.
+    rgb : ndarray of float32, shape (n, 3), or None
+        Colours in [0, 1].
+    edges : ndarray of int32, shape (m, 2)
+        Ends of the edges.
+    parameters : RefinementParameters
+        Beta and gamma.
+    ground : GroundClasses
+        The labels of grass and road.
+
+    Returns
+    -------
+    ndarray of float64, shape (m,)
+        The weights, without lambda.
+    """
+    if rgb is None:
+        weights = np.ones(len(edges))
+    else:
+        squared = ((rgb[edges[:, 0]] - rgb[edges[:, 1]]).astype(np.float64) ** 2).sum(axis=1)
+        weights = np.exp(-parameters.colour_decay * squared)
+    a, b = labels[edges[:, 0]], labels[edges[:, 1]]
+    for u, v in ((a, b), (b, a)):
+        for kept, exchanged in ((ground.grass, ground.road), (ground.road, ground.grass)):
+            weights[(kept >= 0) & (u == kept) & (v != exchanged)] = parameters.ground_penalty
+    return weights
+
+
+def refine(
+    probabilities: NDArray[np.floating],
+    rgb: NDArray[np.float32] | None,
+    edges: NDArray[np.int32],
+    *,
+    parameters: RefinementParameters | None = None,
+    ground: GroundClasses | None = None,
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Minimise the energy of equations 9 to 11 by alpha-expansion.
+
+    Parameters
+    ----------
+    probabilities : ndarray of shape (n, c)
+        Class probabilities of the patches after label transfer, equation 6.
+    rgb : ndarray of float32, shape (n, 3), or None
+        Colours of the patches in [0, 1].
+    edges : ndarray of int32, shape (m, 2)
+        Neighbouring patches, each pair once.
+    parameters : RefinementParameters, optional
+        Parameters of the energy.
+    ground : GroundClasses, optional
+        The labels of grass and road; none by default.
+
+    Returns
+    -------
+    labels : ndarray of int32, shape (n,)
+        Refined labels.
+    conditional : ndarray of float64, shape (n, c)
+        Probability of each class in the field, given the refined labels of the neighbours. No single patch lowers the
+        energy by another label, so that the refined label has the largest.
+
+    Raises
+    ------
+    DataError
+        If the columns differ in length or an edge names a patch that does not exist.
+    """
+    chosen = parameters or RefinementParameters()
+    if rgb is not None:
+        check_column(rgb, len(probabilities), "rgb", 3)
+    initial = probabilities.argmax(axis=1).astype(np.int32)
+    weights = chosen.smoothness * edge_weights(initial, rgb, edges, parameters=chosen, ground=ground or GroundClasses())
+    unary = 1.0 - np.log(np.maximum(probabilities, chosen.floor))
+    kept = weights > 0
+    labels, _ = minimize(unary, edges[kept], weights[kept], initial=initial)
+    return labels, _conditional(unary, edges[kept], weights[kept], labels)
+
+
+def _conditional(
+    unary: NDArray[np.float64], edges: NDArray[np.int32], weights: NDArray[np.float64], labels: NDArray[np.int32]
+) -> NDArray[np.float64]:
+    n, n_classes = unary.shape
+    energy = unary.copy()
+    for u, v in ((edges[:, 0], edges[:, 1]), (edges[:, 1], edges[:, 0])):
+        agreeing = np.bincount(u * np.int64(n_classes) + labels[v], weights=weights, minlength=n * n_classes)
+        energy -= agreeing.reshape(n, n_classes)
+    energy -= energy.min(axis=1, keepdims=True)
+    # Ties and the rounding of the sums go to the refined label.
+    energy[np.arange(n), labels] = -1e-9
+    shares: NDArray[np.float64] = np.exp(-energy)
+    return shares / shares.sum(axis=1, keepdims=True)
+
+
+@dataclass(frozen=True, eq=False)
+class ValidationScene:
+    """A training scene labelled by the graph of the other training scenes.
+
+    Attributes
+    ----------
+    probabilities : ndarray of shape (n, c)
+        Class probabilities of its patches, from matches in other scenes.
+    rgb : ndarray of float32, shape (n, 3), or None
+        Their colours.
+    edges : ndarray of int32, shape (m, 2)
+        Neighbouring patches.
+    labels : ndarray of int16, shape (n,)
+        Their true classes.
+    """
+
+    probabilities: NDArray[np.floating]
+    rgb: NDArray[np.float32] | None
+    edges: NDArray[np.int32]
+    labels: NDArray[np.int16]
+
+
+def choose_parameters(
+    scenes: Sequence[ValidationScene],
+    *,
+    smoothness: Sequence[float],
+    colour_decay: Sequence[float],
+    base: RefinementParameters | None = None,
+    ground: GroundClasses | None = None,
+) -> tuple[RefinementParameters, list[dict[str, float]]]:
+    """Choose lambda and beta by grid search with cross-validation over scenes: the best mean F1 of the patches.
+
+    Parameters
+    ----------
+    scenes : sequence of ValidationScene
+        Scenes that were labelled without their own labels.
+    smoothness : sequence of float
+        Values of lambda.
+    colour_decay : sequence of float
+        Values of beta; without colour they make no difference and the first is taken.
+    base : RefinementParameters, optional
+        The other parameters.
+    ground : GroundClasses, optional
+        The labels of grass and road.
+
+    Returns
+    -------
+    parameters : RefinementParameters
+        The best, of equally good ones the first.
+    grid : list of dict
+        ``smoothness``, ``colour_decay`` and ``mean_f1`` of every pair that was tried.
+
+    Raises
+    ------
+    ParameterError
+        If there is no scene or no value to choose from.
+    """
+    if not scenes or not smoothness or not colour_decay:
+        raise ParameterError("a grid search needs at least one scene and one value of each parameter")
+    rest = base or RefinementParameters()
+    decays = colour_decay if all(scene.rgb is not None for scene in scenes) else colour_decay[:1]
+    tried: list[tuple[float, RefinementParameters]] = []
+    for weight, decay in product(smoothness, decays):
+        parameters = RefinementParameters(weight, decay, rest.ground_penalty, rest.floor)
+        total = np.zeros((scenes[0].probabilities.shape[1],) * 2, np.int64)
+        for scene in scenes:
+            found, _ = refine(scene.probabilities, scene.rgb, scene.edges, parameters=parameters, ground=ground)
+            total += confusion_matrix(scene.labels, found, len(total))[:, : len(total)]
+        tried.append((_mean_f1(total), parameters))
+    grid = [{"smoothness": p.smoothness, "colour_decay": p.colour_decay, "mean_f1": f1} for f1, p in tried]
+    return max(tried, key=lambda pair: pair[0])[1], grid
+
+
+def _mean_f1(confusion: NDArray[np.int64]) -> float:
+    """Return the mean F1 over the classes that occur."""
+    support = confusion.sum(axis=1)
+    both = support + confusion.sum(axis=0)
+    f1 = 2 * np.diagonal(confusion)[support > 0] / both[support > 0]
+    return float(f1.mean())

@@ -1,0 +1,99 @@
+"""Scenes of the length that the match graph wants, cut from longer ones."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.patches import Patches
+from mlsroad_pipeline.algorithms.validation import check_positive
+
+
+def _along(centroid: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far along the main horizontal axis of a scene its patches lie, from 0."""
+    plan = centroid[:, :2] - centroid[:, :2].mean(axis=0)
+    _, axes = np.linalg.eigh(plan.T @ plan)
+    along: NDArray[np.float64] = plan @ axes[:, 1]
+    # The sign of an axis is arbitrary: it points to where its larger component grows.
+    along *= np.sign(axes[np.abs(axes[:, 1]).argmax(), 1])
+    return along - along.min()
+
+
+def cut_scenes(patches: Patches, length: float) -> Patches:
+    """Cut scenes across their main horizontal axis into pieces of about equal length, each a scene of its own.
+
+    Matches come from different scenes, so that short scenes let a patch match more places of one street.
+
+    Parameters
+    ----------
+    patches : Patches
+        Patches of one scene or of several.
+    length : float
+        Length of a piece in metres (luo2016: 10).
+
+    Returns
+    -------
+    Patches
+        The same patches; `scene` numbers the pieces from 0, scene after scene.
+
+    Raises
+    ------
+    ParameterError
+        If `length` is not positive.
+    """
+    check_positive(length, "scene_length")
+    pieces = np.empty(len(patches), np.int32)
+    n_pieces = 0
+    for scene in np.unique(patches.scene):
+        members = np.flatnonzero(patches.scene == scene)
+        along = _along(patches.centroid[members])
+        count = max(1, round(float(along.max()) / length))
+        places = np.minimum((along / max(along.max(), length) * count).astype(np.int32), count - 1)
+        pieces[members] = n_pieces + places
+        n_pieces += count
+    return patches.with_columns(scene=pieces)
+
+
+def thin_scenes(
+    patches: Patches, edges: NDArray[np.int32], *, n_patches: int, seed: int
+) -> tuple[Patches, NDArray[np.int32]]:
+    """Draw patches of scenes that have too many, every class in its share.
+
+    Parameters
+    ----------
+    patches : Patches
+        Labelled patches.
+    edges : ndarray of int32, shape (m, 2)
+        Pairs of neighbouring patches.
+    n_patches : int
+        Most patches of a scene.
+    seed : int
+        Seed of the draw.
+
+    Returns
+    -------
+    patches : Patches
+        The drawn patches in their order.
+    edges : ndarray of int32
+        The pairs of which both were drawn.
+
+    Raises
+    ------
+    ParameterError
+        If `n_patches` is below 1.
+    """
+    if n_patches < 1:
+        raise ParameterError(f"max_patches must be at least 1, got {n_patches!r}")
+    random = np.random.default_rng(seed)
+    # In the order of (scene, class), with a random order inside, every k-th patch has every class in its share.
+    order = np.lexsort((random.random(len(patches)), patches.label, patches.scene))
+    sizes = np.bincount(patches.scene)
+    rank = np.arange(len(patches)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    share = np.minimum(n_patches / np.maximum(sizes, 1), 1.0)[patches.scene[order]]
+    drawn = np.zeros(len(patches), bool)
+    drawn[order] = np.floor((rank + 1) * share + 1e-9) > np.floor(rank * share + 1e-9)
+    if drawn.all():
+        return patches, edges
+    place = np.where(drawn, np.cumsum(drawn) - 1, -1).astype(np.int32)[edges]
+    return patches.take(np.flatnonzero(drawn)), place[(place >= 0).all(axis=1)]

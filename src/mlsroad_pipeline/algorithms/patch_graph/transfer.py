@@ -1,0 +1,255 @@
+"""Label transfer: from matches into a trained graph to class probabilities (Luo et al. 2016, section III-C)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.patch_graph.costs import N_ABSOLUTE, CostWeights
+from mlsroad_pipeline.algorithms.patch_graph.iterations import (
+    MatchGraph,
+    SearchParameters,
+    find_matches,
+    make_chooser,
+)
+from mlsroad_pipeline.algorithms.patch_graph.matching import build_match_graph, check_matches
+from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex, build_patch_index
+from mlsroad_pipeline.algorithms.patches import UNKNOWN, Patches
+
+_ARRAYS = ("matches", "labels", "rows", "objective", "coloured")
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedGraph:
+    """A match graph over labelled patches, ready to be matched with.
+
+    Attributes
+    ----------
+    index : PatchIndex
+        The labelled patches.
+    matches : ndarray of int32, shape (n, K)
+        Their matches, as places in the index.
+    labels : ndarray of int16, shape (n,)
+        Their classes.
+    rows : ndarray of int64, shape (n,)
+        Their places among the patches that the graph was trained on.
+    objective : ndarray of float64
+        Equation 1 after every iteration of the training.
+    coloured : bool
+        Whether the costs count colour.
+    """
+
+    index: PatchIndex
+    matches: NDArray[np.int32]
+    labels: NDArray[np.int16]
+    rows: NDArray[np.int64]
+    objective: NDArray[np.float64]
+    coloured: bool
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the graph as named plain arrays."""
+        own = {"matches": self.matches, "labels": self.labels, "rows": self.rows, "objective": self.objective}
+        return {**self.index._asdict(), **own, "coloured": np.array(self.coloured)}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> TrainedGraph:
+        """Rebuild a graph from what `to_arrays` returned.
+
+        Parameters
+        ----------
+        arrays : mapping of str to ndarray
+            The arrays; further entries are left alone.
+
+        Returns
+        -------
+        TrainedGraph
+            The graph.
+
+        Raises
+        ------
+        DataError
+            If an array is missing.
+        """
+        missing = [name for name in (*PatchIndex._fields, *_ARRAYS) if name not in arrays]
+        if missing:
+            raise DataError(f"the arrays of a match graph lack {', '.join(missing)}")
+        index = PatchIndex(**{name: np.asarray(arrays[name]) for name in PatchIndex._fields})
+        own = {name: np.asarray(arrays[name]) for name in _ARRAYS[:-1]}
+        return cls(index, **own, coloured=bool(arrays["coloured"]))
+
+    def without_colour(self, weights: CostWeights) -> TrainedGraph:
+        """Return the same graph for patches that have no colour: its weight goes to height and shape."""
+        shared = (weights.colour + weights.height + weights.shape) / (weights.height + weights.shape)
+        table = self.index.table * np.float32(shared)
+        table[:, : N_ABSOLUTE - 1] = 0.0
+        return replace(self, index=self.index._replace(table=table), coloured=False)
+
+
+def train_graph(
+    patches: Patches,
+    *,
+    n_matches: int = 7,
+    weights: CostWeights | None = None,
+    search: SearchParameters | None = None,
+    seed: int = 0,
+    n_threads: int = 1,
+) -> TrainedGraph:
+    """Build the match graph of labelled patches and keep what label transfer needs of it.
+
+    Parameters
+    ----------
+    patches : Patches
+        Labelled patches of more than K scenes.
+    n_matches : int, default 7
+        K.
+    weights : CostWeights, optional
+        Weights of the costs.
+    search : SearchParameters, optional
+        How matches are searched.
+    seed : int, default 0
+        Seed of the search.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
+
+    Returns
+    -------
+    TrainedGraph
+        The graph, in the order of its index.
+
+    Raises
+    ------
+    DataError
+        If a patch has no label, or the patches are of K scenes or fewer.
+    ParameterError
+        If a parameter is outside its domain.
+    """
+    unlabelled = int((patches.label == UNKNOWN).sum())
+    if unlabelled:
+        raise DataError(f"{unlabelled} of {len(patches)} training patches have no label")
+    search, weights = search or SearchParameters(), weights or CostWeights()
+    graph = build_match_graph(
+        patches, n_matches=n_matches, weights=weights, search=search, seed=seed, n_threads=n_threads
+    )
+    coloured = patches.rgb is not None
+    index, order, _ = build_patch_index(
+        patches,
+        weights,
+        near_radius=search.propagation_radius,
+        far_radius=search.search_radius,
+        with_colour=coloured,
+    )
+    place = np.empty(len(order), np.int32)
+    place[order] = np.arange(len(order), dtype=np.int32)
+    return TrainedGraph(index, place[graph.matches[order]], patches.label[order], order, graph.objective, coloured)
+
+
+def match_patches(
+    patches: Patches,
+    graph: TrainedGraph,
+    *,
+    weights: CostWeights | None = None,
+    search: SearchParameters | None = None,
+    seed: int = 0,
+    n_threads: int = 1,
+) -> MatchGraph:
+    """Match unlabelled patches with those of a trained graph.
+
+    Edges lead into the trained graph only, which does not change; so there is no inverse enrichment.
+
+    Parameters
+    ----------
+    patches : Patches
+        Patches of one scene or of several, none of them in the graph. Where only one side has colour, it does not
+        count.
+    graph : TrainedGraph
+        The trained graph.
+    weights : CostWeights, optional
+        The weights that the graph was trained with.
+    search : SearchParameters, optional
+        How matches are searched. The exhaustive search takes costly patches only: classes are not known yet.
+    seed : int, default 0
+        Seed of the search.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
+
+    Returns
+    -------
+    MatchGraph
+        Matches as places in the trained graph's index, cheapest first.
+
+    Raises
+    ------
+    DataError
+        If the histograms have another length than those of the graph.
+    ParameterError
+        If `n_threads` is below 1 or `seed` is negative.
+    """
+    search, weights = search or SearchParameters(), weights or CostWeights()
+    n_matches = graph.matches.shape[1]
+    width = graph.index.table.shape[1] - N_ABSOLUTE
+    if patches.fpfh.shape[1] != width:
+        raise DataError(f"the graph was trained on histograms of {width} bins, got {patches.fpfh.shape[1]}")
+    check_matches(n_matches, len(graph.index.scene_starts) - 1, needed=n_matches, seed=seed)
+    if len(patches) == 0:
+        return MatchGraph(np.empty((0, n_matches), np.int32), np.empty((0, n_matches), np.float32), np.zeros(1))
+    if graph.coloured and patches.rgb is None:
+        graph = graph.without_colour(weights)
+    source, order, _ = build_patch_index(
+        patches,
+        weights,
+        near_radius=search.propagation_radius,
+        far_radius=search.search_radius,
+        with_colour=graph.coloured,
+    )
+    nameless = np.full(len(patches), UNKNOWN, np.int16)
+    chooser = make_chooser(nameless, (), len(graph.labels), search, seed)
+    found = find_matches(
+        source,
+        graph.index,
+        patches.height[order],
+        graph.matches,
+        n_matches,
+        search,
+        chooser,
+        seed=seed,
+        n_threads=n_threads,
+    )
+    matches, costs = np.empty_like(found.matches), np.empty_like(found.costs)
+    matches[order], costs[order] = found.matches, found.costs
+    return MatchGraph(matches, costs, found.objective)
+
+
+def class_probabilities(matched_labels: ArrayLike, n_classes: int) -> NDArray[np.float64]:
+    """Let the matches of each patch vote on its class, equation 6 with the weight 1 / rank squared.
+
+    Parameters
+    ----------
+    matched_labels : array-like of int, shape (n, K)
+        Classes of the matches, cheapest match first.
+    n_classes : int
+        Number of classes.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, n_classes)
+        Probabilities, of sum 1; the largest of a row is the patch's class, equation 7.
+
+    Raises
+    ------
+    DataError
+        If a class is outside 0 to `n_classes` - 1.
+    """
+    labels = np.asarray(matched_labels)
+    if labels.size and not 0 <= labels.min() <= labels.max() < n_classes:
+        raise DataError(f"classes of matches must be in 0..{n_classes - 1}, got {labels.min()}..{labels.max()}")
+    weights = 1.0 / np.arange(1, labels.shape[1] + 1) ** 2
+    weights /= weights.sum()
+    votes = np.zeros((len(labels), n_classes))
+    rows = np.arange(len(labels))
+    for rank, weight in enumerate(weights.tolist()):
+        votes[rows, labels[:, rank]] += weight
+    return votes

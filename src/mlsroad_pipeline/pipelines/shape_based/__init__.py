@@ -1,0 +1,5 @@
+"""Shape-based recognition of objects (Golovinskiy et al. 2009, a rival of Luo et al. 2016)."""
+
+from mlsroad_pipeline.pipelines.shape_based.pipeline import create_pipeline
+
+__all__ = ["create_pipeline"]
