@@ -53,8 +53,10 @@ class BottomUpTopDownParameters:
         Distance from which points of two aligned surfaces do not overlap, metres.
     n_steps : int, default 2
         Corrections of the alignment by the mean step to the nearest points.
-    n_azimuths, n_bands : int, default 36, 5
-        Cells of the Gaussian images.
+    n_azimuths : int, default 36
+        Cells of the Gaussian images around the vertical.
+    n_bands : int, default 5
+        Cells of the Gaussian images from lying normals to upright ones.
     least_shares : sequence of float, default (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
         Shares of a class among the nearest spin images from which an object is a hypothesis; the best on the training
         objects is taken.
@@ -65,8 +67,10 @@ class BottomUpTopDownParameters:
         The most models of a class that hypotheses are aligned with.
     candidates : int, default 24
         Training objects of a class that may become models: drawn at random.
-    max_per_class, max_others : int, default 150, 600
-        The most training objects of a class, and of all others, that database and models are chosen on.
+    max_per_class : int, default 150
+        The most training objects of a class that database and models are chosen on.
+    max_others : int, default 600
+        The most of all others.
     seed : int, default 2016
         Seed of the samples.
 

@@ -60,13 +60,17 @@ class HoughForestParameters:
         Random splits tried at a node; the best is taken. More give purer leaves and trees that are more alike.
     n_votes : int, default 8
         Most offsets that a leaf keeps for a class, spread evenly over those of its parts.
-    cell, height_cell : float, default 0.2, 0.5
-        Cells of the vote space, horizontally and vertically, metres. Finer separates centres, and scatters votes.
+    cell : float, default 0.2
+        Cells of the vote space, horizontally, metres. Finer separates centres, and scatters votes.
+    height_cell : float, default 0.5
+        The same, vertically.
     exponents : sequence of float, default (0.0, 0.5, 1.0)
         Peaks are divided by the number of voting parts to one of these powers, the one that is best on the training
         objects: 0 counts votes, 1 takes their share.
-    max_per_class, max_others : int, default 400, 1200
-        The most training objects of a class, and of all others, that trees are grown on.
+    max_per_class : int, default 400
+        The most training objects of a class that trees are grown on.
+    max_others : int, default 1200
+        The most of all others.
     max_parts : int, default 60
         The most parts of an object that are learned from.
     seed : int, default 2016

@@ -69,8 +69,10 @@ class ObjectMatchingParameters:
         The most prototypes of a class.
     candidates : int, default 24
         Training objects of a class that may become prototypes: drawn at random.
-    max_per_class, max_others : int, default 150, 1000
-        The most training objects of a class, and of all others, that prototypes are chosen on.
+    max_per_class : int, default 150
+        The most training objects of a class that prototypes are chosen on.
+    max_others : int, default 1000
+        The most of all others.
     seed : int, default 2016
         Seed of the samples.
 
