@@ -78,6 +78,8 @@ class VisualWordsDetector:
         Second factor of equation 22 over the training objects.
     queries_ : dict of str to ClassQueries
         Queries and threshold of each class.
+    f_scores_ : dict of str to float
+        F-score of each class on the training objects, none compared with itself; after `fit` alone.
     """
 
     def __init__(self, classes: Sequence[str], *, parameters: DetectorParameters = DetectorParameters()) -> None:
@@ -115,6 +117,7 @@ class VisualWordsDetector:
         bags = weigh_words(counts, self.inverse_frequency_)
         filled = np.asarray(counts.sum(axis=1)).ravel()
         self.queries_: dict[str, ClassQueries] = {}
+        self.f_scores_: dict[str, float] = {}
         for number, name in enumerate(self.classes):
             mine = np.flatnonzero((truth == number) & (filled > 0))
             if len(mine) == 0:
@@ -124,7 +127,7 @@ class VisualWordsDetector:
             order = mine[np.argsort(-filled[mine], kind="stable")][: self.parameters.candidates]
             alike = similarity(bags[order], bags)
             most = self.parameters.max_queries
-            chosen, threshold, _ = choose_queries(alike, order, truth == number, max_queries=most)
+            chosen, threshold, self.f_scores_[name] = choose_queries(alike, order, truth == number, max_queries=most)
             self.queries_[name] = ClassQueries(bags[order[chosen]], threshold)
         return self
 

@@ -119,6 +119,7 @@ def train_detector(
         facts[variant] = {
             "words": len(vocabulary),
             "queries": {name: int(found.bags.shape[0]) for name, found in detector.queries_.items()},
+            "f_scores": detector.f_scores_,
             "thresholds": {
                 name: found.threshold for name, found in detector.queries_.items() if np.isfinite(found.threshold)
             },
