@@ -146,6 +146,7 @@ def test_threshold_is_that_of_the_best_f_score_of_all(rng):
     every = [f1_score(truth, (scores >= t) & (scores > 0)) for t in np.unique(scores)]
     assert reached == pytest.approx(max(every)) == pytest.approx(f1_score(truth, scores >= threshold))
     assert not np.isin(threshold, scores)
+    assert best_threshold(np.ones(4), np.zeros(4, bool)) == (0.0, np.inf)
     nothing = best_threshold(np.zeros(4), np.array([True, False, False, True]))
     assert nothing == (0.0, np.nextafter(0.0, 1.0))
 

@@ -287,8 +287,11 @@ def best_threshold(scores: NDArray[np.floating], truth: NDArray[np.bool_]) -> tu
     f_score : float
         The best F-score.
     threshold : float
-        The middle of the scores between which it is reached; where no object of the class scores, anything above 0.
+        The middle of the scores between which it is reached; where no object of the class scores, anything above 0;
+        where no object is of the class, infinity.
     """
+    if not truth.any():
+        return 0.0, float("inf")
     some = scores > 0
     if not (some & truth).any():
         return 0.0, float(np.nextafter(0.0, 1.0))

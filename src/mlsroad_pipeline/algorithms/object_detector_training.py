@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -21,6 +22,8 @@ from mlsroad_pipeline.algorithms.object_detectors import (
     TrainedDetector,
     object_bounds,
 )
+
+logger = logging.getLogger(__name__)
 
 Fit = Callable[[Description, NDArray[np.int16], bool], tuple[TrainedDetector, dict[str, Any]]]
 """Parts of the training objects, class of each object, whether intensities count: a detector and facts about it."""
@@ -171,6 +174,8 @@ def train_object_detector(
 ) -> ModelBundle:
     """Train a detector on the objects that the training scenes own.
 
+    A class without training objects is warned of and never detected.
+
     Parameters
     ----------
     parts : mapping of str to mapping
@@ -203,7 +208,7 @@ def train_object_detector(
     Raises
     ------
     DataError
-        If there are no training scenes, or a wanted class has no object.
+        If there are no training scenes.
     """
     keys = sorted(labels)
     if not keys:
@@ -213,7 +218,7 @@ def train_object_detector(
     described = np.diff(object_bounds(joined)) > 0
     for number, name in enumerate(detection.classes):
         if not (described & (truth == number)).any():
-            raise DataError(f"{slug}: no training object of class {name!r}: there is nothing to learn it from")
+            logger.warning("No training object is a %s: the model never detects one", name)
     intensity = uses_intensity and bool(joined["intensity"])
     variants = [WITH_INTENSITY, GEOMETRY] if intensity else [GEOMETRY]
     arrays: dict[str, NDArray] = {}
@@ -221,7 +226,8 @@ def train_object_detector(
     for variant in variants:
         detector, facts[variant] = fit(joined, truth, variant == WITH_INTENSITY)
         arrays |= {f"{variant}.{name}": values for name, values in detector.to_arrays().items()}
-        facts[variant]["thresholds"] = dict(zip(detection.classes, detector.thresholds.tolist(), strict=True))
+        found = zip(detection.classes, detector.thresholds.tolist(), strict=True)
+        facts[variant]["thresholds"] = {name: value for name, value in found if np.isfinite(value)}
     metadata = {
         "entry_point": entry_point,
         "classes": list(scheme.classes),

@@ -90,7 +90,7 @@ def fit_bottom_up_top_down(
         asked = np.repeat(wanted[:, None], len(queries), axis=1)
         found = overlaps(parts, select_objects(sample, models[k]), geometry, wanted=asked, n_threads=n_threads)
         found[drawn[models[k]], np.arange(len(queries))] = 0.0
-        scores = found.max(axis=1) * np.where(wanted, every_share[:, k] ** gate[1], 0.0)
+        scores = found.max(axis=1, initial=0.0) * np.where(wanted, every_share[:, k] ** gate[1], 0.0)
         chosen.append((*best_threshold(scores, labels == k), *gate))
     every_model = np.concatenate(models)
     order = np.argsort(every_model)
@@ -160,7 +160,7 @@ def train_bottom_up_top_down(
     Raises
     ------
     DataError
-        If there are no training scenes, or a wanted class has no object.
+        If there are no training scenes.
     """
     n = len(detection.classes)
 

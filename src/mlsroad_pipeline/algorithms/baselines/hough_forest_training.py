@@ -189,7 +189,7 @@ def train_hough_forest(
     Raises
     ------
     DataError
-        If there are no training scenes, or a wanted class has no object.
+        If there are no training scenes.
     """
     n = len(detection.classes)
 

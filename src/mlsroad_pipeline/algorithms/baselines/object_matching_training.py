@@ -83,7 +83,7 @@ def fit_object_matching(
         models = select_objects(sample, np.sort(chosen[k]))
         found = likeness(parts, models, geometry, intensity=intensity, n_threads=n_threads)
         found[drawn[np.sort(chosen[k])], np.arange(len(queries))] = 0.0
-        f_score, threshold = best_threshold(found.max(axis=1), labels == k)
+        f_score, threshold = best_threshold(found.max(axis=1, initial=0.0), labels == k)
         thresholds.append(threshold)
         reached.append(f_score)
     every = np.concatenate(chosen)
@@ -133,7 +133,7 @@ def train_object_matching(
     Raises
     ------
     DataError
-        If there are no training scenes, or a wanted class has no object.
+        If there are no training scenes.
     """
     n = len(detection.classes)
 
