@@ -40,12 +40,26 @@ def nearest_image_colour(point, time, images, depths):
         seen = image.R @ point + image.t
         if seen[2] < 0.3:
             continue
-        u, v, _ = np.floor(image.K @ seen / seen[2] + 0.5).astype(int)
+        x, y = seen[:2] / seen[2]
+        if x * x + y * y > 2.0:  # far beyond the corners, where the lens's polynomial turns back
+            continue
+        u, v, _ = np.floor(image.K @ [*brown_conrady(x, y, image.distortion), 1.0] + 0.5).astype(int)
         if not (0 <= u < image.width and 0 <= v < image.height):
             continue
         if seen[2] <= depths[j][v, u] * 1.01 + 0.06:
             return image.rgb[v, u]
     return None
+
+
+def brown_conrady(x, y, distortion):
+    """Return the distorted place of a place in the image plane, as the formula is printed."""
+    k1, k2, p1, p2, k3 = distortion
+    r = np.hypot(x, y)
+    radial = 1 + k1 * r**2 + k2 * r**4 + k3 * r**6
+    return (
+        x * radial + 2 * p1 * x * y + p2 * (r**2 + 2 * x**2),
+        y * radial + p1 * (r**2 + 2 * y**2) + 2 * p2 * x * y,
+    )
 
 
 def curb_distance_by_sampling(s, left, half, arm):

@@ -13,7 +13,10 @@ from kedro.io import DatasetError
 from numpydoc.docscrape import ClassDoc
 from references_wiring import REPOSITORY, joined, last_line, make_project, session_of
 
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import BottomUpTopDownParameters
+from mlsroad_pipeline.algorithms.baselines.hough_forest import HoughForestParameters
 from mlsroad_pipeline.algorithms.baselines.max_margin_markov import MarginParameters
+from mlsroad_pipeline.algorithms.baselines.object_matching import ObjectMatchingParameters
 from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForestParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvmParameters
 from mlsroad_pipeline.algorithms.baselines.shape_based import ShapeParameters
@@ -35,6 +38,9 @@ from mlsroad_pipeline.datasets.survey_plan import LabelParameters, SurveyParamet
 CONF = REPOSITORY / "conf"
 ENVIRONMENTS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name != "local")
 TYPED = {
+    "bottom_up_top_down": BottomUpTopDownParameters,
+    "hough_forest": HoughForestParameters,
+    "object_matching": ObjectMatchingParameters,
     "detection": DetectionParameters,
     "segmentation": SegmentationParameters,
     "visual_words": VisualWordsParameters,
@@ -266,6 +272,19 @@ def test_command_line_says_where_results_of_label_go(project, tmp_path):
     assert parameters.model == 3
     with pytest.raises(Exception, match="12 does not exist"):
         plan_labelling(parameters, IngestParameters())
+
+
+def test_environment_says_where_results_of_label_go_and_the_command_line_overrules_it(tmp_path):
+    project = make_project(tmp_path / "project", tiny=False)
+    own = {"label": {"output": str(tmp_path / "out"), "method": "other", "model": 4}}
+    (project / "conf/local/parameters_label.yml").write_text(yaml.safe_dump(own), encoding="utf-8")
+    catalog = context_of(project, "local").catalog
+    assert Path(catalog.get("label_inventory")._describe()["filepath"]) == tmp_path / "out/inventory.gpkg"
+    assert str(tmp_path / "out/report.html") in str(catalog.get("label_report")._describe())
+    assert catalog.get("label_registered_model")._describe() == {"name": "mlsroad-other", "model_version": 4}
+    overruled = context_of(project, "local", label={"output": str(tmp_path / "here")}).catalog
+    assert Path(overruled.get("label_inventory")._describe()["filepath"]) == tmp_path / "here/inventory.gpkg"
+    assert overruled.get("label_registered_model")._describe()["name"] == "mlsroad-other"
 
 
 @pytest.mark.parametrize(

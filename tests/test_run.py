@@ -224,3 +224,20 @@ def test_second_run_recomputes_no_scene_and_gives_the_same_scores(project, tmp_p
     assert {name: computed for name, (computed, _) in counts.items() if computed} == {}
     assert reporting(copy, f"scores/{METHOD}.csv").read_bytes() == before
     assert reporting(copy, f"figures/{METHOD}_birds_eye.png").read_bytes() == picture
+
+
+def test_detections_are_counted_by_object_and_scored(project):
+    table = pd.read_csv(reporting(project, "scores/visual_words.csv"))
+    assert set(table["class"]) == {"light pole", "car", "all"} and set(table["split"]) == {"test"}
+    value = table.set_index(["class", "metric"])["value"]
+    for name in ("light pole", "car"):
+        tp, fp, fn = (value[name, metric] for metric in ("tp", "fp", "fn"))
+        assert table.set_index(["class", "metric"])["support"][name, "recall"] == tp + fn
+        if tp + fn:
+            assert value[name, "recall"] == pytest.approx(tp / (tp + fn))
+        if tp + fp:
+            assert value[name, "precision"] == pytest.approx(tp / (tp + fp))
+    segmentation = pd.read_csv(reporting(project, "segmentation_scores.csv")).set_index("split")
+    assert segmentation.loc["test", "n_instances"] > 3 and 0 < segmentation.loc["test", "weighted_coverage"] <= 1
+    compared = pd.read_csv(reporting(project, "detection_comparison.csv"))
+    assert "visual_words" in set(compared["method"])

@@ -150,7 +150,7 @@ def distance_to_mesh(point, meshes):
 def test_vehicles_of_a_lane_never_meet():
     street = draw_street(1, length=600.0, parameters=replace(STREETS["ring_road"], traffic=2.0))
     time = np.arange(0, 61, 1.0)
-    drive = Drive(time, 10.0 * time, np.zeros((61, 6)), np.zeros((61, 6)))
+    drive = Drive(time, 10.0 * time, np.zeros((61, 6)), np.zeros((61, 6)), 0.0, np.zeros((3, 2)))
     lanes = {}
     for block in range(10):
         for mover in draw_traffic(street, drive, block):
