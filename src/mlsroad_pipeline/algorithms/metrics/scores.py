@@ -87,13 +87,10 @@ def _of_given(figures: LabellingScores, classes: Sequence[str], given: Sequence[
     if unknown:
         raise DataError(f"{', '.join(unknown)} cannot be given: the classes are {', '.join(classes)}")
     able = np.array([name in given for name in classes])
-    shown = {metric: np.where(able, getattr(figures, metric), np.nan) for metric in CLASS_METRICS}
+    precision, recall, f1, iou = (np.where(able, getattr(figures, metric), np.nan) for metric in CLASS_METRICS)
     scored = able & (figures.support > 0)
-    means = {
-        f"mean_{metric}": float(shown[metric][scored].mean()) if scored.any() else float("nan")
-        for metric in ("f1", "iou")
-    }
-    return replace(figures, **shown, **means)
+    mean_f1, mean_iou = (float(v[scored].mean()) if scored.any() else float("nan") for v in (f1, iou))
+    return replace(figures, precision=precision, recall=recall, f1=f1, iou=iou, mean_f1=mean_f1, mean_iou=mean_iou)
 
 
 def check_scores(frame: pd.DataFrame, *, source: str = "scores") -> pd.DataFrame:

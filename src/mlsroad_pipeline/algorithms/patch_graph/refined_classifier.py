@@ -141,8 +141,8 @@ class RefinedPatchGraphClassifier:
         missing = [name for name in ("refinement", "ground") if name not in arrays]
         if missing:
             raise DataError(f"the arrays of a refined patch graph lack {', '.join(missing)}")
-        *numbers, smooth_ground = np.asarray(arrays["refinement"]).tolist()
-        parameters = RefinementParameters(*numbers, smooth_ground=bool(smooth_ground))
+        smoothness, decay, penalty, floor, smooth_ground = np.asarray(arrays["refinement"]).tolist()
+        parameters = RefinementParameters(smoothness, decay, penalty, floor, bool(smooth_ground))
         ground = GroundClasses(*np.asarray(arrays["ground"]).tolist())
         return cls(PatchGraphClassifier.from_arrays(arrays), parameters=parameters, ground=ground)
 

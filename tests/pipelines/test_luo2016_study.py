@@ -1,0 +1,71 @@
+"""The study of luo2016 at its fast scale: what it writes, and that a second run has nothing left to do."""
+
+import mlflow
+import numpy as np
+import pandas as pd
+import pytest
+from references_wiring import make_project, run, session_of, stage_counts
+
+from mlsroad_pipeline.algorithms.studies.luo2016_parameters import METHODS
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+FAST = {"luo2016_study": {"scale": "fast", "sensitivity": 1}, "execution": {"backend": "sequential"}}
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    folder = make_project(tmp_path_factory.mktemp("study"))
+    run(folder, "luo2016_study", **FAST)
+    return folder
+
+
+def table(project, name):
+    return pd.read_csv(project / f"data/08_reporting/luo2016_study/{name}.csv")
+
+
+def test_tables_hold_every_method_and_setting(project):
+    three = table(project, "table_3")
+    assert list(dict.fromkeys(three["method"])) == list(METHODS)
+    dash = three[(three["method"] == "shape_based") & three["class"].isin(["road", "grass", "mean of seven"])]
+    assert len(dash) == 9 and dash["mean"].isna().all()
+    road = three[(three["class"] == "road") & (three["metric"] == "f1") & (three["method"] != "shape_based")]
+    assert (road["mean"] > 0.5).all() and (road["repetitions"] == 2).all()
+    assert table(project, "patch_size")["value"].tolist() == [0.2, 0.4]
+    assert table(project, "search_radius")["value"].tolist() == [0.5, 1.0]
+    times = table(project, "times").set_index("method")
+    assert list(times.index) == list(METHODS)
+    assert times.loc["patch_graph_mrf", "train_seconds"] >= times.loc["patch_graph", "train_seconds"] > 0
+
+
+def test_the_mean_in_the_scores_is_that_of_its_classes_without_other(project):
+    scores = table(project, "scores")
+    mine = scores[(scores["method"] == "patch_forest") & (scores["split"] == "test_11")]
+    f1 = mine[(mine["metric"] == "f1")].set_index("class")["value"]
+    assert "other" not in f1.index and len(f1) == 7
+    assert mine[mine["metric"] == "mean_f1"]["value"].item() == pytest.approx(np.nanmean(f1))
+
+
+def test_report_and_tracked_run_hold_the_figures(project):
+    page = (project / "data/08_reporting/luo2016_study/report.html").read_text(encoding="utf-8")
+    assert "(0.862)" in page and page.count("data:image/") == 3
+    with session_of(project):
+        client = mlflow.MlflowClient(f"sqlite:///{project / 'mlflow.db'}")
+        (found,) = client.search_runs([e.experiment_id for e in client.search_experiments()])
+        steps = client.get_metric_history(found.info.run_id, "luo2016_study/patch_size_objective")
+    scores = table(project, "scores").set_index(["method", "split", "class", "metric"])["value"]
+    name = "patch_graph_mrf/test_11/f1/grass"
+    assert found.data.metrics[name] == pytest.approx(scores["patch_graph_mrf", "test_11", "grass", "f1"])
+    assert [step.step for step in steps] == [200, 400]
+
+
+def test_a_second_run_computes_nothing_and_a_tried_setting_only_what_is_new(project, caplog):
+    caplog.set_level("INFO")
+    tuning = {"patch_forest": [{"max_depth": 2}, {"max_depth": 15}]}
+    run(project, "luo2016_study", **{**FAST, "luo2016_study": {**FAST["luo2016_study"], "tuning": tuning}})
+    counts = stage_counts(caplog.messages)
+    assert counts["streets"] == (0, 4) and counts["tried"] == (2, 0)
+    assert counts["runs"][0] <= 1  # the forest, if the setting that was chosen is not the one before
+    tried = table(project, "tuning")
+    assert len(tried) == 2 and tried["chosen"].sum() == 1
+    assert tried.loc[tried["chosen"], "mean_f1"].item() == tried["mean_f1"].max()
