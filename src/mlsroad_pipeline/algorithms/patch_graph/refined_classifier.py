@@ -32,7 +32,7 @@ class GridParameters:
 
     Parameters
     ----------
-    smoothness : tuple of float, default (0.1, 0.2, 0.4, 0.8, 1.6)
+    smoothness : tuple of float, default (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
         Values of lambda.
     colour_decay : tuple of float, default (0.0, 10.0, 50.0)
         Values of beta.
@@ -51,7 +51,7 @@ class GridParameters:
         If there is nothing to choose from, or a value is outside its domain.
     """
 
-    smoothness: tuple[float, ...] = (0.1, 0.2, 0.4, 0.8, 1.6)
+    smoothness: tuple[float, ...] = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
     colour_decay: tuple[float, ...] = (0.0, 10.0, 50.0)
     ground_penalty: float = 0.0
     floor: float = 0.01
