@@ -1,6 +1,7 @@
 """Slow, obvious re-implementations for the simulator's tests."""
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 
 def first_triangle(origin, direction, vertices, faces):
@@ -39,9 +40,58 @@ def nearest_image_colour(point, time, images, depths):
         seen = image.R @ point + image.t
         if seen[2] < 0.3:
             continue
-        u, v, _ = np.floor(image.K @ seen / seen[2] + 0.5).astype(int)
+        x, y = seen[:2] / seen[2]
+        if x * x + y * y > 2.0:  # far beyond the corners, where the lens's polynomial turns back
+            continue
+        u, v, _ = np.floor(image.K @ [*brown_conrady(x, y, image.distortion), 1.0] + 0.5).astype(int)
         if not (0 <= u < image.width and 0 <= v < image.height):
             continue
         if seen[2] <= depths[j][v, u] * 1.01 + 0.06:
             return image.rgb[v, u]
     return None
+
+
+def brown_conrady(x, y, distortion):
+    """Return the distorted place of a place in the image plane, as the formula is printed."""
+    k1, k2, p1, p2, k3 = distortion
+    r = np.hypot(x, y)
+    radial = 1 + k1 * r**2 + k2 * r**4 + k3 * r**6
+    return (
+        x * radial + 2 * p1 * x * y + p2 * (r**2 + 2 * x**2),
+        y * radial + p1 * (r**2 + 2 * y**2) + 2 * p2 * x * y,
+    )
+
+
+def curb_distance_by_sampling(s, left, half, arm):
+    """Return distances to the curb of a straight street that one side street joins at right angles.
+
+    The curb is drawn as points a millimetre apart: straight lines, and arcs of the arm's radius that touch both.
+    """
+    station, wide, radius = arm[[0, 2, 3]]
+    angle = np.linspace(0, np.pi / 2, 12000)
+    straight = np.arange(radius, 80, 0.001)
+    x = np.concatenate([np.zeros_like(straight), radius - radius * np.cos(angle), straight])
+    y = np.concatenate([straight[::-1], radius - radius * np.sin(angle), np.zeros_like(straight)])
+    curb = np.concatenate([np.stack([k * (wide + y), x], axis=1) for k in (-1, 1)])
+    out = np.abs(left) - half
+    distances = []
+    for q, t in zip(s - station, out, strict=True):
+        nearest = np.sqrt(((curb - [q, t]) ** 2).sum(axis=1).min())
+        corner = t < radius and abs(q) < wide + radius
+        paved = t <= 0 or abs(q) <= wide
+        if corner and not paved:
+            paved = np.hypot(radius - t, wide + radius - abs(q)) >= radius
+        distances.append(-nearest if paved else nearest)
+    return np.array(distances)
+
+
+def hulls_overlap(a, b):
+    """Tell whether the convex hulls of two sets of points of the plane overlap (no axis of either separates them)."""
+    hulls = [points[ConvexHull(points).vertices] for points in (a, b)]
+    for hull in hulls:
+        edges = np.roll(hull, -1, axis=0) - hull
+        for normal in np.stack([-edges[:, 1], edges[:, 0]], axis=1):
+            first, second = (h @ normal for h in hulls)
+            if first.max() <= second.min() or second.max() <= first.min():
+                return False
+    return True

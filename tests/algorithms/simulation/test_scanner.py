@@ -109,7 +109,7 @@ def test_edges_beyond_the_pulse_length_give_two_returns(street):
 
 def test_pulses_turn_at_the_profile_rate_and_miss_the_van(stream, parameters):
     centre = np.zeros(3)
-    pulses = send_pulses(stream.drive, parameters, scanner=0, first=0, last=2800, centre=centre)
+    pulses = send_pulses(stream.drive, parameters.devices[0], first=0, last=2800, centre=centre)
     per_turn = parameters.pulse_rate / parameters.profile_rate
     step = np.diff(pulses.angle)
     assert np.median(step) == pytest.approx(2 * np.pi / per_turn, rel=1e-6)
@@ -120,14 +120,15 @@ def test_pulses_turn_at_the_profile_rate_and_miss_the_van(stream, parameters):
 
 
 def test_the_reported_trajectory_puts_points_off_by_centimetres(stream, scene, parameters):
-    pulses = send_pulses(stream.drive, parameters, scanner=1, first=0, last=4000, centre=scene.centre)
+    device = parameters.devices[1]
+    pulses = send_pulses(stream.drive, device, scanner=1, first=0, last=4000, centre=scene.centre)
     exact = replace(parameters, range_noise=0.0, beam_divergence=1e-9)
     returns, _ = receive(scene, pulses, exact, np.random.default_rng(0))
-    reported = georeference(pulses, returns.pulse, returns.distance, stream.drive, scanner=1)
+    reported = georeference(pulses, returns.pulse, returns.distance, stream.drive, device)
     true = pulses.rays[returns.pulse, :3] + returns.distance[:, None] * pulses.rays[returns.pulse, 3:] + scene.centre
     error = np.linalg.norm(reported - true, axis=1)
     assert 0.001 < np.median(error) < 0.06
     blind = georeference(
-        pulses, returns.pulse, returns.distance, replace(stream.drive, reported=stream.drive.true), scanner=1
+        pulses, returns.pulse, returns.distance, replace(stream.drive, reported=stream.drive.true), device
     )
     np.testing.assert_allclose(blind, true, atol=1e-3)

@@ -1,10 +1,12 @@
 """The survey simulator: a street that a mobile mapping van really scans."""
 
 from mlsroad_pipeline.algorithms.simulation.cameras import Image
+from mlsroad_pipeline.algorithms.simulation.devices import SCANNERS, Device, ScannerSystem
 from mlsroad_pipeline.algorithms.simulation.presets import PRESETS, SimulationParameters
 from mlsroad_pipeline.algorithms.simulation.stream import SurveyStream
 from mlsroad_pipeline.algorithms.simulation.survey import (
     Survey,
+    SurveyPieces,
     long_survey,
     simulate_survey,
     stream_points,
@@ -13,9 +15,13 @@ from mlsroad_pipeline.algorithms.simulation.survey import (
 
 __all__ = [
     "PRESETS",
+    "SCANNERS",
+    "Device",
     "Image",
+    "ScannerSystem",
     "SimulationParameters",
     "Survey",
+    "SurveyPieces",
     "SurveyStream",
     "long_survey",
     "simulate_survey",

@@ -1,131 +1,110 @@
-"""Facades and what stands on property lines. Local x is along the street, -y faces it, the facade is at y = 0."""
+"""Buildings and what stands on property lines. Local x is along the street, -y faces it, the front is at y = 0."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.simulation.materials import cloth, material
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, join, quads, tube
+from mlsroad_pipeline.algorithms.simulation.facades import Openings, balconies, boxes, shop_front, stairs
+from mlsroad_pipeline.algorithms.simulation.materials import material
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, join, quads
 
 _UNDERGROUND = 1.5  # walls go this deep, so that slopes leave no gap
 
 
-def building(rng: np.random.Generator, length: float) -> Mesh:
-    """Return a building of one to five storeys: windows in reveals, rooms behind the glass, balconies, a roof.
+class _Plan:
+    """The measures that all openings of one front share."""
+
+    def __init__(self, rng: np.random.Generator, length: float, *, shop: bool, plinth: float) -> None:
+        self.length, self.plinth = length, plinth
+        self.storeys = int(rng.integers(1, 5)) if rng.random() < 0.8 else 5
+        if shop:
+            self.storeys = max(self.storeys, 2)
+        self.storey = rng.uniform(2.7, 3.4)
+        self.bays = max(int(length / rng.uniform(2.2, 3.6)), 1)
+        self.width = min(rng.uniform(0.9, 1.7), length / self.bays - 0.6)
+        self.sill, self.tall = rng.uniform(0.75, 0.95), rng.uniform(1.2, 1.7)
+        self.recess, self.room = rng.uniform(0.06, 0.25), rng.uniform(1.5, 4.0)
+        self.top = plinth + self.storeys * self.storey
+        self.door = int(rng.integers(self.bays))
+        self.shop = shop
+
+    def openings(self, rng: np.random.Generator) -> tuple[Openings, Openings, Openings]:
+        """Return windows, doors and shop windows."""
+        level, bay = (g.ravel() for g in np.meshgrid(np.arange(self.storeys), np.arange(self.bays), indexing="ij"))
+        wide = self.length / self.bays
+        x0, z0 = -self.length / 2 + bay * wide, self.plinth + level * self.storey
+        cell = np.stack([x0, x0 + wide, z0, z0 + self.storey], axis=1)
+        ground, door = level == 0, (level == 0) & (bay == self.door)
+        shop = ground & ~door & self.shop
+        opened = np.where(shop, max(wide - 0.5, self.width), self.width)
+        left, right = x0 + (wide - opened) / 2, x0 + (wide + opened) / 2
+        sill = np.where(shop, 0.35, np.where(door, 0.02, self.sill))
+        # Some windows of the upper floors reach down to the floor.
+        french = (level > 0) & (rng.random(len(level)) < 0.25)
+        sill = np.where(french, 0.12, sill)
+        high = np.where(shop, 2.5, np.where(door, 2.15, self.sill + self.tall))
+        recess = np.where(door & (rng.random() < 0.4), rng.uniform(0.6, 1.1), self.recess)
+        top = np.minimum(z0 + high, z0 + self.storey - 0.25)
+        every = Openings(cell, left, right, np.asarray(z0 + sill, float), np.asarray(top, float), recess)
+        return every.of(~door & ~shop), every.of(door), every.of(shop)
+
+
+def building(rng: np.random.Generator, length: float, *, shop: bool = False, plinth: float = 0.0) -> Mesh:
+    """Return a building of one to five storeys: windows in reveals with rooms behind the glass, a door, a roof.
 
     Parameters
     ----------
     rng : numpy.random.Generator
         Source of its design, measures and colours.
     length : float
-        Length of the facade along x, metres.
+        Length of the front along x, metres.
+    shop : bool, default False
+        Whether there are shop windows on the ground floor, with signs and awnings.
+    plinth : float, default 0
+        Height of the ground floor above the ground, metres; stairs lead up to the door.
 
     Returns
     -------
     Mesh
-        Centred on x = 0, 7 to 12 m deep towards +y, walls 1.5 m into the ground; every face is `building`.
+        Centred on x = 0, 7 to 12 m deep towards +y, walls 1.5 m into the ground; faces are `building`, steps `stairs`.
     """
-    storeys = int(rng.integers(1, 5)) if rng.random() < 0.8 else 5
-    storey = rng.uniform(2.7, 3.4)
-    depth, height = rng.uniform(7, 12), storeys * storey + rng.uniform(0.2, 0.6)
+    plan = _Plan(rng, length, shop=shop, plinth=plinth)
     skin = material(str(rng.choice(["plaster", "brick", "stone", "concrete"])), "building", rng)
-    bays = max(int(length / rng.uniform(2.2, 3.6)), 1)
-    plan = _FacadePlan(rng, skin, length / bays, storey)
-    door = int(rng.integers(bays))
-    meshes = []
-    for level in range(storeys):
-        for bay in range(bays):
-            corner = (-length / 2 + bay * plan.bay, level * storey)
-            meshes += plan.door(corner) if level == 0 and bay == door else plan.window(corner, level, rng)
-    top = storeys * storey
-    h = length / 2
-    meshes.append(quads([[-h, 0, top], [h, 0, top], [h, 0, height], [-h, 0, height]], skin))
-    meshes.append(quads([[-h, 0, -_UNDERGROUND], [h, 0, -_UNDERGROUND], [h, 0, 0], [-h, 0, 0]], skin))
+    windows, doors, shops = plan.openings(rng)
+    glass, frame = material("glass", "building", rng), material("plaster", "building", rng)
+    wood = material("wood", "building", rng)
+    meshes = [windows.wall(skin), doors.wall(skin), windows.panes(glass), windows.frames(frame, sill=True)]
+    meshes.append(doors.panes(wood))
+    if len(shops.low):
+        meshes += [shops.wall(skin), shops.panes(glass), shops.frames(frame, sill=False)]
+        meshes += shop_front(rng, float(shops.left[0]), float(shops.right[-1]), plinth, float(shops.high[0]))
+    draped = rng.random(len(windows.low)) < 0.45
+    meshes.append(windows.of(draped).curtains(material("curtain", "building", rng), rng))
+    if rng.random() < 0.25:
+        meshes.append(windows.of(windows.cell[:, 2] > -1).shutters(wood))
+    upper = windows.of((windows.cell[:, 2] > plinth + 1) & (rng.random(len(windows.low)) < 0.5))
+    if rng.random() < 0.45 and len(upper.low):
+        meshes += balconies(upper, skin, material("painted_metal", "building", rng), rng.uniform(0.7, 1.2))
+    middle, wide = float(doors.left[0] + doors.right[0]) / 2, float(doors.right[0] - doors.left[0])
+    meshes.append(stairs(rng, middle, wide, max(plinth, 0.12)))
+    return join([*meshes, *_shell(rng, plan, skin, material("room", "building", rng))])
+
+
+def _shell(rng: np.random.Generator, plan: _Plan, skin: Surface, room: Surface) -> list[Mesh]:
+    """Return the walls without openings, floors, the rooms' back wall, a cornice and the roof."""
+    h, depth = plan.length / 2, rng.uniform(7, 12)
+    height = plan.top + rng.uniform(0.2, 0.6)
+    base = [[-h, 0, -_UNDERGROUND], [h, 0, -_UNDERGROUND], [h, 0, plan.plinth], [-h, 0, plan.plinth]]
+    parapet = [[-h, 0, plan.top], [h, 0, plan.top], [h, 0, height], [-h, 0, height]]
     ends = [[[x, 0, -_UNDERGROUND], [x, depth, -_UNDERGROUND], [x, depth, height], [x, 0, height]] for x in (-h, h)]
     back = [[-h, depth, -_UNDERGROUND], [h, depth, -_UNDERGROUND], [h, depth, height], [-h, depth, height]]
-    meshes.append(quads([*ends, back], skin))
-    room = material("room", "building", rng)
     inner = plan.recess + plan.room
-    meshes.append(quads([[-h, inner, 0], [h, inner, 0], [h, inner, height], [-h, inner, height]], room))
-    floors = [[[-h, 0.3, z], [h, 0.3, z], [h, inner, z], [-h, inner, z]] for z in storey * np.arange(storeys + 1)]
-    meshes.append(quads(floors, room))
-    meshes.append(box([length, 0.12, 0.15], [0, -0.05, height - 0.1], skin))
-    return join([*meshes, *_roof(rng, length, depth, height)])
-
-
-class _FacadePlan:
-    """The measures that all openings of one facade share."""
-
-    def __init__(self, rng: np.random.Generator, skin: Surface, bay: float, storey: float) -> None:
-        self.skin, self.bay, self.storey = skin, bay, storey
-        self.width = min(rng.uniform(0.9, 1.7), bay - 0.6)
-        self.high = rng.uniform(1.2, 1.7)
-        self.sill = rng.uniform(0.75, 0.95)
-        self.recess = rng.uniform(0.06, 0.25)
-        self.room = rng.uniform(1.5, 4.0)
-        self.glass, self.frame = material("glass", "building", rng), material("plaster", "building", rng)
-        self.curtain, self.wood = material("curtain", "building", rng), material("wood", "building", rng)
-        self.metal = material("painted_metal", "building", rng)
-        self.balconies = rng.random() < 0.4
-
-    def opening(
-        self, corner: tuple[float, float], low: float, high: float
-    ) -> tuple[list[Mesh], tuple[float, float, float, float]]:
-        """Return the wall around an opening with its reveals, and the opening's left, right, bottom and top."""
-        x0, z0 = corner
-        x1, z1 = x0 + self.bay, z0 + self.storey
-        left, right = x0 + (self.bay - self.width) / 2, x1 - (self.bay - self.width) / 2
-        bottom, top = z0 + low, min(z0 + high, z1 - 0.25)
-        r = self.recess
-        wall = [
-            [[x0, 0, z0], [left, 0, z0], [left, 0, z1], [x0, 0, z1]],
-            [[right, 0, z0], [x1, 0, z0], [x1, 0, z1], [right, 0, z1]],
-            [[left, 0, z0], [right, 0, z0], [right, 0, bottom], [left, 0, bottom]],
-            [[left, 0, top], [right, 0, top], [right, 0, z1], [left, 0, z1]],
-            [[left, 0, bottom], [left, r, bottom], [left, r, top], [left, 0, top]],
-            [[right, 0, bottom], [right, 0, top], [right, r, top], [right, r, bottom]],
-            [[left, 0, bottom], [right, 0, bottom], [right, r, bottom], [left, r, bottom]],
-            [[left, 0, top], [left, r, top], [right, r, top], [right, 0, top]],
-        ]
-        return [quads(wall, self.skin)], (left, right, bottom, top)
-
-    def window(self, corner: tuple[float, float], level: int, rng: np.random.Generator) -> list[Mesh]:
-        """Return one cell with a window; some have curtains, a shutter or a balcony."""
-        meshes, (left, right, low, top) = self.opening(corner, self.sill, self.sill + self.high)
-        r, middle = self.recess, (left + right) / 2
-        meshes.append(quads([[left, r, low], [right, r, low], [right, r, top], [left, r, top]], self.glass))
-        meshes.append(box([0.06, 0.05, top - low], [middle, r - 0.02, (low + top) / 2], self.frame))
-        meshes.append(box([right - left, 0.05, 0.06], [middle, r - 0.02, low + 0.03], self.frame))
-        meshes.append(box([right - left + 0.15, 0.14, 0.05], [middle, -0.05, low - 0.03], self.frame))
-        if rng.random() < 0.45:
-            edge = rng.uniform(low, top - 0.2)
-            drape = [[left, r + 0.12, edge], [right, r + 0.12, edge], [right, r + 0.12, top], [left, r + 0.12, top]]
-            meshes.append(quads(drape, self.curtain))
-        if self.balconies and level > 0 and rng.random() < 0.5:
-            meshes += self._balcony(middle, corner[1])
-        return meshes
-
-    def door(self, corner: tuple[float, float]) -> list[Mesh]:
-        """Return one cell with a door and its step."""
-        meshes, (left, right, low, top) = self.opening(corner, 0.02, 2.2)
-        r, middle = self.recess, (left + right) / 2
-        meshes.append(quads([[left, r, low], [right, r, low], [right, r, top], [left, r, top]], self.wood))
-        meshes.append(box([right - left + 0.3, 0.4, 0.3], [middle, -0.15, -0.02], self.frame))
-        return meshes
-
-    def _balcony(self, x: float, z: float) -> list[Mesh]:
-        half, out = self.width / 2 + 0.35, 0.9
-        meshes = [box([2 * half, out, 0.14], [x, -out / 2, z - 0.02], self.skin)]
-        rail = [
-            [x - half, 0, z + 0.95],
-            [x - half, -out, z + 0.95],
-            [x + half, -out, z + 0.95],
-            [x + half, 0, z + 0.95],
-        ]
-        meshes.append(tube(rail, 0.025, self.metal, sides=5))
-        for px in np.arange(x - half, x + half + 0.01, 0.16):
-            meshes.append(box([0.018, 0.018, 0.95], [px, -out, z + 0.48], self.metal))
-        return meshes
+    rear = [[-h, inner, 0], [h, inner, 0], [h, inner, height], [-h, inner, height]]
+    levels = plan.plinth + plan.storey * np.arange(plan.storeys + 1)
+    floors = [[[-h, 0.3, z], [h, 0.3, z], [h, inner, z], [-h, inner, z]] for z in levels]
+    cornice = box([plan.length, 0.12, 0.15], [0, -0.05, height - 0.1], skin)
+    return [quads([base, parapet, *ends, back], skin), quads([rear, *floors], room), cornice,
+            *_roof(rng, plan.length, depth, height)]  # fmt: skip
 
 
 def _roof(rng: np.random.Generator, length: float, depth: float, height: float) -> list[Mesh]:
@@ -134,21 +113,22 @@ def _roof(rng: np.random.Generator, length: float, depth: float, height: float) 
     if rng.random() < 0.35:
         return [box([length, depth, 0.2], [0, depth / 2, height + 0.1], material("concrete", "building", rng))]
     over, ridge = rng.uniform(0.15, 0.5), height + depth / 2 * rng.uniform(0.3, 0.8)
+    low, middle, far = height - 0.1, depth / 2, depth + over
     slopes = [
-        [[-h, -over, height - 0.1], [h, -over, height - 0.1], [h, depth / 2, ridge], [-h, depth / 2, ridge]],
-        [
-            [-h, depth + over, height - 0.1],
-            [-h, depth / 2, ridge],
-            [h, depth / 2, ridge],
-            [h, depth + over, height - 0.1],
-        ],
+        [[-h, -over, low], [h, -over, low], [h, middle, ridge], [-h, middle, ridge]],
+        [[-h, far, low], [-h, middle, ridge], [h, middle, ridge], [h, far, low]],
     ]
-    gables = [[[x, 0, height], [x, depth, height], [x, depth / 2, ridge], [x, depth / 2, ridge]] for x in (-h, h)]
-    return [quads([*slopes, *gables], tile)]
+    gables = [[[x, 0, height], [x, depth, height], [x, middle, ridge], [x, middle, ridge]] for x in (-h, h)]
+    # A gutter along the eaves and a pipe down the front.
+    pipe = material("galvanised", "building", rng)
+    drain = boxes(
+        [[2 * h, 0.12, 0.1], [0.09, 0.09, height]], [[0, -over - 0.05, low], [h - 0.2, -0.08, height / 2]], pipe
+    )
+    return [quads([*slopes, *gables], tile), drain]
 
 
 def fence(rng: np.random.Generator, length: float) -> Mesh:
-    """Return a run of fence along x, centred: palings, railings or wire mesh on posts.
+    """Return a run of fence along x, centred: palings, railings, or wire mesh on posts.
 
     Parameters
     ----------
@@ -165,21 +145,28 @@ def fence(rng: np.random.Generator, length: float) -> Mesh:
     design = int(rng.integers(3))
     skin = material(["wood", "painted_metal", "galvanised"][design], "fence", rng)
     height, h = rng.uniform(0.9, 1.9), length / 2
-    count = max(int(length / 2.2), 1) + 1
-    meshes = [box([0.09, 0.09, height + 0.6], [x, 0, (height - 0.4) / 2], skin) for x in np.linspace(-h, h, count)]
-    levels = (0.2, 0.8) if design < 2 else np.arange(0.08, 1.0, 0.12 / height * 1.0)
-    thin = 0.06 if design < 2 else 0.005
-    meshes += [box([length, thin * 0.5 if design < 2 else thin, thin], [0, 0, f * height], skin) for f in levels]
+    posts = np.linspace(-h, h, max(int(length / 2.2), 1) + 1)
+    levels = (np.array([0.2, 0.8]) if design < 2 else np.arange(0.08, 1.0, 0.12 / height)) * height
+    thin = (0.06, 0.06, 0.005)[design]
     step = (0.14, 0.13, 0.12)[design] * rng.uniform(0.8, 1.3)
     width, thick = ((0.09, 0.02), (0.016, 0.016), (0.005, 0.005))[design]
-    for x in np.arange(-h + step, h, step):
-        tall = height * (rng.uniform(0.97, 1.03) if design == 0 else 1.0)
-        meshes.append(box([width, thick, tall - 0.06], [x, -0.03, tall / 2 + 0.03], skin))
-    return join(meshes)
+    xs = np.arange(-h + step, h, step)
+    tall = height * (rng.uniform(0.97, 1.03, len(xs)) if design == 0 else np.ones(len(xs)))
+    sizes = [
+        np.tile([0.09, 0.09, height + 0.6], (len(posts), 1)),
+        np.tile([length, thin * 0.5 if design < 2 else thin, thin], (len(levels), 1)),
+        np.stack([np.full(len(xs), width), np.full(len(xs), thick), tall - 0.06], axis=1),
+    ]
+    centres = [
+        np.stack([posts, np.zeros(len(posts)), np.full(len(posts), (height - 0.4) / 2)], axis=1),
+        np.stack([np.zeros(len(levels)), np.zeros(len(levels)), levels], axis=1),
+        np.stack([xs, np.full(len(xs), -0.03), tall / 2 + 0.03], axis=1),
+    ]
+    return boxes(np.concatenate(sizes), np.concatenate(centres), skin)
 
 
 def wall(rng: np.random.Generator, length: float) -> Mesh:
-    """Return a run of garden wall along x, centred, with a cap and sometimes pillars.
+    """Return a run of garden wall along x, centred, with a cap and sometimes pillars or railings on top.
 
     Parameters
     ----------
@@ -191,31 +178,19 @@ def wall(rng: np.random.Generator, length: float) -> Mesh:
     Returns
     -------
     Mesh
-        0.6 to 2.1 m high, caps and pillars on top; every face is `wall`.
+        0.6 to 2.1 m high, caps, pillars and railings on top; every face is `wall`, railings `fence`.
     """
     skin = material(str(rng.choice(["brick", "stone", "plaster", "concrete"])), "wall", rng)
     height, thick = rng.uniform(0.6, 2.1), rng.uniform(0.18, 0.34)
     meshes = [box([length, thick, height + 0.8], [0, 0, (height - 0.8) / 2], skin)]
     meshes.append(box([length, thick + 0.08, 0.06], [0, 0, height + 0.03], material("stone", "wall", rng)))
     if rng.random() < 0.5:
-        for x in (-length / 2, length / 2):
-            meshes.append(box([thick + 0.12, thick + 0.12, height + 1.0], [x, 0, (height - 0.6) / 2], skin))
+        size = [thick + 0.12, thick + 0.12, height + 1.0]
+        meshes.append(boxes(size, [[x, 0, (height - 0.6) / 2] for x in (-length / 2, length / 2)], skin))
+    if height < 1.1 and rng.random() < 0.4:
+        iron, tall = material("painted_metal", "fence", rng), rng.uniform(0.4, 0.8)
+        xs = np.arange(-length / 2 + 0.12, length / 2, 0.13)
+        bars = np.stack([xs, np.zeros(len(xs)), np.full(len(xs), height + 0.06 + tall / 2)], axis=1)
+        meshes.append(boxes([0.016, 0.016, tall], bars, iron))
+        meshes.append(box([length, 0.03, 0.03], [0, 0, height + 0.03 + 0.9 * tall], iron))
     return join(meshes)
-
-
-def shop_sign(rng: np.random.Generator, width: float) -> Mesh:
-    """Return a sign board over a shop front.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its height, place and colour.
-    width : float
-        Length of the board along x, metres.
-
-    Returns
-    -------
-    Mesh
-        A board 2.5 to 2.9 m above the ground, in front of the facade; it is part of the `building`.
-    """
-    return box([width, 0.12, rng.uniform(0.4, 0.7)], [0, -0.1, rng.uniform(2.5, 2.9)], cloth("building", rng))

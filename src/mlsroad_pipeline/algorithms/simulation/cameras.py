@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation.drive import RATE, Drive
-from mlsroad_pipeline.algorithms.simulation.lighting import Light, shade
+from mlsroad_pipeline.algorithms.simulation.lenses import undistort
+from mlsroad_pipeline.algorithms.simulation.lighting import Light, expose, radiance
 from mlsroad_pipeline.algorithms.simulation.meshes import rotation_matrix
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
+from mlsroad_pipeline.algorithms.simulation.scanner import pose_between
 from mlsroad_pipeline.algorithms.simulation.scene import RayScene
 from mlsroad_pipeline.algorithms.simulation.street import generator
 
@@ -22,6 +25,13 @@ CAMERAS: dict[str, tuple[float, float, tuple[float, float, float], float]] = {
 }
 """Yaw and pitch (nose down) in the van's frame, place on it (m), horizontal field of view (radians)."""
 
+DISTORTION: dict[str, tuple[float, float, float, float, float]] = {
+    "front_left": (-0.105, 0.021, 0.0006, -0.0004, -0.0012),
+    "front_right": (-0.098, 0.018, -0.0003, 0.0005, -0.0009),
+    "back": (-0.118, 0.022, 0.0002, 0.0003, -0.0014),
+}
+"""k1, k2, p1, p2, k3 of each camera's lens; see `distort`."""
+
 # A camera looks along +z, x to the right, y down; the van's x is forward, y left, z up.
 _AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 
@@ -31,7 +41,8 @@ class Image:
     """An image with its calibration and pose.
 
     A point p, in world coordinates minus the survey's origin, is at R p + t in the camera's frame (x right, y down, z
-    forward) and at K (R p + t) in homogeneous pixel coordinates; pixel centres have integer coordinates.
+    forward); divided by its z, distorted and multiplied by K it is a pixel. Pixel centres have integer coordinates. The
+    pose is that of the middle row; others are exposed earlier and later.
 
     Parameters
     ----------
@@ -45,12 +56,16 @@ class Image:
         The image.
     label : ndarray of shape (height, width), uint8
         Taxonomy codes, 0 in the sky.
+    instance : ndarray of shape (height, width), int32
+        Instances, 0 where there is none.
     R : ndarray of shape (3, 3), float64
         Rotation, by the reported trajectory.
     t : ndarray of shape (3,), float64
         Translation, metres.
     K : ndarray of shape (3, 3), float64
         Calibration, pixels.
+    distortion : ndarray of shape (5,), float64
+        k1, k2, p1, p2, k3; see `distort`.
     width, height : int
         Size, pixels.
     """
@@ -60,9 +75,11 @@ class Image:
     time: float
     rgb: NDArray[np.uint8]
     label: NDArray[np.uint8]
+    instance: NDArray[np.int32]
     R: NDArray[np.float64]
     t: NDArray[np.float64]
     K: NDArray[np.float64]
+    distortion: NDArray[np.float64]
     width: int
     height: int
 
@@ -180,42 +197,75 @@ def take_image(
     depth : ndarray of shape (height, width), float32
         Depth along the optical axis in metres, infinite in the sky.
     """
-    k = calibration(camera, parameters)
-    rotation, translation = camera_pose(camera, pose_at(drive.true, time))
     width, height = parameters.image_width, parameters.image_height
-    eye = -rotation.T @ translation - scene.centre
-    rays, cosine = _pixel_rays(width, height, k, rotation, eye)
-    times = np.full(len(rays), time)
+    k, distortion = calibration(camera, parameters), np.array(DISTORTION[camera])
+    yaw, pitch, lever, _ = CAMERAS[camera]
+    mounting = rotation_matrix(yaw, pitch, 0.0) @ _AXES.T
+    rays, cosine, times = _pixel_rays(
+        width, height, _directions(k.tobytes(), distortion.tobytes(), width, height), mounting, np.array(lever),
+        drive.true, scene.centre, time, parameters.image_readout,
+    )  # fmt: skip
     hits = scene.cast(rays, times)
     surfaces = scene.resolve(hits, rays)
     rows, shadow = _shadow_rays(hits.distance, hits.normal, rays, light.sun)
     lit = np.zeros(len(rays), dtype=np.bool_)
-    lit[rows] = ~scene.occluded(shadow, times[: len(rows)])
+    lit[rows] = ~scene.occluded(shadow, times[rows])
+    light_at = radiance(surfaces, hits.normal, rays, hits.distance, lit, light)
     rng = generator(scene.street.seed, 41, round(time * RATE), sorted(CAMERAS).index(camera))
     grain = rng.standard_normal((len(rays), 3), dtype=np.float32)
-    rgb = shade(surfaces, hits.normal, rays, hits.distance, lit, light, grain).reshape(height, width, 3)
+    rgb = expose(light_at, _exposure(light_at, cosine), grain)
     r, t = camera_pose(camera, pose_at(drive.reported, time))
-    label = surfaces.label.reshape(height, width)
-    image = Image(name, camera, time + parameters.start_time, rgb, label, r, t, k, width, height)
+    instance = np.where(hits.face >= 0, scene.instances[hits.face], np.int32(0))
+    image = Image(
+        name, camera, time + drive.start, rgb.reshape(height, width, 3), surfaces.label.reshape(height, width),
+        instance.reshape(height, width), r, t, k, distortion, width, height,
+    )  # fmt: skip
     return image, (hits.distance * cosine).astype(np.float32).reshape(height, width)
+
+
+def _exposure(light_at: NDArray[np.float32], cosine: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return what the camera's automatic exposure and the lens's vignetting do to each pixel."""
+    gain = np.clip((0.42 / max(float(light_at.mean()), 1e-3)) ** 0.6, 0.6, 1.7)
+    shade: NDArray[np.float32] = np.float32(gain) * (np.float32(0.45) + np.float32(0.55) * cosine**4)
+    return shade
+
+
+@lru_cache(maxsize=8)
+def _directions(k: bytes, distortion: bytes, width: int, height: int) -> NDArray[np.float64]:
+    """Return the unit directions of the pixels' centres in the camera's frame, row by row."""
+    matrix = np.frombuffer(k).reshape(3, 3)
+    v, u = np.divmod(np.arange(width * height), width)
+    plane = np.column_stack([(u - matrix[0, 2]) / matrix[0, 0], (v - matrix[1, 2]) / matrix[1, 1]])
+    directions = np.column_stack([undistort(plane, np.frombuffer(distortion)), np.ones(len(plane))])
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
 @njit(cache=True, nogil=True)
 def _pixel_rays(
-    width: int, height: int, k: NDArray[np.float64], rotation: NDArray[np.float64], eye: NDArray[np.float64]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the rays through the pixels' centres, row by row, and their cosines to the optical axis."""
+    width: int, height: int, directions: NDArray[np.float64], mounting: NDArray[np.float64],
+    lever: NDArray[np.float64], poses: NDArray[np.float64], centre: NDArray[np.float64], time: float, readout: float,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]]:  # fmt: skip
+    """Return the rays through the pixels' centres, row by row, their cosines to the optical axis and their times."""
     rays, cosine = np.empty((width * height, 6), dtype=np.float32), np.empty(width * height, dtype=np.float32)
+    times = np.empty(width * height)
+    position, turn, ends = np.empty(3), np.empty((3, 3)), np.empty((2, 3, 3))
+    knot = -1
     for v in range(height):
+        moment = time + readout * (v / (height - 1) - 0.5)
+        knot = pose_between(moment, poses, knot, ends, position, turn)
+        looking = turn @ mounting
+        eye = position + turn @ lever - centre
         for u in range(width):
             i = v * width + u
-            x, y = (u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1]
-            c = 1.0 / np.sqrt(x * x + y * y + 1.0)
-            cosine[i] = c
+            cosine[i], times[i] = directions[i, 2], moment
             for r in range(3):
                 rays[i, r] = eye[r]
-                rays[i, 3 + r] = c * (x * rotation[0, r] + y * rotation[1, r] + rotation[2, r])
-    return rays, cosine
+                rays[i, 3 + r] = (
+                    looking[r, 0] * directions[i, 0]
+                    + looking[r, 1] * directions[i, 1]
+                    + looking[r, 2] * directions[i, 2]
+                )
+    return rays, cosine, times
 
 
 @njit(cache=True, nogil=True)

@@ -7,6 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation.cameras import Image
+from mlsroad_pipeline.algorithms.simulation.lenses import distort_one, trusted_radius
 
 _TRIES = 24  # images that are tried for one point's colour
 _DEPTH_SLACK = 0.06  # metres, and 1 % of the depth
@@ -40,6 +41,8 @@ def colour_points(
     return _colour_points(
         xyz, times, np.array([i.time for i in images]), np.stack([i.rgb for i in images]), np.stack(depths),
         np.stack([i.R for i in images]), np.stack([i.t for i in images]), np.stack([i.K for i in images]),
+        np.stack([i.distortion for i in images]),
+        np.array([trusted_radius(i.K, i.distortion, i.width, i.height) for i in images]),
     )  # fmt: skip
 
 
@@ -47,7 +50,7 @@ def colour_points(
 def _colour_points(
     xyz: NDArray[np.float64], times: NDArray[np.float64], taken: NDArray[np.float64], rgb: NDArray[np.uint8],
     depth: NDArray[np.float32], rotations: NDArray[np.float64], translations: NDArray[np.float64],
-    calibrations: NDArray[np.float64],
+    calibrations: NDArray[np.float64], lenses: NDArray[np.float64], trusted: NDArray[np.float64],
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:  # fmt: skip
     n, m = len(xyz), len(taken)
     height, width = depth.shape[1:]
@@ -70,7 +73,11 @@ def _colour_points(
                 continue
             x = r[0, 0] * xyz[i, 0] + r[0, 1] * xyz[i, 1] + r[0, 2] * xyz[i, 2] + t[0]
             y = r[1, 0] * xyz[i, 0] + r[1, 1] * xyz[i, 1] + r[1, 2] * xyz[i, 2] + t[1]
-            u, v = int(np.floor(k[0, 0] * x / z + k[0, 2] + 0.5)), int(np.floor(k[1, 1] * y / z + k[1, 2] + 0.5))
+            x, y = x / z, y / z
+            if x * x + y * y > trusted[j]:
+                continue
+            x, y = distort_one(x, y, lenses[j])
+            u, v = int(np.floor(k[0, 0] * x + k[0, 2] + 0.5)), int(np.floor(k[1, 1] * y + k[1, 2] + 0.5))
             if u < 0 or v < 0 or u >= width or v >= height or z > depth[j, v, u] * 1.01 + _DEPTH_SLACK:
                 continue
             colours[i] = rgb[j, v, u]

@@ -14,8 +14,8 @@ from mlsroad_pipeline.algorithms.simulation.street import Street, generator
 RATE = 200.0
 """Poses per second."""
 
-PLATFORM = 2.35
-"""Height of the roof platform above the road, metres; the origin of the van's frame lies on it."""
+PAUSE = 120.0
+"""Seconds between two passes."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +33,18 @@ class Drive:
         Metres along the alignment.
     true, reported : ndarray of shape (m, 6), float64
         x, y, z (street-local metres), roll, pitch, heading.
+    start : float
+        GPS seconds at time 0.
+    body : ndarray of shape (3, 2), float64
+        The vehicle in its own frame: from and to along x, y and z, metres.
     """
 
     time: NDArray[np.float64]
     station: NDArray[np.float64]
     true: NDArray[np.float64]
     reported: NDArray[np.float64]
+    start: float
+    body: NDArray[np.float64]
 
     @property
     def duration(self) -> float:
@@ -57,7 +63,7 @@ class Drive:
     def table(self, parameters: SimulationParameters) -> pd.DataFrame:
         """Return the reported trajectory: gps_time, world x, y, z, roll, pitch, heading."""
         columns = dict(zip(("x", "y", "z", "roll", "pitch", "heading"), self.reported.T, strict=True))
-        frame = pd.DataFrame({"gps_time": self.time + parameters.start_time, **columns})
+        frame = pd.DataFrame({"gps_time": self.time + self.start, **columns})
         frame["x"] += parameters.easting
         frame["y"] += parameters.northing
         frame["z"] += parameters.height
@@ -95,7 +101,9 @@ def drifting(
     return total * deviation * np.sqrt(2 / (weight**2).sum())
 
 
-def drive_along(street: Street, parameters: SimulationParameters, *, length: float) -> Drive:
+def drive_along(
+    street: Street, parameters: SimulationParameters, *, length: float, number: int = 0, start: float | None = None
+) -> Drive:
     """Drive along a street in the rightmost lane.
 
     Parameters
@@ -106,21 +114,26 @@ def drive_along(street: Street, parameters: SimulationParameters, *, length: flo
         Speed and the noise of the reported trajectory.
     length : float
         Where the drive ends, metres.
+    number : int, default 0
+        Which pass it is. All after the first keep to another track, and their reported positions are off by
+        `pass_offset` as a whole.
+    start : float, optional
+        GPS seconds at its start; that of the parameters by default.
 
     Returns
     -------
     Drive
         From station 0 on.
     """
-    rng = generator(street.seed, 20)
+    rng = generator(street.seed, 20) if number == 0 else generator(street.seed, 20, number)
     phase = rng.uniform(0, 2 * np.pi, 2)
     steady = np.arange(0, 1.6 * length / parameters.speed + 2, 1 / RATE)
     factor = 1 + 0.1 * np.sin(2 * np.pi * steady / 23.0 + phase[0]) + 0.05 * np.sin(2 * np.pi * steady / 7.0 + phase[1])
     station = np.concatenate([[0.0], np.cumsum(parameters.speed * factor[:-1] / RATE)])
     count = int(np.searchsorted(station, length)) + 1
     time, station = steady[:count], station[:count]
-    lane, lanes = street.ground.shape[3:]
-    left = -(lanes - 0.5) * lane + drifting(rng, time, deviation=0.12, slow=20, fast=5)
+    lanes = int(street.ground.shape[4])
+    left = -street.ground.lane_centre(lanes - 1) + drifting(rng, time, deviation=0.12, slow=20, fast=5)
     xy, heading = street.alignment.place(station, left)
     z = street.ground.height(station, left)
     ahead, behind = (street.ground.height(station + d, left) for d in (1.4, -1.4))
@@ -129,11 +142,16 @@ def drive_along(street: Street, parameters: SimulationParameters, *, length: flo
     roll = np.arctan((port - right) / 1.6) + drifting(rng, time, deviation=0.0022, slow=3.0, fast=0.7)
     yaw = heading + np.gradient(left, station)
     bounce = drifting(rng, time, deviation=0.006, slow=2.0, fast=0.5)
-    true = np.column_stack([xy, z + PLATFORM + bounce, roll, pitch, yaw])
+    true = np.column_stack([xy, z + parameters.scanner.platform + bounce, roll, pitch, yaw])
     deviations = (0.008, 0.008, 0.012, 6e-5, 6e-5, 1.2e-4)
     errors = [
         drifting(rng, time, deviation=d * parameters.trajectory_noise, slow=60, fast=4)
         + drifting(rng, time, deviation=0.1 * d * parameters.trajectory_noise, slow=1.0, fast=0.2)
         for d in deviations
     ]
-    return Drive(time, station, true, true + np.stack(errors, axis=1))
+    reported = true + np.stack(errors, axis=1)
+    if number > 0:
+        towards = rng.standard_normal(3)
+        reported[:, :3] += parameters.pass_offset * towards / np.linalg.norm(towards)
+    begin = parameters.start_time if start is None else start
+    return Drive(time, station, true, reported, begin, parameters.scanner.box)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.simulation.alignment import STEP
-from mlsroad_pipeline.algorithms.simulation.materials import lattice_value, value_noise
+from mlsroad_pipeline.algorithms.simulation.junctions import CROWN, HALF_WIDTH, ZEBRA, ZEBRA_HALF, edge_distance
 
 ROAD, LANE_MARKING, PARKING = TAXONOMY["road"], TAXONOMY["lane_marking"], TAXONOMY["parking"]
 SIDEWALK, CURB, MANHOLE = TAXONOMY["sidewalk"], TAXONOMY["curb"], TAXONOMY["manhole"]
@@ -18,7 +18,13 @@ GRASS, SOIL, OTHER_GROUND = TAXONOMY["grass"], TAXONOMY["soil"], TAXONOMY["other
 
 GROUND_LABELS = (ROAD, LANE_MARKING, PARKING, SIDEWALK, CURB, MANHOLE, GRASS, SOIL, OTHER_GROUND)
 
-_GUTTER = 0.03  # horizontal run of the curb's face, metres
+CURB_FACE = 0.03
+"""Horizontal run of the curb's face, metres."""
+
+GUTTER = 0.3
+"""Width of the gutter, metres."""
+
+_GUTTER_DEPTH = 0.012
 
 
 class Ground(NamedTuple):
@@ -34,16 +40,22 @@ class Ground(NamedTuple):
     section : ndarray of shape (2, 5), float64
         Left and right: half width of the carriageway, width of the parking strip within it, of the curb, the verge
         and the pavement, metres.
-    shape : ndarray of shape (5,), float64
-        Crown (slope), superelevation (slope), curb height (m), lane width (m), lanes per direction.
+    shape : ndarray of shape (8,), float64
+        Crown (slope), superelevation (slope), curb height (m), lane width (m), lanes per direction, half width of the
+        median (m), slant of parking bays (their run along the street per metre of depth; 0 is parallel parking),
+        height of the grass (m).
     waves : ndarray of shape (k, 4), float64
         Unevenness: wave numbers along and across (rad/m), phase, amplitude on the road (m).
     verge, lot : ndarray of shape (2, m), uint8
         Taxonomy code of the verge and of the land beyond the property line, per `STEP` of station.
     manholes : ndarray of shape (q, 3), float64
-        Station, offset and radius, sorted by station, metres.
+        Station, offset and radius, sorted by station, metres; a negative radius is half the side of a square drain.
     crossings : ndarray of shape (c, 2), float64
-        Station and half width of zebra crossings, metres.
+        Station and half width of zebra crossings, sorted by station, metres.
+    arms : ndarray of shape (k, 9), float64
+        Side streets, sorted by station: station, side (0 is left), half width, corner radius, skew (tangent),
+        curvature of the main street there (1/m), how its traffic is held, middle of its zebra crossing (metres beyond
+        the main carriageway; 0 is none), crown (slope). See `junctions`.
     """
 
     start: float
@@ -55,6 +67,7 @@ class Ground(NamedTuple):
     lot: NDArray[np.uint8]
     manholes: NDArray[np.float64]
     crossings: NDArray[np.float64]
+    arms: NDArray[np.float64]
 
     def height(self, station: ArrayLike, offset: ArrayLike) -> NDArray[np.float64]:
         """Return the height of the ground.
@@ -74,8 +87,8 @@ class Ground(NamedTuple):
         flat = _heights(np.ascontiguousarray(s).ravel(), np.ascontiguousarray(left).ravel(), self)
         return flat.reshape(s.shape)
 
-    def labels(self, station: ArrayLike, offset: ArrayLike) -> NDArray[np.uint8]:
-        """Return the taxonomy code of the ground's surface.
+    def edge(self, station: ArrayLike, offset: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return the distance to the nearest curb line and which street's land it is.
 
         Parameters
         ----------
@@ -84,16 +97,38 @@ class Ground(NamedTuple):
 
         Returns
         -------
-        ndarray of uint8
-            Codes, each one of `GROUND_LABELS`, in the shape that both broadcast to.
+        distance : ndarray of float64
+            Metres, positive off the carriageway, in the shape that both broadcast to.
+        arm : ndarray of int64
+            Row of `arms`, -1 for the main street, -2 for the median.
         """
         s, left = np.broadcast_arrays(np.asarray(station, dtype=np.float64), np.asarray(offset, dtype=np.float64))
-        flat = _labels(np.ascontiguousarray(s).ravel(), np.ascontiguousarray(left).ravel(), self)
-        return flat.reshape(s.shape)
+        distance, arm = _edges(np.ascontiguousarray(s).ravel(), np.ascontiguousarray(left).ravel(), self)
+        return distance.reshape(s.shape), arm.reshape(s.shape)
 
     def property_line(self, side: int) -> float:
         """Return the distance of the property line from the centre line, metres; side 0 is left."""
         return float(self.section[side, 0] + self.section[side, 2:].sum())
+
+    def lane_centre(self, lane: int) -> float:
+        """Return the distance from the centre line of the middle of a lane, metres; lane 0 is the innermost."""
+        return float(self.shape[5] + (lane + 0.5) * self.shape[3])
+
+
+@njit(cache=True, nogil=True)
+def _smooth(x: float) -> float:
+    x = min(max(x, 0.0), 1.0)
+    return x * x * (3.0 - 2.0 * x)
+
+
+@njit(cache=True, nogil=True)
+def _curb_left(full: float, d: float, t: float, arm: int, curb: float, line: float, ground: Ground) -> float:
+    """Return the share of the curb's height that driveways and crossings leave at a distance from the curb line."""
+    if arm >= 0 and ground.arms[arm, ZEBRA] > 0:
+        gap = abs(t - ground.arms[arm, ZEBRA])
+        full = min(full, max((gap - ZEBRA_HALF) / 0.9, 0.1))
+    ramp = min(max((d - curb - 0.1) / 1.9, 0.0), 1.0)
+    return 1.0 - (1.0 - min(full, 1.0)) * (1.0 - ramp)
 
 
 @njit(cache=True, nogil=True)
@@ -105,98 +140,36 @@ def ground_height(s: float, left: float, ground: Ground) -> float:
     side = 0 if left >= 0 else 1
     a = abs(left)
     low, high = ground.profile[k], ground.profile[k + 1]
-    half, curb, verge, pavement = (
-        ground.section[side, 0], ground.section[side, 2], ground.section[side, 3], ground.section[side, 4],
-    )  # fmt: skip
+    half, curb = ground.section[side, 0], ground.section[side, 2]
+    width = curb + ground.section[side, 3] + ground.section[side, 4]
+    median = ground.shape[5]
     z = low[0] + f * (high[0] - low[0]) + ground.shape[1] * left
+    z -= ground.shape[0] * max(min(a, half) - median, 0.0)
     uneven = 0.0
     for w in range(len(ground.waves)):
         wave = ground.waves[w]
         uneven += wave[3] * np.sin(wave[0] * s + wave[1] * left + wave[2])
-    if a <= half:
-        return z - ground.shape[0] * a + uneven
-    full = low[1 + side] + f * (high[1 + side] - low[1 + side])
-    z += -ground.shape[0] * half + full * ground.shape[2] * min((a - half) / _GUTTER, 1.0)
-    z += 0.02 * (a - half)
-    line = half + curb + verge + pavement
-    if a <= line:
+    if median < a < half - GUTTER - 0.1 or (median == 0 and a < half - GUTTER):
         return z + uneven
+    d, arm, t, q = edge_distance(s, left, ground.section, median, ground.arms)
+    gutter = -_GUTTER_DEPTH * min(max(1.0 + d / GUTTER, 0.0), 1.0) if a > median else 0.0
+    if arm == -2:
+        full = min(low[1] + f * (high[1] - low[1]), low[2] + f * (high[2] - low[2]))
+        step = ground.shape[2] * min(d / CURB_FACE, 1.0)
+        bed = 0.04 * (1.0 - np.exp(-max(d - curb, 0.0)))  # soil is heaped up between the curbs
+        return z + min(max(full, 0.1), 1.0) * (step + bed) + uneven
+    if arm >= 0:  # the side street has a crown of its own
+        z += ground.arms[arm, CROWN] * max(ground.arms[arm, HALF_WIDTH] - abs(q), 0.0) * _smooth((t - 2.0) / 10.0)
     slope = low[3 + side] + f * (high[3 + side] - low[3 + side])
-    beyond = a - line
-    # Gardens are rougher than roads, and the land levels out away from the street.
-    return z + slope * 15.0 * np.tanh(beyond / 15.0) + uneven * (1.0 + 4.0 * min(beyond, 1.0))
-
-
-@njit(cache=True, nogil=True)
-def _marking(s: float, left: float, half_lane_area: float, parking: float, ground: Ground) -> bool:
-    a = abs(left)
-    lane, lanes = ground.shape[3], ground.shape[4]
-    for c in range(len(ground.crossings)):
-        if abs(s - ground.crossings[c, 0]) < ground.crossings[c, 1]:
-            return a < half_lane_area - 0.3 and (left % 1.0) < 0.5
-        if abs(s - ground.crossings[c, 0]) < ground.crossings[c, 1] + 12.0:
-            if a < 0.07:
-                return True
-            gap = (ground.crossings[c, 0] - s) * (1.0 if left < 0 else -1.0) - ground.crossings[c, 1]
-            if 1.2 < gap < 1.6 and 0.3 < a < half_lane_area - 0.3:
-                return True
-    dashed = (s % 9.0) < 3.0
-    if a < 0.065:
-        return dashed or lanes > 1
-    edge = a - half_lane_area
-    side_line = abs(edge + 0.28) < 0.06
-    if parking > 0:
-        side_line = abs(edge) < 0.06 or (edge > 0 and (s % 5.8) < 0.1)
-    return side_line or (lanes > 1 and dashed and abs(a - lane) < 0.06)
-
-
-@njit(cache=True, nogil=True)
-def ground_label(s: float, left: float, ground: Ground) -> int:
-    """Return the taxonomy code of the ground's surface at one place."""
-    side = 0 if left >= 0 else 1
-    a = abs(left)
-    half, parking, curb, verge, pavement = ground.section[side]
-    row = int(min(max((s + 0.3 * lattice_value(int(a * 8), int(s * 8), 3) - ground.start) / STEP, 0.0),
-                  ground.verge.shape[1] - 1.0))  # fmt: skip
-    holes = ground.manholes
-    first = np.searchsorted(holes[:, 0], s - 0.5)
-    for m in range(first, len(holes)):
-        if holes[m, 0] > s + 0.5:
-            break
-        if (holes[m, 0] - s) ** 2 + (holes[m, 1] - left) ** 2 < holes[m, 2] ** 2:
-            return MANHOLE
-    if a <= half:
-        if _marking(s, left, half - parking, parking, ground):
-            return LANE_MARKING
-        return PARKING if a > half - parking else ROAD
-    code = ground.lot[side, row]
-    if a <= half + curb:
-        code = CURB
-    elif a <= half + curb + verge:
-        code = ground.verge[side, row]
-    elif a <= half + curb + verge + pavement:
-        code = SIDEWALK
-    return code
-
-
-@njit(cache=True, nogil=True)
-def surface_tone(label: int, s: float, left: float) -> float:
-    """Return the factor, about 1, by which the ground is lighter or darker at a place: patches, wear, tufts, slabs."""
-    fine = value_noise(s * 30, left * 30, label)
-    patch = value_noise(s * 0.35, left * 0.7, label + 0.5)
-    if label == LANE_MARKING:
-        worn = value_noise(s * 5, left * 9, 0.5) + 0.4 * patch
-        return 0.45 + 0.3 * fine if worn > 1.0 else 0.85 + 0.2 * fine
-    if label == SIDEWALK:
-        slab = lattice_value(int(np.floor(s / 0.6)), int(np.floor(left / 0.6)), 5)
-        joint = 0.75 if (s % 0.6) < 0.015 or (left % 0.6) < 0.015 else 1.0
-        return joint * (0.75 + 0.2 * slab + 0.15 * fine + 0.15 * patch)
-    if label in (GRASS, SOIL):
-        return 0.45 + 0.6 * fine + 0.5 * value_noise(s * 2.2, left * 2.2, label)
-    if label in (ROAD, PARKING):
-        repaired = 0.72 if lattice_value(int(np.floor(s / 7.0)), int(np.floor(left / 1.7)), 11) > 0.93 else 1.0
-        return repaired * (0.72 + 0.25 * fine + 0.35 * patch)
-    return 0.75 + 0.25 * fine + 0.25 * patch
+    beyond = max(a - half - width, 0.0)
+    # The land levels out away from the street.
+    z += slope * 15.0 * np.tanh(beyond / 15.0) * beyond / (beyond + 3.0)
+    if d <= 0:
+        return z + gutter + uneven
+    full = _curb_left(low[1 + side] + f * (high[1 + side] - low[1 + side]), d, t, arm, curb, width, ground)
+    z += gutter + (full * ground.shape[2] - gutter) * min(d / CURB_FACE, 1.0) + 0.02 * min(d, 8.0)
+    # Gardens are rougher than roads.
+    return z + uneven * (1.0 + 4.0 * min(max(d - width, 0.0), 1.0))
 
 
 @njit(cache=True, nogil=True)
@@ -208,8 +181,10 @@ def _heights(s: NDArray[np.float64], left: NDArray[np.float64], ground: Ground) 
 
 
 @njit(cache=True, nogil=True)
-def _labels(s: NDArray[np.float64], left: NDArray[np.float64], ground: Ground) -> NDArray[np.uint8]:
-    codes = np.empty(len(s), dtype=np.uint8)
+def _edges(
+    s: NDArray[np.float64], left: NDArray[np.float64], ground: Ground
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    d, arm = np.empty(len(s)), np.empty(len(s), dtype=np.int64)
     for i in range(len(s)):
-        codes[i] = ground_label(s[i], left[i], ground)
-    return codes
+        d[i], arm[i], _, _ = edge_distance(s[i], left[i], ground.section, ground.shape[5], ground.arms)
+    return d, arm

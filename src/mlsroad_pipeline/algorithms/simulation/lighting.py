@@ -8,9 +8,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.simulation.materials import value_noise
 from mlsroad_pipeline.algorithms.simulation.meshes import FOLIAGE, GLASS, PAINT
 from mlsroad_pipeline.algorithms.simulation.street import generator
-from mlsroad_pipeline.algorithms.simulation.surfaces import Surfaces
+from mlsroad_pipeline.algorithms.simulation.surfaces import WET, Surfaces
 
 
 @dataclass(frozen=True)
@@ -93,18 +94,81 @@ def shade(
     ndarray of shape (n, 3), uint8
         sRGB values.
     """
-    return _shade(
-        surfaces, normal, rays, distance, lit, light.sun, light.sun_rgb, light.sky_rgb, light.haze, grain, _CURVE
-    )
+    light_at = radiance(surfaces, normal, rays, distance, lit, light)
+    return expose(light_at, np.ones(len(lit), np.float32), grain)
+
+
+def radiance(
+    surfaces: Surfaces, normal: NDArray[np.float32], rays: NDArray[np.float32], distance: NDArray[np.float32],
+    lit: NDArray[np.bool_], light: Light,
+) -> NDArray[np.float32]:  # fmt: skip
+    """Return the light that comes along rays, see `shade` for the parameters.
+
+    Parameters
+    ----------
+    surfaces, normal, rays, distance, lit, light
+        As for `shade`.
+
+    Returns
+    -------
+    ndarray of shape (n, 3), float32
+        Linear radiance; about 1 is a white wall in the sun.
+    """
+    return _radiance(surfaces, normal, rays, distance, lit, light.sun, light.sun_rgb, light.sky_rgb, light.haze)
+
+
+def expose(
+    light_at: NDArray[np.float32], exposure: NDArray[np.float32], grain: NDArray[np.float32]
+) -> NDArray[np.uint8]:
+    """Return what a sensor makes of light: exposure, shot and read noise, a soft shoulder, sRGB.
+
+    Parameters
+    ----------
+    light_at : ndarray of shape (n, 3), float32
+        Linear radiance.
+    exposure : ndarray of shape (n,), float32
+        Factor on it at each place: gain and vignetting.
+    grain : ndarray of shape (n, 3), float32
+        Standard normal numbers that the noise is made of; zeros for none.
+
+    Returns
+    -------
+    ndarray of shape (n, 3), uint8
+        sRGB values.
+    """
+    return _expose(light_at, exposure, grain, _CURVE)
 
 
 @njit(cache=True, nogil=True)
-def _shade(
+def _expose(
+    light_at: NDArray[np.float32], exposure: NDArray[np.float32], grain: NDArray[np.float32], curve: NDArray[np.uint8]
+) -> NDArray[np.uint8]:
+    out = np.empty(light_at.shape, dtype=np.uint8)
+    for i in range(len(light_at)):
+        for c in range(3):
+            value = light_at[i, c] * exposure[i]
+            value = max(value + grain[i, c] * (0.003 + 0.012 * np.sqrt(value)), 0.0)
+            out[i, c] = curve[min(int(value * 2048.0), len(curve) - 1)]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _clouds(dx: float, dy: float, dz: float) -> float:
+    """Return how much of the sky is cloud in a direction, 0 to 1."""
+    if dz < 0.02:
+        return 0.0
+    x, y = dx / (dz + 0.15), dy / (dz + 0.15)
+    cover = 0.6 * value_noise(x * 1.3, y * 1.3, 3.5) + 0.4 * value_noise(x * 4.1, y * 4.1, 8.5)
+    return min(max((cover - 0.5) * 4.0, 0.0), 1.0)
+
+
+@njit(cache=True, nogil=True)
+def _radiance(
     surfaces: Surfaces, normal: NDArray[np.float32], rays: NDArray[np.float32], distance: NDArray[np.float32],
     lit: NDArray[np.bool_], sun: NDArray[np.float64], sun_rgb: NDArray[np.float64], sky_rgb: NDArray[np.float64],
-    haze: float, grain: NDArray[np.float32], curve: NDArray[np.uint8],
-) -> NDArray[np.uint8]:  # fmt: skip
-    out = np.empty((len(lit), 3), dtype=np.uint8)
+    haze: float,
+) -> NDArray[np.float32]:  # fmt: skip
+    out = np.empty((len(lit), 3), dtype=np.float32)
     for i in range(len(lit)):
         dx, dy, dz = rays[i, 3], rays[i, 4], rays[i, 5]
         sky = 0.55 + 0.45 * (1.0 - max(dz, 0.0)) ** 3
@@ -115,12 +179,14 @@ def _shade(
         kind = surfaces.kind[i]
         if kind == FOLIAGE:  # leaves let light through
             direct = 0.35 + 0.65 * direct if lit[i] else 0.0
-        fade = np.exp(-haze * distance[i]) if np.isfinite(distance[i]) else 0.0
+        seen = np.isfinite(distance[i])
+        fade = np.exp(-haze * distance[i]) if seen else 0.0
+        cloud = 0.0 if seen else _clouds(dx, dy, dz)
         gloss = 0.25 if kind == GLASS else 0.06 if kind == PAINT else 0.0
+        if kind == WET:
+            gloss = 0.04 + 0.5 * (1.0 - min(abs(nx * dx + ny * dy + nz * dz), 1.0)) ** 3
         for c in range(3):
-            behind = sky * sky_rgb[c]
+            behind = sky * sky_rgb[c] * (1 - cloud) + cloud * 0.95
             value = surfaces.rgb[i, c] * (direct * sun_rgb[c] + (0.45 + 0.35 * nz) * sky_rgb[c])
-            value = fade * ((1 - gloss) * value + gloss * sky_rgb[c]) + (1 - fade) * behind
-            value = max(value * (1 + 0.02 * grain[i, c]) + 0.003 * grain[i, c], 0.0)
-            out[i, c] = curve[min(int(value * 2048.0), len(curve) - 1)]
+            out[i, c] = fade * ((1 - gloss) * value + gloss * sky_rgb[c]) + (1 - fade) * behind
     return out

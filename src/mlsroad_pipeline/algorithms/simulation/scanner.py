@@ -1,4 +1,4 @@
-"""Two rotating line scanners on the van: where their pulses go, and where returns lie by the reported trajectory."""
+"""Where the pulses of a scanner go, and where returns lie by the reported trajectory."""
 
 from __future__ import annotations
 
@@ -8,17 +8,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.simulation.drive import PLATFORM, RATE, Drive
+from mlsroad_pipeline.algorithms.simulation.devices import Device
+from mlsroad_pipeline.algorithms.simulation.drive import RATE, Drive
 from mlsroad_pipeline.algorithms.simulation.meshes import rotation_matrix
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
-
-LEVER = np.array([[-0.25, 0.55, 0.8], [-0.25, -0.55, 0.8]])
-"""Where the two scanners are on the van, metres from the frame's origin."""
-
-MOUNTING = np.stack([rotation_matrix(yaw, np.radians(20.0), 0.0) for yaw in np.radians([45.0, -45.0])])
-"""Axes of rotation: crossed at 45 degrees to the driving direction and tilted, so that no profile is upright."""
-
-_BODY = np.array([[-0.05, 5.0], [-1.0, 1.0], [-PLATFORM, 0.0]])  # the van, in its own frame
+from mlsroad_pipeline.algorithms.simulation.street import generator
 
 
 class Pulses(NamedTuple):
@@ -29,9 +23,9 @@ class Pulses(NamedTuple):
     time : ndarray of shape (n,), float64
         Seconds since the start.
     angle : ndarray of shape (n,), float64
-        Angle of the mirror, radians; 0 is down.
+        Angle of the head, radians, -pi to pi.
     beam : ndarray of shape (n, 3), float32
-        Direction in the van's frame.
+        Direction in the vehicle's frame.
     rays : ndarray of shape (n, 6), float32
         Origin relative to the scene's centre, and direction, both as they truly are.
     """
@@ -42,19 +36,62 @@ class Pulses(NamedTuple):
     rays: NDArray[np.float32]
 
 
+class Calibration(NamedTuple):
+    """What the survey wrongly believes about a scanner.
+
+    Parameters
+    ----------
+    turn : ndarray of shape (3, 3), float64
+        Rotation from true to believed beam directions, in the vehicle's frame.
+    shift : ndarray of shape (3,), float64
+        Believed less true lever arm, metres.
+    bias : float
+        Measured less true range, metres.
+    """
+
+    turn: NDArray[np.float64]
+    shift: NDArray[np.float64]
+    bias: float
+
+
+EXACT = Calibration(np.eye(3), np.zeros(3), 0.0)
+"""A calibration without error."""
+
+
+def draw_calibration(parameters: SimulationParameters, *, scanner: int) -> Calibration:
+    """Draw the errors of a scanner's calibration; they stay the same through a survey.
+
+    Parameters
+    ----------
+    parameters : SimulationParameters
+        Seed, boresight error and the scanners.
+    scanner : int
+        Number of the scanner.
+
+    Returns
+    -------
+    Calibration
+        Its errors; none where `boresight_error` is 0 but the bias of the range.
+    """
+    rng = generator(parameters.seed, 22, scanner)
+    turn = rotation_matrix(*(np.radians(parameters.boresight_error) * rng.standard_normal(3)))
+    shift = parameters.boresight_error * rng.standard_normal(3)
+    return Calibration(turn, shift, 0.5 * parameters.devices[scanner].accuracy * float(rng.standard_normal()))
+
+
 def send_pulses(
-    drive: Drive, parameters: SimulationParameters, *, scanner: int, first: int, last: int, centre: NDArray[np.float64]
+    drive: Drive, device: Device, *, scanner: int = 0, first: int, last: int, centre: NDArray[np.float64]
 ) -> Pulses:
     """Return the pulses numbered first to last (exclusive) of one scanner.
 
     Parameters
     ----------
     drive : Drive
-        Where the van is.
-    parameters : SimulationParameters
-        Pulse and profile rates.
-    scanner : int
-        0 or 1.
+        Where the vehicle is.
+    device : Device
+        The scanner.
+    scanner : int, default 0
+        Its number; devices are never in step.
     first, last : int
         Numbers of pulses since the start.
     centre : ndarray of shape (3,)
@@ -63,18 +100,27 @@ def send_pulses(
     Returns
     -------
     Pulses
-        Those that do not hit the van itself.
+        Those within the field of view that do not hit the vehicle itself.
     """
-    # The second scanner is half a pulse and a third of a turn behind, as two devices are never in step.
-    time = (np.arange(first, last) + 0.5 * scanner) / parameters.pulse_rate
-    turns = time * parameters.profile_rate + scanner / 3.0
-    angle = 2 * np.pi * (turns - np.floor(turns + 0.5))
-    beam, rays, clear = _rays(time, angle, MOUNTING[scanner], LEVER[scanner], drive.true, centre, _BODY)
-    return Pulses(time[clear], angle[clear], beam[clear], rays[clear])
+    # The next scanner is half a pulse and a third of a turn behind.
+    phase = (0.5 * scanner, scanner / 3.0)
+    elevations = np.radians(np.asarray(device.elevations))
+    field = (np.radians(device.field[0]), np.radians(device.field[1]))
+    time, angle, beam, rays = _rays(
+        first, last, device.pulse_rate, device.profile_rate, phase, elevations, field, device.mounting,
+        np.asarray(device.lever), drive.true, centre, drive.body,
+    )  # fmt: skip
+    return Pulses(time, angle, beam, rays)
 
 
 def georeference(
-    pulses: Pulses, rows: NDArray[np.int64], distance: NDArray[np.float64], drive: Drive, *, scanner: int
+    pulses: Pulses,
+    rows: NDArray[np.int64],
+    distance: NDArray[np.float64],
+    drive: Drive,
+    device: Device,
+    *,
+    calibration: Calibration = EXACT,
 ) -> NDArray[np.float64]:
     """Return where returns are by the reported trajectory, street-local metres.
 
@@ -88,27 +134,25 @@ def georeference(
         Its measured range, metres.
     drive : Drive
         The drive.
-    scanner : int
-        0 or 1.
+    device : Device
+        The scanner.
+    calibration : Calibration, default EXACT
+        The errors of its calibration.
 
     Returns
     -------
     ndarray of shape (m, 3), float64
         Coordinates.
     """
-    return _georeference(pulses.time[rows], pulses.beam[rows], distance, LEVER[scanner], drive.reported)
+    lever = np.asarray(device.lever) + calibration.shift
+    return _georeference(
+        pulses.time, pulses.beam, rows, distance, lever, calibration.turn, calibration.bias, drive.reported
+    )
 
 
 @njit(cache=True, nogil=True)
-def _pose(time: float, poses: NDArray[np.float64], position: NDArray[np.float64], turn: NDArray[np.float64]) -> None:
-    """Write position and rotation matrix at a time, interpolated, into two buffers."""
-    u = min(max(time * RATE, 0.0), len(poses) - 1.000001)
-    k = int(u)
-    f = u - k
-    for r in range(3):
-        position[r] = poses[k, r] + f * (poses[k + 1, r] - poses[k, r])
-    roll, pitch = poses[k, 3] + f * (poses[k + 1, 3] - poses[k, 3]), poses[k, 4] + f * (poses[k + 1, 4] - poses[k, 4])
-    yaw = poses[k, 5] + f * (poses[k + 1, 5] - poses[k, 5])
+def pose_matrix(roll: float, pitch: float, yaw: float, turn: NDArray[np.float64]) -> None:
+    """Write the rotation Rz(yaw) Ry(pitch) Rx(roll) into a buffer."""
     cr, sr, cp, sp, cy, sy = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw)
     turn[0, 0], turn[0, 1], turn[0, 2] = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
     turn[1, 0], turn[1, 1], turn[1, 2] = sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr
@@ -116,43 +160,89 @@ def _pose(time: float, poses: NDArray[np.float64], position: NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True)
+def pose_between(
+    time: float, poses: NDArray[np.float64], knot: int, ends: NDArray[np.float64],
+    position: NDArray[np.float64], turn: NDArray[np.float64],
+) -> int:  # fmt: skip
+    """Write position and rotation at a time into two buffers and return the knot that `ends` holds the rotations of.
+
+    Rotations are interpolated element by element: within 5 ms a vehicle turns so little that it changes no length by
+    more than 1e-6.
+    """
+    u = min(max(time * RATE, 0.0), len(poses) - 1.000001)
+    k = int(u)
+    f = u - k
+    if k != knot:
+        pose_matrix(poses[k, 3], poses[k, 4], poses[k, 5], ends[0])
+        pose_matrix(poses[k + 1, 3], poses[k + 1, 4], poses[k + 1, 5], ends[1])
+    for r in range(3):
+        position[r] = poses[k, r] + f * (poses[k + 1, r] - poses[k, r])
+        for c in range(3):
+            turn[r, c] = ends[0, r, c] + f * (ends[1, r, c] - ends[0, r, c])
+    return k
+
+
+@njit(cache=True, nogil=True)
+def _hits_body(beam: NDArray[np.float32], lever: NDArray[np.float64], body: NDArray[np.float64]) -> bool:
+    inward, outward = 0.0, 1e9
+    for r in range(3):
+        pace = beam[r] if abs(beam[r]) > 1e-9 else 1e-9
+        a, b = (body[r, 0] - lever[r]) / pace, (body[r, 1] - lever[r]) / pace
+        inward, outward = max(inward, min(a, b)), min(outward, max(a, b))
+    return inward <= outward
+
+
+@njit(cache=True, nogil=True)
 def _rays(
-    time: NDArray[np.float64], angle: NDArray[np.float64], mounting: NDArray[np.float64], lever: NDArray[np.float64],
-    poses: NDArray[np.float64], centre: NDArray[np.float64], body: NDArray[np.float64],
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:  # fmt: skip
-    n = len(time)
-    beam, rays, clear = np.empty((n, 3), np.float32), np.empty((n, 6), np.float32), np.ones(n, np.bool_)
-    position, turn = np.empty(3), np.empty((3, 3))
-    for i in range(n):
-        _pose(time[i], poses, position, turn)
-        side, down = np.sin(angle[i]), -np.cos(angle[i])
-        inward, outward = 0.0, 1e9
+    first: int, last: int, pulse_rate: float, profile_rate: float, phase: tuple[float, float],
+    elevations: NDArray[np.float64], field: tuple[float, float], mounting: NDArray[np.float64],
+    lever: NDArray[np.float64], poses: NDArray[np.float64], centre: NDArray[np.float64], body: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32], NDArray[np.float32]]:  # fmt: skip
+    n = last - first
+    times, angles = np.empty(n), np.empty(n)
+    beams, rays = np.empty((n, 3), np.float32), np.empty((n, 6), np.float32)
+    position, turn, ends = np.empty(3), np.empty((3, 3)), np.empty((2, 3, 3))
+    n_beams = len(elevations)
+    cosines, sines = np.cos(elevations), np.sin(elevations)
+    knot, m = -1, 0
+    for i in range(first, last):
+        time = (i + phase[0]) / pulse_rate
+        turns = time * profile_rate + phase[1]
+        angle = 2 * np.pi * (turns - np.floor(turns + 0.5))
+        if angle < field[0] or angle > field[1]:
+            continue
+        flat, lift = cosines[i % n_beams], sines[i % n_beams]
+        side, down = flat * np.sin(angle), -flat * np.cos(angle)
+        beam = beams[m]
         for r in range(3):
-            direction = mounting[r, 1] * side + mounting[r, 2] * down
-            beam[i, r] = direction
-            pace = direction if abs(direction) > 1e-9 else 1e-9
-            a, b = (body[r, 0] - lever[r]) / pace, (body[r, 1] - lever[r]) / pace
-            inward, outward = max(inward, min(a, b)), min(outward, max(a, b))
-        clear[i] = inward > outward
+            beam[r] = mounting[r, 0] * lift + mounting[r, 1] * side + mounting[r, 2] * down
+        if _hits_body(beam, lever, body):
+            continue
+        knot = pose_between(time, poses, knot, ends, position, turn)
         for r in range(3):
             start = position[r] + turn[r, 0] * lever[0] + turn[r, 1] * lever[1] + turn[r, 2] * lever[2]
-            rays[i, r] = start - centre[r]
-            rays[i, 3 + r] = turn[r, 0] * beam[i, 0] + turn[r, 1] * beam[i, 1] + turn[r, 2] * beam[i, 2]
-    return beam, rays, clear
+            rays[m, r] = start - centre[r]
+            rays[m, 3 + r] = turn[r, 0] * beam[0] + turn[r, 1] * beam[1] + turn[r, 2] * beam[2]
+        times[m], angles[m] = time, angle
+        m += 1
+    return times[:m], angles[:m], beams[:m], rays[:m]
 
 
 @njit(cache=True, nogil=True)
 def _georeference(
-    time: NDArray[np.float64], beam: NDArray[np.float32], distance: NDArray[np.float64], lever: NDArray[np.float64],
-    poses: NDArray[np.float64],
+    time: NDArray[np.float64], beam: NDArray[np.float32], rows: NDArray[np.int64], distance: NDArray[np.float64],
+    lever: NDArray[np.float64], boresight: NDArray[np.float64], bias: float, poses: NDArray[np.float64],
 ) -> NDArray[np.float64]:  # fmt: skip
-    xyz = np.empty((len(time), 3))
-    position, turn = np.empty(3), np.empty((3, 3))
-    for i in range(len(time)):
-        _pose(time[i], poses, position, turn)
-        for r in range(3):
-            total = position[r]
-            for c in range(3):
-                total += turn[r, c] * (lever[c] + distance[i] * beam[i, c])
-            xyz[i, r] = total
+    xyz = np.empty((len(rows), 3))
+    position, turn, ends, local = np.empty(3), np.empty((3, 3)), np.empty((2, 3, 3)), np.empty(3)
+    knot = -1
+    for i in range(len(rows)):
+        j = rows[i]
+        knot = pose_between(time[j], poses, knot, ends, position, turn)
+        r = distance[i] + bias
+        for a in range(3):
+            along = boresight[a, 0] * beam[j, 0] + boresight[a, 1] * beam[j, 1] + boresight[a, 2] * beam[j, 2]
+            local[a] = lever[a] + r * along
+        for a in range(3):
+            xyz[i, a] = position[a] + turn[a, 0] * local[0] + turn[a, 1] * local[1] + turn[a, 2] * local[2]
     return xyz

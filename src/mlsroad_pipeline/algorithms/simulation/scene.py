@@ -2,66 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 import numpy as np
 import open3d as o3d
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.simulation.alignment import interpolate
-from mlsroad_pipeline.algorithms.simulation.ground import Ground, ground_height
-from mlsroad_pipeline.algorithms.simulation.meshes import GLASS, KIND, Mesh, join
+from mlsroad_pipeline.algorithms.simulation.meshes import GLASS, KIND, Mesh
+from mlsroad_pipeline.algorithms.simulation.moving import Motion, Mover, rays_toward, turned
+from mlsroad_pipeline.algorithms.simulation.standing import (
+    Standing,
+    build_standing,
+    casting_structure,
+    entering,
+    keep_nearer,
+)
 from mlsroad_pipeline.algorithms.simulation.street import Street
-from mlsroad_pipeline.algorithms.simulation.surfaces import Hits, Surfaces, resolve_hits
+from mlsroad_pipeline.algorithms.simulation.surfaces import Hits, Surfaces, resolve_hits, water_level
+
+__all__ = ["Motion", "Mover", "RayScene"]
 
 _PAST_GLASS = 0.003  # how far behind a pane a ray starts anew, metres
 _PANES = 4  # a ray through more panes than this is lost in reflections
-_KNOT = 0.01  # moving objects go straight for this long, seconds
-_FAR = 100.0  # moving objects farther away than this are not looked at, metres
-
-
-class Motion(NamedTuple):
-    """How something moves along the street.
-
-    Parameters
-    ----------
-    station, time : float
-        Where it is (m) at one moment (s).
-    speed : float
-        Speed along the alignment, m/s; negative against it.
-    offset : float
-        Distance to the left of the centre line, metres.
-    """
-
-    station: float
-    time: float
-    speed: float
-    offset: float
-
-
-@dataclass(frozen=True)
-class Mover:
-    """Something that moves while it is scanned.
-
-    Parameters
-    ----------
-    label : int
-        Taxonomy code of the whole.
-    instance : int
-        Its number.
-    mesh : Mesh
-        Faces in its own frame, front along +x, z = 0 on the ground.
-    motion : Motion
-        Where it is when.
-    """
-
-    label: int
-    instance: int
-    mesh: Mesh
-    motion: Motion
 
 
 class RayScene:
@@ -81,28 +45,30 @@ class RayScene:
         Rays are given relative to this place near them: float32 resolves micrometres there.
     n_threads : int, default 1
         Threads that cast rays; the answers do not depend on it.
-
-    Notes
-    -----
-    Acceleration structures are built by one thread: built by several, two runs could answer a ray that meets an edge
-    with different faces. Casting may use all threads; each ray is answered by itself.
+    wetness : float, default 0
+        Share of paved ground under a film of water.
+    standing : sequence of Standing, default ()
+        More that stands still, built before; the nearest to the rays first.
     """
 
     def __init__(
         self, street: Street, meshes: Sequence[Mesh], instances: Sequence[int], movers: Sequence[Mover],
-        centre: NDArray[np.float64], *, n_threads: int = 1,
+        centre: NDArray[np.float64], *, n_threads: int = 1, wetness: float = 0.0, standing: Sequence[Standing] = (),
     ) -> None:  # fmt: skip
-        self.n_threads = n_threads
+        self.n_threads, self._water = n_threads, water_level(wetness)
         self.street, self.centre, self.movers = street, centre, tuple(movers)
-        standing = join(meshes)
-        numbers = np.repeat(np.asarray(instances, dtype=np.int32), [len(m.faces) for m in meshes])
-        self.attributes = np.concatenate([standing.attributes, *(m.mesh.attributes for m in self.movers)])
+        own = [build_standing(meshes, instances, centre)] if meshes else []
+        self._standing = (*own, *standing)
         moving = [np.full(len(m.mesh.faces), m.instance, dtype=np.int32) for m in self.movers]
-        self.instances = np.concatenate([numbers, *moving]).astype(np.int32)
-        self._standing = _scene(standing.vertices - centre, standing.faces)
-        self._moving = [_scene(m.mesh.vertices, m.mesh.faces) for m in self.movers]
-        counts = [len(standing.faces), *(len(m.mesh.faces) for m in self.movers)]
-        self._first_face = np.cumsum(counts)[:-1]
+        self.attributes = np.concatenate(
+            [*(part.attributes for part in self._standing), *(m.mesh.attributes for m in self.movers)]
+        )
+        self.instances = np.concatenate([*(part.instances for part in self._standing), *moving]).astype(np.int32)
+        self._moving = [casting_structure(m.mesh.vertices, m.mesh.faces) for m in self.movers]
+        counts = [0, *(len(part.instances) for part in self._standing), *(len(m) for m in moving)]
+        self._first_face = np.cumsum(counts)
+        self._motions = np.array([m.motion for m in self.movers], dtype=np.float64).reshape(-1, 4)
+        self._reaches = np.array([np.sqrt((m.mesh.vertices**2).sum(axis=1).max()) for m in self.movers])
 
     def cast(
         self, rays: NDArray[np.float32], times: NDArray[np.float64], *, passing: NDArray[np.float32] | None = None
@@ -127,23 +93,14 @@ class RayScene:
         hits = self._cast_once(rays, times)
         if passing is None:
             return hits
-        distance, face, normal = hits
-        travelled = np.zeros(len(rays), dtype=np.float32)
-        active = np.arange(len(rays))
+        active, behind = _through_panes(rays, np.arange(len(rays)), rays, hits, self.attributes, passing)
         for _ in range(_PANES):
-            at_glass = face[active] >= 0
-            at_glass[at_glass] = self.attributes[face[active[at_glass]], KIND] == GLASS
-            active = active[at_glass]
-            slant = np.abs((rays[active, 3:] * normal[active]).sum(axis=1))
-            active = active[passing[active] < 0.92 - 0.75 * (1 - slant) ** 3]
             if len(active) == 0:
                 break
-            travelled[active] = distance[active] + _PAST_GLASS
-            behind = rays[active].copy()
-            behind[:, :3] += travelled[active, None] * behind[:, 3:]
             again = self._cast_once(behind, times[active])
-            distance[active] = travelled[active] + again.distance
-            face[active], normal[active] = again.face, again.normal
+            pending, rest = _through_panes(rays, active, behind, again, self.attributes, passing)
+            _replace(hits, active, behind, again, rays)
+            active, behind = pending, rest
         return hits
 
     def occluded(self, rays: NDArray[np.float32], times: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -161,15 +118,14 @@ class RayScene:
         ndarray of shape (n,), bool
             True where something stands or moves in the way.
         """
-        blocked = (
-            self._standing.test_occlusions(o3d.core.Tensor.from_numpy(rays), nthreads=self.n_threads).numpy().copy()
-        )
-        for k, mover in enumerate(self.movers):
-            index, local, _ = self._toward(mover, rays, times)
+        blocked = np.zeros(len(rays), dtype=np.bool_)
+        limit = np.full(len(rays), np.inf, dtype=np.float32)
+        for part in self._standing:
+            index, moved = entering(rays, limit, part.box, self.centre - part.centre)
             if len(index):
-                blocked[index] |= (
-                    self._moving[k].test_occlusions(o3d.core.Tensor.from_numpy(local), nthreads=self.n_threads).numpy()
-                )
+                blocked[index] |= part.structure.test_occlusions(_tensor(moved), nthreads=self.n_threads).numpy()
+        for k, index, local, _ in self._toward(rays, times):
+            blocked[index] |= self._moving[k].test_occlusions(_tensor(local), nthreads=self.n_threads).numpy()
         return blocked
 
     def resolve(self, hits: Hits, rays: NDArray[np.float32]) -> Surfaces:
@@ -191,97 +147,76 @@ class RayScene:
         near, _ = street.alignment.locate(self.centre[None, :2])
         return resolve_hits(
             hits.distance, hits.face, rays, self.attributes, self.centre, street.alignment.table,
-            street.ground, street.ground_rgb, street.ground_reflectivity, float(near[0]),
+            street.ground, street.ground_rgb, street.ground_reflectivity, float(near[0]), self._water,
         )  # fmt: skip
 
     def _toward(
-        self, mover: Mover, rays: NDArray[np.float32], times: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
-        if len(rays) == 0:
-            return np.zeros(0, np.int64), np.zeros((0, 6), np.float32), np.zeros(0, np.float32)
-        first = int(np.floor(times.min() / _KNOT))
-        knots = _poses(
-            mover.motion, first, int(np.floor(times.max() / _KNOT)) - first + 2, self.centre,
-            self.street.alignment.table, self.street.ground,
-        )  # fmt: skip
-        reach = float(np.sqrt((mover.mesh.vertices**2).sum(axis=1).max()))
-        # What stays farther away than this all the time is not looked at.
-        near = np.abs(knots[:, None, :2] - rays[:: max(len(rays) // 16, 1), :2]).max(axis=2).min()
-        if near > _FAR:
-            return np.zeros(0, np.int64), np.zeros((0, 6), np.float32), np.zeros(0, np.float32)
-        return _rays_toward(rays, times, knots, first, reach)
+        self, rays: NDArray[np.float32], times: NDArray[np.float64]
+    ) -> Iterator[tuple[int, NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]]:
+        """Yield number, rows, rays and headings of each moving object that rays come near."""
+        indptr, index, local, yaw = rays_toward(
+            rays, times, self._motions, self._reaches, self.centre, self.street.alignment.table, self.street.ground
+        )
+        for k, (low, high) in enumerate(pairwise(indptr)):
+            if high > low:
+                yield k, index[low:high], local[low:high], yaw[low:high]
 
     def _cast_once(self, rays: NDArray[np.float32], times: NDArray[np.float64]) -> Hits:
-        answer = self._standing.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=self.n_threads)
-        distance = answer["t_hit"].numpy().copy()
-        face = answer["primitive_ids"].numpy().astype(np.int32)
-        face[~np.isfinite(distance)] = -1
-        normal = answer["primitive_normals"].numpy().copy()
-        for k, mover in enumerate(self.movers):
-            index, local, yaw = self._toward(mover, rays, times)
+        n = len(rays)
+        hits = Hits(np.full(n, np.inf, np.float32), np.full(n, -1, np.int32), np.zeros((n, 3), np.float32))
+        for part, first in zip(self._standing, self._first_face, strict=False):
+            index, moved = entering(rays, hits.distance, part.box, self.centre - part.centre)
             if len(index) == 0:
                 continue
-            answer = self._moving[k].cast_rays(o3d.core.Tensor.from_numpy(local), nthreads=self.n_threads)
-            t = answer["t_hit"].numpy()
-            nearer = t < distance[index]
-            rows, angle = index[nearer], yaw[nearer]
-            distance[rows] = t[nearer]
-            face[rows] = answer["primitive_ids"].numpy()[nearer].astype(np.int32) + self._first_face[k]
-            n = answer["primitive_normals"].numpy()[nearer]
-            c, s = np.cos(angle), np.sin(angle)
-            normal[rows] = np.stack([c * n[:, 0] - s * n[:, 1], s * n[:, 0] + c * n[:, 1], n[:, 2]], axis=1)
-        return Hits(distance, face, normal)
+            answer = part.structure.cast_rays(_tensor(moved), nthreads=self.n_threads)
+            t, ids, normals = (answer[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_normals"))
+            keep_nearer(index, t, ids, normals, first, *hits)
+        for k, index, local, yaw in self._toward(rays, times):
+            answer = self._moving[k].cast_rays(_tensor(local), nthreads=self.n_threads)
+            t, ids, own = (answer[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_normals"))
+            keep_nearer(index, t, ids, turned(own, yaw), self._first_face[len(self._standing) + k], *hits)
+        return hits
 
 
-def _scene(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> o3d.t.geometry.RaycastingScene:
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(vertices.astype(np.float32)), o3d.core.Tensor.from_numpy(faces.astype(np.uint32))
-    )
-    return scene
+def _tensor(rays: NDArray[np.float32]) -> o3d.core.Tensor:
+    return o3d.core.Tensor.from_numpy(rays)
 
 
 @njit(cache=True, nogil=True)
-def _poses(
-    motion: Motion, first: int, count: int, centre: NDArray[np.float64], table: NDArray[np.float64], ground: Ground
-) -> NDArray[np.float64]:
-    """Return x, y, z relative to the centre and heading of a moving object at `count` knots of time."""
-    knots = np.empty((count, 4))
-    for k in range(count):
-        s = motion.station + motion.speed * ((first + k) * _KNOT - motion.time)
-        x, y, heading = interpolate(table, ground.start, s)
-        knots[k, 0] = x - motion.offset * np.sin(heading) - centre[0]
-        knots[k, 1] = y + motion.offset * np.cos(heading) - centre[1]
-        knots[k, 2] = ground_height(s, motion.offset, ground) - centre[2]
-        knots[k, 3] = heading + (np.pi if motion.speed < 0 else 0.0)
-    return knots
-
-
-@njit(cache=True, nogil=True)
-def _rays_toward(
-    rays: NDArray[np.float32], times: NDArray[np.float64], knots: NDArray[np.float64], first: int, reach: float
-) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
-    """Return the rays that pass within `reach` of a moving object, in its own frame at their times."""
+def _through_panes(
+    rays: NDArray[np.float32], rows: NDArray[np.int64], cast: NDArray[np.float32], hits: Hits,
+    attributes: NDArray[np.float32], passing: NDArray[np.float32],
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:  # fmt: skip
+    """Return which of some rays go on behind the pane that they met, and those rays from there on."""
+    active, behind = np.empty(len(rows), np.int64), np.empty((len(rows), 6), np.float32)
     n = 0
-    index = np.empty(len(rays), dtype=np.int64)
-    local = np.empty((len(rays), 6), dtype=np.float32)
-    yaw = np.empty(len(rays), dtype=np.float32)
-    for i in range(len(rays)):
-        u = times[i] / _KNOT - first
-        k = min(int(u), len(knots) - 2)
-        f = u - k
-        px = rays[i, 0] - (knots[k, 0] + f * (knots[k + 1, 0] - knots[k, 0]))
-        py = rays[i, 1] - (knots[k, 1] + f * (knots[k + 1, 1] - knots[k, 1]))
-        pz = rays[i, 2] - (knots[k, 2] + f * (knots[k + 1, 2] - knots[k, 2]))
-        dx, dy, dz = rays[i, 3], rays[i, 4], rays[i, 5]
-        along = -(px * dx + py * dy + pz * dz)
-        squared = px * px + py * py + pz * pz
-        if squared - along * along > reach * reach or (along < 0 and squared > reach * reach):
+    for k in range(len(rows)):
+        i = rows[k]
+        if hits.face[k] < 0 or attributes[hits.face[k], KIND] != GLASS:
             continue
-        heading = knots[k, 3] + f * (knots[k + 1, 3] - knots[k, 3])
-        c, sn = np.cos(heading), np.sin(heading)
-        index[n], yaw[n] = i, heading
-        local[n, 0], local[n, 1], local[n, 2] = c * px + sn * py, c * py - sn * px, pz
-        local[n, 3], local[n, 4], local[n, 5] = c * dx + sn * dy, c * dy - sn * dx, dz
+        slant = 0.0
+        for r in range(3):
+            slant += rays[i, 3 + r] * hits.normal[k, r]
+        if passing[i] >= 0.92 - 0.75 * (1 - abs(slant)) ** 3:
+            continue
+        active[n] = i
+        for r in range(3):
+            behind[n, r] = cast[k, r] + (hits.distance[k] + _PAST_GLASS) * rays[i, 3 + r]
+            behind[n, 3 + r] = rays[i, 3 + r]
         n += 1
-    return index[:n], local[:n], yaw[:n]
+    return active[:n], behind[:n].copy()
+
+
+@njit(cache=True, nogil=True)
+def _replace(
+    hits: Hits, rows: NDArray[np.int64], behind: NDArray[np.float32], again: Hits, rays: NDArray[np.float32]
+) -> None:
+    """Enter what rays met behind a pane, its distance counted from where the rays begin."""
+    for k in range(len(rows)):
+        i = rows[k]
+        travelled = 0.0
+        for r in range(3):
+            travelled += (behind[k, r] - rays[i, r]) * rays[i, 3 + r]
+        hits.distance[i] = travelled + again.distance[k]
+        hits.face[i] = again.face[k]
+        hits.normal[i] = again.normal[k]

@@ -1,4 +1,4 @@
-"""A street drawn from a seed: alignment, profile, cross-section, lots, crossings, and the mesh of its ground."""
+"""A street drawn from a seed: alignment, profile, cross-section, side streets, crossings, and the land beside it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,18 @@ from mlsroad_pipeline.algorithms.simulation.ground import (
     SOIL,
     Ground,
 )  # fmt: skip
-from mlsroad_pipeline.algorithms.simulation.meshes import GROUND, Mesh, Surface
+from mlsroad_pipeline.algorithms.simulation.junctions import (
+    CONTROL,
+    GIVE_WAY,
+    HALF_WIDTH,
+    RADIUS,
+    SIGNALS,
+    STATION,
+    STOP,
+    ZEBRA_HALF,
+)
+from mlsroad_pipeline.algorithms.simulation.lots import Lot, draw_lots
+from mlsroad_pipeline.algorithms.simulation.street_parameters import StreetParameters
 
 BLOCK = 60.0
 """Length of the pieces that a street is populated in, metres."""
@@ -30,35 +41,6 @@ MARGIN = 3
 
 HALF_DEPTH = 55.0
 """How far the ground reaches to either side, metres."""
-
-
-@dataclass(frozen=True)
-class Lot:
-    """A piece of land beside the street.
-
-    Parameters
-    ----------
-    side : int
-        0 is left, 1 is right.
-    start, end : float
-        Stations, metres.
-    kind : str
-        ``"row"`` (facade at the pavement), ``"house"`` (behind a front garden) or ``"open"``.
-    boundary : str
-        What stands on the property line: ``"fence"``, ``"wall"``, ``"hedge"`` or ``"none"``.
-    setback : float
-        Distance of the building from the property line, metres.
-    driveway : float
-        Station of the driveway's middle, NaN where there is none.
-    """
-
-    side: int
-    start: float
-    end: float
-    kind: str
-    boundary: str
-    setback: float
-    driveway: float
 
 
 @dataclass(frozen=True)
@@ -79,8 +61,8 @@ class Street:
         Albedo of each ground surface by taxonomy code.
     ground_reflectivity : ndarray of shape (256,), float64
         Its albedo at the scanner's wavelength.
-    style : dict of str to float
-        Shares of the designs that give the street its character.
+    parameters : StreetParameters
+        What kind of street it is.
     """
 
     seed: int
@@ -89,7 +71,7 @@ class Street:
     lots: tuple[Lot, ...]
     ground_rgb: NDArray[np.float64]
     ground_reflectivity: NDArray[np.float64]
-    style: dict[str, float]
+    parameters: StreetParameters
 
     def kerb_zone(self, side: int) -> float:
         """Return the offset of the line along the curb on which trees, lamps and signs stand."""
@@ -121,35 +103,50 @@ def generator(seed: int, *path: int) -> np.random.Generator:
     return np.random.default_rng([seed, *(p + 1024 for p in path)])
 
 
-def _section(rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _section(rng: np.random.Generator, parameters: StreetParameters) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     lanes = 1 + int(rng.random() < 0.3)
     lane = rng.uniform(3.1, 3.6)
-    parking = [(True, True), (True, False), (False, True)][int(rng.choice(3, p=[0.3, 0.35, 0.35]))]
-    verge = [(True, True), (True, False), (False, True)][int(rng.choice(3, p=[0.6, 0.2, 0.2]))]
+    lanes, median = parameters.lanes or lanes, parameters.median / 2
+    slanted = rng.random() < parameters.slanted_parking
     rows = []
-    for side in range(2):
-        bay = rng.uniform(2.05, 2.4) if parking[side] else 0.0
-        strip = rng.uniform(1.2, 2.4) if verge[side] else 0.0
-        pavement = rng.uniform(1.9, 2.8) if verge[side] else rng.uniform(2.6, 3.8)
-        rows.append([lanes * lane + bay, bay, rng.uniform(0.13, 0.28), strip, pavement])
-    shape = [rng.uniform(0.015, 0.028), rng.uniform(-0.012, 0.012), rng.uniform(0.08, 0.16), lane, lanes]
+    for chance in rng.random((2, 2)):
+        depth = rng.uniform(4.9, 5.4) if slanted else rng.uniform(2.05, 2.4)
+        bay = depth if chance[0] < parameters.parking else 0.0
+        has_verge = chance[1] < parameters.verges
+        strip = parameters.verge_width * rng.uniform(0.7, 1.3) if has_verge else 0.0
+        pavement = rng.uniform(1.9, 2.8) if has_verge else rng.uniform(2.6, 3.8)
+        rows.append([median + lanes * lane + bay, bay, rng.uniform(0.13, 0.28), strip, pavement])
+    shape = [
+        rng.uniform(0.015, 0.028), rng.uniform(-0.012, 0.012), rng.uniform(0.08, 0.16), lane, lanes, median,
+        rng.uniform(0.35, 0.7) if slanted else 0.0, parameters.grass_height,
+    ]  # fmt: skip
     return np.array(rows), np.array(shape)
 
 
-def _lots(rng: np.random.Generator, side: int, start: float, end: float) -> list[Lot]:
-    kinds, boundaries = ("row", "house", "open"), ("fence", "wall", "hedge", "none")
-    shares, edges = rng.dirichlet([2.5, 2.5, 1.0]), rng.dirichlet([2.0, 2.0, 2.0, 0.7])
-    lots, at = [], start
-    while at < end:
-        kind = str(rng.choice(kinds, p=shares))
-        stop = at + rng.uniform(9, 20)
-        boundary = "none" if kind == "row" else str(rng.choice(boundaries, p=edges))
-        setback = rng.uniform(0.1, 0.5) if kind == "row" else rng.uniform(3.5, 7.5)
-        has_driveway = kind != "row" and rng.random() < 0.6
-        driveway = rng.uniform(at + 2.2, stop - 2.2) if has_driveway else np.nan
-        lots.append(Lot(side, at, stop, kind, boundary, setback, driveway))
-        at = stop
-    return lots
+def _arms(
+    rng: np.random.Generator, alignment: Alignment, blocks: range, section: NDArray[np.float64],
+    parameters: StreetParameters,
+) -> NDArray[np.float64]:  # fmt: skip
+    """Draw side streets; each joins near the middle of a block, so that its corners lie within it."""
+    rows: list[list[float]] = []
+    if parameters.junction_spacing == 0:
+        return np.zeros((0, 9))
+    at = blocks[0] * BLOCK + rng.uniform(0.2, 1.0) * parameters.junction_spacing
+    while at < blocks[-1] * BLOCK:
+        station = (np.floor(at / BLOCK) + 0.5) * BLOCK + rng.uniform(-5, 5)
+        row = int((station - alignment.start) / STEP)
+        curvature = float(alignment.table[row + 1, 2] - alignment.table[row, 2]) / STEP
+        control = SIGNALS if rng.random() < parameters.signals else int(rng.integers(GIVE_WAY, STOP + 1))
+        sides = (0, 1) if rng.random() < parameters.crossroads else (int(rng.integers(2)),)
+        skew = rng.uniform(-0.16, 0.16)
+        for side in sides:
+            radius = rng.uniform(4.5, 7.5)
+            zebra = radius + 0.6 + ZEBRA_HALF if rng.random() < 0.6 or control == SIGNALS else 0.0
+            slant = skew if side == 0 else -skew + rng.uniform(-0.03, 0.03)
+            width = rng.uniform(2.9, 4.2)
+            rows.append([station, side, width, radius, slant, curvature, control, zebra, rng.uniform(0.015, 0.03)])
+        at = station + max(parameters.junction_spacing * rng.uniform(0.6, 1.4), BLOCK)
+    return np.array(rows).reshape(-1, 9)
 
 
 def _profile(rng: np.random.Generator, station: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -168,7 +165,7 @@ def _profile(rng: np.random.Generator, station: NDArray[np.float64]) -> NDArray[
 
 
 def _surfaces(
-    rng: np.random.Generator, station: NDArray[np.float64], lots: list[Lot], profile: NDArray[np.float64]
+    rng: np.random.Generator, station: NDArray[np.float64], lots: list[Lot], profile: NDArray[np.float64], soil: float
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     verge = np.empty((2, len(station)), dtype=np.uint8)
     lot_codes = np.full((2, len(station)), GRASS, dtype=np.uint8)
@@ -176,11 +173,13 @@ def _surfaces(
         at = 0
         while at < len(station):
             run = int(rng.uniform(8, 30) / STEP)
-            verge[side, at : at + run] = GRASS if rng.random() < 0.7 else SOIL
+            verge[side, at : at + run] = SOIL if rng.random() < soil else GRASS
             at += run
     for lot in lots:
+        if lot.arm >= 0:
+            continue
         rows = slice(*np.searchsorted(station, [lot.start, lot.end]))
-        share = [0.15, 0.1, 0.75] if lot.kind == "row" else [0.62, 0.2, 0.18]
+        share = [0.15, 0.1, 0.75] if lot.kind == "row" else [0.82 * (1 - soil), 0.82 * soil, 0.18]
         lot_codes[lot.side, rows] = rng.choice([GRASS, SOIL, OTHER_GROUND], p=share)
         if np.isfinite(lot.driveway):
             distance = np.abs(station - lot.driveway)
@@ -205,17 +204,41 @@ def _ground_materials(rng: np.random.Generator) -> tuple[NDArray[np.float64], ND
     return rgb, reflectivity
 
 
-def _events(
-    rng: np.random.Generator, start: float, end: float, half: float, manhole_radius: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _crossings(rng: np.random.Generator, start: float, end: float, arms: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Draw zebra crossings: before junctions, and here and there between them."""
+    found = []
+    for station in np.unique(arms[:, STATION]):
+        joined = arms[arms[:, STATION] == station]
+        away = float((joined[:, HALF_WIDTH] + joined[:, RADIUS]).max()) + 2.4
+        for direction in (-1, 1):
+            if joined[0, CONTROL] == SIGNALS or rng.random() < 0.35:
+                found.append((float(station) + direction * away, float(rng.uniform(1.4, 2.0))))
+    at = start + float(rng.uniform(20, 120))
+    while at < end:
+        if len(arms) == 0 or np.abs(arms[:, STATION] - at).min() > 32:
+            found.append((at, float(rng.uniform(1.4, 2.2))))
+        at += float(rng.uniform(80, 180))
+    return np.array(sorted(found)).reshape(-1, 2)
+
+
+def _lids(
+    rng: np.random.Generator, start: float, end: float, section: NDArray[np.float64], median: float, radius: float
+) -> NDArray[np.float64]:
+    """Draw manholes in the lanes and drains in the gutters."""
     stations = np.cumsum(rng.uniform(9, 30, int((end - start) / 9))) + start
-    offsets = rng.uniform(-half, half, len(stations))
-    radii = np.where(rng.random(len(stations)) < 0.8, manhole_radius, 0.16)
-    at = np.cumsum(rng.uniform(70, 160, int((end - start) / 70) + 1)) + start + rng.uniform(0, 60)
-    return np.stack([stations, offsets, radii], 1), np.stack([at, rng.uniform(1.4, 2.2, len(at))], 1)
+    offsets = rng.uniform(median + 0.8, float(section[:, 0].min()) - 0.8, len(stations))
+    offsets *= rng.choice([-1, 1], len(stations))
+    radii = np.where(rng.random(len(stations)) < 0.8, radius, 0.16)
+    drains = np.arange(start, end, 27.0)
+    at = np.concatenate([drains + rng.uniform(0, 9, len(drains)) for _ in range(2)])
+    edge = np.repeat([section[0, 0] - 0.24, 0.24 - section[1, 0]], len(drains))
+    rows = np.concatenate([
+        np.stack([stations, offsets, radii], axis=1), np.stack([at, edge, np.full(len(at), -0.21)], axis=1)
+    ])  # fmt: skip
+    return rows[np.argsort(rows[:, 0], kind="stable")]
 
 
-def draw_street(seed: int, *, length: float) -> Street:
+def draw_street(seed: int, *, length: float, parameters: StreetParameters | None = None) -> Street:
     """Draw a street.
 
     Parameters
@@ -224,71 +247,38 @@ def draw_street(seed: int, *, length: float) -> Street:
         Non-negative; another seed is another street.
     length : float
         Surveyed length in metres; the street goes on for `MARGIN` blocks at either end.
+    parameters : StreetParameters, optional
+        What kind of street it is; None is a town's.
 
     Returns
     -------
     Street
         The street, without what stands on it.
     """
-    start, end = -MARGIN * BLOCK, (np.ceil(length / BLOCK) + MARGIN) * BLOCK
+    kind = parameters or StreetParameters()
+    last = int(np.ceil(length / BLOCK)) + MARGIN
+    start, end = -MARGIN * BLOCK, last * BLOCK
     alignment = Alignment.drawn(generator(seed, 0), start=start, end=end)
     station = np.arange(len(alignment.table), dtype=np.float64) * STEP + start
-    section, shape = _section(generator(seed, 1))
+    section, shape = _section(generator(seed, 1), kind)
+    arms = _arms(generator(seed, 8), alignment, range(-MARGIN, last), section, kind)
     profile = _profile(generator(seed, 2), station)
     profile[:, 0] -= np.interp(0.0, station, profile[:, 0])
-    lots = [lot for side in range(2) for lot in _lots(generator(seed, 3, side), side, start, end)]
-    verge, lot_codes = _surfaces(generator(seed, 4), station, lots, profile)
+    lots = [
+        lot for side in range(2) for lot in draw_lots(generator(seed, 3, side), side, start, end, section, arms, kind)
+    ]
+    verge, lot_codes = _surfaces(generator(seed, 4), station, lots, profile, kind.bare_soil)
     rng = generator(seed, 5)
-    manholes, crossings = _events(rng, start, end, float(section[:, 0].min()) - 0.5, float(rng.uniform(0.28, 0.36)))
+    crossings = _crossings(rng, start, end, arms)
     for at, width in crossings:
         dropped = np.clip((np.abs(station - at) - width) / 1.0, 0.1, 1.0)
         profile[:, 1:3] = np.minimum(profile[:, 1:3], dropped[:, None])
     number = 2 * np.pi / rng.uniform(3.5, 12.0, (6, 2)) * rng.choice([-1, 1], (6, 2))
     waves = np.column_stack([number, rng.uniform(0, 6.28, 6), rng.uniform(0.0008, 0.0035, 6)])
     rgb, reflectivity = _ground_materials(generator(seed, 6))
-    ground = Ground(start, profile, section, shape, waves, verge, lot_codes, manholes, crossings)
-    names = ("palm", "broadleaf", "bush", "cycas")
-    style = dict(zip(names, (float(v) for v in generator(seed, 7).dirichlet([3.0, 2.5, 3.0, 2.0])), strict=True))
-    return Street(seed, alignment, ground, tuple(lots), rgb, reflectivity, style)
-
-
-def ground_mesh(street: Street, block: int) -> Mesh:
-    """Return the ground of one block; what covers it is looked up where a pulse meets it.
-
-    Parameters
-    ----------
-    street : Street
-        The street.
-    block : int
-        Number of the block; block 0 begins at station 0.
-
-    Returns
-    -------
-    Mesh
-        A grid, finer across than along, that follows curbs.
-    """
-    ground = street.ground
-    offsets: list[float] = [0.0]
-    for side, sign in ((0, 1.0), (1, -1.0)):
-        half, _, curb, verge, pavement = ground.section[side]
-        line = half + curb + verge + pavement
-        inner = [*np.linspace(0, half, 9)[1:], half + 0.03, half + curb, half + curb + verge]
-        outer = [
-            line - 0.5,
-            line,
-            line + 0.5,
-            line + 1.0,
-            *np.linspace(line + 2.0, line + 20.0, 19),
-            *np.linspace(line + 23.0, HALF_DEPTH, 10),
-        ]
-        offsets += [sign * float(a) for a in inner + outer]
-    across = np.unique(np.round(offsets, 9))
-    stations = np.arange(block * BLOCK, (block + 1) * BLOCK + STEP / 2, STEP)
-    s, left = (grid.ravel() for grid in np.meshgrid(stations, across, indexing="ij"))
-    xy, _ = street.alignment.place(s, left)
-    vertices = np.column_stack([xy, ground.height(s, left)])
-    i, j = (g.ravel() for g in np.meshgrid(np.arange(len(stations) - 1), np.arange(len(across) - 1), indexing="ij"))
-    a = i * len(across) + j
-    b = a + len(across)
-    faces = np.concatenate([np.stack([a, b, b + 1], 1), np.stack([a, b + 1, a + 1], 1)])
-    return Mesh(vertices, faces, Surface(0, (0.2, 0.2, 0.2), 0.3, GROUND).rows(len(faces)))
+    lids = _lids(rng, start, end, section, float(shape[5]), float(rng.uniform(0.28, 0.36)))
+    ground = Ground(start, profile, section, shape, waves, verge, lot_codes, lids, crossings, arms)
+    # Drains lie in gutters that are there.
+    distance, _ = ground.edge(lids[:, 0], lids[:, 1])
+    ground = ground._replace(manholes=lids[(lids[:, 2] > 0) | (np.abs(distance + 0.24) < 0.02)])
+    return Street(seed, alignment, ground, tuple(lots), rgb, reflectivity, kind)

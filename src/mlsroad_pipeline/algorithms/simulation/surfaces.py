@@ -9,9 +9,16 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation.alignment import locate_one
-from mlsroad_pipeline.algorithms.simulation.ground import GRASS, MANHOLE, SOIL, Ground, ground_label, surface_tone
-from mlsroad_pipeline.algorithms.simulation.materials import texture_tone
+from mlsroad_pipeline.algorithms.simulation.cover import ground_cover
+from mlsroad_pipeline.algorithms.simulation.ground import GRASS, SOIL, Ground
+from mlsroad_pipeline.algorithms.simulation.materials import lattice_value, texture_tone
 from mlsroad_pipeline.algorithms.simulation.meshes import GROUND, KIND, LABEL, RED
+
+WET = 8
+"""Kind of ground under a film of water, beside the kinds of `meshes`: no face has it, places get it."""
+
+_SHARES = np.array([0.0, 0.01, 0.03, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 0.99, 1.0])
+_LEVELS = np.array([0.0, 0.157, 0.209, 0.291, 0.409, 0.5, 0.591, 0.709, 0.791, 0.843, 1.0])
 
 
 class Hits(NamedTuple):
@@ -54,24 +61,48 @@ class Surfaces(NamedTuple):
     relief: NDArray[np.float32]
 
 
+def water_level(wetness: float) -> float:
+    """Return the level below which a share of the ground lies under water.
+
+    Parameters
+    ----------
+    wetness : float
+        The share, 0 to 1.
+
+    Returns
+    -------
+    float
+        The quantile of the noise that stands for the ground's unevenness.
+    """
+    return float(np.interp(wetness, _SHARES, _LEVELS))
+
+
 @njit(cache=True, nogil=True)
-def _ground_relief(label: int, s: float, left: float, ground: Ground) -> float:
-    """Return the height of blades and clods above the ground's mesh, and the few millimetres of a road's texture."""
-    from_noise = surface_tone(label, s, left) - 1.0
-    if label == GRASS:
-        return 0.05 + 0.05 * from_noise
-    if label == SOIL:
-        return 0.012 * from_noise
-    if label == MANHOLE:  # lids lie a little low
-        return -0.006
-    return 0.003 * from_noise
+def _is_wet(label: int, x: float, y: float, water: float) -> bool:
+    """Tell whether a film of water lies on the ground at a place: puddles of some metres on what is paved."""
+    if label in (GRASS, SOIL):
+        return False
+    coarse = 0.65 * _plane_noise(x * 0.35, y * 0.35)
+    return coarse < water and coarse + 0.35 * _plane_noise(x * 1.3, y * 1.3) < water
+
+
+@njit(cache=True, nogil=True)
+def _plane_noise(x: float, y: float) -> float:
+    """Return smooth noise in [0, 1) with unit lattice spacing."""
+    fx, fy = np.floor(x), np.floor(y)
+    ix, iy = int(fx), int(fy)
+    u, v = x - fx, y - fy
+    u, v = u * u * (3 - 2 * u), v * v * (3 - 2 * v)
+    low = (1 - u) * lattice_value(ix, iy, 5) + u * lattice_value(ix + 1, iy, 5)
+    high = (1 - u) * lattice_value(ix, iy + 1, 5) + u * lattice_value(ix + 1, iy + 1, 5)
+    return (1 - v) * low + v * high
 
 
 @njit(cache=True, nogil=True)
 def resolve_hits(
     distance: NDArray[np.float32], face: NDArray[np.int32], rays: NDArray[np.float32],
     attributes: NDArray[np.float32], centre: NDArray[np.float64], table: NDArray[np.float64], ground: Ground,
-    ground_rgb: NDArray[np.float64], ground_reflectivity: NDArray[np.float64], near: float,
+    ground_rgb: NDArray[np.float64], ground_reflectivity: NDArray[np.float64], near: float, water: float,
 ) -> Surfaces:  # fmt: skip
     """Return what the places are made of that rays met; see `RayScene.resolve`."""
     n = len(face)
@@ -89,13 +120,16 @@ def resolve_hits(
         if kind[i] == GROUND:
             s, left = locate_one(x, y, table, ground.start, guess)
             guess = s
-            code = ground_label(s, left, ground)
+            code, tone, relief[i] = ground_cover(s, left, ground)
             label[i] = code
-            tone = surface_tone(code, s, left)
-            relief[i] = _ground_relief(code, s, left, ground)
             for c in range(3):
                 rgb[i, c] = min(ground_rgb[code, c] * tone, 1.0)
             reflectivity[i] = min(ground_reflectivity[code] * (0.5 + 0.5 * tone), 0.98)
+            if water > 0 and _is_wet(code, x, y, water):
+                kind[i], relief[i] = WET, 0.0
+                reflectivity[i] *= 0.3
+                for c in range(3):
+                    rgb[i, c] *= 0.55
         else:
             z = centre[2] + rays[i, 2] + distance[i] * rays[i, 5]
             tone = texture_tone(int(kind[i]), x, y, z)

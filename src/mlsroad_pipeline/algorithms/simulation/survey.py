@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud, concatenate
-from mlsroad_pipeline.algorithms.simulation.cameras import Image
+from mlsroad_pipeline.algorithms.simulation.cameras import Image, pose_at
 from mlsroad_pipeline.algorithms.simulation.colouring import colour_points, spread_colours
+from mlsroad_pipeline.algorithms.simulation.devices import Device
+from mlsroad_pipeline.algorithms.simulation.drive import Drive
+from mlsroad_pipeline.algorithms.simulation.meshes import rotation_matrix
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
-from mlsroad_pipeline.algorithms.simulation.stream import SurveyStream
+from mlsroad_pipeline.algorithms.simulation.stream import ObjectRecord, SurveyStream
 from mlsroad_pipeline.algorithms.simulation.street import Street
 
 _COLOUR_REACH = 0.5  # metres
@@ -35,7 +38,9 @@ class Survey:
         In the order of time.
     objects : pandas.DataFrame
         The truth behind `instance`: instance, label, x, y, z (world metres of the base point; of a moving object when
-        the van passes it), moving.
+        the van passes it), moving, design, length, width, height (of the upright box along its front, metres; the
+        height is that of its top above the base point), heading (of its front, radians counter-clockwise from east),
+        box_x, box_y (world metres of the box's middle), hard_case (why it is hard to tell from a neighbour, or empty).
     origin : ndarray of shape (3,), float64
         World coordinates of the local zero, metres.
     crs : str
@@ -73,32 +78,168 @@ def simulate_survey(parameters: SimulationParameters, *, n_threads: int = 1) -> 
     ParameterError
         If `n_threads` is not at least 1.
     """
-    stream = SurveyStream(parameters, n_threads=n_threads)
-    clouds: list[PointCloud] = []
-    images: list[Image] = []
-    truth: dict[int, tuple[int, int, NDArray[np.float64], bool]] = {}
+    pieces, images = SurveyPieces(parameters, n_threads=n_threads), []
+    clouds = []
+    for cloud, taken in pieces:
+        clouds.append(_as_float32(cloud))
+        images += taken
+    return Survey(
+        concatenate(clouds), pieces.trajectory, images, pieces.objects, pieces.origin, pieces.crs, pieces.street
+    )
+
+
+class SurveyPieces:
+    """A survey that is read once, piece by piece, coloured by its images; all its passes, one after the other.
+
+    Parameters
+    ----------
+    parameters : SimulationParameters
+        What is surveyed, and how; see `PRESETS`.
+    n_threads : int, default 1
+        Threads to use; nothing but the time depends on it.
+
+    Raises
+    ------
+    ParameterError
+        If `n_threads` is not at least 1.
+    """
+
+    def __init__(self, parameters: SimulationParameters, *, n_threads: int = 1) -> None:
+        self._parameters, self._stream = parameters, SurveyStream(parameters, n_threads=n_threads)
+        self.origin, self.crs, self.street = self._stream.origin, self._stream.crs, self._stream.street
+        self._truth: dict[int, ObjectRecord] = {}
+        self._present: set[int] = set()
+        self._drives: list[Drive] = []
+
+    @property
+    def trajectory(self) -> pd.DataFrame:
+        """Reported trajectories of the passes read so far; see `Survey`."""
+        return pd.concat([drive.table(self._parameters) for drive in self._drives], ignore_index=True)
+
+    @property
+    def objects(self) -> pd.DataFrame:
+        """The truth behind the instances read so far; see `Survey`."""
+        return _object_table([r for i, r in self._truth.items() if i in self._present], self.origin)
+
+    def __iter__(self) -> Iterator[tuple[PointCloud, list[Image]]]:
+        """Yield points in the order of gps_time, float64 relative to the survey's origin, and new images."""
+        stream = self._stream
+        for number in range(self._parameters.passes):
+            stream = stream if number == 0 else stream.next_pass()
+            self._drives.append(stream.drive)
+            make = _coloured_pieces if self._parameters.with_images else _bare
+            pieces = make(stream, self._truth)
+            for cloud, images in pieces:
+                self._present.update(np.unique(cloud["instance"]).tolist())
+                yield cloud, images
+
+    def pass_of(self, gps_time: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return which pass times belong to, and the seconds since its start.
+
+        Parameters
+        ----------
+        gps_time : ndarray of shape (n,), float64
+            GPS seconds within the passes read so far.
+
+        Returns
+        -------
+        number : ndarray of shape (n,), int64
+            Number of the pass.
+        time : ndarray of shape (n,), float64
+            Seconds since its start.
+        """
+        starts = np.array([drive.start for drive in self._drives])
+        number = np.searchsorted(starts, gps_time, side="right") - 1
+        return number, gps_time - starts[number]
+
+    def piece_of(self, gps_time: NDArray[np.float64], piece_length: float) -> NDArray[np.int64]:
+        """Return the piece of street, counted through all passes, in which the vehicle was at times.
+
+        Parameters
+        ----------
+        gps_time : ndarray of shape (n,), float64
+            GPS seconds within the passes read so far.
+        piece_length : float
+            Street per piece, metres.
+
+        Returns
+        -------
+        ndarray of shape (n,), int64
+            Numbers of pieces.
+        """
+        per_pass = int(np.ceil(self._parameters.length / piece_length))
+        number, time = self.pass_of(gps_time)
+        ends = piece_length * np.arange(1, per_pass)
+        within = np.zeros(len(time), dtype=np.int64)
+        for p in np.unique(number):
+            rows = number == p
+            passed = np.array([self._drives[p].time_at(end) for end in ends])
+            within[rows] = np.searchsorted(passed, time[rows], side="right")
+        return number * per_pass + within
+
+    def sensor_pose(self, number: int, time: float, device: Device) -> NDArray[np.float64]:
+        """Return where a device was by the reported trajectory, with the axes of the vehicle.
+
+        Parameters
+        ----------
+        number : int
+            The pass.
+        time : float
+            Seconds since its start.
+        device : Device
+            The scanner.
+
+        Returns
+        -------
+        ndarray of shape (4, 4), float64
+            From the device's place to the world less the survey's origin.
+        """
+        pose = pose_at(self._drives[number].reported, time)
+        out = np.eye(4)
+        out[:3, :3] = rotation_matrix(pose[5], pose[4], pose[3])
+        out[:3, 3] = pose[:3] + out[:3, :3] @ np.asarray(device.lever)
+        return out
+
+    def moving_instances(self) -> list[int]:
+        """Return the instances read so far that move."""
+        return [instance for instance, record in self._truth.items() if record.moving]
+
+
+def _bare(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
+    for number, scene, objects in stream.scenes():
+        truth.update(objects)
+        for cloud in stream.scan(number, scene):
+            yield cloud, []
+
+
+def _coloured_pieces(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
+    """Yield points once the images of the block after theirs are taken."""
     waiting: list[PointCloud] = []
     taken: list[tuple[list[Image], list[NDArray[np.float32]]]] = []
-    for number in range(stream.block_count()):
-        scene = stream.scene(number)
-        truth.update({row[0]: row for row in stream.objects()})
+    for number, scene, objects in stream.scenes():
+        truth.update(objects)
         scanned = list(stream.scan(number, scene))
-        if not parameters.with_images:
-            clouds += [_as_float32(cloud) for cloud in scanned]
-            continue
-        # Points of a block are coloured once the images of the next one are there too.
         taken = [*taken[-2:], stream.photograph(number, scene)]
-        images += taken[-1][0]
-        clouds += [_coloured(cloud, taken) for cloud in waiting]
+        images = taken[-1][0]
+        for cloud in waiting:
+            yield _coloured(cloud, taken), images
+            images = []
+        if images:
+            yield scanned[0].select(np.zeros(0, np.int64)).with_columns(rgb=np.zeros((0, 3), np.uint8)), images
         waiting = scanned
-    clouds += [_coloured(cloud, taken) for cloud in waiting]
-    cloud = concatenate(clouds)
-    objects = pd.DataFrame(
-        [(i, label, *(base + stream.origin), moving) for i, label, base, moving in truth.values()],
-        columns=["instance", "label", "x", "y", "z", "moving"],
-    )
-    objects = objects[objects["instance"].isin(np.unique(cloud["instance"]))].reset_index(drop=True)
-    return Survey(cloud, stream.trajectory, images, objects, stream.origin, stream.crs, stream.street)
+    for cloud in waiting:
+        yield _coloured(cloud, taken), []
+
+
+def _object_table(records: Iterable[ObjectRecord], origin: NDArray[np.float64]) -> pd.DataFrame:
+    rows = [
+        (r.instance, r.label, *(r.base + origin), r.moving, r.design, r.box.length, r.box.width, r.box.height,
+         r.box.heading, r.box.x + origin[0], r.box.y + origin[1], r.hard_case)
+        for r in records
+    ]  # fmt: skip
+    names = ["instance", "label", "x", "y", "z", "moving", "design", "length", "width", "height", "heading", "box_x",
+             "box_y", "hard_case"]  # fmt: skip
+    return pd.DataFrame(rows, columns=names)
 
 
 def survey_chunks(parameters: SimulationParameters, *, n_points: int, n_threads: int = 1) -> Iterator[PointCloud]:
@@ -155,7 +296,8 @@ def long_survey(parameters: SimulationParameters, *, n_points: int, n_threads: i
         If `n_threads` is below 1.
     """
     # As a rule 60 % of the pulses come back; a street longer than needed costs nothing.
-    length = 60.0 + n_points / (2 * parameters.pulse_rate * 0.3) * parameters.speed
+    pulses = sum(device.pulse_rate for device in parameters.devices)
+    length = 60.0 + n_points / (pulses * 0.3) * parameters.speed
     return SurveyStream(replace(parameters, with_images=False), length=length, n_threads=n_threads)
 
 
@@ -180,8 +322,7 @@ def stream_points(stream: SurveyStream, *, n_points: int) -> Iterator[PointCloud
         If the street ends before there are as many points.
     """
     left = n_points
-    for number in range(stream.block_count()):
-        scene = stream.scene(number)
+    for number, scene, _ in stream.scenes():
         for cloud in stream.scan(number, scene):
             shifted = cloud.moved_to(cloud.origin + scene.centre)
             piece = _as_float32(shifted if len(shifted) <= left else shifted.select(np.arange(left)))
@@ -202,4 +343,4 @@ def _coloured(cloud: PointCloud, taken: list[tuple[list[Image], list[NDArray[np.
     xyz = cloud.xyz.astype(np.float64)
     rgb, seen = colour_points(xyz, cloud["gps_time"], images, depths)
     rgb = spread_colours(xyz, cloud["scanner"], rgb, seen, _COLOUR_REACH)
-    return _as_float32(cloud.with_columns(rgb=rgb))
+    return cloud.with_columns(rgb=rgb)

@@ -2,17 +2,47 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from mlsroad_pipeline.algorithms.classes import TAXONOMY
-from mlsroad_pipeline.algorithms.simulation import vehicles
+from mlsroad_pipeline.algorithms.simulation import catalogue
 from mlsroad_pipeline.algorithms.simulation.drive import Drive
-from mlsroad_pipeline.algorithms.simulation.layout import INSTANCES_PER_BLOCK
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh
+from mlsroad_pipeline.algorithms.simulation.placement import INSTANCES_PER_BLOCK
 from mlsroad_pipeline.algorithms.simulation.scene import Motion, Mover
 from mlsroad_pipeline.algorithms.simulation.street import BLOCK, MARGIN, Street, generator
+
+_SLOT = 30.0  # one vehicle at most is met per lane and stretch of this length, metres
+_VEHICLES = ("car", "van", "bus", "truck", "motorcycle")
+_SHARES = (0.66, 0.14, 0.1, 0.06, 0.04)
+
+
+class _Meetings:
+    """The movers of one block."""
+
+    def __init__(self, street: Street, drive: Drive, block: int) -> None:
+        self.street, self.drive, self.block = street, drive, block
+        self.rng = generator(street.seed, 30, block)
+        self.movers: list[Mover] = []
+
+    def add(self, label: str, station: float, speed: float, offset: float) -> None:
+        """Let something pass a station when the van does."""
+        design = catalogue.choose(label, self.rng)
+        first = (self.block + MARGIN) * INSTANCES_PER_BLOCK + INSTANCES_PER_BLOCK // 2
+        motion = Motion(station, self.drive.time_at(station), speed, offset)
+        mesh = design.build(self.rng)
+        self.movers.append(Mover(TAXONOMY[label], first + len(self.movers), mesh, motion, design.name))
+
+    def vehicle(self) -> str:
+        """Draw a class of vehicle."""
+        known = [(k, s) for k, s in zip(_VEHICLES, _SHARES, strict=True) if k in catalogue.designs()]
+        share = np.array([s for _, s in known])
+        return known[int(self.rng.choice(len(known), p=share / share.sum()))][0]
 
 
 def draw_traffic(street: Street, drive: Drive, block: int) -> list[Mover]:
     """Return what the van meets while it is in a block.
+
+    Vehicles of one lane go at one speed, so that none runs into another.
 
     Parameters
     ----------
@@ -26,35 +56,34 @@ def draw_traffic(street: Street, drive: Drive, block: int) -> list[Mover]:
     Returns
     -------
     list of Mover
-        Oncoming vehicles, a cyclist or a vehicle in the other lane, people who walk.
+        Oncoming vehicles, cyclists, vehicles in the other lanes, people who walk.
     """
-    rng = generator(street.seed, 30, block)
-    first = (block + MARGIN) * INSTANCES_PER_BLOCK + INSTANCES_PER_BLOCK // 2
-    lane, lanes = street.ground.shape[3:]
-    left, right = street.ground.section
-    movers: list[Mover] = []
-
-    def add(label: str, mesh: Mesh, speed: float, offset: float) -> None:
-        station = float(rng.uniform(block * BLOCK, (block + 1) * BLOCK))
-        motion = Motion(station, drive.time_at(station), speed, offset)
-        movers.append(Mover(TAXONOMY[label], first + len(movers), mesh, motion))
-
-    oncoming = float((rng.integers(int(lanes)) + 0.5) * lane)
-    drawn = float(rng.random())
-    if drawn < 0.6:
-        add("car", vehicles.car(rng), -float(rng.uniform(7, 13)), oncoming)
-    elif drawn < 0.8:
-        add("van", vehicles.van(rng), -float(rng.uniform(7, 12)), oncoming)
-    else:
-        add("bus", vehicles.bus(rng), -float(rng.uniform(5, 9)), oncoming)
-    if lanes > 1 and rng.random() < 0.5:
-        add("car", vehicles.car(rng), float(rng.uniform(6, 14)), -0.5 * lane)
-    elif rng.random() < 0.6:
-        # Between the van's lane and the curb or the parked cars on the other side of the street.
-        add("bicycle", vehicles.cyclist(rng), -float(rng.uniform(3.5, 6.5)), float(left[0] - left[1] - 0.45))
-    for side, section in ((1, left), (-1, right)):
-        for _ in range(int(rng.poisson(0.8))):
-            offset = side * float(section[0] + section[2] + section[3] + 0.5 * section[4] + rng.uniform(-0.3, 0.3))
-            speed = float(rng.uniform(0.9, 1.7) * rng.choice([-1, 1]))
-            add("person", vehicles.person(rng), speed, offset)
-    return movers
+    meet = _Meetings(street, drive, block)
+    rng, parameters, ground = meet.rng, street.parameters, street.ground
+    pace = generator(street.seed, 31)
+    lanes = int(ground.shape[4])
+    oncoming, overtaking = pace.uniform(7, 13, 3), pace.uniform(6, 14, 3)
+    riding, walking = float(pace.uniform(3.5, 6.0)), pace.uniform(0.9, 1.7, (2, 2))
+    for slot in range(2):
+        middle = block * BLOCK + (slot + 0.5) * _SLOT
+        if rng.random() < 0.55 * parameters.traffic:
+            lane = int(rng.integers(lanes))
+            station = middle + float(rng.uniform(-6, 6))
+            meet.add(meet.vehicle(), station, -float(oncoming[lane]), ground.lane_centre(lane))
+    if lanes > 1 and block % 3 == 0 and rng.random() < 0.8 * parameters.traffic:
+        # At the van's own speed a vehicle would stay beside it; few are met, far apart.
+        lane = int(rng.integers(lanes - 1))
+        meet.add(meet.vehicle(), (block + 0.5) * BLOCK, float(overtaking[lane]), -ground.lane_centre(lane))
+    if rng.random() < 0.45 * parameters.traffic:
+        # Between the outermost lane and the curb or the parked cars on the other side of the street.
+        edge = float(ground.section[0, 0] - ground.section[0, 1] - 0.4)
+        meet.add("rider", float(rng.uniform(0.1, 0.9) + block) * BLOCK, -riding, edge)
+    for side, way in ((0, 1), (1, -1)):
+        half, _, curb, verge, pavement = (float(v) for v in ground.section[side])
+        for _ in range(int(rng.poisson(0.8 * parameters.people))):
+            direction = int(rng.integers(2))
+            offset = way * (half + curb + verge + (0.35 + 0.3 * direction) * pavement)
+            station = float(rng.uniform(block * BLOCK, (block + 1) * BLOCK))
+            speed = float(walking[side, direction]) * (1 if direction else -1)
+            meet.add("person", station, speed, offset)
+    return meet.movers

@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.datasets.scene_task import SceneTask
 from mlsroad_pipeline.datasets.simulated_survey import (
-    POINTS,
     TRAJECTORY,
     simulation_parameters,
+    survey_files,
     write_simulated_survey,
 )
 from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
@@ -24,8 +25,8 @@ def simulate_surveys(simulation: Mapping[str, Any], survey: SurveyParameters) ->
     Parameters
     ----------
     simulation : mapping
-        ``enabled``, and ``surveys``: folder below the root to preset and differences from it, or to None for no such
-        survey.
+        ``enabled``; ``surveys``: folder below the root to preset and differences from it, or to None for no such
+        survey; ``only``: the name of the one that is wanted, or None for all.
     survey : SurveyParameters
         The root.
 
@@ -33,17 +34,25 @@ def simulate_surveys(simulation: Mapping[str, Any], survey: SurveyParameters) ->
     -------
     dict of str to SceneTask
         One task per survey; none where the environment brings its own.
+
+    Raises
+    ------
+    ParameterError
+        If ``only`` names no survey, or a survey's configuration is wrong.
     """
     if not simulation["enabled"]:
         return {}
+    if simulation["only"] not in (None, *simulation["surveys"]):
+        raise ParameterError(f"simulation.only {simulation['only']!r} is none of {', '.join(simulation['surveys'])}")
     tasks = {}
     for name, config in simulation["surveys"].items():
-        if config is None:
+        if config is None or simulation["only"] not in (None, name):
             continue
+        parameters, files = simulation_parameters(config), survey_files(config)
         folder = Path(str(survey.root)) / name
         tasks[name] = SceneTask(
             write_simulated_survey,
-            parameters={"parameters": simulation_parameters(config), "folder": str(folder), "n_threads": THREADS},
-            outputs=(str(folder / POINTS), str(folder / TRAJECTORY)),
+            parameters={"parameters": parameters, "folder": str(folder), "n_threads": THREADS, "files": files},
+            outputs=(*(str(folder / file) for file in files.names(parameters)), str(folder / TRAJECTORY)),
         )
     return tasks

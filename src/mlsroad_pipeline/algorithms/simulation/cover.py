@@ -1,0 +1,185 @@
+"""What covers the ground at a place: its class, how light it is, and how high it stands above the ground's mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.simulation.alignment import STEP
+from mlsroad_pipeline.algorithms.simulation.ground import (
+    CURB,
+    GRASS,
+    GUTTER,
+    LANE_MARKING,
+    MANHOLE,
+    PARKING,
+    ROAD,
+    SIDEWALK,
+    SOIL,
+    Ground,
+)
+from mlsroad_pipeline.algorithms.simulation.junctions import (
+    RADIUS,
+    ZEBRA,
+    ZEBRA_HALF,
+    bay_is_free,
+    edge_distance,
+    nearest_crossing,
+)
+from mlsroad_pipeline.algorithms.simulation.markings import marked
+from mlsroad_pipeline.algorithms.simulation.materials import lattice_value, value_noise
+
+
+@njit(cache=True, nogil=True)
+def _lid(s: float, left: float, ground: Ground) -> bool:
+    holes = ground.manholes
+    for m in range(np.searchsorted(holes[:, 0], s - 0.6), len(holes)):
+        along, across, radius = holes[m, 0] - s, holes[m, 1] - left, holes[m, 2]
+        if along > 0.6:
+            return False
+        if radius > 0 and along * along + across * across < radius * radius:
+            return True
+        if radius < 0 and max(abs(along), abs(across)) < -radius:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _on_carriageway(s: float, left: float, arm: int, t: float, q: float, ground: Ground) -> int:
+    if _lid(s, left, ground):
+        return MANHOLE
+    if marked(s, left, arm, t, q, ground):
+        return LANE_MARKING
+    side = 0 if left >= 0 else 1
+    half, parking = ground.section[side, 0], ground.section[side, 1]
+    bay = half - parking < abs(left) <= half and bay_is_free(s, side, ground.section, ground.arms, ground.crossings)
+    return PARKING if bay else ROAD
+
+
+@njit(cache=True, nogil=True)
+def _off_carriageway(s: float, left: float, d: float, arm: int, t: float, ground: Ground) -> int:
+    side = 0 if left >= 0 else 1
+    a = abs(left)
+    curb, verge, pavement = ground.section[side, 2], ground.section[side, 3], ground.section[side, 4]
+    # Edges of grass and soil fray.
+    row = int(min(max((s + 0.3 * lattice_value(int(a * 8), int(s * 8), 3) - ground.start) / STEP, 0.0),
+                  ground.verge.shape[1] - 1.0))  # fmt: skip
+    c = nearest_crossing(s, ground.crossings)
+    paved = c >= 0 and abs(s - ground.crossings[c, 0]) < ground.crossings[c, 1]
+    planted = ground.verge[side, row]
+    if arm == -2:
+        planted = SOIL if ground.verge[0, row] == SOIL else GRASS
+    elif arm >= 0:
+        zebra = ground.arms[arm, ZEBRA]
+        # At corners people tread on what would be verge.
+        paved = t < max(zebra + ZEBRA_HALF, 0.7 * ground.arms[arm, RADIUS])
+    if arm != -2 and d > curb + verge + pavement:
+        return int(ground.lot[side, row])
+    if not paved and (arm == -2 or d <= curb + verge):
+        return int(planted)
+    return SIDEWALK
+
+
+@njit(cache=True, nogil=True)
+def _label(s: float, left: float, d: float, arm: int, t: float, q: float, ground: Ground) -> int:
+    if d <= 0:
+        return _on_carriageway(s, left, arm, t, q, ground)
+    if d <= ground.section[0 if left >= 0 else 1, 2]:
+        return CURB
+    return _off_carriageway(s, left, d, arm, t, ground)
+
+
+@njit(cache=True, nogil=True)
+def surface_tone(label: int, s: float, left: float) -> float:
+    """Return the factor, about 1, by which the ground is lighter or darker at a place: patches, wear, tufts, slabs."""
+    fine = value_noise(s * 30, left * 30, label)
+    patch = value_noise(s * 0.35, left * 0.7, label + 0.5)
+    if label == LANE_MARKING:
+        worn = value_noise(s * 5, left * 9, 0.5) + 0.4 * patch
+        return 0.45 + 0.3 * fine if worn > 1.0 else 0.85 + 0.2 * fine
+    if label == SIDEWALK:
+        slab = lattice_value(int(np.floor(s / 0.6)), int(np.floor(left / 0.6)), 5)
+        joint = 0.75 if (s % 0.6) < 0.015 or (left % 0.6) < 0.015 else 1.0
+        return joint * (0.75 + 0.2 * slab + 0.15 * fine + 0.15 * patch)
+    if label in (GRASS, SOIL):
+        return 0.45 + 0.6 * fine + 0.5 * value_noise(s * 2.2, left * 2.2, label)
+    if label in (ROAD, PARKING):
+        repaired = 0.72 if lattice_value(int(np.floor(s / 7.0)), int(np.floor(left / 1.7)), 11) > 0.93 else 1.0
+        return repaired * (0.72 + 0.25 * fine + 0.35 * patch)
+    return 0.75 + 0.25 * fine + 0.25 * patch
+
+
+@njit(cache=True, nogil=True)
+def _relief(label: int, s: float, left: float, tone: float, ground: Ground) -> float:
+    if label == GRASS:
+        # A beam goes in between the blades: how deep changes from one centimetre to the next.
+        tufts = value_noise(s * 1.1, left * 1.1, 2.5)
+        blade = ground.shape[7] * (0.4 + 1.2 * tufts * tufts)
+        deep = lattice_value(int(np.floor(s * 160)), int(np.floor(left * 160)), 17)
+        return blade * (1.0 - 0.8 * deep * deep)
+    if label == SOIL:
+        return 0.012 * (tone - 1.0) + 0.02 * max(value_noise(s * 9, left * 9, 4.5) - 0.6, 0.0)
+    if label == MANHOLE:  # lids lie a little low
+        return -0.006
+    return 0.003 * (tone - 1.0)
+
+
+@njit(cache=True, nogil=True)
+def ground_cover(s: float, left: float, ground: Ground) -> tuple[int, float, float]:
+    """Return what covers the ground at one place.
+
+    Parameters
+    ----------
+    s, left : float
+        Station and offset, metres.
+    ground : Ground
+        The ground.
+
+    Returns
+    -------
+    label : int
+        Taxonomy code, one of `GROUND_LABELS`.
+    tone : float
+        Factor, about 1, on the albedo of that class.
+    relief : float
+        Height of blades, clods or grain above the ground's mesh, metres.
+    """
+    d, arm, t, q = edge_distance(s, left, ground.section, ground.shape[5], ground.arms)
+    label = _label(s, left, d, arm, t, q, ground)
+    tone = surface_tone(label, s, left)
+    if -GUTTER < d <= 0 and label in (ROAD, PARKING):  # a row of gutter stones
+        joint = 0.8 if (s % 0.5) < 0.012 or d > -0.012 else 1.0
+        tone *= 1.45 * joint
+    if label == MANHOLE and (s % 0.06) < 0.02:
+        tone *= 0.6
+    return label, tone, _relief(label, s, left, tone, ground)
+
+
+@njit(cache=True, nogil=True)
+def _labels(s: NDArray[np.float64], left: NDArray[np.float64], ground: Ground) -> NDArray[np.uint8]:
+    codes = np.empty(len(s), dtype=np.uint8)
+    for i in range(len(s)):
+        d, arm, t, q = edge_distance(s[i], left[i], ground.section, ground.shape[5], ground.arms)
+        codes[i] = _label(s[i], left[i], d, arm, t, q, ground)
+    return codes
+
+
+def ground_labels(ground: Ground, station: ArrayLike, offset: ArrayLike) -> NDArray[np.uint8]:
+    """Return the taxonomy code of the ground's surface.
+
+    Parameters
+    ----------
+    ground : Ground
+        The ground.
+    station, offset : array-like
+        Metres along the centre line and to the left of it; shapes must broadcast.
+
+    Returns
+    -------
+    ndarray of uint8
+        Codes, each one of `GROUND_LABELS`, in the shape that both broadcast to.
+    """
+    s, left = np.broadcast_arrays(np.asarray(station, dtype=np.float64), np.asarray(offset, dtype=np.float64))
+    flat = _labels(np.ascontiguousarray(s).ravel(), np.ascontiguousarray(left).ravel(), ground)
+    return flat.reshape(s.shape)

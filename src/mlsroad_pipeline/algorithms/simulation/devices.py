@@ -1,0 +1,288 @@
+"""Laser scanners and how they are mounted: known systems, and how to describe another one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.simulation.meshes import rotation_matrix
+from mlsroad_pipeline.algorithms.validation import check_positive
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Device:
+    """One scanner: a turning head with one beam or several.
+
+    The head turns about the device's x axis. At angle 0 a beam without elevation leaves along -z of the device, at 90
+    degrees along +y; `elevations` lift beams from that plane towards +x. Without yaw, pitch and roll the device's axes
+    are the vehicle's (x forward, y left, z up), so profiles stand across the street and angle 0 is down; with a pitch
+    of -90 degrees the axis is upright and angle 0 is straight ahead.
+
+    Parameters
+    ----------
+    pulse_rate : float
+        Pulses per second, all beams together, while the head looks into `field`.
+    profile_rate : float
+        Revolutions per second.
+    lever : tuple of float, default (0.0, 0.0, 0.0)
+        Place on the vehicle, metres from the origin of its frame.
+    yaw, pitch, roll : float, default 0.0
+        Mounting Rz(yaw) Ry(pitch) Rx(roll), degrees.
+    elevations : tuple of float, default (0.0,)
+        Elevation of each beam out of the plane of rotation, degrees; beams fire in turn.
+    field : tuple of float, default (-180.0, 180.0)
+        First and last angle of the head at which it measures, degrees.
+    divergence : float, default 0.0003
+        Full angle of the beam, radians. Larger mixes more surfaces at edges.
+    range_noise : float, default 0.005
+        Precision: standard deviation of a strong return's range, metres.
+    accuracy : float, default 0.008
+        How far ranges may be off as a whole, metres; half of it is the standard deviation of the device's bias.
+    range_step : float, default 0.0
+        Ranges are multiples of this, metres; 0 is continuous.
+    min_range, max_range : float, default 1.2, 120.0
+        Ranges that are recorded, metres.
+    max_returns : int, default 5
+        Returns kept per pulse, 1 to 8, the strongest ones.
+    pulse_length : float, default 0.6
+        Surfaces nearer to each other than this along one pulse mix into one return, metres.
+    sensitivity : float, default 0.0
+        Decibels above or below a receiver that sees a surface of 10 % at some 140 m.
+    blooming : float, default 0.0
+        Angle to which the glare of saturated returns spreads along a profile, radians.
+    corrected : bool, default False
+        Whether intensity is reflectance, freed from the range, instead of amplitude.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its domain.
+    """
+
+    pulse_rate: float
+    profile_rate: float
+    lever: Triple = (0.0, 0.0, 0.0)
+    yaw: float = 0.0
+    pitch: float = 0.0
+    roll: float = 0.0
+    elevations: tuple[float, ...] = (0.0,)
+    field: tuple[float, float] = (-180.0, 180.0)
+    divergence: float = 0.0003
+    range_noise: float = 0.005
+    accuracy: float = 0.008
+    range_step: float = 0.0
+    min_range: float = 1.2
+    max_range: float = 120.0
+    max_returns: int = 5
+    pulse_length: float = 0.6
+    sensitivity: float = 0.0
+    blooming: float = 0.0
+    corrected: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("pulse_rate", "profile_rate", "divergence", "max_range", "pulse_length"):
+            check_positive(getattr(self, name), name)
+        for name in ("range_noise", "accuracy", "range_step", "min_range", "blooming"):
+            if not 0 <= getattr(self, name) < 100:
+                raise ParameterError(f"{name} must be between 0 and 100, got {getattr(self, name)!r}")
+        for name in ("yaw", "pitch", "roll", "sensitivity"):
+            if not np.isfinite(getattr(self, name)):
+                raise ParameterError(f"{name} must be finite, got {getattr(self, name)!r}")
+        for name, size in (("lever", 3), ("field", 2)):
+            object.__setattr__(self, name, _floats(getattr(self, name), name, size))
+        object.__setattr__(self, "elevations", _floats(self.elevations, "elevations", None))
+        if max(np.abs(self.elevations)) >= 90:
+            raise ParameterError(f"elevations must be within 90 degrees, got {self.elevations!r}")
+        if not -180 <= self.field[0] < self.field[1] <= 180:
+            raise ParameterError(f"field must be two rising angles within -180 to 180 degrees, got {self.field!r}")
+        if self.max_returns not in range(1, 9):
+            raise ParameterError(f"max_returns must be between 1 and 8, got {self.max_returns!r}")
+        if self.min_range >= self.max_range:
+            raise ParameterError(f"min_range must be below max_range {self.max_range!r}, got {self.min_range!r}")
+        if self.pulse_rate < 16 * self.profile_rate * len(self.elevations):
+            raise ParameterError(
+                f"pulse_rate must be at least 16 pulses per profile, got {self.pulse_rate!r} for "
+                f"profile_rate {self.profile_rate!r}"
+            )
+
+    @property
+    def mounting(self) -> NDArray[np.float64]:
+        """Rotation from the device's axes to the vehicle's, shape (3, 3)."""
+        return rotation_matrix(*np.radians([self.yaw, self.pitch, self.roll]))
+
+    @property
+    def step(self) -> float:
+        """Angle between two pulses of one beam, radians."""
+        return float(2 * np.pi * self.profile_rate * len(self.elevations) / self.pulse_rate)
+
+
+@dataclass(frozen=True)
+class ScannerSystem:
+    """Scanners on a vehicle.
+
+    Parameters
+    ----------
+    name : str
+        What it is called.
+    devices : tuple of Device
+        One to eight scanners; their order is their number in the column `scanner`.
+    platform : float, default 2.35
+        Height of the vehicle's frame above the road, metres.
+    body : tuple of float, default (-0.05, 5.0, -1.0, 1.0)
+        The vehicle below its frame, which hides what is behind it: from, to along x; from, to along y; metres.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its domain.
+    """
+
+    name: str
+    devices: tuple[Device, ...]
+    platform: float = 2.35
+    body: tuple[float, float, float, float] = (-0.05, 5.0, -1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.devices) <= 8:
+            raise ParameterError(f"scanner {self.name!r} must have 1 to 8 devices, got {len(self.devices)}")
+        check_positive(self.platform, "platform")
+        object.__setattr__(self, "body", _floats(self.body, "body", 4))
+
+    @property
+    def box(self) -> NDArray[np.float64]:
+        """The vehicle in its own frame: from and to along x, y and z, shape (3, 2)."""
+        return np.array([self.body[:2], self.body[2:], (-self.platform, 0.0)])
+
+    def changed(self, **changes: float | None) -> ScannerSystem:
+        """Return the system with fields of all its devices changed.
+
+        Parameters
+        ----------
+        **changes : float or None
+            Fields of `Device`; None leaves a field as it is.
+
+        Returns
+        -------
+        ScannerSystem
+            The system.
+
+        Raises
+        ------
+        ParameterError
+            If a value is outside its domain.
+        """
+        given: dict[str, Any] = {name: value for name, value in changes.items() if value is not None}
+        return replace(self, devices=tuple(replace(device, **given) for device in self.devices)) if given else self
+
+
+def _floats(values: Any, name: str, size: int | None) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(value) for value in values)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"{name} must be numbers, got {values!r}") from error
+    if not numbers or (size is not None and len(numbers) != size) or not np.isfinite(numbers).all():
+        raise ParameterError(f"{name} must be {size or 'some'} finite numbers, got {values!r}")
+    return numbers
+
+
+def _vmx450() -> ScannerSystem:
+    # Two VQ-450: 550 kHz, 200 lines/s and 0.3 mrad each, 8 mm accuracy, 5 mm precision, 1.5 m to 140 m at full rate.
+    one = Device(550e3, 200.0, (-0.25, 0.55, 0.8), yaw=45.0, pitch=20.0, min_range=1.5, max_range=140.0)
+    return ScannerSystem("vmx450", (one, replace(one, lever=(-0.25, -0.55, 0.8), yaw=-45.0)))
+
+
+def _vmq1ha() -> ScannerSystem:
+    # One VUX-1HA class scanner: 1 MHz, 250 lines/s, 0.5 mrad, 5 mm accuracy, 3 mm precision, 1.2 m to 150 m.
+    device = Device(
+        1e6, 250.0, (-0.6, 0.0, 0.6), yaw=45.0, pitch=15.0, divergence=0.0005, range_noise=0.003,
+        accuracy=0.005, min_range=1.2, max_range=150.0, max_returns=7,
+    )  # fmt: skip
+    return ScannerSystem("vmq1ha", (device,))
+
+
+def _hdl64() -> ScannerSystem:
+    # HDL-64E: 32 beams a third of a degree apart above 32 half a degree apart, 10 Hz, some 1.33 million pulses/s.
+    elevations = (*np.linspace(2.0, -8.33, 32), *np.linspace(-8.83, -24.8, 32))
+    device = Device(
+        1.333e6, 10.0, (0.0, 0.0, 0.63), pitch=-90.0, elevations=elevations, divergence=0.002, range_noise=0.015,
+        accuracy=0.02, range_step=0.002, min_range=0.9, max_range=120.0, max_returns=1, pulse_length=0.75,
+        sensitivity=-11.5, blooming=0.008, corrected=True,
+    )  # fmt: skip
+    return ScannerSystem("hdl64", (device,), platform=1.1, body=(-2.2, 1.2, -0.85, 0.85))
+
+
+def _sick_side() -> ScannerSystem:
+    # Two LMS 291: half a degree in 180 degrees at 37.5 Hz, 12 mrad, 1 cm steps, 80 m, 30 m at a reflectivity of 10 %.
+    left = Device(
+        27e3, 37.5, (0.0, 0.7, 0.1), field=(0.0, 180.0), divergence=0.012, range_noise=0.01, accuracy=0.035,
+        range_step=0.01, min_range=0.5, max_range=80.0, max_returns=1, pulse_length=0.9, sensitivity=-14.5,
+        blooming=0.02,
+    )  # fmt: skip
+    right = replace(left, lever=(0.0, -0.7, 0.1), field=(-180.0, 0.0))
+    return ScannerSystem("sick_side", (left, right), platform=1.9, body=(-2.5, 2.0, -0.85, 0.85))
+
+
+SCANNERS: dict[str, ScannerSystem] = {s.name: s for s in (_vmx450(), _vmq1ha(), _hdl64(), _sick_side())}
+"""Known systems: RIEGL VMX-450 and VMQ-1HA, Velodyne HDL-64E on a car, side-looking SICK LMS 291 as over Oakland."""
+
+
+def scanner_system(config: str | Mapping[str, Any]) -> ScannerSystem:
+    """Read a scanner system from configuration.
+
+    Parameters
+    ----------
+    config : str or mapping
+        A key of `SCANNERS`; or a mapping with ``name``, ``devices`` (a list of mappings with the fields of `Device`),
+        ``platform`` and ``body``, of which those left out are taken from the system that ``like`` names, if any.
+        Without ``devices``, fields of `Device` at the top level change all devices of that system.
+
+    Returns
+    -------
+    ScannerSystem
+        The system.
+
+    Raises
+    ------
+    ParameterError
+        If a name or a field is unknown, one is missing, or a value is outside its domain.
+    """
+    if isinstance(config, str):
+        if config not in SCANNERS:
+            raise ParameterError(f"scanner {config!r} is unknown (scanners: {', '.join(SCANNERS)})")
+        return SCANNERS[config]
+    given = dict(config)
+    base = scanner_system(str(given.pop("like"))) if "like" in given else None
+    devices = given.pop("devices", None)
+    own: dict[str, Any] = {key: given.pop(key) for key in ("name", "platform", "body") if key in given}
+    _check_fields(given)
+    if devices is not None:
+        if given:
+            raise ParameterError(f"scanner: {', '.join(sorted(given))} must stand in each of its devices")
+        own["devices"] = tuple(_device(one) for one in devices)
+    if base is None:
+        if "devices" not in own:
+            raise ParameterError(f"scanner must have devices, or be like one of {', '.join(SCANNERS)}")
+        return ScannerSystem(**{"name": "own", **own})
+    return replace(base, **own).changed(**given)
+
+
+def _check_fields(given: Mapping[str, Any]) -> None:
+    unknown = sorted(set(given) - {field.name for field in fields(Device)})
+    if unknown:
+        known = ", ".join(field.name for field in fields(Device))
+        raise ParameterError(f"unknown fields of a scanner: {', '.join(unknown)} (known: {known})")
+
+
+def _device(given: Mapping[str, Any]) -> Device:
+    _check_fields(given)
+    missing = [name for name in ("pulse_rate", "profile_rate") if name not in given]
+    if missing:
+        raise ParameterError(f"a scanner's device must have {' and '.join(missing)}")
+    return Device(**given)

@@ -1,0 +1,201 @@
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import open3d as o3d
+import pytest
+from references_simulator import hulls_overlap
+
+from mlsroad_pipeline.algorithms.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.simulation import catalogue
+from mlsroad_pipeline.algorithms.simulation.drive import Drive
+from mlsroad_pipeline.algorithms.simulation.layout import populate
+from mlsroad_pipeline.algorithms.simulation.placement import INSTANCES_PER_BLOCK, overlaps
+from mlsroad_pipeline.algorithms.simulation.street import BLOCK, MARGIN, draw_street
+from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
+from mlsroad_pipeline.algorithms.simulation.traffic import draw_traffic
+
+FIXED = {TAXONOMY[name] for name in ("building", "wall", "fence", "hedge")}
+WIRE = TAXONOMY["wire"]
+
+
+@pytest.fixture(scope="module")
+def streets():
+    """Return a street of each kind and what stands in two of its blocks."""
+    drawn = [(draw_street(k, length=120.0, parameters=p), k) for k, p in enumerate(STREETS.values())]
+    return [(street, populate(street, 0) + populate(street, 1)) for street, _ in drawn]
+
+
+def test_blocks_are_drawn_alike_every_time_and_numbered_apart(streets):
+    street, placed = streets[0]
+    again = populate(street, 0)
+    for a, b in zip(placed, again, strict=False):
+        np.testing.assert_array_equal(a.mesh.vertices, b.mesh.vertices)
+        assert (a.instance, a.design, a.box, a.hard_case) == (b.instance, b.design, b.box, b.hard_case)
+    numbers = [p.instance for p in placed if p.instance]
+    assert len(numbers) == len(set(numbers)) > 60
+    first = MARGIN * INSTANCES_PER_BLOCK
+    assert min(numbers) > first and max(numbers) < first + 2 * INSTANCES_PER_BLOCK
+    assert {p.label for p in placed if not p.instance} <= FIXED
+
+
+def test_nothing_floats(streets):
+    for street, placed in streets:
+        for thing in placed:
+            if thing.label == WIRE or thing.design == "plate_on_lamp":
+                continue
+            low = thing.mesh.vertices[thing.mesh.vertices[:, 2].argmin()]
+            station, offset = street.alignment.locate(low[None, :2], near=60.0)
+            assert low[2] - street.ground.height(station, offset)[0] < 0.12, thing.design
+
+
+def test_boxes_hold_the_meshes(streets):
+    for _, placed in streets:
+        for thing in placed:
+            c, s = np.cos(thing.box.heading), np.sin(thing.box.heading)
+            rest = thing.mesh.vertices - [thing.box.x, thing.box.y, thing.base[2]]
+            along, across = rest[:, 0] * c + rest[:, 1] * s, rest[:, 1] * c - rest[:, 0] * s
+            slack = 0.02 if thing.label not in (TAXONOMY["car"], TAXONOMY["van"], TAXONOMY["truck"], *FIXED) else 0.3
+            assert np.ptp(along) == pytest.approx(thing.box.length, abs=slack), thing.design
+            assert np.ptp(across) == pytest.approx(thing.box.width, abs=slack), thing.design
+            assert rest[:, 2].max() == pytest.approx(thing.box.height, abs=slack), thing.design
+
+
+def test_footprints_do_not_interpenetrate_unless_planned(streets):
+    for _, placed in streets:
+        low = []
+        for thing in placed:
+            if thing.instance == 0 or thing.label == WIRE or thing.design == "plate_on_lamp" or thing.hard_case:
+                continue
+            below = thing.mesh.vertices[:, 2] - thing.base[2] < 1.2
+            low.append((thing, thing.mesh.vertices[below, :2]))
+        checked = 0
+        for k, (one, points) in enumerate(low):
+            for other, theirs in low[k + 1 :]:
+                if np.hypot(*(one.base - other.base)[:2]) < 8:
+                    checked += 1
+                    assert not hulls_overlap(points, theirs), (one.design, other.design)
+        assert checked > 50
+
+
+def test_things_stand_off_the_carriageway(streets):
+    drive_there = {TAXONOMY[name] for name in ("car", "van", "truck", "bus")} | {WIRE}
+    for street, placed in streets:
+        bases = np.array([p.base for p in placed if p.label not in drive_there and p.instance])
+        station, offset = street.alignment.locate(bases[:, :2], near=60.0)
+        assert street.ground.edge(station, offset)[0].min() > 0
+
+
+def test_the_number_of_hard_cases_follows_the_parameter():
+    found = []
+    for share in (0.0, 0.3, 1.0):
+        street = draw_street(2, length=120.0, parameters=replace(STREETS["town"], hard_cases=share))
+        placed = populate(street, 0) + populate(street, 1)
+        cases = [p for p in placed if p.hard_case]
+        found.append(len(cases))
+        for case in cases:
+            others = [p for p in placed if p is not case and p.label != WIRE and p.instance]
+            assert min(np.hypot(*(case.base - other.base)[:2]) for other in others) < 4.0
+    assert found[0] == 0 < found[1] < found[2]
+    assert found[2] > 20
+
+
+def test_lamps_keep_their_spacing():
+    parameters = replace(STREETS["town"], lamp_spacing=30.0, hard_cases=0.0, junction_spacing=0.0)
+    street = draw_street(5, length=240.0, parameters=parameters)
+    placed = [p for block in range(3) for p in populate(street, block)]
+    lamps = np.array([p.base for p in placed if p.label == TAXONOMY["light_pole"]])
+    station, _ = street.alignment.locate(lamps[:, :2], near=120.0)
+    gaps = np.diff(np.sort(station))
+    assert len(lamps) >= 6
+    assert 15 < np.median(gaps[gaps > 8]) < 45
+
+
+def test_cars_stand_within_their_bays():
+    parameters = replace(STREETS["town"], parking=1.0, parked=1.0, slanted_parking=0.0, junction_spacing=0.0)
+    street = draw_street(6, length=120.0, parameters=parameters)
+    cars = [p for p in populate(street, 0) if p.label == TAXONOMY["car"]]
+    assert len(cars) >= 6
+    for car in cars:
+        low = car.mesh.vertices[car.mesh.vertices[:, 2] - car.base[2] < 0.7]
+        station, offset = street.alignment.locate(low[:, :2], near=30.0)
+        half, bay = street.ground.section[0 if np.median(offset) > 0 else 1, :2]
+        assert np.abs(offset).max() < half and np.abs(offset).min() > half - bay - 0.05
+        assert np.ptp(station) < 5.8
+
+
+def test_wires_hang_from_pole_to_pole_with_sag():
+    street = draw_street(0, length=120.0, parameters=STREETS["suburb"])
+    placed = [p for block in range(3) for p in populate(street, block)]
+    wires = [p for p in placed if p.label == WIRE]
+    poles = [p for p in placed if p.label == TAXONOMY["utility_pole"]]
+    assert len(poles) >= 3 and len(wires) > 3 * (len(poles) - 1)
+    for wire in wires:
+        x = wire.mesh.vertices
+        along = np.linalg.norm((x - wire.base)[:, :2], axis=1)
+        end = x[along.argmax()]
+        chord = wire.base[2] + along / along.max() * (end[2] - wire.base[2])
+        assert 0.1 < (chord - x[:, 2]).max() < 1.3
+        assert distance_to_mesh(wire.base, [p.mesh for p in poles]) < 0.1
+
+
+def distance_to_mesh(point, meshes):
+    """Return the distance from a point to the nearest face (Open3D)."""
+    scene = o3d.t.geometry.RaycastingScene()
+    for mesh in meshes:
+        scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
+    return float(scene.compute_distance(point[None].astype(np.float32))[0].item())
+
+
+def test_vehicles_of_a_lane_never_meet():
+    street = draw_street(1, length=600.0, parameters=replace(STREETS["ring_road"], traffic=2.0))
+    time = np.arange(0, 61, 1.0)
+    drive = Drive(time, 10.0 * time, np.zeros((61, 6)), np.zeros((61, 6)))
+    lanes = {}
+    for block in range(10):
+        for mover in draw_traffic(street, drive, block):
+            if mover.label in (TAXONOMY["car"], TAXONOMY["van"], TAXONOMY["bus"], TAXONOMY["truck"]):
+                lanes.setdefault(round(mover.motion.offset, 3), []).append(mover)
+    assert sum(len(v) for v in lanes.values()) > 8
+    for movers in lanes.values():
+        assert len({m.motion.speed for m in movers}) == 1
+        at_start = sorted(
+            (m.motion.station - m.motion.speed * m.motion.time, np.ptp(m.mesh.vertices[:, 0])) for m in movers
+        )
+        for (a, long), (b, other) in pairwise(at_start):
+            assert b - a > (long + other) / 2 + 1.0
+
+
+def test_overlaps_finds_the_first_box_that_is_met():
+    boxes = np.array([[0, 0, 1, 1, 0], [5, 0, 2, 0.5, np.pi / 4], [5, 5, 1, 1, 0.3]])
+    assert overlaps(boxes, np.array([1.9, 0, 1, 1, 0.0]), 0.0) == 0
+    assert overlaps(boxes, np.array([2.1, 0, 1, 1, 0.0]), 0.0) == -1
+    assert overlaps(boxes, np.array([2.1, 0, 1, 1, 0.0]), 0.2) == 0
+    # The corner of a turned box reaches out, its side does not.
+    assert overlaps(boxes, np.array([6.5, 1.5, 0.3, 0.3, 0.0]), 0.0) == 1
+    assert overlaps(boxes, np.array([6.5, -1.5, 0.3, 0.3, 0.0]), 0.0) == -1
+
+
+def test_the_catalogue_draws_by_weight_and_by_name(rng):
+    known = catalogue.designs()
+    assert {"tree", "palm", "cycas", "brushwood", "light_pole", "traffic_sign", "car", "van", "bus"} <= set(known)
+    names = [design.name for group in known.values() for design in group]
+    assert len(names) == len(set(names))
+    drawn = {catalogue.choose("light_pole", rng).name for _ in range(200)}
+    assert drawn <= {design.name for design in known["light_pole"]} and len(drawn) > 3
+    named = known["car"][1].name
+    assert catalogue.choose("car", rng, named).name == named
+    with pytest.raises(ParameterError, match="class 'train' has no design"):
+        catalogue.choose("train", rng)
+    with pytest.raises(ParameterError, match="class 'car' has no design 'boat'"):
+        catalogue.draw("car", rng, "boat")
+
+
+def test_objects_lie_within_their_block(streets):
+    for street, placed in streets:
+        for thing in placed:
+            if thing.instance and thing.label != WIRE:
+                station, _ = street.alignment.locate(thing.base[None, :2], near=60.0)
+                block = (thing.instance - 1) // INSTANCES_PER_BLOCK - MARGIN
+                assert -12 < station[0] - block * BLOCK < BLOCK + 12
