@@ -100,7 +100,7 @@ def _fit_line(line: NDArray[np.float64], first: int) -> _Line | None:
     along = along / length
     r = (ground[:, :2] - ground[0, :2]) @ along
     step, middle = np.diff(r), (r[1:] + r[:-1]) / 2
-    # The steps grow along the ground; where one is suddenly short, something stands there, which cuts the one before it.
+    # The steps grow along the ground; where one is suddenly short, something stands there and cuts the one before it.
     longest = np.maximum.accumulate(step)
     short = np.flatnonzero((longest > _LONG) & (step < longest / 2))
     good = (step > 0) & (np.arange(len(step)) < (short[0] - 1 if len(short) else len(step)))
@@ -140,8 +140,8 @@ def surface_density(xyz: ArrayLike, *, k: int = 16) -> NDArray[np.float64]:
     Returns
     -------
     ndarray of shape (n,), float64
-        ``k / (pi d^2)``, where d is the distance to the k-th neighbour; NaN where there are not so many points, infinite
-        where they coincide.
+        ``k / (pi d^2)``, where d is the distance to the k-th neighbour; NaN where there are not so many points,
+        infinite where they coincide.
 
     Raises
     ------
