@@ -3,18 +3,23 @@
     python benchmarks/bench_label.py --millions 5 20 100 --folder FOLDER
 
 A simulated street of that many points is made once and kept in FOLDER. A model must be registered (`make run`).
-Memory is PSS summed over the process tree, sampled every half second.
+Memory is PSS summed over the process tree, sampled every half second. What earlier runs of `label` have stored in the
+project is removed first.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
+import re
+import shutil
 import subprocess
 import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import laspy
 import numpy as np
@@ -51,30 +56,48 @@ def make_survey(folder: Path, millions: int, n_threads: int) -> Path:
     return path
 
 
-def tree_pss(process: psutil.Process) -> int:
-    """Return the proportional set size of a process and all below it, bytes."""
-    total = 0
+def tree_pss(process: psutil.Process) -> dict[str, int]:
+    """Return the proportional set sizes of a process and all below it, bytes: the driver's and that of all others."""
+    sizes = {"driver": 0, "workers": 0}
     for member in [process, *process.children(recursive=True)]:
         try:
-            total += member.memory_full_info().pss
+            size = int(member.memory_full_info().pss)
         except (psutil.NoSuchProcess, psutil.AccessDenied):
             continue
-    return total
+        sizes["driver" if member.pid == process.pid else "workers"] += size
+    return sizes
 
 
-def run_label(survey: Path, output: Path, env: str) -> dict[str, float]:
+def stage_seconds(log: str) -> dict[str, float]:
+    """Read from a run's log how long each stage took."""
+    return {name: float(seconds) for name, seconds in re.findall(r"(\w+): \d+ scenes: \d+ computed in ([\d.]+) s", log)}
+
+
+def run_label(survey: Path, output: Path, env: str) -> dict[str, Any]:
     """Label a survey in a fresh process and watch it."""
     command = [sys.executable, "-m", "kedro", "run", f"--env={env}", "--pipeline=label"]
     command.append(f"--params=label.survey={survey.parent},label.output={output},execution.n_workers=2")
-    start, peak = time.perf_counter(), 0
-    with (output.parent / f"{output.name}.log").open("w") as log:
+    folder = REPOSITORY / "data/02_intermediate"
+    for store in (folder / "label", folder / env / "label"):
+        shutil.rmtree(store, ignore_errors=True)  # what an earlier run computed would be found valid
+    before, start = os.times(), time.perf_counter()
+    peak = {"driver": 0, "workers": 0}
+    path = output.with_suffix(".log")
+    with path.open("w") as log:
         process = psutil.Popen(command, cwd=REPOSITORY, stdout=log, stderr=subprocess.STDOUT)
         while process.poll() is None:
-            peak = max(peak, tree_pss(process))
+            peak = max(peak, tree_pss(process), key=lambda sizes: sum(sizes.values()))
             time.sleep(0.5)
+    after, seconds = os.times(), time.perf_counter() - start
     if process.returncode:
-        raise SystemExit(f"label failed: see {output.parent / f'{output.name}.log'}")
-    return {"seconds": time.perf_counter() - start, "peak_gib": peak / 2**30}
+        raise SystemExit(f"label failed: see {path}")
+    return {
+        "seconds": seconds,
+        "cpu_seconds": after.children_user + after.children_system - before.children_user - before.children_system,
+        "peak_gib": sum(peak.values()) / 2**30,
+        "peak_driver_gib": peak["driver"] / 2**30,
+        "stages": stage_seconds(path.read_text(encoding="utf-8")),
+    }
 
 
 def main() -> None:
@@ -90,8 +113,8 @@ def main() -> None:
         if arguments.only_make:
             continue
         found = run_label(survey, arguments.folder / f"labelled_{millions}M", arguments.env)
-        figures = {**found, "points_per_s": millions * 1e6 / found["seconds"]}
-        rounded = {key: round(value, 3) for key, value in figures.items()}
+        figures = {"points_per_s": round(millions * 1e6 / found["seconds"]), **found}
+        rounded = {key: round(value, 2) if isinstance(value, float) else value for key, value in figures.items()}
         print(json.dumps({"benchmark": "label", "million_points": millions, **rounded}))
 
 

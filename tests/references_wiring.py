@@ -33,6 +33,7 @@ TINY: dict[str, Any] = {
     "detrended_forest": {"n_trees": 10},
     "patch_svm": {"costs": [10.0], "gammas": [0.1], "cv_per_class": 30, "max_per_class": 60},
     "visual_words": {"regions": {"voxel_size": 0.1, "seed_resolution": 0.3}, "detector": {"candidates": 20}},
+    "segmentation": {"normalized_cut": {"tolerance": 0.5}},
     "detection": {"classes": ["light pole", "car"], "min_points": 10},
     "patch_graph": {"n_matches": 2, "scene_length": 3.0, "max_patches": 300},
     "patch_graph_mrf": {"smoothness": [0.2], "colour_decay": [10.0]},
@@ -48,7 +49,8 @@ def make_project(folder: Path, *, tiny: bool = True) -> Path:
     shutil.copytree(REPOSITORY / "conf", folder / "conf", dirs_exist_ok=True)
     if tiny:  # in place of the base's own: an environment could add surveys, but not take them away
         changed = folder / "conf/base/parameters_simulation.yml"
-        changed.write_text(yaml.safe_dump({"simulation": {"enabled": True, "surveys": SURVEYS}}), encoding="utf-8")
+        simulation = {"enabled": True, "only": None, "surveys": SURVEYS}
+        changed.write_text(yaml.safe_dump({"simulation": simulation}), encoding="utf-8")
     shutil.copy(REPOSITORY / "pyproject.toml", folder)
     (folder / ".telemetry").write_text("consent: false\n", encoding="utf-8")
     (folder / "src").mkdir(exist_ok=True)  # kedro asks for it; the package is imported from elsewhere

@@ -266,6 +266,19 @@ def test_command_line_says_where_results_of_label_go(project, tmp_path):
         plan_labelling(parameters, IngestParameters())
 
 
+def test_environment_says_where_results_of_label_go_and_the_command_line_overrules_it(tmp_path):
+    project = make_project(tmp_path / "project", tiny=False)
+    own = {"label": {"output": str(tmp_path / "out"), "method": "other", "model": 4}}
+    (project / "conf/local/parameters_label.yml").write_text(yaml.safe_dump(own), encoding="utf-8")
+    catalog = context_of(project, "local").catalog
+    assert Path(catalog.get("label_inventory")._describe()["filepath"]) == tmp_path / "out/inventory.gpkg"
+    assert str(tmp_path / "out/report.html") in str(catalog.get("label_report")._describe())
+    assert catalog.get("label_registered_model")._describe() == {"name": "mlsroad-other", "model_version": 4}
+    overruled = context_of(project, "local", label={"output": str(tmp_path / "here")}).catalog
+    assert Path(overruled.get("label_inventory")._describe()["filepath"]) == tmp_path / "here/inventory.gpkg"
+    assert overruled.get("label_registered_model")._describe()["name"] == "mlsroad-other"
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -18,6 +18,7 @@ from references_wiring import REPOSITORY, TINY, run, session_of, shared_run, sta
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.metrics.scores import COLUMNS
+from mlsroad_pipeline.pipelines.methods import LABELLERS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -130,10 +131,11 @@ def test_quality_names_each_file_with_its_points_and_classes(project, catalog):
 
 def test_comparison_has_one_row_per_method_and_split(project):
     table = pd.read_csv(reporting(project, "comparison.csv"))
-    assert table[["method", "split"]].to_numpy().tolist() == [[METHOD, "test"]]
-    scores = pd.read_csv(reporting(project, f"scores/{METHOD}.csv")).set_index(["class", "metric"])["value"]
-    for metric in ("overall_accuracy", "kappa", "mean_f1", "mean_iou"):
-        assert table[metric][0] == pytest.approx(scores["all", metric])
+    assert table[["method", "split"]].to_numpy().tolist() == [[method, "test"] for method in LABELLERS]
+    for row, method in enumerate(LABELLERS):
+        scores = pd.read_csv(reporting(project, f"scores/{method}.csv")).set_index(["class", "metric"])["value"]
+        for metric in ("overall_accuracy", "kappa", "mean_f1", "mean_iou"):
+            assert table[metric][row] == pytest.approx(scores["all", metric])
 
 
 def test_report_holds_the_figures_of_the_tables(project):
@@ -222,3 +224,20 @@ def test_second_run_recomputes_no_scene_and_gives_the_same_scores(project, tmp_p
     assert {name: computed for name, (computed, _) in counts.items() if computed} == {}
     assert reporting(copy, f"scores/{METHOD}.csv").read_bytes() == before
     assert reporting(copy, f"figures/{METHOD}_birds_eye.png").read_bytes() == picture
+
+
+def test_detections_are_counted_by_object_and_scored(project):
+    table = pd.read_csv(reporting(project, "scores/visual_words.csv"))
+    assert set(table["class"]) == {"light pole", "car", "all"} and set(table["split"]) == {"test"}
+    value = table.set_index(["class", "metric"])["value"]
+    for name in ("light pole", "car"):
+        tp, fp, fn = (value[name, metric] for metric in ("tp", "fp", "fn"))
+        assert table.set_index(["class", "metric"])["support"][name, "recall"] == tp + fn
+        if tp + fn:
+            assert value[name, "recall"] == pytest.approx(tp / (tp + fn))
+        if tp + fp:
+            assert value[name, "precision"] == pytest.approx(tp / (tp + fp))
+    segmentation = pd.read_csv(reporting(project, "segmentation_scores.csv")).set_index("split")
+    assert segmentation.loc["test", "n_instances"] > 3 and 0 < segmentation.loc["test", "weighted_coverage"] <= 1
+    compared = pd.read_csv(reporting(project, "detection_comparison.csv"))
+    assert "visual_words" in set(compared["method"])

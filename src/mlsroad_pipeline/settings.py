@@ -4,6 +4,7 @@ import warnings
 
 from omegaconf.resolvers import oc
 
+from mlsroad_pipeline.config import ParameterConfigLoader
 from mlsroad_pipeline.hooks import MlflowDetailsHooks
 
 # The dots in names of datasets are what catalog factories such as "{method}.labels" go by; every command would warn.
@@ -11,6 +12,7 @@ warnings.filterwarnings("ignore", message="One or more dataset names contain '.'
 
 HOOKS = (MlflowDetailsHooks(),)
 
+CONFIG_LOADER_CLASS = ParameterConfigLoader
 CONFIG_LOADER_ARGS = {
     "base_env": "base",
     "default_run_env": "local",

@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError, ReadError
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, label_cloud, load_bundle, save_bundle
+from mlsroad_pipeline.algorithms.model_bundle import (
+    ModelBundle,
+    label_cloud,
+    load_bundle,
+    missing_attributes,
+    save_bundle,
+)
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 
 MODULE = "mlsroad_pipeline.algorithms.planted_labeller"
@@ -117,6 +123,24 @@ def test_only_functions_of_the_science_may_be_named(entry_point):
 def test_what_is_no_model_is_named(slug, arrays, metadata, error, message):
     with pytest.raises(error, match=message):
         ModelBundle(slug, arrays, metadata)
+
+
+def test_a_changed_byte_is_found_where_checksums_are_looked_at(bundle, tmp_path):
+    save_bundle(bundle, tmp_path)
+    content = bytearray((tmp_path / "arrays.npz").read_bytes())
+    at = content.index(np.arange(6, dtype=np.int16).tobytes())
+    content[at] ^= 1
+    (tmp_path / "arrays.npz").write_bytes(content)
+    with pytest.raises(ReadError, match=r"trees.npy"):
+        load_bundle(tmp_path)
+    assert load_bundle(tmp_path, check=False).arrays["trees"][0, 0] == 1
+
+
+def test_attributes_that_a_survey_lacks_are_told(bundle):
+    both = ModelBundle("planted", {}, {**METADATA, "attributes": ["rgb", "intensity"]})
+    assert missing_attributes(both, {"rgb", "gps_time"}) == ["intensity"]
+    assert missing_attributes(both, ["intensity", "rgb"]) == []
+    assert missing_attributes(bundle, []) == []
 
 
 def test_damaged_files_are_named(bundle, tmp_path):

@@ -97,6 +97,26 @@ def test_large_files_estimate_duplicates_across_chunks(rng, monkeypatch):
     assert merge(chunks[::-1]).n_duplicates == report.n_duplicates
 
 
+def test_sketches_of_chunks_that_know_their_file_stay_small_and_estimate_the_same(rng, monkeypatch):
+    monkeypatch.setattr("mlsroad_pipeline.algorithms.duplicates.SKETCH_SIZE", 2000)
+    xyz = rng.random((40_000, 3))
+    xyz = np.concatenate([xyz, xyz[:10_000]])
+    parts = [PointCloud(xyz[i : i + 5000]) for i in range(0, len(xyz), 5000)]
+    whole = merge([inspect_chunk(part) for part in parts])
+    chunks = [inspect_chunk(part, n_total=len(xyz)) for part in parts]
+    assert sum(len(chunk.sketch.hashes) for chunk in chunks) < 1.3 * 2 * 2000
+    report = merge(chunks)
+    assert not report.duplicates_exact
+    assert report.n_duplicates == whole.n_duplicates == pytest.approx(10_000, rel=0.1)
+
+
+def test_estimate_of_a_large_file_full_of_copies_is_that_of_the_share_looked_at(rng, monkeypatch):
+    monkeypatch.setattr("mlsroad_pipeline.algorithms.duplicates.SKETCH_SIZE", 400)
+    part = PointCloud(rng.random((1000, 3)))
+    report = merge([inspect_chunk(part, n_total=8000) for _ in range(8)])
+    assert report.n_duplicates == pytest.approx(7000, rel=0.25)
+
+
 def test_sketch_of_a_file_full_of_copies_still_counts(rng, monkeypatch):
     monkeypatch.setattr("mlsroad_pipeline.algorithms.duplicates.SKETCH_SIZE", 100)
     chunk = inspect_chunk(PointCloud(np.repeat(rng.random((50, 3)), 400, axis=0)))

@@ -1,5 +1,6 @@
 """Models through a registry in SQLite, and out of it in a process that knows nothing."""
 
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -79,6 +80,29 @@ def test_loading_takes_the_highest_version_or_the_one_asked_for(registry):
         RegisteredModelDataset(name=NAME, model_version=7).load()
     exists = [RegisteredModelDataset(name=NAME, model_version=v).exists() for v in (None, 1, 2, 3)]
     assert exists == [True, True, True, False]
+
+
+def test_model_that_has_not_changed_gets_no_new_version(registry, caplog):
+    folder, _ = registry
+    name = "mlsroad-still"
+    dataset = RegisteredModelDataset(name=name)
+    with caplog.at_level("INFO", logger="mlsroad_pipeline"):
+        for height in (1.0, 1.0, 2.0, 1.0):  # the last differs from the highest version, which counts
+            dataset.save(planted(height))
+    told = [m for m in caplog.messages if name in m]
+    assert told == [
+        f"Registered {name} version 1",
+        f"Unchanged: {name} version 1",
+        f"Registered {name} version 2",
+        f"Registered {name} version 3",
+    ]
+    dataset.save(dataset.load())  # what loading adds to the metadata is not part of the model
+    assert len(mlflow.MlflowClient().search_model_versions(f"name='{name}'")) == 3
+    source = mlflow.artifacts.download_artifacts(f"models:/{name}/3")
+    assert Path(source).is_relative_to(folder / "artifacts")
+    shutil.rmtree(source)
+    dataset.save(planted(1.0))  # the files are gone: a version that can be read is needed
+    assert dataset.load().metadata["registered"]["version"] == 4
 
 
 def test_registered_model_tells_its_signature_example_and_origin(registry):

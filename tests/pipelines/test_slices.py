@@ -26,6 +26,8 @@ CONTRACT = {
         "patch_graph_mrf",
         "max_margin_markov",
         "shape_based",
+        "segmentation",
+        "visual_words",
         "evaluation",
         "report",
         "label",

@@ -28,33 +28,45 @@ class DuplicateSketch:
         Occurrences of each.
     complete : bool
         Whether all points are remembered, and not a sample of them.
+    share : float, default 1.0
+        Share of all hashes that the sketch looked at, from the smallest on.
     """
 
     hashes: NDArray[np.uint64]
     counts: NDArray[np.int64]
     complete: bool
+    share: float = 1.0
 
     def n_duplicates(self) -> int:
         """Return how many points repeat another: counted where the sketch is complete, else estimated from it."""
         repeats = int((self.counts - 1).sum())
         if self.complete or repeats == 0:
             return repeats
-        return round(repeats / (float(self.hashes[-1]) / 2.0**64))
+        is_full = len(self.hashes) == SKETCH_SIZE
+        return round(repeats / (float(self.hashes[-1]) / 2.0**64 if is_full else self.share))
 
 
-def sketch_of(hashes: NDArray[np.uint64]) -> DuplicateSketch:
+def sketch_of(hashes: NDArray[np.uint64], *, n_total: int | None = None) -> DuplicateSketch:
     """Sketch the points of one array.
 
     Parameters
     ----------
     hashes : ndarray of shape (n,), uint64
         Hashes of the points from `hash_points`.
+    n_total : int, optional
+        Points of the file that the array is a chunk of. Where it is given, the sketch leaves out hashes that will not
+        be among the smallest of the file, so that the sketches of all its chunks together stay small.
 
     Returns
     -------
     DuplicateSketch
         The sketch.
     """
+    # Hashes are spread evenly, so twice the share that a sketch remembers is enough unless most points are copies.
+    if n_total is not None and n_total > 2 * SKETCH_SIZE:
+        share = 2 * SKETCH_SIZE / n_total
+        distinct, counts = np.unique(hashes[hashes < np.uint64(2.0**64 * share)], return_counts=True)
+        return DuplicateSketch(distinct[:SKETCH_SIZE], counts[:SKETCH_SIZE].astype(np.int64), False, share)
     # Selecting before sorting: twice the size leaves room for duplicates, and more is made where that was too little.
     room = 2 * SKETCH_SIZE
     while True:
@@ -87,7 +99,7 @@ def merge_sketches(sketches: Sequence[DuplicateSketch]) -> DuplicateSketch:
     counts = np.zeros(len(distinct), dtype=np.int64)
     np.add.at(counts, inverse, np.concatenate([s.counts for s in sketches]))
     complete = all(s.complete for s in sketches) and len(distinct) <= SKETCH_SIZE
-    return DuplicateSketch(distinct[:SKETCH_SIZE], counts[:SKETCH_SIZE], complete)
+    return DuplicateSketch(distinct[:SKETCH_SIZE], counts[:SKETCH_SIZE], complete, min(s.share for s in sketches))
 
 
 @njit(cache=True)

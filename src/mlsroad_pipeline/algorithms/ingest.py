@@ -65,8 +65,9 @@ class IngestParameters:
         Context on both sides, metres: what neighbourhoods and whole objects need.
     bin_length : float, default 1.0
         Granularity of the cuts, metres.
-    max_points : int, default 1_000_000
-        The most points of a core: bounds the memory of a worker (about 250 bytes a point).
+    max_points : int, default 1_500_000
+        The most points of a core: bounds the memory of a worker (about 250 bytes a point of core and buffers). In dense
+        surveys a smaller value makes scenes short beside their buffers, and more points are labelled twice.
     range_points : int, default 500_000
         Points that a worker reads at a time.
     time_gap : float, default 1.0
@@ -87,7 +88,7 @@ class IngestParameters:
     scene_length: float = 30.0
     buffer: float = 5.0
     bin_length: float = 1.0
-    max_points: int = 1_000_000
+    max_points: int = 1_500_000
     range_points: int = 500_000
     time_gap: float = 1.0
     estimate_trajectory: bool = True

@@ -210,6 +210,10 @@ def _join_fragments(table: pd.DataFrame) -> NDArray[np.int64]:
     return connected_components(edges, n_nodes=n_fragments + int(voxel.max()) + 1)[fragment].astype(np.int64)
 
 
+def _of_class(fragments: pd.DataFrame, name: str) -> pd.DataFrame:
+    return fragments[fragments["class"] == name].drop(columns="class")
+
+
 def merge_across_scenes(
     pieces: Sequence[SceneObjects], *, classes: Mapping[str, ObjectRule], trajectory: Trajectory | None = None
 ) -> pd.DataFrame:
@@ -249,12 +253,13 @@ def merge_across_scenes(
     if named - set(classes):
         raise DataError(f"objects of class {sorted(named - set(classes))[0]!r}, which has no rule: {sorted(classes)}")
     tables = [piece.objects for piece in ordered if len(piece.objects)]
-    parts = [piece.fragments.assign(scene=i) for i, piece in enumerate(ordered) if len(piece.fragments)]
-    fragments = pd.concat(parts, ignore_index=True) if parts else empty_table({**FRAGMENT_FIELDS, "scene": "int64"})
-    for name, rule in classes.items():
-        mine = fragments[fragments["class"] == name]
-        if len(mine):
-            mine = mine.assign(object=_join_fragments(mine))
+    for name, rule in classes.items():  # class by class: the fragments of a long survey are its largest table
+        parts = [_of_class(piece.fragments, name).assign(scene=i) for i, piece in enumerate(ordered)]
+        filled = [part for part in parts if len(part)]
+        if filled:
+            mine = pd.concat(filled, ignore_index=True)
+            del parts, filled
+            mine["object"] = _join_fragments(mine)
             tables.append(_as_table(_measured(*join_voxels(mine, resolution=rule.resolution), name, rule, scenes)))
     tables = [table for table in tables if len(table)]
     objects = pd.concat(tables, ignore_index=True) if tables else empty_table(OBJECT_FIELDS)

@@ -9,9 +9,10 @@ from __future__ import annotations
 import importlib
 import json
 import re
+import struct
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.mapped_arrays import map_arrays
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 
 FORMAT = 1
@@ -44,7 +46,9 @@ class ModelBundle:
     metadata : mapping of str to any
         JSON values. Required: ``entry_point``, ``"module:function"`` below ``mlsroad_pipeline.algorithms`` that takes
         ``(cloud, bundle)`` and returns labels (n,) and confidences (n,); ``classes``, the class names in label
-        order. Usual: ``scheme``, ``parameters``, ``trained_on``, ``feature_names``.
+        order. `label` needs ``scheme``, the class scheme as a mapping of the fields of `ClassScheme`. Usual:
+        ``attributes``, the columns beside the coordinates that the model uses where a survey has them; ``parameters``,
+        of which ``ground`` are those of `GroundParameters`; ``trained_on``; ``feature_names``.
 
     Raises
     ------
@@ -107,18 +111,21 @@ def save_bundle(bundle: ModelBundle, folder: str | Path) -> None:
     (target / _JSON).write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def load_bundle(folder: str | Path) -> ModelBundle:
+def load_bundle(folder: str | Path, *, check: bool = True) -> ModelBundle:
     """Read a model from a folder.
 
     Parameters
     ----------
     folder : str or Path
         A folder that `save_bundle` wrote.
+    check : bool, default True
+        Whether to read everything once and compare it with its checksums.
 
     Returns
     -------
     ModelBundle
-        The model.
+        The model. Its arrays are mapped into memory: what is not used is not read, and processes that use one model
+        share it.
 
     Raises
     ------
@@ -128,17 +135,43 @@ def load_bundle(folder: str | Path) -> ModelBundle:
     source = Path(folder)
     try:
         content = json.loads((source / _JSON).read_text(encoding="utf-8"))
-        with open(source / _ARRAYS, "rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
+        if check:
+            _check_sums(source / _ARRAYS)
+        arrays = map_arrays(source / _ARRAYS)
     except FileNotFoundError as error:
         raise ReadError(f"{source} is no model: {Path(error.filename).name} is missing") from error
-    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+    except (ValueError, OSError, EOFError, KeyError, struct.error, zipfile.BadZipFile, zlib.error) as error:
         raise ReadError(f"{source}: the model's files are damaged: {error}") from error
     if content.get("format") != FORMAT:
         raise ReadError(f"{source}: model format {content.get('format')!r}, this version reads {FORMAT}")
     if sorted(arrays) != content["arrays"]:
         raise ReadError(f"{source}: arrays {sorted(arrays)} where {content['arrays']} were written")
     return ModelBundle(content["slug"], arrays, content["metadata"])
+
+
+def _check_sums(path: Path) -> None:
+    with zipfile.ZipFile(path) as archive:
+        damaged = archive.testzip()
+    if damaged is not None:
+        raise ValueError(f"{damaged} differs from its checksum")
+
+
+def missing_attributes(bundle: ModelBundle, columns: Collection[str]) -> list[str]:
+    """Tell which columns a model was trained with that a survey does not have.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model; its metadata name the columns that it uses beside the coordinates as ``attributes``.
+    columns : collection of str
+        The survey's columns.
+
+    Returns
+    -------
+    list of str
+        Those that are missing, such as ``["rgb"]``; a model without ``attributes`` misses nothing.
+    """
+    return [name for name in bundle.metadata.get("attributes", ()) if name not in columns]
 
 
 def label_cloud(bundle: ModelBundle, cloud: PointCloud) -> tuple[NDArray[np.int16], NDArray[np.float32]]:

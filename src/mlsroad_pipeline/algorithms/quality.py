@@ -109,7 +109,7 @@ class ChunkQuality:
     max_gap: float
 
 
-def inspect_chunk(cloud: PointCloud, *, max_gap: float = 1.0) -> ChunkQuality:
+def inspect_chunk(cloud: PointCloud, *, max_gap: float = 1.0, n_total: int | None = None) -> ChunkQuality:
     """Look at one chunk of a file, which may hold NaN coordinates.
 
     Parameters
@@ -118,11 +118,14 @@ def inspect_chunk(cloud: PointCloud, *, max_gap: float = 1.0) -> ChunkQuality:
         Consecutive points of the file; all its chunks with one origin.
     max_gap : float, default 1.0
         The longest step in time that is no gap, seconds. The same for all chunks of a file.
+    n_total : int, optional
+        Points of the whole file, where the chunk is not all of it. The same for all chunks of a file.
 
     Returns
     -------
     ChunkQuality
-        What `merge` needs, a few bytes per occupied square metre and second and at most 4 MiB for duplicates.
+        What `merge` needs, a few bytes per occupied square metre and second and at most 4 MiB for duplicates; with
+        `n_total` all chunks of a file together have about 8 MiB for duplicates.
 
     Raises
     ------
@@ -143,7 +146,7 @@ def inspect_chunk(cloud: PointCloud, *, max_gap: float = 1.0) -> ChunkQuality:
         low=np.array([axis.min(initial=np.inf) for axis in world.T]),
         high=np.array([axis.max(initial=-np.inf) for axis in world.T]),
         cells=_occupied_cells(world),
-        sketch=sketch_of(hashes),
+        sketch=sketch_of(hashes, n_total=n_total),
         columns=frozenset(cloud.columns),
         classes=_count_codes(cloud.get("label")),
         time=time,

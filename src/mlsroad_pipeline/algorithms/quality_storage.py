@@ -36,6 +36,7 @@ def chunk_to_arrays(chunk: ChunkQuality) -> dict[str, NDArray]:
         "hashes": chunk.sketch.hashes,
         "hash_counts": chunk.sketch.counts,
         "complete": np.array(chunk.sketch.complete),
+        "share": np.array(chunk.sketch.share),
         "columns": np.array(sorted(chunk.columns), dtype=np.str_),
         "classes": np.array(sorted(chunk.classes.items()), dtype=np.int64).reshape(-1, 2),
         "intensity": np.array(chunk.intensity or (), dtype=np.float64),
@@ -74,7 +75,9 @@ def chunk_from_arrays(arrays: Mapping[str, NDArray]) -> ChunkQuality:
         low=low,
         high=high,
         cells=arrays["cells"],
-        sketch=DuplicateSketch(arrays["hashes"], arrays["hash_counts"], bool(arrays["complete"])),
+        sketch=DuplicateSketch(
+            arrays["hashes"], arrays["hash_counts"], bool(arrays["complete"]), float(arrays["share"])
+        ),
         columns=frozenset(arrays["columns"].tolist()),
         classes={int(code): int(count) for code, count in arrays["classes"]},
         time=time,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.inventory import OBJECT_FIELDS, SceneObjects, extract_objects, merge_across_scenes
+from mlsroad_pipeline.algorithms.label_confidence import count_confidences
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, label_cloud
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule, rules_for_scheme
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
@@ -34,8 +35,15 @@ def bundle_scheme(bundle: ModelBundle) -> ClassScheme:
     -------
     ClassScheme
         The scheme.
+
+    Raises
+    ------
+    ParameterError
+        If the model does not say its scheme.
     """
-    stored = bundle.metadata["scheme"]
+    stored = bundle.metadata.get("scheme")
+    if stored is None:
+        raise ParameterError(f"model {bundle.slug!r} has no class scheme in its metadata: it cannot label a survey")
     return ClassScheme(
         stored["name"],
         tuple(stored["classes"]),
@@ -75,7 +83,8 @@ def label_new_scene(
     -------
     dict
         ``labels``: `file`, `row`, `code` and `confidence` of the core points, ordered by (file, row); ``spans``: file,
-        first and last row of each file in the core; ``counts``: core points per class, the last without one;
+        first and last row of each file in the core; ``counts``: core points per class, the last without one, and their
+        confidences as `count_confidences` gives them;
         ``objects`` and ``fragments``: see `SceneObjects`.
 
     Raises
@@ -93,6 +102,7 @@ def label_new_scene(
     files, rows = scene["file"][core], scene["row"][core]
     starts = np.flatnonzero(np.diff(files, prepend=-1))  # scenes are ordered by file, and within one by row
     ends = np.append(starts[1:], len(files)) - 1
+    core_label, core_confidence = label[core], confidence[core].astype(np.float32)
     found = _objects(scene, label, confidence, height=found_ground["height"], rules=rules, name=name)
     n_classes = len(codes)
     return {
@@ -100,10 +110,13 @@ def label_new_scene(
             "file": files,
             "row": rows,
             "code": code[core],
-            "confidence": confidence[core].astype(np.float32),
+            "confidence": core_confidence,
         },
         "spans": {"spans": np.column_stack([files[starts], rows[starts], rows[ends]]).astype(np.int64)},
-        "counts": {"counts": np.bincount(np.where(label[core] < 0, n_classes, label[core]), minlength=n_classes + 1)},
+        "counts": {
+            "counts": np.bincount(np.where(core_label < 0, n_classes, core_label), minlength=n_classes + 1),
+            "confidences": count_confidences(core_label, core_confidence, n_classes),
+        },
         "objects": found.objects,
         "fragments": found.fragments,
     }

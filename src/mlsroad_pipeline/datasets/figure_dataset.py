@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import io
+import sys
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
 from mlsroad_pipeline.datasets.report_file import ReportFileDataset
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-class FigureDataset(ReportFileDataset[Figure | NDArray[np.uint8], NDArray[np.uint8]]):
+
+def _is_figure(data: object) -> bool:
+    matplotlib = sys.modules.get("matplotlib.figure")  # a value can only be a figure if somebody has imported it
+    return matplotlib is not None and isinstance(data, matplotlib.Figure)
+
+
+class FigureDataset(ReportFileDataset["Figure | NDArray[np.uint8]", NDArray[np.uint8]]):
     """A matplotlib figure or a picture, written as PNG; loading gives the pixels.
 
     Parameters
@@ -70,9 +78,9 @@ class FigureDataset(ReportFileDataset[Figure | NDArray[np.uint8], NDArray[np.uin
     def save(self, data: Figure | NDArray[np.uint8]) -> None:
         """Write the figure or picture; the same one gives the same bytes."""
         buffer = io.BytesIO()
-        if isinstance(data, Figure):
+        if _is_figure(data):
             # without the library's version in the file, an upgrade does not change its bytes
-            data.savefig(buffer, format="png", dpi=self._dpi or "figure", metadata={"Software": None})
+            cast("Figure", data).savefig(buffer, format="png", dpi=self._dpi or "figure", metadata={"Software": None})
         elif isinstance(data, np.ndarray) and data.dtype == np.uint8 and data.ndim == 3 and data.shape[2] == 3:
             Image.fromarray(data).save(buffer, format="PNG")
         else:

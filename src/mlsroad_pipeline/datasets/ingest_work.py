@@ -34,14 +34,19 @@ SCENE_COLUMNS = ("rgb", "intensity", "gps_time", "scanner", "label", "instance")
 """What scenes keep of a file's attributes; the rest is read again where it is written."""
 
 
+CLASS = "classification"
+
 UNUSED_COLUMNS = ("gps_time", "scanner")
 """What is looked at for the quality report and then dropped where no method is trained."""
 
 
 def _scene_options(path: str, options: ReadOptions, *, labels: bool) -> ReadOptions:
-    """Ask for the columns that scenes keep, as far as the file has them."""
-    have = get_format(path).info(Path(path), replace(options, coding=options.coding if labels else None)).columns
+    """Ask for the columns that scenes keep, as far as the file has them, and where it is labelled for its class."""
+    form = get_format(path)
+    have = form.info(Path(path), replace(options, coding=options.coding if labels else None)).columns
     wanted = [name for name in SCENE_COLUMNS if name in have and (labels or name not in ("label", "instance"))]
+    if not labels and form.name == "LAS" and CLASS in have:
+        wanted.append(CLASS)
     return replace(options, only=tuple(wanted), coding=options.coding if "label" in wanted else None)
 
 
@@ -139,6 +144,7 @@ def read_and_cut(
     part: SplitPart,
     start: int,
     stop: int,
+    n_total: int,
     file: int,
     bin_length: float,
     time_gap: float,
@@ -161,6 +167,8 @@ def read_and_cut(
         The part of the file that the split takes.
     start, stop : int
         The rows.
+    n_total : int
+        Points of the whole file.
     file : int
         Number of the file in its split.
     bin_length : float
@@ -171,7 +179,8 @@ def read_and_cut(
     Returns
     -------
     dict
-        ``points`` and ``bins`` as `cut_points` gives them, ``quality``: what `inspect_chunk` found.
+        ``points`` and ``bins`` as `cut_points` gives them, ``quality``: what `inspect_chunk` found,
+        ``classes``: whether one of the rows of a LAS file has another class than 0, empty where that was not read.
 
     Raises
     ------
@@ -180,8 +189,11 @@ def read_and_cut(
     DataError
         If a value cannot be used.
     """
-    cloud = get_format(path).read(Path(path), _scene_options(path, options, labels=labels), start=start, stop=stop)
-    quality = chunk_to_arrays(inspect_chunk(cloud, max_gap=time_gap))
+    chosen = _scene_options(path, options, labels=labels)
+    cloud = get_format(path).read(Path(path), chosen, start=start, stop=stop)
+    has_classes = np.array([cloud[CLASS].any()] if CLASS in cloud else [], dtype=np.bool_)
+    cloud = cloud.without_columns([CLASS])
+    quality = chunk_to_arrays(inspect_chunk(cloud, max_gap=time_gap, n_total=n_total))
     pieces = cut_points(
         cloud if labels else cloud.without_columns(UNUSED_COLUMNS),
         corridor_from_arrays(corridor),
@@ -191,4 +203,4 @@ def read_and_cut(
         first_row=start,
         file=file,
     )
-    return {**pieces, "quality": quality}
+    return {**pieces, "quality": quality, "classes": {"has_classes": has_classes}}

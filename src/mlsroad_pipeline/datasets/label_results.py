@@ -11,11 +11,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import missing_attributes
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.ingest import corridor_from_arrays
 from mlsroad_pipeline.algorithms.inventory import SceneObjects
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.label_confidence import confidence_table, confidence_warnings
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, missing_attributes
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule
 from mlsroad_pipeline.algorithms.rendering.report import Section
 from mlsroad_pipeline.algorithms.rendering.report_sections import (
@@ -34,6 +34,10 @@ from mlsroad_pipeline.datasets.scene_task import Deferred
 from mlsroad_pipeline.datasets.survey_plan import LabelParameters, PlannedFile, SurveyPlan
 
 WRITING_THREADS = 2
+CONFIDENCE_NOTE = (
+    "The probability that the model gives to the class of a point. Where a fifth of all points lie below 0.5, or half "
+    "of a class, there is a warning above."
+)
 
 
 def _scenes_of(drive: str, results: SceneCollection) -> list[str]:
@@ -102,12 +106,15 @@ class PlannedOutput:
         The labels of the scenes that hold its points.
     rows : ndarray of int64, shape (m, 2)
         First and last row of the file in each of them.
+    had_classes : bool or None
+        Whether a LAS file has classes other than 0, where that is known.
     """
 
     file: PlannedFile
     target: str
     scenes: Deferred
     rows: NDArray[np.int64]
+    had_classes: bool | None
 
     @property
     def written(self) -> tuple[str, ...]:
@@ -122,16 +129,26 @@ class PlannedOutput:
             "target": self.target,
             "options": options,
             "n_threads": WRITING_THREADS,
+            "had_classes": self.had_classes,
         }
 
 
-def planned_outputs(plan: SurveyPlan, results: SceneCollection, folder: str) -> list[PlannedOutput]:
+def _had_classes(file: PlannedFile, classes: Mapping[str, Mapping[str, NDArray]]) -> bool | None:
+    found = [part["has_classes"] for key, part in classes.items() if key.rpartition(".")[0] == file.key]
+    return bool(np.any(np.concatenate(found))) if found and all(map(len, found)) else None
+
+
+def planned_outputs(
+    plan: SurveyPlan, pieces: SceneCollection, results: SceneCollection, folder: str
+) -> list[PlannedOutput]:
     """Plan what is written where; subfolders are mirrored.
 
     Parameters
     ----------
     plan : SurveyPlan
         The files.
+    pieces : SceneCollection
+        Their ranges, which know whether there were classes.
     results : SceneCollection
         What the scenes found.
     folder : str
@@ -149,6 +166,7 @@ def planned_outputs(plan: SurveyPlan, results: SceneCollection, folder: str) -> 
     """
     spans = results.load_all("spans")
     labels = results.part("labels")
+    classes = pieces.load_all("classes")
     outputs: list[PlannedOutput] = []
     taken: dict[str, str] = {}
     for file in plan.files:
@@ -166,7 +184,13 @@ def planned_outputs(plan: SurveyPlan, results: SceneCollection, folder: str) -> 
                 chosen.append(labels[key])
                 rows.append((first, last))
         outputs.append(
-            PlannedOutput(file, target, Deferred(tuple(chosen)), np.array(rows, dtype=np.int64).reshape(-1, 2))
+            PlannedOutput(
+                file,
+                target,
+                Deferred(tuple(chosen)),
+                np.array(rows, dtype=np.int64).reshape(-1, 2),
+                _had_classes(file, classes),
+            )
         )
     return outputs
 
@@ -190,7 +214,7 @@ def label_report_sections(
     quality : DataFrame
         The quality of each file.
     counts : mapping of str to mapping
-        Points per class of each scene.
+        Points per class of each scene, and their confidences.
     written : mapping of str to mapping
         The files that were written.
     objects : DataFrame
@@ -203,6 +227,7 @@ def label_report_sections(
     """
     scheme = bundle_scheme(bundle)
     total = np.sum([found["counts"] for found in counts.values()], axis=0)
+    sureness = confidence_table(np.sum([found["confidences"] for found in counts.values()], axis=0), scheme.classes)
     facts = {
         "survey": parameters.survey,
         "output": parameters.output,
@@ -216,8 +241,9 @@ def label_report_sections(
     shares = dict(zip((*scheme.classes, "unlabelled"), total.tolist(), strict=True))
     return [
         FactsSection("What was run", facts),
-        WarningsSection("Warnings", _warnings(bundle, quality)),
+        WarningsSection("Warnings", [*confidence_warnings(sureness), *_warnings(bundle, quality)]),
         DistributionSection("Classes", shares, scheme=scheme),
+        TableSection("Confidence", sureness, note=CONFIDENCE_NOTE),
         InventorySection("Inventory", objects, geopackage="inventory.gpkg"),
         TableSection("Quality of the survey", quality),
         TableSection("Files written", outputs),
@@ -244,7 +270,9 @@ def attribute_warnings(bundle: ModelBundle, quality: pd.DataFrame) -> list[str]:
         have = [str(name).removeprefix("has_") for name, value in row.items() if str(name).startswith("has_") and value]
         absent = missing_attributes(bundle, have)
         if absent:
-            found.append(f"{row['source']} has no {' and no '.join(absent)}: a model trained without was used.")
+            found.append(
+                f"{row['source']} has no {' and no '.join(absent)}: the model, which was trained with it, does without."
+            )
     return found
 
 

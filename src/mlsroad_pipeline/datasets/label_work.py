@@ -1,4 +1,4 @@
-"""What workers do with scenes and files: label a scene with a stored model, write a file with its labels."""
+"""What workers do with a survey: label a scene with a stored model of any method, write a file with its labels."""
 
 from __future__ import annotations
 
@@ -10,17 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.baselines.shape_based import label_objects
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.ingest import OutlierParameters, join_pieces
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule
-from mlsroad_pipeline.algorithms.patch_labelling import PatchClassifier, label_patch_scene
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.survey_labelling import label_new_scene
 from mlsroad_pipeline.algorithms.tiling import SceneSpan
-from mlsroad_pipeline.algorithms.visual_words.labeller import detect_scene
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
 from mlsroad_pipeline.datasets.labelled_writer import write_labelled
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
@@ -28,107 +23,6 @@ from mlsroad_pipeline.datasets.scene_task import StoredResult
 
 SCENES_IN_MEMORY = 8
 """Scenes whose labels a writer keeps at a time; a file in the order of its recording needs two or three."""
-
-
-def label_prepared_scene(
-    scene: PointCloud, supervoxels: Mapping[str, Any], features: Mapping[str, NDArray], model: str
-) -> dict[str, NDArray]:
-    """Label a scene of a comparison with a stored model.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    supervoxels, features : mapping
-        What the stages before gave.
-    model : str
-        The model's folder.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``label`` int16 (n,) and ``confidence`` float32 (n,).
-
-    Raises
-    ------
-    DataError
-        If the scene lacks features that the model needs.
-    """
-    return label_scene(scene, supervoxels, features, open_model(model))
-
-
-def label_prepared_patches(
-    scene: PointCloud, patches: Mapping[str, NDArray], model: str, *, classifier: type[PatchClassifier]
-) -> dict[str, NDArray]:
-    """Label a scene of a comparison with a stored model of a method that labels patches.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    patches : mapping
-        What `build_patches` gave.
-    model : str
-        The model's folder.
-    classifier : type
-        The method's class.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``label`` int16 (n,) and ``confidence`` float32 (n,).
-
-    Raises
-    ------
-    DataError
-        If the model needs other patches.
-    """
-    return label_patch_scene(scene, patches, open_model(model), classifier)
-
-
-def detect_described_objects(groups: Mapping[str, NDArray], model: str) -> dict[str, NDArray]:
-    """Detect the objects of a scene of a comparison with a stored model.
-
-    Parameters
-    ----------
-    groups : mapping
-        What `describe_objects` gave.
-    model : str
-        The model's folder.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``label`` int16 and ``score`` float32 of each object.
-    """
-    return detect_scene(groups, open_model(model))
-
-
-def label_prepared_objects(
-    scene: PointCloud, ground: Mapping[str, NDArray], patches: Mapping[str, NDArray], model: str
-) -> dict[str, NDArray]:
-    """Label the objects of a scene of a comparison with a stored model of shape-based recognition.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    ground, patches : mapping
-        What the stages before gave.
-    model : str
-        The model's folder.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``label`` int16 (n,), -1 for ground and outliers, and ``confidence`` float32 (n,).
-
-    Raises
-    ------
-    DataError
-        If the model needs other patches.
-    """
-    return label_objects(scene, ground, patches, open_model(model))
 
 
 def label_pieces(
@@ -257,6 +151,7 @@ def write_file(
     target: str,
     options: ReadOptions,
     n_threads: int,
+    had_classes: bool | None,
 ) -> dict[str, NDArray]:
     """Write a file of a survey with the labels of its points.
 
@@ -276,6 +171,8 @@ def write_file(
         How the file is read.
     n_threads : int
         Threads for decompressing and compressing.
+    had_classes : bool or None
+        Whether a LAS file has classes other than 0, where that is known.
 
     Returns
     -------
@@ -291,5 +188,5 @@ def write_file(
     """
     Path(target).parent.mkdir(parents=True, exist_ok=True)
     labels = SceneLabels(scenes, rows, file, path)
-    written = write_labelled(path, target, labels, options=options, n_threads=n_threads)
+    written = write_labelled(path, target, labels, options=options, n_threads=n_threads, had_classes=had_classes)
     return {"files": np.array([str(item) for item in written])}

@@ -58,6 +58,7 @@ def write_labelled(
     chunk_size: int = 1_000_000,
     progress: Callable[[int], None] | None = None,
     native: bool = True,
+    had_classes: bool | None = None,
 ) -> list[Path]:
     """Copy a survey to LAZ with `classification` and the float32 extra dimension `confidence`.
 
@@ -94,6 +95,9 @@ def write_labelled(
         Called with the number of points after each range.
     native : bool, default True
         Whether other formats are written in their own format too.
+    had_classes : bool, optional
+        Whether a LAS file has classes other than 0; None looks through the file, which reads it twice where it has
+        none.
 
     Returns
     -------
@@ -122,7 +126,10 @@ def write_labelled(
     with ExitStack() as stack:
         stream = stack.enter_context(atomic_file(target))
         sinks = [stack.enter_context(native_sink(source, own, form, options))] if own is not None else []
-        survey = _las_source(source, n_threads, stack) if form.name == "LAS" else _other_source(source, form, options)
+        if form.name == "LAS":
+            survey = _las_source(source, had_classes, n_threads, stack)
+        else:
+            survey = _other_source(source, form, options)
         writer = RecordWriter(stream, survey.header, compress=True, n_threads=n_threads)
         for start, stop in _ranges(survey.n_points, chunk_size):
             _write_range(survey, writer, sinks, labels_of, (start, stop))
@@ -155,9 +162,10 @@ def _write_range(
         sink.write(start, codes, confidence)
 
 
-def _las_source(path: Path, n_threads: int, stack: ExitStack) -> _Source:
+def _las_source(path: Path, had_classes: bool | None, n_threads: int, stack: ExitStack) -> _Source:
     header = read_header(path)
-    had_classes = _has_classes(path, header, n_threads)
+    if had_classes is None:
+        had_classes = _has_classes(path, header, n_threads)
     upgraded = upgraded_header(header)
     target = _with_results(upgraded, keep_class=had_classes)
     added = {dimension.name for dimension in target.extra_dimensions[len(upgraded.extra_dimensions) :]}

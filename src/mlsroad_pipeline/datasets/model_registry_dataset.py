@@ -19,12 +19,16 @@ from mlflow.exceptions import MlflowException
 
 from mlsroad_pipeline import __version__
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, load_bundle, save_bundle
+from mlsroad_pipeline.datasets.digests import digest_file
 from mlsroad_pipeline.datasets.point_labeller import signature
 
 LOGGER = logging.getLogger(__name__)
 
 REQUIREMENTS = ("mlflow", "numba", "numpy", "pandas", "scipy", "scikit-learn")
 """Distributions whose versions a registered model pins, beside this package."""
+
+FINGERPRINT = "fingerprint"
+"""Tag of a version: digest of the model's files."""
 
 _CODE = Path(__file__).with_name("registered_model_code.py")
 
@@ -127,8 +131,24 @@ def _run() -> Iterator[None]:
         yield
 
 
-def register_bundle(bundle: ModelBundle, name: str, *, input_example: pd.DataFrame | None = None) -> int:
-    """Store a model and register it as a new version.
+def _registered_already(name: str, fingerprint: str) -> int | None:
+    """Return the highest version if it is this model and its files are still there."""
+    client = mlflow.MlflowClient()
+    highest = max(client.search_model_versions(f"name='{name}'"), key=lambda found: int(found.version), default=None)
+    if highest is None or highest.tags.get(FINGERPRINT) != fingerprint:
+        return None
+    try:
+        files = mlflow.artifacts.list_artifacts(f"models:/{name}/{highest.version}/artifacts/bundle")
+    except (MlflowException, OSError):
+        return None
+    return int(highest.version) if files else None
+
+
+def register_bundle(bundle: ModelBundle, name: str, *, input_example: pd.DataFrame | None = None) -> tuple[int, bool]:
+    """Store a model and register it as a new version, unless the highest version is the same model.
+
+    A model is the same where the files that `save_bundle` writes for it are; they are fingerprinted in the tag
+    ``fingerprint`` of each version.
 
     Parameters
     ----------
@@ -141,14 +161,20 @@ def register_bundle(bundle: ModelBundle, name: str, *, input_example: pd.DataFra
 
     Returns
     -------
-    int
-        The version it got.
+    version : int
+        The version it got, or has already.
+    is_new : bool
+        False where it was registered already.
     """
     # through JSON, so that tuples and the like reach MLflow's YAML as plain lists
     plain = json.loads(json.dumps(dict(bundle.metadata)))
     metadata = {key: value for key, value in plain.items() if key != "registered"}
     with tempfile.TemporaryDirectory() as folder, _run():
         save_bundle(replace(bundle, metadata=metadata), Path(folder) / "bundle")
+        fingerprint = digest_file(str(Path(folder) / "bundle"))
+        existing = _registered_already(name, fingerprint)
+        if existing is not None:
+            return existing, False
         info = mlflow.pyfunc.log_model(
             name=name,
             python_model=str(_CODE),
@@ -161,13 +187,15 @@ def register_bundle(bundle: ModelBundle, name: str, *, input_example: pd.DataFra
         )
     number = int(info.registered_model_version)
     client = mlflow.MlflowClient()
+    client.set_model_version_tag(name, str(number), FINGERPRINT, fingerprint)
     client.set_model_version_tag(name, str(number), "slug", bundle.slug)
     client.set_model_version_tag(name, str(number), "trained_on", str(metadata.get("trained_on", "")))
-    return number
+    return number, True
 
 
 class RegisteredModelDataset(AbstractDataset[ModelBundle, ModelBundle]):
-    """A model in the MLflow registry: saving registers a new version, loading reads the highest or a given one.
+    """A model in the MLflow registry: saving registers a new version of a model
+    that has changed, loading reads the highest or a given one.
 
     Parameters
     ----------
@@ -201,9 +229,9 @@ class RegisteredModelDataset(AbstractDataset[ModelBundle, ModelBundle]):
         return load_registered_bundle(self._name, model_version=self._model_version)
 
     def save(self, data: ModelBundle) -> None:
-        """Register the model as a new version."""
-        number = register_bundle(data, self._name)
-        LOGGER.info("Registered %s version %s", self._name, number)
+        """Register the model as a new version, unless the highest version is the same model."""
+        number, is_new = register_bundle(data, self._name)
+        LOGGER.info("%s %s version %s", "Registered" if is_new else "Unchanged:", self._name, number)
 
     def _exists(self) -> bool:
         wanted = f"name='{self._name}'"

@@ -7,7 +7,8 @@ from typing import Any
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.datasets.digests import digest_json
-from mlsroad_pipeline.datasets.scene_storage import Record, SceneStorage
+from mlsroad_pipeline.datasets.scene_record import Record
+from mlsroad_pipeline.datasets.scene_storage import SceneStorage
 from mlsroad_pipeline.datasets.scene_task import StoredResult
 
 
@@ -22,19 +23,24 @@ class SceneCollection(Mapping[str, StoredResult]):
         Scene to record, from the manifest.
     part : str, optional
         The part of each result that the handles mean; None is the whole.
+    mapped : bool, default False
+        Whether the handles map arrays into memory instead of reading them.
     """
 
-    def __init__(self, storage: SceneStorage, records: Mapping[str, Record], part: str | None = None) -> None:
+    def __init__(
+        self, storage: SceneStorage, records: Mapping[str, Record], part: str | None = None, *, mapped: bool = False
+    ) -> None:
         self._storage = storage
         self._records = {key: records[key] for key in sorted(records)}
         self._part = part
+        self._mapped = mapped
 
     def __getitem__(self, key: str) -> StoredResult:
         """Return the handle of a scene; a KeyError names the store and the scene."""
         if key not in self._records:
             raise KeyError(f"{self._storage.url} has no scene {key!r}")
         fingerprint = self._records[key].fingerprint(self._part)
-        return StoredResult(self._storage.url, key, fingerprint, self._part, self._storage.options)
+        return StoredResult(self._storage.url, key, fingerprint, self._part, self._storage.options, self._mapped)
 
     def __iter__(self) -> Iterator[str]:
         """Iterate over the scenes' names."""
@@ -54,13 +60,15 @@ class SceneCollection(Mapping[str, StoredResult]):
         """Digest of the content of all scenes."""
         return digest_json([[key, record.fingerprint(self._part)] for key, record in self._records.items()])
 
-    def part(self, name: str) -> SceneCollection:
+    def part(self, name: str, *, mapped: bool = False) -> SceneCollection:
         """Return the same scenes with handles of one part of their results, so that a worker reads no more than it.
 
         Parameters
         ----------
         name : str
             The part.
+        mapped : bool, default False
+            Map arrays into memory instead of reading them, for functions that take some rows of each.
 
         Returns
         -------
@@ -76,7 +84,7 @@ class SceneCollection(Mapping[str, StoredResult]):
             if name not in {p.name for p in record.parts}:
                 have = ", ".join(p.name for p in record.parts)
                 raise DataError(f"{self._storage.url}: scene {key!r} has no part {name!r} (parts: {have})")
-        return SceneCollection(self._storage, self._records, name)
+        return SceneCollection(self._storage, self._records, name, mapped=mapped)
 
     def load_all(self, part: str | None = None) -> dict[str, Any]:
         """Read all scenes, or one part of each, into memory: for small things such as tables of figures.

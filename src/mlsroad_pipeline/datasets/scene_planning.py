@@ -27,11 +27,14 @@ class RangeOfRows:
         The file.
     start, stop : int
         The rows.
+    n_total : int
+        Points of the whole file.
     """
 
     file: PlannedFile
     start: int
     stop: int
+    n_total: int
 
     @property
     def key(self) -> str:
@@ -60,6 +63,7 @@ class RangeOfRows:
             "part": self.file.part,
             "start": self.start,
             "stop": self.stop,
+            "n_total": self.n_total,
             "file": self.file.number,
             "bin_length": ingest.bin_length,
             "time_gap": ingest.time_gap,
@@ -89,7 +93,7 @@ def cut_ranges(
     for file in plan.files:
         n_points = int(info[file.key]["n_points"][0])
         for start in range(0, n_points, ingest.range_points):
-            ranges.append(RangeOfRows(file, start, min(start + ingest.range_points, n_points)))
+            ranges.append(RangeOfRows(file, start, min(start + ingest.range_points, n_points), n_points))
     return ranges
 
 

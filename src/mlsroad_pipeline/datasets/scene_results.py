@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.mapped_arrays import map_arrays
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 
 POINTS, ARRAYS, TABLE = "points", "arrays", "table"
@@ -146,7 +147,7 @@ def write_part(kind: str, value: Any, stream: BinaryIO | RawIOBase) -> None:
         _write_table(value, stream)
 
 
-def read_part(kind: str, source: str | BinaryIO) -> Any:
+def read_part(kind: str, source: str | BinaryIO, *, mapped: bool = False) -> Any:
     """Read back what `write_part` wrote.
 
     Parameters
@@ -155,15 +156,17 @@ def read_part(kind: str, source: str | BinaryIO) -> Any:
         What the record of the part says.
     source : str or binary file
         A local path, or the content.
+    mapped : bool, default False
+        Map arrays of a local file into memory, read-only, instead of reading them.
 
     Returns
     -------
     PointCloud, dict or DataFrame
-        The value; its arrays are writable.
+        The value; its arrays are writable unless they are mapped.
     """
     if kind == POINTS:
         return _read_points(source)
-    return _read_arrays(source) if kind == ARRAYS else _read_table(source)
+    return _read_arrays(source, mapped=mapped) if kind == ARRAYS else _read_table(source)
 
 
 def _free_name(wish: str, taken: list[str]) -> str:
@@ -264,9 +267,12 @@ def _write_arrays(arrays: Mapping[str, Any], stream: BinaryIO | RawIOBase) -> No
                     np.lib.format.write_array(target, array, allow_pickle=False)
 
 
-def _read_arrays(source: str | BinaryIO) -> dict[str, Any]:
-    with np.load(source, allow_pickle=False) as archive:
-        entries = {name: archive[name] for name in archive.files}
+def _read_arrays(source: str | BinaryIO, *, mapped: bool) -> dict[str, Any]:
+    if mapped and isinstance(source, str):
+        entries = map_arrays(source)
+    else:
+        with np.load(source, allow_pickle=False) as archive:
+            entries = {name: archive[name] for name in archive.files}
     arrays: dict[str, Any] = {}
     for entry, array in entries.items():
         name, _, field = entry.partition("/")

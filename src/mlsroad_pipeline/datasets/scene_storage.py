@@ -16,18 +16,17 @@ import hashlib
 import io
 import uuid
 from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass
 from pathlib import PurePosixPath
 from typing import Any
 
 from fsspec.implementations.local import LocalFileSystem
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, MlsRoadError, ReadError
-from mlsroad_pipeline.datasets.digests import digest_json, new_digest
+from mlsroad_pipeline.datasets.digests import new_digest
+from mlsroad_pipeline.datasets.scene_record import FORMAT, Part, Record
 from mlsroad_pipeline.datasets.scene_results import EXTENSIONS, SINGLE, read_part, split_parts, write_part
 from mlsroad_pipeline.datasets.store_files import SHARED, HashingStream, StoreFiles
 
-FORMAT = 1
 MANIFEST = "manifest.json"
 RECORD = "record.json"
 _BLOCK = 1 << 20
@@ -35,84 +34,6 @@ _BLOCK = 1 << 20
 
 class SupersededError(MlsRoadError):
     """Another run has taken the store over; this one stores nothing more."""
-
-
-@dataclass(frozen=True)
-class Part:
-    """One file of a result.
-
-    Parameters
-    ----------
-    name : str
-        Name of the part; `result` where there is only one.
-    kind : str
-        A key of `scene_results.EXTENSIONS`, which says how it is stored.
-    size : int
-        Bytes.
-    checksum : str
-        Digest of its content, hexadecimal.
-    """
-
-    name: str
-    kind: str
-    size: int
-    checksum: str
-
-    @property
-    def file(self) -> str:
-        """The file's name in the folder of its scene."""
-        return f"{self.name}.{EXTENSIONS[self.kind]}"
-
-
-@dataclass(frozen=True)
-class Record:
-    """What makes the files of a scene a result.
-
-    Parameters
-    ----------
-    task : str
-        Fingerprint of the task that gave it.
-    parts : tuple of Part
-        Its files.
-    """
-
-    task: str
-    parts: tuple[Part, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the record as plain data."""
-        return {"format": FORMAT, "task": self.task, "parts": [asdict(part) for part in self.parts]}
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> Record:
-        """Return the record that `to_json` gave; a KeyError, TypeError or ValueError says that it is none."""
-        if data["format"] != FORMAT:
-            raise ValueError(f"record of format {data['format']}, not {FORMAT}")
-        return cls(data["task"], tuple(Part(**part) for part in data["parts"]))
-
-    def fingerprint(self, part: str | None = None) -> str:
-        """Return the fingerprint of the stored content.
-
-        Parameters
-        ----------
-        part : str, optional
-            Name of one part; None takes all.
-
-        Returns
-        -------
-        str
-            32 hexadecimal digits.
-
-        Raises
-        ------
-        DataError
-            If there is no such part.
-        """
-        chosen = [p for p in self.parts if part is None or p.name == part]
-        if part is not None and not chosen:
-            have = ", ".join(p.name for p in self.parts)
-            raise DataError(f"no part {part!r} is stored (parts: {have})")
-        return digest_json([[p.name, p.kind, p.checksum] for p in chosen])
 
 
 class SceneStorage(StoreFiles):
@@ -208,7 +129,7 @@ class SceneStorage(StoreFiles):
         self.write_json(f"{key}/{RECORD}", record.to_json())
         return record
 
-    def load(self, key: str, *, fingerprint: str, part: str | None = None) -> Any:
+    def load(self, key: str, *, fingerprint: str, part: str | None = None, mapped: bool = False) -> Any:
         """Read a result, or one part of it.
 
         Parameters
@@ -219,6 +140,8 @@ class SceneStorage(StoreFiles):
             What `Record.fingerprint` gave when the handle was made.
         part : str, optional
             The part; None reads all.
+        mapped : bool, default False
+            Map the arrays of local files into memory, read-only, instead of reading them.
 
         Returns
         -------
@@ -236,15 +159,15 @@ class SceneStorage(StoreFiles):
         if record.fingerprint(part) != fingerprint:
             raise ReadError(f"{self.url}: scene {key!r} has been computed anew since this store was loaded")
         chosen = [p for p in record.parts if part is None or p.name == part]
-        values = {p.name: self._load_part(key, p) for p in chosen}
+        values = {p.name: self._load_part(key, p, mapped=mapped) for p in chosen}
         return values[chosen[0].name] if part is not None or SINGLE in values else values
 
-    def _load_part(self, key: str, part: Part) -> Any:
+    def _load_part(self, key: str, part: Part, *, mapped: bool) -> Any:
         filesystem, root = self.opened()
         path = f"{root}/{key}/{part.file}"
         try:
             local = isinstance(filesystem, LocalFileSystem)
-            return read_part(part.kind, path if local else io.BytesIO(filesystem.cat_file(path)))
+            return read_part(part.kind, path if local else io.BytesIO(filesystem.cat_file(path)), mapped=mapped)
         except Exception as error:
             raise ReadError(f"{path}: cannot be read: {type(error).__name__}: {error}") from error
 

@@ -17,8 +17,9 @@ from mlsroad_pipeline.datasets.backends import run_jobs
 from mlsroad_pipeline.datasets.execution import Execution, Progress
 from mlsroad_pipeline.datasets.fingerprints import Fingerprinter
 from mlsroad_pipeline.datasets.scene_collection import SceneCollection
+from mlsroad_pipeline.datasets.scene_record import Record
 from mlsroad_pipeline.datasets.scene_results import is_valid_name
-from mlsroad_pipeline.datasets.scene_storage import MANIFEST, Record, SceneStorage
+from mlsroad_pipeline.datasets.scene_storage import MANIFEST, SceneStorage
 from mlsroad_pipeline.datasets.scene_task import SceneError, SceneFailure, SceneTask
 from mlsroad_pipeline.datasets.shared_values import share_values
 from mlsroad_pipeline.datasets.store_files import StoreFiles

@@ -103,6 +103,9 @@ class StoredResult:
         Which part of the result; None is the whole.
     storage_options : mapping, optional
         What the store's file system is opened with.
+    mapped : bool, default False
+        Map the arrays of local files into memory, read-only: a function that takes a few rows of large arrays reads
+        no more than those.
     """
 
     url: str
@@ -110,6 +113,7 @@ class StoredResult:
     fingerprint: str
     part: str | None = None
     storage_options: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    mapped: bool = field(default=False, compare=False)
 
     def load(self) -> Any:
         """Read the result from storage.
@@ -125,7 +129,7 @@ class StoredResult:
             If it is not there, has been computed anew since, or cannot be read.
         """
         storage = SceneStorage(self.url, self.storage_options)
-        return storage.load(self.key, fingerprint=self.fingerprint, part=self.part)
+        return storage.load(self.key, fingerprint=self.fingerprint, part=self.part, mapped=self.mapped)
 
     def fingerprint_data(self) -> Any:
         """Return what stands for the result in the fingerprints of tasks that read it."""

@@ -14,11 +14,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, cast
 
+from joblib.externals.loky import process_executor
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it has no stubs
 
 from mlsroad_pipeline.algorithms.exceptions import MlsRoadError, ParameterError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.scene_storage import Record, SceneStorage, SupersededError
+from mlsroad_pipeline.datasets.scene_record import Record
+from mlsroad_pipeline.datasets.scene_storage import SceneStorage, SupersededError
 from mlsroad_pipeline.datasets.scene_task import SceneFailure, SceneTask, load_inputs
 from mlsroad_pipeline.datasets.shared_values import load_shared
 
@@ -127,6 +129,7 @@ def run_scene(job: SceneJob) -> Outcome:
             raise SupersededError(f"{job.storage.url}: another run has taken this store over")
         if job.backend == "loky":
             _end_with_parent(os.getppid())
+            _keep_worker()
         with _one_inner_thread(for_good=job.backend in ("loky", "dask")):
             inputs = load_inputs(job.task.inputs)
             sources = sources or [value.source for value in inputs.values() if isinstance(value, PointCloud)]
@@ -152,6 +155,12 @@ def _end_with_parent(parent: int) -> None:
         os._exit(1)
 
     threading.Thread(target=watch, name="end-with-parent", daemon=True).start()
+
+
+@functools.lru_cache(maxsize=1)
+def _keep_worker() -> None:
+    """Keep loky from taking a scene's memory for a leak: it would end the worker, and the next one begins from cold."""
+    process_executor._MAX_MEMORY_LEAK_SIZE = sys.maxsize
 
 
 def describe_error(error: BaseException) -> str:

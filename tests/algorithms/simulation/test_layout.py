@@ -56,10 +56,9 @@ def test_boxes_hold_the_meshes(streets):
             c, s = np.cos(thing.box.heading), np.sin(thing.box.heading)
             rest = thing.mesh.vertices - [thing.box.x, thing.box.y, thing.base[2]]
             along, across = rest[:, 0] * c + rest[:, 1] * s, rest[:, 1] * c - rest[:, 0] * s
-            slack = 0.02 if thing.label not in (TAXONOMY["car"], TAXONOMY["van"], TAXONOMY["truck"], *FIXED) else 0.3
-            assert np.ptp(along) == pytest.approx(thing.box.length, abs=slack), thing.design
-            assert np.ptp(across) == pytest.approx(thing.box.width, abs=slack), thing.design
-            assert rest[:, 2].max() == pytest.approx(thing.box.height, abs=slack), thing.design
+            assert np.ptp(along) == pytest.approx(thing.box.length, abs=1e-6), thing.design
+            assert np.ptp(across) == pytest.approx(thing.box.width, abs=1e-6), thing.design
+            assert rest[:, 2].max() == pytest.approx(thing.box.height, abs=1e-6), thing.design
 
 
 def test_footprints_do_not_interpenetrate_unless_planned(streets):
@@ -151,7 +150,7 @@ def distance_to_mesh(point, meshes):
 def test_vehicles_of_a_lane_never_meet():
     street = draw_street(1, length=600.0, parameters=replace(STREETS["ring_road"], traffic=2.0))
     time = np.arange(0, 61, 1.0)
-    drive = Drive(time, 10.0 * time, np.zeros((61, 6)), np.zeros((61, 6)))
+    drive = Drive(time, 10.0 * time, np.zeros((61, 6)), np.zeros((61, 6)), 0.0, np.zeros((3, 2)))
     lanes = {}
     for block in range(10):
         for mover in draw_traffic(street, drive, block):

@@ -77,6 +77,16 @@ def test_a_class_with_one_example_is_detected_by_any_likeness(rng):
     assert detector.detect(counts)[0][0] == 0
 
 
+def test_a_class_without_training_objects_is_warned_of_and_never_detected(rng, caplog):
+    counts, labels = planted(rng, 60)
+    detector = VisualWordsDetector(["pole", "car", "tram"]).fit(counts, labels)
+    assert "No training object is a tram" in caplog.text
+    again = VisualWordsDetector.from_arrays(detector.to_arrays())
+    for each in (detector, again):
+        assert set(each.detect(counts)[0].tolist()) == {-1, 0, 1}
+        assert (each.score(counts)[:, 2] == 0).all()
+
+
 def test_arrays_give_the_same_detector(rng):
     counts, labels = planted(rng, 100)
     detector = VisualWordsDetector(["pole", "car"]).fit(counts, labels)
@@ -89,11 +99,64 @@ def test_bad_input(rng):
     counts, labels = planted(rng, 30)
     with pytest.raises(DataError, match=r"\(29,\) labels for 30 objects"):
         VisualWordsDetector(["pole"]).fit(counts, labels[:-1])
-    with pytest.raises(DataError, match="no training object of class 'tram' has words"):
-        VisualWordsDetector(["pole", "car", "tram"]).fit(counts, labels)
     with pytest.raises(DataError, match="2 words for the objects of 1 groups"):
         count_words(np.array([0, 1]), np.array([0]), n_objects=1, stopped=np.zeros(2, bool))
     with pytest.raises(DataError, match="bags of 60 and 3 words cannot be compared"):
         similarity(counts, csr_array((1, 3)))
     with pytest.raises(ParameterError, match="max_queries must be at least 1, got 0"):
         DetectorParameters(max_queries=0)
+
+
+def test_a_scene_without_objects_and_a_cloud_without_any(rng):
+    from mlsroad_pipeline.algorithms.classes import ClassScheme
+    from mlsroad_pipeline.algorithms.detection import DetectionParameters, object_classes
+    from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, segment_scene
+    from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+    from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
+    from mlsroad_pipeline.algorithms.visual_words.labeller import describe_objects, detect_scene, label_cloud
+    from mlsroad_pipeline.algorithms.visual_words.training import (
+        DetectionStages,
+        VisualWordsParameters,
+        train_detector,
+    )
+
+    members = (("light_pole",), ("road", "tree"))
+    scheme = ClassScheme("test", ("pole", "other"), members, ("unlabelled",), (64, 1))
+    detection = DetectionParameters("test", ("pole",), min_points=5)
+    parameters = VisualWordsParameters(regions={"voxel_size": 0.1, "seed_resolution": 0.3})
+    road = rng.uniform([0, 0, 0], [20, 6, 0.03], (9000, 3))
+    poles = [rng.uniform([x, 3, 0.1], [x + 0.1, 3.1, 5], (700, 3)) for x in (4, 10, 16)]
+    bush = rng.uniform([12.5, 1, 0.1], [14, 2, 1], (3000, 3))
+    xyz = np.concatenate([road, *poles, bush])
+    label = np.repeat(np.array([1, 41, 31], np.uint8), [9000, 2100, 3000])
+    intensity = rng.random(len(xyz)).astype(np.float32)
+    columns = {"label": label, "core": np.ones(len(xyz), bool), "intensity": intensity}
+    scene = PointCloud(xyz, columns, source="street")
+    stages = DetectionStages(GroundParameters(), SegmentationParameters())
+    ground = {"ground": label == 1}
+    objects = segment_scene(scene, ground, stages.segmentation)
+    groups = describe_objects(scene, objects, parameters=parameters.groups)
+    named = object_classes(scene, objects, scheme=scheme, parameters=detection)
+    assert (named["label"] == 0).sum() == 3
+    bundle = train_detector(
+        {"train.a": groups}, {"train.a": named}, parameters=parameters, stages=stages, detection=detection,
+        scheme=scheme, trained_on={},
+    )  # fmt: skip
+    assert bundle.metadata["variants"] == ["geometry+intensity", "geometry"]
+    given = scene.with_columns(ground=ground["ground"], height=xyz[:, 2].astype(np.float32))
+    for cloud in (given, given.without_columns(["intensity"])):
+        found, confidence = label_cloud(cloud, bundle)
+        assert (found[label == 41] == 0).mean() > 0.9 and (found[label == 1] == -1).all()
+        assert (confidence[found == -1] == 0).all() and (confidence[found == 0] > 0).all()
+    bare = PointCloud(road, {"core": np.ones(9000, bool), "label": label[:9000]}, source="bare road")
+    nothing = segment_scene(bare, {"ground": np.ones(9000, bool)}, stages.segmentation)
+    described = describe_objects(bare, nothing, parameters=parameters.groups)
+    assert detect_scene(described, bundle)["label"].shape == (0,)
+    with pytest.raises(DataError, match="the split 'train' is empty"):
+        train_detector({}, {}, parameters=parameters, stages=stages, detection=detection, scheme=scheme, trained_on={})
+    empty = object_classes(bare, nothing, scheme=scheme, parameters=detection)
+    with pytest.raises(DataError, match="no groups to make words of"):
+        train_detector(
+            {"train.a": described}, {"train.a": empty}, parameters=parameters, stages=stages, detection=detection,
+            scheme=scheme, trained_on={},
+        )  # fmt: skip

@@ -73,6 +73,12 @@ def test_sign_of_orientations_and_common_scale_do_not_matter(rng):
     np.testing.assert_allclose(one[1], other[1], rtol=1e-5)
 
 
+def test_no_groups_have_no_words(rng):
+    words = random_groups(rng, 20)
+    found, distances = nearest_words(words.select(np.zeros(0, int)), words)
+    assert found.shape == distances.shape == (0,)
+
+
 def test_threads_do_not_matter(rng):
     groups, words = random_groups(rng, 200), random_groups(rng, 300)
     one, two = (nearest_words(groups, words, n_threads=n) for n in (1, 2))

@@ -71,10 +71,11 @@ def test_number_of_words_and_same_seed_same_words(rng):
     assert len(every) == 7  # no more words than groups
 
 
-def test_groups_that_are_all_alike_make_one_word(rng):
+@pytest.mark.parametrize("matrix", [30, 500], ids=["divided", "at once"])
+def test_groups_that_are_all_alike_make_one_word(rng, matrix):
     groups, _ = planted(rng, 80, kinds=1, spread=0.0)
-    vocabulary = build_vocabulary(groups, np.zeros(80, int), parameters=VocabularyParameters(n_words=5, stop_share=0))
-    assert len(vocabulary) == 1
+    parameters = VocabularyParameters(n_words=5, stop_share=0, matrix=matrix)
+    assert len(build_vocabulary(groups, np.zeros(80, int), parameters=parameters)) == 1
 
 
 def test_stop_list_takes_the_most_frequent_words_of_almost_all_scenes():

@@ -29,7 +29,7 @@ class CutParameters:
 
     Parameters
     ----------
-    spacing : float, default 1.0
+    spacing : float, default 0.6
         Least distance in plan between two places, and twice the blur of the map, metres. Larger values find fewer.
     radii : sequence of float
         Background radii that are tried at each place, metres, ascending. The smallest that isolates is taken.
@@ -39,7 +39,7 @@ class CutParameters:
         Each site is linked to so many nearest ones (golovinskiy2009: 4).
     link : float, default 0.3
         Distance over which the weight of a link falls to 1/e, metres.
-    background : float, default 0.2
+    background : float, default 0.05
         What a site at the radius costs as foreground, in links of length 0. Larger values cut closer to the place.
     isolated : float, default 0.1
         A cut whose links weigh less than this share of the foreground's number of sites isolates an object.
@@ -50,12 +50,12 @@ class CutParameters:
         If a number is not above zero or the radii do not ascend.
     """
 
-    spacing: float = 1.0
+    spacing: float = 0.6
     radii: tuple[float, ...] = (1.0, 2.0, 4.0)
     core: float = 0.3
     neighbours: int = 8
     link: float = 0.3
-    background: float = 0.2
+    background: float = 0.05
     isolated: float = 0.1
 
     def __post_init__(self) -> None:

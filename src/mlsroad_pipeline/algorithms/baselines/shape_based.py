@@ -41,11 +41,11 @@ class ShapeParameters:
 
     Parameters
     ----------
-    spacing : float, default 1.0
+    spacing : float, default 0.6
         Least distance in plan between two places where objects are looked for, metres. Larger values find fewer.
     radii : sequence of float, default [1.0, 2.0, 4.0]
         Background radii of the cut that are tried at each place, metres, ascending.
-    background : float, default 0.2
+    background : float, default 0.05
         What a site at the radius costs as foreground. Larger values cut closer to the place.
     isolated : float, default 0.1
         Cut links per foreground site below which a cut isolates an object, so that no larger radius is tried.
@@ -65,9 +65,9 @@ class ShapeParameters:
         If a number is out of its range.
     """
 
-    spacing: float = 1.0
+    spacing: float = 0.6
     radii: Sequence[float] = field(default_factory=lambda: [1.0, 2.0, 4.0])
-    background: float = 0.2
+    background: float = 0.05
     isolated: float = 0.1
     appearance: bool = True
     n_trees: int = 100
@@ -176,7 +176,7 @@ def fit(
     scheme: ClassScheme,
     trained_on: Mapping[str, Any],
 ) -> ModelBundle:
-    """Learn the classes of objects.
+    """Learn the classes of objects, each weighing the square root of its number of patches.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def fit(
         min_samples_leaf=parameters.min_samples_leaf,
         class_weight="balanced_subsample",
         random_state=parameters.seed,
-    ).fit(features, labels)
+    ).fit(features, labels, sample_weight=np.exp(0.5 * features[:, 0]))  # the root of an object's number of patches
     missing = [name for number, name in enumerate(scheme.classes) if number not in known]
     if missing:
         logger.warning("%s: no training object is of %s: the model never gives them", SLUG, ", ".join(missing))

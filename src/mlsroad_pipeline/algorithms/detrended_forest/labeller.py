@@ -8,7 +8,7 @@ this module uses them and imports no more than that takes.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -19,7 +19,7 @@ from mlsroad_pipeline.algorithms.classes import IGNORE
 from mlsroad_pipeline.algorithms.detrended_forest.labelling import label_points, smooth_probabilities
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.flat_forest import FlatForest
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, missing_attributes
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import (
     FeatureParameters,
@@ -117,24 +117,6 @@ def _predict(arrays: Mapping[str, NDArray], values: NDArray[np.float32]) -> NDAr
 def _variant_arrays(bundle: ModelBundle, variant: str) -> dict[str, NDArray]:
     prefix = f"{variant}."
     return {key.removeprefix(prefix): array for key, array in bundle.arrays.items() if key.startswith(prefix)}
-
-
-def missing_attributes(bundle: ModelBundle, columns: Sequence[str]) -> list[str]:
-    """Tell what the model was trained with and a survey does not have.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        A model of `fit`.
-    columns : sequence of str
-        The survey's columns.
-
-    Returns
-    -------
-    list of str
-        Out of ``"rgb"`` and ``"intensity"``; the model then uses a forest that was trained without them.
-    """
-    return [name for name in bundle.metadata["attributes"] if name not in columns]
 
 
 def prepare(scene: PointCloud, bundle: ModelBundle) -> tuple[dict[str, NDArray], dict[str, Any], dict[str, NDArray]]:

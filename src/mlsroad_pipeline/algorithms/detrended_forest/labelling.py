@@ -2,147 +2,16 @@
 
 from __future__ import annotations
 
-from math import ceil
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.cell_grid import bounding_box, build_cell_grids, check_threads, run_in_chunks
+from mlsroad_pipeline.algorithms.detrended_forest.nearest import nearest_supervoxels
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.detrending import local_tendency
 from mlsroad_pipeline.algorithms.validation import check_column, check_xyz
-
-_SPACING_SAMPLE = 1000
-
-
-@njit(cache=True, nogil=True)
-def _candidates(
-    centre: NDArray,
-    limit: float,
-    key: int,
-    reach: int,
-    centroids: NDArray,
-    order: NDArray,
-    keys: NDArray,
-    starts: NDArray,
-    shape: tuple[int, int, int],
-    found: NDArray,
-) -> int:
-    """List the centroids within `limit` of a cell's centre, and return how many there are."""
-    n = 0
-    nx, ny, nz = shape
-    ix, iy, iz = key % nx, key // nx % ny, key // (nx * ny)
-    # Far from all centroids there are more rows of cells to look at than cells: then all centroids are tested.
-    every = (2 * reach + 1) ** 2 > len(keys)
-    for z in range(0 if every else max(iz - reach, 0), 1 if every else min(iz + reach + 1, nz)):
-        for y in range(0 if every else max(iy - reach, 0), 1 if every else min(iy + reach + 1, ny)):
-            first, last = 0, len(order)
-            if not every:
-                row = (z * ny + y) * nx
-                first = starts[np.searchsorted(keys, row + max(ix - reach, 0))]
-                last = starts[np.searchsorted(keys, row + min(ix + reach, nx - 1), side="right")]
-            for i in range(first, last):
-                c = order[i]
-                dx, dy, dz = centroids[c, 0] - centre[0], centroids[c, 1] - centre[1], centroids[c, 2] - centre[2]
-                if dx * dx + dy * dy + dz * dz <= limit * limit:
-                    found[n] = c
-                    n += 1
-    return n
-
-
-@njit(cache=True, nogil=True)
-def _search_cells(
-    xyz: NDArray,
-    p_order: NDArray,
-    p_keys: NDArray,
-    p_starts: NDArray,
-    centres: NDArray,
-    nearest: NDArray,
-    centroids: NDArray,
-    order: NDArray,
-    keys: NDArray,
-    starts: NDArray,
-    shape: tuple[int, int, int],
-    size: float,
-    first: int,
-    last: int,
-    out: NDArray,
-) -> None:
-    """Find the nearest centroid of every point in cells first to last."""
-    found = np.empty(len(order), np.int32)
-    for cell in range(first, last):
-        # A point is at most half a diagonal from the centre, so its nearest centroid is within `limit` of the centre.
-        limit = nearest[cell] + size * 1.7320509
-        reach = np.int64(limit / size) + 2
-        n = _candidates(centres[cell], limit, p_keys[cell], reach, centroids, order, keys, starts, shape, found)
-        for i in range(p_starts[cell], p_starts[cell + 1]):
-            p = p_order[i]
-            best, winner = np.inf, -1
-            for j in range(n):
-                c = found[j]
-                dx, dy, dz = centroids[c, 0] - xyz[p, 0], centroids[c, 1] - xyz[p, 1], centroids[c, 2] - xyz[p, 2]
-                distance = dx * dx + dy * dy + dz * dz
-                if distance < best or (distance == best and c < winner):
-                    best, winner = distance, c
-            out[p] = winner
-
-
-def nearest_supervoxels(xyz: ArrayLike, centroids: ArrayLike, *, n_threads: int = 1) -> NDArray[np.int32]:
-    """Find the supervoxel whose centroid is nearest to each point, exactly.
-
-    Points are sorted into cells; the few centroids that can be nearest to any point of a cell are found once for it.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points in metres.
-    centroids : array-like of shape (s, 3)
-        Centroids of the supervoxels in the same frame.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        Supervoxel of each point, of equally near ones the lowest.
-
-    Raises
-    ------
-    DataError
-        If coordinates are not (n, 3) and finite, or there is no centroid.
-    ParameterError
-        If `n_threads` is below 1.
-    """
-    check_threads(n_threads)
-    seeds = check_xyz(centroids, minimum=1, name="centroids").astype(np.float64)
-    points = check_xyz(xyz)
-    out = np.empty(len(points), np.int32)
-    if len(points) == 0:
-        return out
-    tree = cKDTree(seeds)
-    sample = seeds[:: ceil(len(seeds) / _SPACING_SAMPLE)]
-    spacing = np.median(tree.query(sample, k=2)[0][:, 1]) if len(seeds) > 1 else 0.0
-    boxes = np.vstack([bounding_box(points), bounding_box(seeds)])
-    extent = float(np.ptp(boxes, axis=0).max())
-    size = float(spacing) / 2 if spacing > 0 else max(extent, 1.0)
-    # Far outliers must not make the grid finer than 64-bit keys can number.
-    size = max(size, extent / 2**20)
-    grid, seed_grid = build_cell_grids(points, seeds, cell_size=size)
-    centres = grid.centres()
-    nearest = tree.query(centres, workers=n_threads)[0]
-
-    def search(first: int, last: int) -> None:
-        _search_cells(
-            points, grid.order, grid.keys, grid.starts, centres, nearest, seeds, seed_grid.order, seed_grid.keys,
-            seed_grid.starts, grid.shape, size, first, last, out,
-        )  # fmt: skip
-
-    run_in_chunks(search, len(grid.keys), n_threads=n_threads)
-    return out
 
 
 def smooth_probabilities(

@@ -13,6 +13,8 @@ from mlsroad_pipeline.algorithms.patch_graph.moves import insert, largest, slot_
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex
 from mlsroad_pipeline.algorithms.patches import UNKNOWN
 
+_BLOCK = 4096  # patches that a core's cache holds
+
 
 def minority_classes(labels: NDArray[np.int16]) -> list[int]:
     """Return the classes that have less than half of an equal share of the labelled patches."""
@@ -87,21 +89,28 @@ def search_all_targets(
     matches: NDArray[np.int32],
     costs: NDArray[np.float32],
 ) -> None:
-    """Give the nodes at places `first` to `last` of `nodes` their best matches of all."""
+    """Give the nodes at places `first` to `last` of `nodes` their best matches of all.
+
+    All nodes look at one block of targets before the next: the targets are then read from memory once.
+    """
     table, targets = source.table, target.table
-    scenes = np.empty(matches.shape[1], np.int32)
+    scenes = np.empty((last - first, matches.shape[1]), np.int32)
     for i in range(first, last):
-        u = nodes[i]
-        for k in range(len(scenes)):
-            scenes[k] = target.scene[matches[u, k]]
-        for s in range(len(target.scene_starts) - 1):
-            if same and source.scene[u] == s:
-                continue
-            slot = slot_of(scenes, costs[u], s)
-            for v in range(target.scene_starts[s], target.scene_starts[s + 1]):
-                cost = bounded_cost(table, u, targets, v, costs[u, slot])
-                if cost < costs[u, slot]:
-                    matches[u, slot], costs[u, slot], scenes[slot] = v, cost, s
+        for k in range(matches.shape[1]):
+            scenes[i - first, k] = target.scene[matches[nodes[i], k]]
+    for s in range(len(target.scene_starts) - 1):
+        for begin in range(target.scene_starts[s], target.scene_starts[s + 1], _BLOCK):
+            end = min(begin + _BLOCK, target.scene_starts[s + 1])
+            for i in range(first, last):
+                u = nodes[i]
+                if same and source.scene[u] == s:
+                    continue
+                slot = slot_of(scenes[i - first], costs[u], s)
+                bound = costs[u, slot]
+                for v in range(begin, end):
+                    cost = bounded_cost(table, u, targets, v, bound)
+                    if cost < bound:
+                        matches[u, slot], costs[u, slot], scenes[i - first, slot], bound = v, cost, s, cost
 
 
 @njit(cache=True, nogil=True)

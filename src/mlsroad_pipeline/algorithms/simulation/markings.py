@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation.ground import Ground
 from mlsroad_pipeline.algorithms.simulation.junctions import (
@@ -65,9 +66,10 @@ def _side_street(t: float, q: float, ground: Ground, arm: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _near_junction(s: float, left: float, ground: Ground, lane_edge: float) -> int:
+def _near_junction(
+    s: float, left: float, arms: NDArray[np.float64], shape: NDArray[np.float64], lane_edge: float
+) -> int:
     """Return 0 away from junctions, 1 where a side street joins, 2 on an arrow, 3 opposite a side street."""
-    arms = ground.arms
     for k in range(np.searchsorted(arms[:, STATION], s - REACH), len(arms)):
         row = arms[k]
         along = s - row[STATION]
@@ -78,15 +80,15 @@ def _near_junction(s: float, left: float, ground: Ground, lane_edge: float) -> i
         mouth = row[HALF_WIDTH] + row[RADIUS]
         same = (left >= 0) == (int(row[SIDE]) == 0)
         if abs(along) < mouth + 0.5:
-            return 1 if same or abs(left) < ground.shape[5] + 0.5 else 3
+            return 1 if same or abs(left) < shape[5] + 0.5 else 3
         if int(row[CONTROL]) != SIGNALS or abs(left) > lane_edge:
             continue
         # Traffic on the right runs ahead along the street, on the left back.
         before = -along if left < 0 else along
-        lane = ground.shape[3]
-        number = np.floor((abs(left) - ground.shape[5]) / lane)
-        across = (abs(left) - ground.shape[5]) - (number + 0.5) * lane
-        inner, outer = number == 0, number == ground.shape[4] - 1
+        lane = shape[3]
+        number = np.floor((abs(left) - shape[5]) / lane)
+        across = (abs(left) - shape[5]) - (number + 0.5) * lane
+        inner, outer = number == 0, number == shape[4] - 1
         turn_right = outer and same
         turns = -1 if turn_right else (1 if inner and not same else 0)
         for tail in (mouth + 16.0, mouth + 34.0):
@@ -96,15 +98,17 @@ def _near_junction(s: float, left: float, ground: Ground, lane_edge: float) -> i
 
 
 @njit(cache=True, nogil=True)
-def _at_crossing(s: float, left: float, edge: float, junction: int, ground: Ground) -> int:
+def _at_crossing(
+    s: float, left: float, edge: float, junction: int, crossings: NDArray[np.float64], half: float, median: float
+) -> int:
     """Return 1 on the paint of a zebra crossing, of its stop line and of the line before it, 0 between, -1 away."""
-    c = nearest_crossing(s, ground.crossings)
+    c = nearest_crossing(s, crossings)
     if c < 0:
         return -1
-    a, median, ahead = abs(left), ground.shape[5], ground.crossings[c, 0] > s
-    gap = abs(s - ground.crossings[c, 0]) - ground.crossings[c, 1]
+    a, ahead = abs(left), crossings[c, 0] > s
+    gap = abs(s - crossings[c, 0]) - crossings[c, 1]
     if gap < 0:
-        on_road = median < a < ground.section[0 if left >= 0 else 1, 0] - 0.3
+        on_road = median < a < half - 0.3
         return 1 if on_road and (left % 1.0) < 0.5 else 0
     if gap < 12.0 and junction == 0:
         before = gap if ahead == (left < 0) else -gap
@@ -131,9 +135,9 @@ def _between_lanes(s: float, a: float, edge: float, ground: Ground) -> bool:
 def _at_the_edge(s: float, left: float, edge: float, ground: Ground) -> bool:
     """Tell whether a place lies on the edge line or on the lines of parking bays."""
     side = 0 if left >= 0 else 1
-    if ground.section[side, 1] == 0:
-        return abs(edge + 0.45) < _LINE
-    if edge < -_LINE or not bay_is_free(s, side, ground.section, ground.arms, ground.crossings):
+    if ground.section[side, 1] == 0 or edge < -_LINE:
+        return ground.section[side, 1] == 0 and abs(edge + 0.45) < _LINE
+    if not bay_is_free(s, side, ground.section, ground.arms, ground.crossings):
         return False
     # Slanted bays are entered forwards: their far ends lie ahead in the direction of traffic.
     slant = ground.shape[6]
@@ -159,10 +163,12 @@ def main_street_marking(s: float, left: float, ground: Ground) -> bool:
     """
     a, side = abs(left), 0 if left >= 0 else 1
     lane_edge = ground.section[side, 0] - ground.section[side, 1]
-    junction = _near_junction(s, left, ground, lane_edge)
+    junction = _near_junction(s, left, ground.arms, ground.shape, lane_edge)
     if junction == 2:
         return True
-    crossing = _at_crossing(s, left, a - lane_edge, junction, ground)
+    crossing = _at_crossing(
+        s, left, a - lane_edge, junction, ground.crossings, ground.section[side, 0], ground.shape[5]
+    )
     if crossing >= 0 or junction == 1:
         return crossing == 1
     return _between_lanes(s, a, a - lane_edge, ground) or _at_the_edge(s, left, a - lane_edge, ground)

@@ -259,11 +259,12 @@ class Site:
                 [s + c, s - c, s - 0.7 * n, s + 0.7 * n], [left + n, left - n, left + 0.7 * c, left - 0.7 * c]
             )
             pitch, roll = -float(np.arctan((ahead - behind) / 2.0)), float(np.arctan((port - starboard) / 1.4))
+        body = mesh.moved([0.0, 0.0, 0.0], pitch=pitch, roll=roll) if tilt else mesh
         self._numbered += numbered
         instance = (self.block + MARGIN) * INSTANCES_PER_BLOCK + self._numbered if numbered else 0
         placed = Placed(
-            TAXONOMY[label], instance, mesh.moved(base, yaw=turn, pitch=pitch, roll=roll), base, name,
-            box_around(mesh, base, turn), hard_case,
+            TAXONOMY[label], instance, body.moved(base, yaw=turn), base, name,
+            box_around(body, base, turn), hard_case,
         )  # fmt: skip
         self.placed.append(placed)
         self.where.append((s, left))

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -29,15 +25,11 @@ from mlsroad_pipeline.algorithms.simulation.scanner import draw_calibration, geo
 from mlsroad_pipeline.algorithms.simulation.scene import Mover, RayScene
 from mlsroad_pipeline.algorithms.simulation.standing import Standing, build_standing
 from mlsroad_pipeline.algorithms.simulation.street import BLOCK, draw_street, generator
+from mlsroad_pipeline.algorithms.simulation.threads import ahead_of, workers
 from mlsroad_pipeline.algorithms.simulation.traffic import draw_traffic
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 _BEHIND, _AHEAD = 1, 2  # blocks around the vehicle's own that rays can meet
 _PULSES = 262_144  # pulses of one scanner that are cast at once
-
-_SWITCH = 0.0002  # seconds that a thread may hold the interpreter while others wait
 
 PASS_INSTANCES = 10_000_000
 """Moving objects of a further pass are numbered this much higher, as they are others."""
@@ -186,8 +178,8 @@ class SurveyStream:
         def build(number: int) -> tuple[int, RayScene, dict[int, ObjectRecord]]:
             return number, self.scene(number), {record.instance: record for record in self.objects()}
 
-        with _workers(1 if self.n_threads > 1 else 0) as pool:
-            yield from _ahead(pool, build, range(self.block_count()), 1)
+        with workers(1 if self.n_threads > 1 else 0) as pool:
+            yield from ahead_of(pool, build, range(self.block_count()), 1)
 
     def scan(self, number: int, scene: RayScene) -> Iterator[PointCloud]:
         """Yield the points measured while the vehicle is in a block.
@@ -211,8 +203,8 @@ class SurveyStream:
         count = max(int(np.ceil((end - start) * fastest / _PULSES)), 1)
         edges = np.linspace(start, end, count + 1)
         jobs = [(s, *edges[k : k + 2]) for k in range(count) for s in range(len(self._devices))]
-        with _workers(self.n_threads if self.n_threads > 1 else 0) as pool:
-            results = _ahead(pool, lambda job: self._measure(scene, *job), jobs, self.n_threads)
+        with workers(self.n_threads if self.n_threads > 1 else 0) as pool:
+            results = ahead_of(pool, lambda job: self._measure(scene, *job), jobs, self.n_threads)
             for _ in range(count):
                 yield self._merged([next(results) for _ in self._devices])
 
@@ -282,8 +274,8 @@ class SurveyStream:
                 camera=camera, time=self.drive.time_at(k * interval), name=f"{before}{k:05d}_{camera}",
             )  # fmt: skip
 
-        with _workers(self.n_threads if self.n_threads > 1 else 0) as pool:
-            pairs = list(_ahead(pool, take, shots, self.n_threads))
+        with workers(self.n_threads if self.n_threads > 1 else 0) as pool:
+            pairs = list(ahead_of(pool, take, shots, self.n_threads))
         return [image for image, _ in pairs], [depth for _, depth in pairs]
 
     def objects(self) -> Iterator[ObjectRecord]:
@@ -302,37 +294,6 @@ class SurveyStream:
                 turn = float(heading[0]) + (np.pi if motion.speed < 0 else 0.0)
                 around = box_around(mover.mesh, base, turn)
                 yield ObjectRecord(mover.instance, mover.label, mover.design, base, True, around, "")
-
-
-@contextmanager
-def _workers(count: int) -> Iterator[ThreadPoolExecutor | None]:
-    """Yield a pool of threads, or None for no thread; what has not begun when it is left does not begin."""
-    if count == 0:
-        yield None
-        return
-    pool = ThreadPoolExecutor(count)
-    # Compiled code runs without the interpreter's lock and comes back for it often: waiting for 5 ms each time adds up.
-    interval = sys.getswitchinterval()
-    sys.setswitchinterval(min(interval, _SWITCH))
-    try:
-        yield pool
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-        sys.setswitchinterval(interval)
-
-
-def _ahead(pool: ThreadPoolExecutor | None, function: Callable[[T], R], items: Iterable[T], ahead: int) -> Iterator[R]:
-    """Apply a function to items in order, with a few more in work than have been asked for."""
-    if pool is None:
-        yield from map(function, items)
-        return
-    waiting: deque[Future[R]] = deque()
-    for item in items:
-        waiting.append(pool.submit(function, item))
-        if len(waiting) > ahead:
-            yield waiting.popleft().result()
-    while waiting:
-        yield waiting.popleft().result()
 
 
 @njit(cache=True, nogil=True)

@@ -77,7 +77,8 @@ def sorted_features(context: Context) -> NDArray[np.float64]:
     ndarray of float64, shape (g, m * r)
         One row per group.
     """
-    return np.sort(context.features, axis=1).reshape(len(context.features), -1)
+    g, m, r = context.features.shape
+    return np.sort(context.features, axis=1).reshape(g, m * r)
 
 
 @njit(cache=True, nogil=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,8 @@ from scipy.sparse import csr_array
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.metrics.detection import precision_recall_curve
 from mlsroad_pipeline.algorithms.visual_words.bags import inverse_document_frequency, similarity, weigh_words
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -85,7 +88,7 @@ class VisualWordsDetector:
 
         For each class queries are taken one by one, each time the object that raises the F-score on the training
         objects most, at the threshold that is best for it; no object is compared with itself. It ends when none raises
-        it any more.
+        it any more. A class without training objects is warned of and never detected.
 
         Parameters
         ----------
@@ -102,7 +105,7 @@ class VisualWordsDetector:
         Raises
         ------
         DataError
-            If there is not one label per object, or a class has no object with words.
+            If there is not one label per object.
         """
         truth = np.asarray(labels)
         if truth.shape != (counts.shape[0],):
@@ -114,7 +117,9 @@ class VisualWordsDetector:
         for number, name in enumerate(self.classes):
             mine = np.flatnonzero((truth == number) & (filled > 0))
             if len(mine) == 0:
-                raise DataError(f"no training object of class {name!r} has words: there is nothing to look for it with")
+                logger.warning("No training object is a %s: the model never detects one", name)
+                self.queries_[name] = ClassQueries(bags[mine], float("inf"))
+                continue
             order = mine[np.argsort(-filled[mine], kind="stable")][: self.parameters.candidates]
             chosen, threshold = _choose(similarity(bags[order], bags), order, truth == number, self.parameters)
             self.queries_[name] = ClassQueries(bags[order[chosen]], threshold)
@@ -139,7 +144,7 @@ class VisualWordsDetector:
             If the objects have another vocabulary.
         """
         bags = weigh_words(counts, self.inverse_frequency_)
-        return np.column_stack([similarity(q.bags, bags).max(axis=0) for q in self.queries_.values()])
+        return np.column_stack([similarity(q.bags, bags).max(axis=0, initial=0.0) for q in self.queries_.values()])
 
     def detect(self, counts: csr_array) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
         """Detect objects.

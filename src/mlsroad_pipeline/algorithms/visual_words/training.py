@@ -138,7 +138,9 @@ def train_detector(
         facts[variant] = {
             "words": len(vocabulary),
             "queries": {name: int(found.bags.shape[0]) for name, found in detector.queries_.items()},
-            "thresholds": {name: found.threshold for name, found in detector.queries_.items()},
+            "thresholds": {
+                name: found.threshold for name, found in detector.queries_.items() if np.isfinite(found.threshold)
+            },
         }
     metadata = {
         "entry_point": ENTRY_POINT,

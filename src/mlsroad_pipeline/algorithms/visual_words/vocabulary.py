@@ -233,14 +233,14 @@ def _divide(
         matrix = _distances(known, sample, matching, parameters.floor)
         n_parts = share if small else min(parameters.branches, share)
         centres = sample[_cluster(matrix, n_parts, rng.random(n_parts))]
-        if small or n_parts == 1:
+        if small or len(centres) == 1:  # a sample that is all alike stands for the whole
             chosen.append(centres)
             continue
         index = WordIndex(groups.select(centres), inverse, parameters.floor)
         part, away = index.search(groups.select(members), n_threads=n_threads)
-        sizes = np.bincount(part, minlength=n_parts)
-        shares = _shares(np.bincount(part, away, minlength=n_parts).astype(np.float64), sizes, share)
-        waiting += [(members[part == k], int(shares[k])) for k in range(n_parts) if sizes[k]]
+        sizes = np.bincount(part, minlength=len(centres))
+        shares = _shares(np.bincount(part, away, minlength=len(centres)).astype(np.float64), sizes, share)
+        waiting += [(members[part == k], int(shares[k])) for k in range(len(centres)) if sizes[k]]
     return np.concatenate(chosen)
 
 

@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParamete
 from mlsroad_pipeline.algorithms.evaluation import find_scheme
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
-from mlsroad_pipeline.datasets.label_work import label_prepared_scene
+from mlsroad_pipeline.datasets.forest_work import label_prepared_scene
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
 from mlsroad_pipeline.datasets.survey_plan import SurveyParameters

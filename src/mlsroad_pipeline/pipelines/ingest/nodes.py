@@ -158,7 +158,7 @@ def assemble_scenes(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestPar
     dict of str to SceneTask
         One task per scene, named ``<split>.<folder>.scene_<number>``.
     """
-    bins, points = pieces.load_all("bins"), pieces.part("points")
+    bins, points = pieces.load_all("bins"), pieces.part("points", mapped=True)
     return {
         scene.key: SceneTask(
             join_pieces,

@@ -113,7 +113,7 @@ def label_new_scenes(
         "rules": object_rules(bundle, parameters.inventory),
         "ground": ground,
     }
-    bins, points = pieces.load_all("bins"), pieces.part("points")
+    bins, points = pieces.load_all("bins"), pieces.part("points", mapped=True)
     return {
         scene.key: SceneTask(
             label_pieces,
@@ -160,7 +160,7 @@ def make_inventory(
 
 
 def write_labelled_files(
-    plan: SurveyPlan, results: SceneCollection, parameters: LabelParameters
+    plan: SurveyPlan, pieces: SceneCollection, results: SceneCollection, parameters: LabelParameters
 ) -> dict[str, SceneTask]:
     """Name the work that writes each file with its labels.
 
@@ -168,6 +168,8 @@ def write_labelled_files(
     ----------
     plan : SurveyPlan
         The files.
+    pieces : SceneCollection
+        Their ranges, which know whether there were classes.
     results : SceneCollection
         Labels of all scenes.
     parameters : LabelParameters
@@ -185,7 +187,7 @@ def write_labelled_files(
             output.parameters(plan.options),
             outputs=output.written,
         )
-        for output in planned_outputs(plan, results, str(parameters.output))
+        for output in planned_outputs(plan, pieces, results, str(parameters.output))
     }
 
 

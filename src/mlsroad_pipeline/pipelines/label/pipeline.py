@@ -56,7 +56,7 @@ def _labelling() -> list[Node]:
         ),
         Node(
             write_labelled_files,
-            inputs=["label_plan", "label_results_store", "params:label"],
+            inputs=["label_plan", "label_pieces_store", "label_results_store", "params:label"],
             outputs="label_written_store",
             name="write_labelled_files",
         ),

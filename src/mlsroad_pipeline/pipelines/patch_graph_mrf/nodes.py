@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParam
 from mlsroad_pipeline.algorithms.patch_labelling import PatchStages
 from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-from mlsroad_pipeline.datasets.label_work import label_prepared_patches
+from mlsroad_pipeline.datasets.method_work import label_prepared_patches
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile

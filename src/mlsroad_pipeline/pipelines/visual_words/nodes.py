@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParamete
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.visual_words.labeller import describe_objects
 from mlsroad_pipeline.algorithms.visual_words.training import DetectionStages, VisualWordsParameters, train_detector
-from mlsroad_pipeline.datasets.label_work import detect_described_objects
+from mlsroad_pipeline.datasets.method_work import detect_described_objects
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
 from mlsroad_pipeline.datasets.survey_plan import SurveyParameters

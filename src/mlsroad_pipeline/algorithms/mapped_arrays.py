@@ -1,0 +1,60 @@
+"""Arrays of an NPZ file mapped into memory: pages are read when they are touched, and processes share them."""
+
+from __future__ import annotations
+
+import mmap
+import struct
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+_LOCAL_HEADER = struct.Struct("<26xHH")
+"""The end of a zip entry's local header: lengths of the name and of the extra field that follow it."""
+
+
+def map_arrays(path: str | Path) -> dict[str, NDArray]:
+    """Map the arrays of an NPZ file into memory.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file that `numpy.savez` wrote, uncompressed.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The arrays. They are writable, but what is written stays in this process. The file may be replaced or deleted
+        meanwhile; it must not be changed in place.
+
+    Raises
+    ------
+    ValueError
+        If an entry is compressed, holds Python objects or is no array.
+    OSError
+        If the file cannot be read.
+    zipfile.BadZipFile
+        If the file is no NPZ file.
+    """
+    with open(path, "rb") as stream, zipfile.ZipFile(stream) as archive:
+        content = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_COPY)
+        return {entry.filename.removesuffix(".npy"): _map_entry(content, entry) for entry in archive.infolist()}
+
+
+def _map_entry(content: mmap.mmap, entry: zipfile.ZipInfo) -> NDArray:
+    if entry.compress_type != zipfile.ZIP_STORED:
+        raise ValueError(f"{entry.filename} is compressed")
+    start = entry.header_offset + _LOCAL_HEADER.size + sum(_LOCAL_HEADER.unpack_from(content, entry.header_offset))
+    content.seek(start)
+    version = np.lib.format.read_magic(content)
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, fortran_order, dtype = read_header(content)
+    if dtype.hasobject:
+        raise ValueError(f"{entry.filename} holds Python objects")
+    size = int(np.prod(shape)) * dtype.itemsize
+    if content.tell() + size > start + entry.file_size:
+        raise ValueError(f"{entry.filename} ends early")
+    if size == 0:
+        return np.empty(shape, dtype)
+    return np.ndarray(shape, dtype, buffer=content, offset=content.tell(), order="F" if fortran_order else "C")

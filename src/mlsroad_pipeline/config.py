@@ -1,0 +1,56 @@
+"""How configuration is loaded: catalogs may refer to parameters, so that a path follows the one that names it."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+from kedro.config import OmegaConfigLoader
+from omegaconf import OmegaConf
+
+
+class ParameterConfigLoader(OmegaConfigLoader):
+    """Kedro's loader with one more resolver in catalogs: ``${params:label.output,default}``.
+
+    It gives the parameter's value wherever that was set, in the base, in the environment or on the command line
+    (Kedro's own ``runtime_params`` knows the command line alone), and the default where the parameter is missing, null
+    or empty.
+
+    Parameters
+    ----------
+    conf_source : str
+        The folder of the configuration.
+    **options : object
+        Further arguments of `OmegaConfigLoader`.
+    """
+
+    def __init__(self, conf_source: str, **options: Any) -> None:
+        super().__init__(conf_source, **options)
+
+    def __getitem__(self, key: str) -> dict[str, Any]:
+        """Load the configuration of a kind.
+
+        Parameters
+        ----------
+        key : str
+            Such as ``"catalog"`` or ``"parameters"``.
+
+        Returns
+        -------
+        dict
+            The merged and resolved configuration.
+        """
+        if key == "catalog":
+
+            @cache
+            def parameters() -> Any:
+                return OmegaConf.create(self["parameters"])
+
+            def value_of(name: str, default: Any = None) -> Any:
+                found = OmegaConf.select(parameters(), name)
+                return default if found is None or found == "" else found
+
+            # Resolvers are global to the process: that of the loader which loads its catalog now is the right one.
+            OmegaConf.register_new_resolver("params", value_of, replace=True)
+        loaded: dict[str, Any] = super().__getitem__(key)
+        return loaded
