@@ -40,6 +40,7 @@ import matplotlib.pyplot as plt
 DATA = Path(os.environ.get("MLSROAD_DATA", CONF.parents[1] / "shared/data"))
 SHAPES = ("linearity", "planarity", "scattering", "verticality", "neighbor_count")
 RADIUS = 0.6  # metres
+FLATNESS = 0.4  # planarity above which a neighbourhood has a normal
 ASIDE = 0.15  # metres that a point may lie beside the plane of its scan line
 RANGES = {"oakland": np.arange(1.0, 21.0), "semantickitti": np.arange(3.0, 43.0, 2.0)}
 COLOURS = {"recorded": "#1f3fae", "simulated": "#d2601a"}
@@ -80,8 +81,9 @@ def describe(name: str, clouds: list[PointCloud], scheme: ClassScheme) -> dict[s
         xyz = cloud.xyz.astype(np.float64)
         label = scheme.encode(cloud["label"], source=cloud.source)
         sensor, lines = sensor_places(name, xyz)
-        shape, normal = compute_eigen_features(xyz, radius=RADIUS), compute_eigen_features(xyz, k=12)
-        normals = np.column_stack([normal[axis] for axis in ("nx", "ny", "nz")])
+        shape = compute_eigen_features(xyz, radius=RADIUS)
+        normals = np.column_stack([shape[axis] for axis in ("nx", "ny", "nz")])
+        normals[~(shape["planarity"] > FLATNESS)] = np.nan  # a single scan line has no normal
         density = np.full(len(xyz), np.nan)
         flat = label == scheme.classes.index(FLAT[name][0])
         density[flat] = surface_density(xyz[flat])

@@ -181,6 +181,6 @@ PRESETS: dict[str, SimulationParameters] = {
 """Named parameters.
 
 ``tiny`` (some 30,000 points, for tests), ``small`` (half a million) and ``demo`` (2 to 4 million) are a VMX-450 at a
-fraction of its rate; ``vmx450``, ``vmq1ha``, ``hdl64`` and ``sick_side`` are scanners as they are, the last two without
-images.
+fraction of its rate; ``vmx450``, ``vmq1ha``, ``hdl64``, ``sick_side`` and ``oakland`` are scanners as they are, the
+last three without images; ``oakland`` is a street of the kind ``campus``.
 """

@@ -120,7 +120,7 @@ STREETS: dict[str, StreetParameters] = {
         verges=0.9, verge_width=3.0, palms=0.0, cycas=0.0, trees=2.0, overhead_wires=1.0,
     ),
 }  # fmt: skip
-"""Named kinds: ``town``, ``suburb``, and ``ring_road`` like the one in Xiamen that luo2016 surveyed."""
+"""Named kinds: ``town``, ``suburb``, ``campus`` with trees, and ``ring_road`` like luo2016's in Xiamen."""
 
 
 def street_parameters(config: object) -> StreetParameters:
