@@ -13,7 +13,10 @@ from kedro.io import DatasetError
 from numpydoc.docscrape import ClassDoc
 from references_wiring import REPOSITORY, joined, last_line, make_project, session_of
 
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import BottomUpTopDownParameters
+from mlsroad_pipeline.algorithms.baselines.hough_forest import HoughForestParameters
 from mlsroad_pipeline.algorithms.baselines.max_margin_markov import MarginParameters
+from mlsroad_pipeline.algorithms.baselines.object_matching import ObjectMatchingParameters
 from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForestParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvmParameters
 from mlsroad_pipeline.algorithms.baselines.shape_based import ShapeParameters
@@ -34,6 +37,9 @@ from mlsroad_pipeline.datasets.survey_plan import LabelParameters, SurveyParamet
 CONF = REPOSITORY / "conf"
 ENVIRONMENTS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name != "local")
 TYPED = {
+    "bottom_up_top_down": BottomUpTopDownParameters,
+    "hough_forest": HoughForestParameters,
+    "object_matching": ObjectMatchingParameters,
     "detection": DetectionParameters,
     "segmentation": SegmentationParameters,
     "visual_words": VisualWordsParameters,

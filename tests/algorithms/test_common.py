@@ -15,6 +15,7 @@ from sklearn.metrics import adjusted_rand_score
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.features.eigen import compute_eigen_features
 from mlsroad_pipeline.algorithms.features.fpfh import compute_fpfh
+from mlsroad_pipeline.algorithms.features.spin_image import compute_spin_images
 from mlsroad_pipeline.algorithms.features.supervoxel_features import compute_supervoxel_features
 from mlsroad_pipeline.algorithms.ground.surface import height_above_ground
 from mlsroad_pipeline.algorithms.ground.upward_growing import classify_ground
@@ -97,13 +98,20 @@ def _nearest_eigen(xyz, **options):
     return tuple(found[name] for name in sorted(found) if name not in DIRECTED)
 
 
-def _fpfh(xyz, **options):
-    """Histograms with normals that point away from the middle, and so turn with the points."""
+def _outward(xyz):
+    """Return normals that point away from the middle, and so turn with the points."""
     known = np.nan_to_num(xyz, posinf=0.0)
     away = known - (known.mean(axis=0) if len(xyz) else 0.0)
     length = np.linalg.norm(away, axis=1, keepdims=True)
-    normals = np.divide(away, length, out=np.zeros_like(away, dtype=np.float64), where=length > 0)
-    return (compute_fpfh(xyz, normals, radius=0.4, **options),)
+    return np.divide(away, length, out=np.zeros_like(away, dtype=np.float64), where=length > 0)
+
+
+def _fpfh(xyz, **options):
+    return (compute_fpfh(xyz, _outward(xyz), radius=0.4, **options),)
+
+
+def _spin(xyz, **options):
+    return (compute_spin_images(xyz, _outward(xyz), radius=0.4, **options),)
 
 
 def _features(xyz):
@@ -134,6 +142,7 @@ KERNELS = {
     "compute_eigen_features": Kernel(_eigen, threads=True),
     "compute_eigen_features of k": Kernel(_nearest_eigen, threads=True),
     "compute_fpfh": Kernel(_fpfh, threads=True),
+    "compute_spin_images": Kernel(_spin, threads=True),
     "cluster": Kernel(partial(lambda xyz: (cluster(xyz, tolerance=0.3),)), partition=True),
     "segment": Kernel(lambda xyz: (segment(xyz),), partition=True, shift=0.05, turn=0.05),
     "keep_inliers": Kernel(lambda xyz: (keep_inliers(xyz, n_neighbors=8, std_ratio=2.0),)),

@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+from sklearn.metrics import f1_score
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.detection import (
     DetectionParameters,
+    best_threshold,
     count_detections_of_scene,
+    detect_by_thresholds,
     detection_curves,
     detection_table,
     object_classes,
@@ -71,7 +74,9 @@ def test_reference_objects_number_instances_and_take_their_most_frequent_class(r
 def test_right_wrong_and_missing_detections_are_counted_where_they_belong(rng):
     scene, ground = street(rng)
     objects = segment_scene(scene, ground, PARAMETERS)
-    detections = {"label": np.array([-1, 1, 0, 0], np.int16), "score": np.array([0, 0.9, 0.4, 0.8], np.float32)}
+    scores = np.array([[0.3, 0.1], [0.0, 0.9], [0.4, 0.0], [0.8, 0.2]], np.float32)
+    detections = {"label": np.array([-1, 1, 0, 0], np.int16), "score": scores.max(axis=1) * [0, 1, 1, 1]}
+    detections["scores"] = scores
     counted = count_detections_of_scene(scene, objects, detections, scheme=SCHEME, parameters=WANTED)
     assert counted["n_objects"].tolist() == [1, 1]  # the pole outside of the core is another scene's
     assert counted["label"].tolist() == [0, 1] and counted["right"].tolist() == [False, True]
@@ -80,16 +85,27 @@ def test_right_wrong_and_missing_detections_are_counted_where_they_belong(rng):
     assert value["pole", "fn"] == 2 and value["pole", "fp"] == 2 and value["car", "tp"] == 2
     assert value["all", "precision"] == 0.5
     curves = detection_curves({"test.a": counted}, split="test", classes=WANTED.classes)
-    np.testing.assert_allclose(curves["car"][1:], [[1.0], [1.0]])
+    # The pole of the core is not detected, but has a score, and a wrong object scores more; the car scores more than
+    # the pole does as a car.
+    np.testing.assert_allclose(curves["pole"], [[0.4, 0.3], [0.0, 0.5], [0.0, 1.0]], rtol=1e-6)
+    np.testing.assert_allclose(curves["car"], [[0.9, 0.1], [1.0, 0.5], [1.0, 1.0]], rtol=1e-6)
 
 
 def test_small_references_are_not_looked_for(rng):
     scene, ground = street(rng)
     objects = segment_scene(scene, ground, PARAMETERS)
-    nothing = {"label": np.full(4, -1, np.int16), "score": np.zeros(4, np.float32)}
+    nothing = {"label": np.full(4, -1, np.int16), "score": np.zeros(4), "scores": np.zeros((4, 2))}
     strict = DetectionParameters(scheme="test", classes=("pole", "car"), min_points=500)
     counted = count_detections_of_scene(scene, objects, nothing, scheme=SCHEME, parameters=strict)
     assert counted["n_objects"].tolist() == [0, 1]
+
+
+def test_what_is_too_small_to_look_for_is_not_learned_from(rng):
+    scene, ground = street(rng)
+    objects = segment_scene(scene, ground, PARAMETERS)
+    strict = DetectionParameters(scheme="test", classes=("pole", "car"), min_points=500)
+    found = object_classes(scene, objects, scheme=SCHEME, parameters=strict)
+    assert found["label"].tolist() == [0, 1, -1, 0] and found["own"].tolist() == [False, True, True, False]
 
 
 def test_an_object_belongs_to_the_scene_that_holds_its_foot():
@@ -123,12 +139,34 @@ def test_intensity_is_used_where_the_method_says_so(rng):
     assert both[0] == 2 and both[1] != 2
 
 
+def test_threshold_is_that_of_the_best_f_score_of_all(rng):
+    scores = np.round(rng.random(60), 2) * (rng.random(60) < 0.8)
+    truth = rng.random(60) < 0.2 + 0.6 * scores
+    reached, threshold = best_threshold(scores, truth)
+    every = [f1_score(truth, (scores >= t) & (scores > 0)) for t in np.unique(scores)]
+    assert reached == pytest.approx(max(every)) == pytest.approx(f1_score(truth, scores >= threshold))
+    assert not np.isin(threshold, scores)
+    assert best_threshold(np.ones(4), np.zeros(4, bool)) == (0.0, np.inf)
+    nothing = best_threshold(np.zeros(4), np.array([True, False, False, True]))
+    assert nothing == (0.0, np.nextafter(0.0, 1.0))
+
+
+def test_class_is_that_which_passes_its_threshold_by_the_largest_factor():
+    scores = np.array([[0.5, 0.3], [0.2, 0.19], [0.0, 0.0], [0.3, 0.9]])
+    label, score = detect_by_thresholds(scores, np.array([0.4, 0.2]))
+    assert label.tolist() == [1, -1, -1, 1]
+    np.testing.assert_allclose(score, [0.3, 0, 0, 0.9], rtol=1e-6)
+
+
 def test_bad_input(rng):
     scene, ground = street(rng)
     objects = segment_scene(scene, ground, PARAMETERS)
     with pytest.raises(DataError, match="1 detections for 4 objects"):
-        one = {"label": np.zeros(1, np.int16), "score": np.zeros(1, np.float32)}
+        one = {"label": np.zeros(1, np.int16), "score": np.zeros(1), "scores": np.zeros((1, 2))}
         count_detections_of_scene(scene, objects, one, scheme=SCHEME, parameters=WANTED)
+    with pytest.raises(DataError, match=r"scores \(4, 3\) for 4 objects and 2 wanted classes"):
+        wide = {"label": np.full(4, -1), "score": np.zeros(4), "scores": np.zeros((4, 3))}
+        count_detections_of_scene(scene, objects, wide, scheme=SCHEME, parameters=WANTED)
     with pytest.raises(ParameterError, match="scheme 'test' has no tram"):
         DetectionParameters(classes=("tram",)).labels_in(SCHEME)
     with pytest.raises(ParameterError, match="detection.classes must name at least one class"):

@@ -23,6 +23,8 @@ from mlsroad_pipeline.algorithms.object_segmentation import owned_by_core, refer
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.validation import check_positive
 
+_COUNTED = ("label", "score", "right", "object", "curve_label", "curve_score", "curve_right")
+
 
 @dataclass(frozen=True)
 class DetectionParameters:
@@ -105,7 +107,8 @@ def object_classes(
     -------
     dict of str to ndarray
         ``label`` int16 (number of objects,): place in `parameters.classes`, -1 for objects that match nothing wanted;
-        ``own`` bool: whether the scene's core owns the object.
+        ``own`` bool: whether the scene's core owns the object, and it may be learned from: what matches a reference
+        object of a wanted class with fewer than `parameters.min_points` is neither an example nor a counterexample.
 
     Raises
     ------
@@ -123,7 +126,12 @@ def object_classes(
     good = good[np.argsort(overlaps.iou[good], kind="stable")]  # the best overlap is written last
     found = classes[overlaps.instances[overlaps.instance[good]]]
     label[overlaps.segments[overlaps.segment[good]]] = np.where(found == IGNORE, IGNORE, place[found])
-    return {"label": label, "own": owned_by_core(scene, segments, n)}
+    own = owned_by_core(scene, segments, n)
+    small = np.zeros(n, dtype=np.bool_)
+    small[overlaps.segments[overlaps.segment[good]]] = (
+        overlaps.instance_sizes[overlaps.instance[good]] < parameters.min_points
+    )
+    return {"label": label, "own": own & ~(small & (label != IGNORE))}
 
 
 def count_detections_of_scene(
@@ -143,7 +151,8 @@ def count_detections_of_scene(
     objects : mapping
         What `segment_scene` gave.
     detections : mapping
-        ``label`` and ``score`` of each object: place in the wanted classes, -1 for none.
+        ``label`` and ``score`` of each object: place in the wanted classes, -1 for none; ``scores`` (objects, c): the
+        score of every wanted class, 0 for no likeness at all.
     scheme : ClassScheme
         The classes.
     parameters : DetectionParameters
@@ -153,34 +162,43 @@ def count_detections_of_scene(
     -------
     dict of str to ndarray
         ``n_objects`` int64 (c,): reference objects of each wanted class; of the scene's own detections ``label``,
-        ``score``, ``right``: whether it is, and ``object``.
+        ``score``, ``right``: whether it is, and ``object``; for the curves ``curve_label``, ``curve_score`` and
+        ``curve_right``: the same of every object with a score, once for each class, whether it is detected or not.
 
     Raises
     ------
     DataError
-        If there is not one detection per object.
+        If there is not one detection per object, or not one score per object and class.
     """
     segments = objects["objects"]
     n = int(segments.max(initial=-1)) + 1
-    if len(detections["label"]) != n:
-        raise DataError(f"{scene.source}: {len(detections['label'])} detections for {n} objects")
+    labels, every = detections["label"], detections["scores"]
+    if len(labels) != n:
+        raise DataError(f"{scene.source}: {len(labels)} detections for {n} objects")
+    if every.shape != (n, len(parameters.classes)):
+        raise DataError(
+            f"{scene.source}: scores {every.shape} for {n} objects and {len(parameters.classes)} wanted classes"
+        )
     instances, classes = reference_objects(scene, scheme)
     overlaps = find_overlaps(instances, segments)
     own_segment = owned_by_core(scene, segments, n)
     own_instance = owned_by_core(scene, np.where(instances > 0, instances, -1), len(classes))
     kinds = classes[overlaps.instances]
     large = overlaps.instance_sizes >= parameters.min_points
-    known: dict[str, list[NDArray]] = {name: [] for name in ("label", "score", "right", "object")}
+    known: dict[str, list[NDArray]] = {name: [] for name in _COUNTED}
     counts: list[int] = []
     for label, wanted in enumerate(parameters.labels_in(scheme)):
-        detected = detections["label"][overlaps.segments] == label
-        score = np.where(detected, detections["score"][overlaps.segments], np.nan)
-        order, right = match_detections(overlaps, score, kinds == wanted, iou_threshold=parameters.iou_threshold)
-        mine = own_segment[overlaps.segments[order]]
-        known["label"].append(np.full(int(mine.sum()), label, dtype=np.int16))
-        known["score"].append(score[order][mine].astype(np.float32))
-        known["right"].append(right[mine])
-        known["object"].append(overlaps.segments[order][mine])
+        detected = np.where(labels == label, detections["score"], np.nan)
+        scored = np.where(every[:, label] > 0, every[:, label], np.nan)
+        for prefix, values in (("", detected), ("curve_", scored)):
+            score = values[overlaps.segments].astype(np.float64)
+            order, right = match_detections(overlaps, score, kinds == wanted, iou_threshold=parameters.iou_threshold)
+            mine = own_segment[overlaps.segments[order]]
+            known[f"{prefix}label"].append(np.full(int(mine.sum()), label, dtype=np.int16))
+            known[f"{prefix}score"].append(score[order][mine].astype(np.float32))
+            known[f"{prefix}right"].append(right[mine])
+            if not prefix:
+                known["object"].append(overlaps.segments[order][mine])
         counts.append(int(((kinds == wanted) & large & own_instance[overlaps.instances]).sum()))
     return {"n_objects": np.array(counts), **{name: np.concatenate(parts) for name, parts in known.items()}}
 
@@ -207,7 +225,7 @@ def detection_table(
     """
     tables = []
     for split in dict.fromkeys(key.partition(".")[0] for key in counted):
-        label, right, n_objects = _joined(counted, split)[:3]
+        label, right, n_objects, _ = _joined(counted, split)
         counts: list[DetectionCounts] = []
         for k in range(len(classes)):
             flags = right[label == k]
@@ -219,7 +237,7 @@ def detection_table(
 def detection_curves(
     counted: Mapping[str, Mapping[str, NDArray]], *, split: str, classes: Sequence[str]
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
-    """Follow precision and recall of each class over the scenes of a split.
+    """Follow precision and recall of each class over all thresholds on its score, over the scenes of a split.
 
     Parameters
     ----------
@@ -235,7 +253,7 @@ def detection_curves(
     dict of str to (threshold, precision, recall)
         Per class that has objects.
     """
-    label, right, n_objects, score = _joined(counted, split)
+    label, right, n_objects, score = _joined(counted, split, "curve_")
     curves = {}
     for k, name in enumerate(classes):
         flags = right[label == k]
@@ -246,8 +264,65 @@ def detection_curves(
 
 
 def _joined(
-    counted: Mapping[str, Mapping[str, NDArray]], split: str
+    counted: Mapping[str, Mapping[str, NDArray]], split: str, prefix: str = ""
 ) -> tuple[NDArray[np.int16], NDArray[np.bool_], NDArray[np.int64], NDArray[np.float32]]:
     mine = [found for key, found in counted.items() if key.partition(".")[0] == split]
-    label, right, score = (np.concatenate([found[name] for found in mine]) for name in ("label", "right", "score"))
+    names = [f"{prefix}{name}" for name in ("label", "right", "score")]
+    label, right, score = (np.concatenate([found[name] for found in mine]) for name in names)
     return label, right, np.sum([found["n_objects"] for found in mine], axis=0), score
+
+
+def best_threshold(scores: NDArray[np.floating], truth: NDArray[np.bool_]) -> tuple[float, float]:
+    """Find the threshold on a score with the best F-score.
+
+    Parameters
+    ----------
+    scores : ndarray of float, shape (n,)
+        Score of each training object, which it must not owe to itself. 0 is no likeness at all and never detected.
+    truth : ndarray of bool, shape (n,)
+        Whether each is of the class.
+
+    Returns
+    -------
+    f_score : float
+        The best F-score.
+    threshold : float
+        The middle of the scores between which it is reached; where no object of the class scores, anything above 0;
+        where no object is of the class, infinity.
+    """
+    if not truth.any():
+        return 0.0, float("inf")
+    some = scores > 0
+    if not (some & truth).any():
+        return 0.0, float(np.nextafter(0.0, 1.0))
+    levels, precision, recall = precision_recall_curve(scores[some], truth[some], int(truth.sum()))
+    with np.errstate(invalid="ignore"):
+        f_score = np.where(precision + recall > 0, 2 * precision * recall / (precision + recall), 0.0)
+    k = int(np.argmax(f_score))
+    below = levels[k + 1] if k + 1 < len(levels) else 0.0
+    return float(f_score[k]), float(0.5 * (levels[k] + below))
+
+
+def detect_by_thresholds(
+    scores: NDArray[np.floating], thresholds: NDArray[np.floating]
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Give each object the class whose threshold its score passes.
+
+    Parameters
+    ----------
+    scores : ndarray of float, shape (n, c)
+        Score of each class.
+    thresholds : ndarray of float, shape (c,)
+        Score from which an object is detected.
+
+    Returns
+    -------
+    labels : ndarray of int16, shape (n,)
+        The class that passes its threshold by the largest factor; -1 where none does.
+    scores : ndarray of float32, shape (n,)
+        Score of that class; 0 for none.
+    """
+    best = (scores / np.maximum(thresholds, 1e-12)).argmax(axis=1)
+    found = scores[np.arange(len(scores)), best]
+    passed = (found >= thresholds[best]) & (found > 0)
+    return np.where(passed, best, IGNORE).astype(np.int16), np.where(passed, found, 0.0).astype(np.float32)

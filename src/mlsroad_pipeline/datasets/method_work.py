@@ -6,11 +6,16 @@ from collections.abc import Mapping
 
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.baselines import bottom_up_top_down, hough_forest, object_matching
 from mlsroad_pipeline.algorithms.baselines.shape_based import label_objects
 from mlsroad_pipeline.algorithms.patch_labelling import PatchClassifier, label_patch_scene
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.visual_words.labeller import detect_scene
+from mlsroad_pipeline.algorithms.visual_words import labeller as visual_words
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
+
+_DETECT = {
+    module.SLUG: module.detect_scene for module in (visual_words, hough_forest, object_matching, bottom_up_top_down)
+}
 
 
 def label_prepared_patches(
@@ -42,22 +47,23 @@ def label_prepared_patches(
     return label_patch_scene(scene, patches, open_model(model), classifier)
 
 
-def detect_described_objects(groups: Mapping[str, NDArray], model: str) -> dict[str, NDArray]:
+def detect_described_objects(parts: Mapping[str, NDArray], model: str) -> dict[str, NDArray]:
     """Detect the objects of a scene of a comparison with a stored model.
 
     Parameters
     ----------
-    groups : mapping
-        What `describe_objects` gave.
+    parts : mapping
+        The objects as the model's method describes them.
     model : str
         The model's folder.
 
     Returns
     -------
     dict of str to ndarray
-        ``label`` int16 and ``score`` float32 of each object.
+        ``label`` int16 and ``score`` float32 of each object, and ``scores`` of every class.
     """
-    return detect_scene(groups, open_model(model))
+    bundle = open_model(model)
+    return _DETECT[bundle.slug](parts, bundle)
 
 
 def label_prepared_objects(

@@ -12,6 +12,6 @@ LABELLERS = (
 """Slugs of the methods that label points; each has a pipeline of its name that writes ``<slug>.model`` and
 ``<slug>.labels``."""
 
-DETECTORS = ("visual_words",)
+DETECTORS = ("visual_words", "hough_forest", "object_matching", "bottom_up_top_down")
 """Slugs of the methods that detect objects; each has a pipeline of its name that writes ``<slug>.model`` and
 ``<slug>.detections``."""

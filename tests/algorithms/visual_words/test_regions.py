@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.object_regions import INTENSITY, RegionParameters, describe_regions
 from mlsroad_pipeline.algorithms.supervoxels.vccs import segment_supervoxels
 from mlsroad_pipeline.algorithms.visual_words.groups import build_groups, join_groups
-from mlsroad_pipeline.algorithms.visual_words.regions import INTENSITY, RegionParameters, describe_regions
 
 COARSE = RegionParameters(voxel_size=0.1, seed_resolution=0.3)
 

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
+from mlsroad_pipeline.algorithms.detection import detect_by_thresholds
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.metrics.detection import precision_recall_curve
+from mlsroad_pipeline.algorithms.object_detector_training import choose_queries
 from mlsroad_pipeline.algorithms.visual_words.bags import inverse_document_frequency, similarity, weigh_words
 
 logger = logging.getLogger(__name__)
@@ -77,6 +78,8 @@ class VisualWordsDetector:
         Second factor of equation 22 over the training objects.
     queries_ : dict of str to ClassQueries
         Queries and threshold of each class.
+    f_scores_ : dict of str to float
+        F-score of each class on the training objects, none compared with itself; after `fit` alone.
     """
 
     def __init__(self, classes: Sequence[str], *, parameters: DetectorParameters = DetectorParameters()) -> None:
@@ -114,6 +117,7 @@ class VisualWordsDetector:
         bags = weigh_words(counts, self.inverse_frequency_)
         filled = np.asarray(counts.sum(axis=1)).ravel()
         self.queries_: dict[str, ClassQueries] = {}
+        self.f_scores_: dict[str, float] = {}
         for number, name in enumerate(self.classes):
             mine = np.flatnonzero((truth == number) & (filled > 0))
             if len(mine) == 0:
@@ -121,7 +125,9 @@ class VisualWordsDetector:
                 self.queries_[name] = ClassQueries(bags[mine], float("inf"))
                 continue
             order = mine[np.argsort(-filled[mine], kind="stable")][: self.parameters.candidates]
-            chosen, threshold = _choose(similarity(bags[order], bags), order, truth == number, self.parameters)
+            alike = similarity(bags[order], bags)
+            most = self.parameters.max_queries
+            chosen, threshold, self.f_scores_[name] = choose_queries(alike, order, truth == number, max_queries=most)
             self.queries_[name] = ClassQueries(bags[order[chosen]], threshold)
         return self
 
@@ -167,14 +173,12 @@ class VisualWordsDetector:
         DataError
             If the objects have another vocabulary.
         """
-        found = self.score(counts)
-        thresholds = np.array([q.threshold for q in self.queries_.values()])
-        margin = found / np.maximum(thresholds, 1e-12)
-        best = margin.argmax(axis=1)
-        rows = np.arange(len(found))
-        passed = found[rows, best] >= thresholds[best]
-        labels = np.where(passed, best, -1).astype(np.int16)
-        return labels, np.where(passed, found[rows, best], 0.0).astype(np.float32)
+        return detect_by_thresholds(self.score(counts), self.thresholds)
+
+    @property
+    def thresholds(self) -> NDArray[np.float64]:
+        """Likeness from which an object is detected, one per class."""
+        return np.array([found.threshold for found in self.queries_.values()])
 
     def to_arrays(self) -> dict[str, NDArray]:
         """Return what was learned as plain arrays.
@@ -213,45 +217,3 @@ class VisualWordsDetector:
             bags = csr_array((data, indices, indptr), shape=(len(indptr) - 1, len(detector.inverse_frequency_)))
             detector.queries_[name] = ClassQueries(bags, float(arrays[f"queries.{number}.threshold"]))
         return detector
-
-
-def _choose(
-    likeness: NDArray[np.float64],
-    candidates: NDArray[np.int64],
-    truth: NDArray[np.bool_],
-    parameters: DetectorParameters,
-) -> tuple[list[int], float]:
-    """Choose queries greedily; return them and the threshold that is best for all of them."""
-    likeness = likeness.copy()
-    likeness[np.arange(len(candidates)), candidates] = 0.0  # nothing is found by itself
-    best = np.zeros(likeness.shape[1])
-    chosen: list[int] = []
-    reached, threshold = -1.0, float("inf")
-    while len(chosen) < min(parameters.max_queries, len(candidates)):
-        trials = [
-            (-1.0, float("inf")) if k in chosen else _best_threshold(np.maximum(best, row), truth)
-            for k, row in enumerate(likeness)
-        ]
-        k = int(np.argmax([value for value, _ in trials]))
-        if trials[k][0] <= reached:
-            break
-        reached, threshold = trials[k]
-        chosen.append(k)
-        best = np.maximum(best, likeness[k])
-    return chosen, threshold
-
-
-def _best_threshold(scores: NDArray[np.float64], truth: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return the best F-score, and the middle of the scores between which it is reached.
-
-    A score of 0 is no likeness at all and never detected; where nothing scores, anything above 0 is.
-    """
-    some = scores > 0
-    if not (some & truth).any():
-        return 0.0, float(np.nextafter(0.0, 1.0))
-    levels, precision, recall = precision_recall_curve(scores[some], truth[some], int(truth.sum()))
-    with np.errstate(invalid="ignore"):
-        f_score = np.where(precision + recall > 0, 2 * precision * recall / (precision + recall), 0.0)
-    k = int(np.argmax(f_score))
-    below = levels[k + 1] if k + 1 < len(levels) else 0.0
-    return float(f_score[k]), float(0.5 * (levels[k] + below))

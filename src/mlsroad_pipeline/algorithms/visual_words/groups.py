@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.visual_words.regions import FeatureRegions
+from mlsroad_pipeline.algorithms.object_regions import FeatureRegions
 
 MAX_NEIGHBORS = 5
 """The most neighbours in a group: the matching orders of m regions are m!."""

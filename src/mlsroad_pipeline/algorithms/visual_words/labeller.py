@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from mlsroad_pipeline.algorithms.classes import IGNORE
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.detection import detect_by_thresholds
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
-from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, segment_scene
+from mlsroad_pipeline.algorithms.object_detectors import (
+    WITH_INTENSITY,
+    choose_variant,
+    label_detected_objects,
+    variant_arrays,
+)
+from mlsroad_pipeline.algorithms.object_regions import INTENSITY, RegionParameters, describe_regions
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
 from mlsroad_pipeline.algorithms.visual_words.bags import count_words
 from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetector
 from mlsroad_pipeline.algorithms.visual_words.groups import ContextualGroups, build_groups
-from mlsroad_pipeline.algorithms.visual_words.regions import INTENSITY, RegionParameters, describe_regions
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import Vocabulary
 
 SLUG = "visual_words"
 ENTRY_POINT = "mlsroad_pipeline.algorithms.visual_words.labeller:label_cloud"
-
-WITH_INTENSITY, GEOMETRY = "geometry+intensity", "geometry"
-"""Variants of a model: a survey without intensity is quantised with words that never saw any."""
-
-logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -130,25 +126,6 @@ def bag_objects(arrays: Mapping[str, NDArray], vocabulary: Vocabulary, *, intens
     return count_words(words, arrays["objects"], n_objects=int(arrays["n_objects"]), stopped=vocabulary.stopped)
 
 
-def variant_arrays(bundle: ModelBundle, variant: str) -> dict[str, NDArray]:
-    """Return the arrays of one variant of a model, by their plain names.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    variant : str
-        `WITH_INTENSITY` or `GEOMETRY`.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The arrays.
-    """
-    prefix = f"{variant}."
-    return {key.removeprefix(prefix): array for key, array in bundle.arrays.items() if key.startswith(prefix)}
-
-
 def model_of(bundle: ModelBundle, variant: str) -> tuple[Vocabulary, VisualWordsDetector]:
     """Rebuild a vocabulary and its detector.
 
@@ -186,12 +163,13 @@ def detect_scene(arrays: Mapping[str, NDArray], bundle: ModelBundle) -> dict[str
     -------
     dict of str to ndarray
         ``label`` int16 (objects,): place in the wanted classes, -1 for none; ``score`` float32, likeness to the nearest
-        query.
+        query; ``scores`` float32 (objects, c), likeness to the nearest query of every class.
     """
-    known = bool(arrays["intensity"]) and WITH_INTENSITY in bundle.metadata["variants"]
-    vocabulary, detector = model_of(bundle, WITH_INTENSITY if known else GEOMETRY)
-    label, score = detector.detect(bag_objects(arrays, vocabulary, intensity=known))
-    return {"label": label, "score": score}
+    variant = choose_variant(arrays, bundle)
+    vocabulary, detector = model_of(bundle, variant)
+    scores = detector.score(bag_objects(arrays, vocabulary, intensity=variant == WITH_INTENSITY))
+    label, score = detect_by_thresholds(scores, detector.thresholds)
+    return {"label": label, "score": score, "scores": scores.astype(np.float32)}
 
 
 def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
@@ -217,22 +195,7 @@ def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int1
     DataError
         If a coordinate is NaN or infinite, or the model lacks its parts.
     """
-    labels, confidence = np.full(len(cloud), IGNORE, dtype=np.int16), np.zeros(len(cloud), dtype=np.float32)
-    if len(cloud) == 0:
-        return labels, confidence
-    stored: Mapping[str, Any] = bundle.metadata["parameters"]
-    if "intensity" in bundle.metadata["attributes"] and "intensity" not in cloud:
-        level = logging.INFO if "core" in cloud else logging.WARNING  # who cuts a survey into scenes says it once
-        logger.log(level, "%s has no intensity: objects are looked for by their shape", cloud.source)
-    known = "ground" in cloud
-    ground = {"ground": cloud["ground"]} if known else find_ground(cloud, GroundParameters(**stored["ground"]))
-    objects = segment_scene(cloud, ground, SegmentationParameters(**stored["segmentation"]))
-    found = detect_scene(describe_objects(cloud, objects, parameters=GroupParameters(**stored["groups"])), bundle)
-    wanted = np.array(bundle.metadata["wanted"], dtype=np.int16)
-    if len(found["label"]) and found["label"].max() >= len(wanted):
-        raise DataError(f"model {bundle.slug!r} detects class {found['label'].max()} of {len(wanted)}")
-    inside = objects["objects"] >= 0
-    label = np.where(found["label"] >= 0, wanted[found["label"]], IGNORE).astype(np.int16)
-    labels[inside] = label[objects["objects"][inside]]
-    confidence[inside] = found["score"][objects["objects"][inside]]
-    return labels, confidence
+    groups = GroupParameters(**bundle.metadata["parameters"]["groups"])
+    return label_detected_objects(
+        cloud, bundle, lambda objects: detect_scene(describe_objects(cloud, objects, parameters=groups), bundle)
+    )

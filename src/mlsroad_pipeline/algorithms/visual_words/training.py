@@ -14,20 +14,17 @@ from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.detection import DetectionParameters
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
-from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
+from mlsroad_pipeline.algorithms.object_detectors import GEOMETRY, WITH_INTENSITY, DetectionStages
+from mlsroad_pipeline.algorithms.object_regions import RegionParameters
 from mlsroad_pipeline.algorithms.visual_words.detector import DetectorParameters, VisualWordsDetector
 from mlsroad_pipeline.algorithms.visual_words.groups import join_groups
 from mlsroad_pipeline.algorithms.visual_words.labeller import (
     ENTRY_POINT,
-    GEOMETRY,
     SLUG,
-    WITH_INTENSITY,
     GroupParameters,
     bag_objects,
     groups_of,
 )
-from mlsroad_pipeline.algorithms.visual_words.regions import RegionParameters
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import Vocabulary, VocabularyParameters, build_vocabulary
 
 
@@ -62,22 +59,6 @@ class VisualWordsParameters:
     def groups(self) -> GroupParameters:
         """How the objects of a scene are described."""
         return GroupParameters(self.regions, self.k)
-
-
-@dataclass(frozen=True)
-class DetectionStages:
-    """How a scene is prepared; kept in the model, so that new surveys are prepared alike.
-
-    Parameters
-    ----------
-    ground : GroundParameters
-        The ground filter.
-    segmentation : SegmentationParameters
-        The segmentation into objects.
-    """
-
-    ground: GroundParameters
-    segmentation: SegmentationParameters
 
 
 def train_detector(
@@ -138,6 +119,7 @@ def train_detector(
         facts[variant] = {
             "words": len(vocabulary),
             "queries": {name: int(found.bags.shape[0]) for name, found in detector.queries_.items()},
+            "f_scores": detector.f_scores_,
             "thresholds": {
                 name: found.threshold for name, found in detector.queries_.items() if np.isfinite(found.threshold)
             },

@@ -10,10 +10,11 @@ from joblib import cpu_count
 from mlsroad_pipeline.algorithms.detection import DetectionParameters
 from mlsroad_pipeline.algorithms.evaluation import find_scheme
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.visual_words.labeller import describe_objects
-from mlsroad_pipeline.algorithms.visual_words.training import DetectionStages, VisualWordsParameters, train_detector
+from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters, train_detector
 from mlsroad_pipeline.datasets.method_work import detect_described_objects
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
@@ -110,7 +111,7 @@ def detect_objects_of_scenes(groups: SceneCollection, model: SourceFile) -> dict
         One task per scene of the other splits.
     """
     return {
-        key: SceneTask(detect_described_objects, {"groups": groups[key], "model": model})
+        key: SceneTask(detect_described_objects, {"parts": groups[key], "model": model})
         for key in groups
         if not key.startswith(TRAIN)
     }

@@ -139,7 +139,8 @@ def describe_regions(
         return _no_regions()
     rows = rows[np.argsort(owner[rows], kind="stable")]
     owner, points = owner[rows].astype(np.int32), points[rows]
-    shift = _apart(points, owner, parameters)
+    gap = 2.0 * max(parameters.fpfh_radius, parameters.normal_radius, parameters.seed_resolution)
+    shift = stand_apart(points, owner, cell=parameters.voxel_size, gap=gap)
     apart = points + shift
     supervoxels = segment_supervoxels(
         apart,
@@ -177,18 +178,35 @@ def _no_regions() -> FeatureRegions:
     )  # fmt: skip
 
 
-def _apart(points: NDArray[np.float64], owner: NDArray[np.int32], parameters: RegionParameters) -> NDArray[np.float64]:
-    """Return by how much each point is moved so that objects stand side by side along x, by whole voxels."""
+def stand_apart(
+    points: NDArray[np.float64], owner: NDArray[np.integer], *, cell: float, gap: float
+) -> NDArray[np.float64]:
+    """Find moves that put objects side by side along x, so that no neighbourhood reaches from one into another.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (n, 3)
+        Points, ordered by object, metres.
+    owner : ndarray of int, shape (n,)
+        Object of each.
+    cell : float
+        Objects are moved by whole cells of this edge, metres.
+    gap : float
+        Least distance between two objects, metres.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3)
+        What to add to each point.
+    """
     starts = np.flatnonzero(np.diff(owner, prepend=-1))
     low = np.minimum.reduceat(points, starts)
     width = np.maximum.reduceat(points[:, 0], starts) - low[:, 0]
-    gap = 2.0 * max(parameters.fpfh_radius, parameters.normal_radius, parameters.seed_resolution)
-    size = parameters.voxel_size
-    place = np.concatenate([[0.0], np.cumsum(np.ceil((width[:-1] + gap) / size) + 1)])
+    place = np.concatenate([[0.0], np.cumsum(np.ceil((width[:-1] + gap) / cell) + 1)])
     move = np.column_stack(
-        [place - np.floor(low[:, 0] / size), -np.floor(low[:, 1] / size), -np.floor(low[:, 2] / size)]
+        [place - np.floor(low[:, 0] / cell), -np.floor(low[:, 1] / cell), -np.floor(low[:, 2] / cell)]
     )
-    return np.repeat(move * size, np.diff(np.append(starts, len(points))), axis=0)
+    return np.repeat(move * cell, np.diff(np.append(starts, len(points))), axis=0)
 
 
 def _shape_and_orientation(

@@ -1,0 +1,202 @@
+"""The Hough forest grown on training objects; see `hough_forest`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.baselines._hough_trees import grow_tree
+from mlsroad_pipeline.algorithms.baselines.hough_forest import (
+    ENTRY_POINT,
+    SLUG,
+    HoughForest,
+    HoughForestParameters,
+    offsets_to_centre,
+    part_features,
+)
+from mlsroad_pipeline.algorithms.classes import ClassScheme
+from mlsroad_pipeline.algorithms.detection import DetectionParameters, best_threshold
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.object_detector_training import sample_objects, select_objects, train_object_detector
+from mlsroad_pipeline.algorithms.object_detectors import (
+    Description,
+    DetectionStages,
+    object_bounds,
+)
+
+
+def fit_hough_forest(
+    parts: Description,
+    labels: NDArray[np.int16],
+    intensity: bool,
+    *,
+    parameters: HoughForestParameters,
+    n_classes: int,
+    n_threads: int = 1,
+) -> tuple[HoughForest, dict[str, Any]]:
+    """Grow a forest, and choose exponents and thresholds by the votes of trees that have not seen the object.
+
+    Parameters
+    ----------
+    parts : mapping
+        Parts of the training objects.
+    labels : ndarray of int16, shape (n,)
+        Class of each object, -1 for others.
+    intensity : bool
+        Whether intensities count.
+    parameters : HoughForestParameters
+        Parameters.
+    n_classes : int
+        Wanted classes.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
+
+    Returns
+    -------
+    forest : HoughForest
+        The forest.
+    facts : dict
+        Leaves, and the F-score of each class on the training objects.
+    """
+    p = parameters
+    rng = np.random.default_rng(p.seed)
+    drawn = sample_objects(labels, max_per_class=p.max_per_class, max_others=p.max_others, seed=p.seed)
+    sample = select_objects(parts, drawn)
+    kinds = np.where(labels[drawn] < 0, n_classes, labels[drawn]).astype(np.int16)
+    # A tree sees objects drawn with replacement, as a whole: parts of one are too alike to be apart.
+    seen = np.zeros((p.n_trees, len(drawn)), dtype=np.bool_)
+    columns = (part_features(sample, intensity=intensity), kinds[sample["objects"]], offsets_to_centre(sample))
+    place = rng.permutation(len(sample["objects"]))
+    trees = []
+    for t in range(p.n_trees):
+        for kind in np.unique(kinds):
+            mine = np.flatnonzero(kinds == kind)
+            seen[t, rng.choice(mine, len(mine))] = True
+        rows = _rows_of(sample, seen[t], place, p.max_parts)
+        trees.append(_tree(columns, rows, n_classes, p, rng))
+    forest = HoughForest(_joined(trees, p), np.zeros(n_classes), np.zeros(n_classes), intensity)
+    # Thresholds are chosen on all objects, drawn or not: among the drawn ones others are rarer than in a street.
+    unseen = np.ones((p.n_trees, len(labels)), dtype=np.bool_)
+    unseen[:, drawn] = ~seen
+    peaks = forest.peaks(parts, unseen, n_threads=n_threads)
+    return _with_thresholds(forest, peaks, np.maximum(np.diff(object_bounds(parts)), 1), labels, p)
+
+
+def _rows_of(sample: Description, seen: NDArray[np.bool_], place: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """Return up to `most` parts of each object that a tree sees, the first of a fixed random order."""
+    order = np.lexsort((place, sample["objects"]))
+    rank = np.arange(len(order)) - object_bounds(sample)[sample["objects"][order]]
+    return np.sort(order[(rank < most) & seen[sample["objects"][order]]])
+
+
+def _tree(
+    columns: tuple[NDArray, NDArray, NDArray],
+    rows: NDArray[np.int64],
+    n: int,
+    p: HoughForestParameters,
+    rng: np.random.Generator,
+) -> dict[str, NDArray]:
+    features, labels, offsets = columns
+    counts = np.bincount(labels[rows], minlength=n + 1)
+    weights = (1.0 / np.maximum(counts, 1))[labels] * len(rows)  # every class weighs the same
+    grown = grow_tree(features, labels, offsets, weights, rows, n + 1, p.max_depth, p.min_parts, p.n_tests, rng)
+    feature, threshold, left, starts, by_leaf = grown
+    shares = np.zeros((len(starts) - 1, n + 1))
+    leaf = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    np.add.at(shares, (leaf, labels[by_leaf]), weights[by_leaf])
+    shares /= shares.sum(axis=1, keepdims=True)
+    keep = labels[by_leaf] < n
+    leaf, by_leaf = leaf[keep], by_leaf[keep]
+    order = np.lexsort((offsets[by_leaf, 1], offsets[by_leaf, 0], labels[by_leaf], leaf))
+    cell = leaf[order] * n + labels[by_leaf[order]]
+    first = np.searchsorted(cell, np.arange(len(shares) * n + 1))
+    size = np.diff(first)[cell]
+    # Every size / n_votes-th one, so that few votes stand for all.
+    rank = np.arange(len(cell)) - first[cell]
+    kept = (size <= p.n_votes) | ((rank + 1) * p.n_votes // size > rank * p.n_votes // size)
+    starts_kept = np.concatenate([[0], np.cumsum(np.bincount(cell[kept], minlength=len(shares) * n))])
+    return {
+        "feature": feature, "threshold": threshold, "left": left, "shares": shares[:, :n].astype(np.float32),
+        "votes": offsets[by_leaf[order[kept]]].astype(np.float32), "vote_starts": starts_kept,
+    }  # fmt: skip
+
+
+def _joined(trees: list[dict[str, NDArray]], p: HoughForestParameters) -> dict[str, NDArray]:
+    joined = {name: np.concatenate([t[name] for t in trees]) for name in ("feature", "threshold", "left", "shares")}
+    joined["votes"] = np.concatenate([t["votes"] for t in trees])
+    joined["roots"] = np.cumsum([0, *(len(t["feature"]) for t in trees)])
+    joined["leaf_roots"] = np.cumsum([0, *(len(t["shares"]) for t in trees)])
+    sizes = np.concatenate([np.diff(t["vote_starts"]) for t in trees])
+    joined["vote_starts"] = np.concatenate([[0], np.cumsum(sizes)])
+    joined["cells"] = np.array([p.cell, p.height_cell])
+    return joined
+
+
+def _with_thresholds(
+    forest: HoughForest, peaks: NDArray, n_parts: NDArray, labels: NDArray, p: HoughForestParameters
+) -> tuple[HoughForest, dict[str, Any]]:
+    exponents, thresholds, reached = [], [], []
+    for k in range(len(forest.thresholds)):
+        trials = [(*best_threshold((peaks[:, k] / n_parts**e).astype(np.float32), labels == k), e) for e in p.exponents]
+        f_score, threshold, exponent = trials[int(np.argmax([trial[0] for trial in trials]))]
+        reached.append(f_score)
+        thresholds.append(threshold)
+        exponents.append(exponent)
+    done = HoughForest(forest.arrays, np.array(exponents), np.array(thresholds), forest.intensity)
+    return done, {"leaves": len(forest.arrays["shares"]), "f_scores": reached, "exponents": exponents}
+
+
+def train_hough_forest(
+    parts: Mapping[str, Description],
+    labels: Mapping[str, Mapping[str, NDArray]],
+    *,
+    parameters: HoughForestParameters,
+    stages: DetectionStages,
+    detection: DetectionParameters,
+    scheme: ClassScheme,
+    trained_on: Mapping[str, Any],
+    n_threads: int = 1,
+) -> ModelBundle:
+    """Train a model on the objects that the training scenes own.
+
+    Parameters
+    ----------
+    parts : mapping of str to mapping
+        What `describe_parts` gave for each training scene.
+    labels : mapping of str to mapping
+        What `object_classes` gave for each of them.
+    parameters : HoughForestParameters
+        Parameters of the method.
+    stages : DetectionStages
+        How the scenes were prepared.
+    detection : DetectionParameters
+        The wanted classes.
+    scheme : ClassScheme
+        The classes.
+    trained_on : mapping
+        What the metadata say of the training data; JSON values.
+    n_threads : int, default 1
+        Threads; the model does not depend on it.
+
+    Returns
+    -------
+    ModelBundle
+        The model.
+
+    Raises
+    ------
+    DataError
+        If there are no training scenes.
+    """
+    n = len(detection.classes)
+
+    def fit(joined: Description, truth: NDArray[np.int16], intensity: bool) -> tuple[HoughForest, dict[str, Any]]:
+        return fit_hough_forest(joined, truth, intensity, parameters=parameters, n_classes=n, n_threads=n_threads)
+
+    return train_object_detector(
+        parts, labels, fit, slug=SLUG, entry_point=ENTRY_POINT, parameters=parameters,
+        uses_intensity=True, stages=stages, detection=detection, scheme=scheme, trained_on=trained_on,
+    )  # fmt: skip

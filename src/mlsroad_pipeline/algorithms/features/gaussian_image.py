@@ -1,0 +1,128 @@
+"""Extended Gaussian images: where the normals of a surface point, and how one is turned against another (Horn 1984)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+
+UPRIGHT = 0.05
+"""Horizontal length of a unit normal below which it has no azimuth: 3 degrees."""
+
+
+def compute_gaussian_images(
+    normals: ArrayLike, indptr: ArrayLike, *, n_azimuths: int = 36, n_bands: int = 5
+) -> NDArray[np.float32]:
+    """Count the normals of objects in cells of the sphere.
+
+    The cells have equal areas: bands of equal height |nz|, cut by azimuth. Scanned surfaces tell no outside, so a
+    normal and its opposite are one: it is counted half in its own azimuth and half in the opposite one. A count is
+    shared between the two cells whose middle azimuths it lies between. That of an upright normal, whose azimuth is
+    noise, is spread over its band.
+
+    Parameters
+    ----------
+    normals : array-like of shape (n, 3)
+        Unit normals, object after object; those that are not finite count nowhere.
+    indptr : array-like of shape (m + 1,), integer
+        Where each object's normals begin.
+    n_azimuths : int, default 36
+        Cells around the vertical, an even number: 10 degrees each. More tell smaller turns apart and are noisier.
+    n_bands : int, default 5
+        Bands from lying normals to upright ones.
+
+    Returns
+    -------
+    ndarray of float32, shape (m, n_bands, n_azimuths)
+        Images, each of sum 1, or of sum 0 without normals.
+
+    Raises
+    ------
+    DataError
+        If `normals` is not (n, 3) or `indptr` does not lead to its end.
+    ParameterError
+        If `n_azimuths` is not an even number above 1, or `n_bands` is below 1.
+    """
+    if n_azimuths < 2 or n_azimuths % 2:
+        raise ParameterError(f"n_azimuths must be an even number > 1, got {n_azimuths!r}")
+    if n_bands < 1:
+        raise ParameterError(f"n_bands must be at least 1, got {n_bands!r}")
+    axes, starts = np.asarray(normals, dtype=np.float64), np.asarray(indptr, dtype=np.int64)
+    if axes.ndim != 2 or axes.shape[1] != 3:
+        raise DataError(f"normals must have shape (n, 3), got {axes.shape}")
+    if len(starts) < 1 or starts[0] != 0 or starts[-1] != len(axes) or (np.diff(starts) < 0).any():
+        raise DataError(f"indptr must rise from 0 to the {len(axes)} normals")
+    out = np.zeros((len(starts) - 1, n_bands, n_azimuths), np.float32)
+    _count(np.ascontiguousarray(axes), starts, out)
+    return out
+
+
+def align_gaussian_images(images: ArrayLike, references: ArrayLike) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """Find the turn about the vertical that brings each image nearest to each reference.
+
+    The correlation over all turns is a product of Fourier transforms along the azimuth, band by band.
+
+    Parameters
+    ----------
+    images : array-like of shape (m, n_bands, n_azimuths)
+        Images.
+    references : array-like of shape (r, n_bands, n_azimuths)
+        Images of the references.
+
+    Returns
+    -------
+    turns : ndarray of int32, shape (m, r)
+        Cells of azimuth by which the reference is turned, counterclockwise, to meet the image; the half turn, which
+        such images cannot tell, is left out: from 0 to n_azimuths / 2 - 1.
+    likeness : ndarray of float32, shape (m, r)
+        Normalised correlation at that turn, 0 to 1; 0 where an image is empty.
+
+    Raises
+    ------
+    DataError
+        If the images differ in their cells.
+    """
+    ours, theirs = np.asarray(images, dtype=np.float64), np.asarray(references, dtype=np.float64)
+    if ours.ndim != 3 or theirs.ndim != 3 or ours.shape[1:] != theirs.shape[1:]:
+        raise DataError(f"images of shapes {ours.shape} and {theirs.shape} cannot be aligned")
+    n = ours.shape[2]
+    spectra, conjugates = np.fft.rfft(ours, axis=2), np.fft.rfft(theirs, axis=2).conj()
+    correlation = np.fft.irfft(np.einsum("mbf,rbf->mrf", spectra, conjugates), n=n, axis=2)[..., : n // 2]
+    turns = correlation.argmax(axis=2).astype(np.int32)
+    length = np.sqrt((ours**2).sum(axis=(1, 2)))[:, None] * np.sqrt((theirs**2).sum(axis=(1, 2)))[None]
+    best = correlation.max(axis=2)
+    likeness = np.divide(best, length, out=np.zeros_like(best), where=length > 0)
+    return turns, np.clip(likeness, 0.0, 1.0).astype(np.float32)
+
+
+@njit(cache=True, nogil=True)
+def _count(normals: NDArray[np.float64], indptr: NDArray[np.int64], out: NDArray[np.float32]) -> None:
+    n_bands, n = out.shape[1], out.shape[2]
+    image = np.zeros((n_bands, n))
+    for m in range(len(indptr) - 1):
+        image[:] = 0.0
+        total = 0.0
+        for i in range(indptr[m], indptr[m + 1]):
+            x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
+            if not np.isfinite(x + y + z):
+                continue
+            band = min(int(abs(z) * n_bands), n_bands - 1)
+            total += 1.0
+            if x * x + y * y < UPRIGHT * UPRIGHT:
+                for j in range(n):
+                    image[band, j] += 1.0 / n
+                continue
+            place = np.arctan2(y, x) / (2.0 * np.pi) * n
+            low = np.floor(place)
+            share = place - low
+            cell = int(low) % n
+            for half in range(2):
+                at = (cell + half * (n // 2)) % n
+                image[band, at] += 0.5 * (1.0 - share)
+                image[band, (at + 1) % n] += 0.5 * share
+        if total > 0.0:
+            for band in range(n_bands):
+                for j in range(n):
+                    out[m, band, j] = image[band, j] / total

@@ -1,0 +1,119 @@
+"""Spin images: where the points around an oriented point lie, however it is turned about its normal (Johnson 1997)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.cell_grid import run_in_chunks
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.neighbors import radius_neighbors
+from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
+
+
+def compute_spin_images(
+    xyz: ArrayLike,
+    normals: ArrayLike,
+    *,
+    radius: float,
+    n_radial: int = 9,
+    n_axial: int = 17,
+    queries: ArrayLike | None = None,
+    n_threads: int = 1,
+) -> NDArray[np.float32]:
+    """Describe the surface around oriented points by two coordinates of the points there.
+
+    A neighbour at offset d from a point with normal n has the axial coordinate beta = n . d, from -r to r, and the
+    radial one alpha, its distance from the line along n, from 0 to r (Johnson and Hebert 1999, equation 1), with
+    r = `radius` / sqrt(2), so that the cylinder of the image lies inside the ball that is searched. Each neighbour is
+    shared out between the four nodes of the image around it, in proportion to how near it is to each.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points in metres.
+    normals : array-like of shape (m, 3)
+        Unit normals of the points that are described; turned over, a normal gives the image upside down.
+    radius : float
+        How far neighbours are sought, metres. Larger sees more of an object, and more of what hides part of it.
+    n_radial, n_axial : int, default 9, 17
+        Nodes of the image from 0 to r, and from -r to r, at least 2: 153 in all, as in Luo et al. 2019, Table 4.
+    queries : array-like of shape (m, 3), optional
+        Points to describe, metres; all points by default. A point is no neighbour of itself, nor is one at its place.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
+
+    Returns
+    -------
+    ndarray of float32, shape (m, n_radial * n_axial)
+        Images, the axial coordinate running fastest. Each sums to 1, or to 0 where nothing is near or the normal is
+        not finite.
+
+    Raises
+    ------
+    DataError
+        If `xyz` or `queries` is not (n, 3) and finite, or there is not one normal per query.
+    ParameterError
+        If `radius` is not positive, there are fewer than two nodes, or `n_threads` is below 1.
+    """
+    check_positive(radius, "radius")
+    for name, number in (("n_radial", n_radial), ("n_axial", n_axial)):
+        if number < 2:
+            raise ParameterError(f"{name} must be at least 2, got {number!r}")
+    points = check_xyz(xyz).astype(np.float64, copy=False)
+    wanted = points if queries is None else check_xyz(queries, name="queries").astype(np.float64, copy=False)
+    axes = np.ascontiguousarray(check_column(normals, len(wanted), "normals", width=3), dtype=np.float64)
+    out = np.zeros((len(wanted), n_radial * n_axial), np.float32)
+    indices, indptr = radius_neighbors(points, radius=radius, queries=wanted, n_threads=n_threads)
+    reach = radius / np.sqrt(2.0)
+
+    def count(first: int, last: int) -> None:
+        _count(points, wanted, axes, indices, indptr, reach, n_radial, n_axial, out, first, last)
+
+    run_in_chunks(count, len(wanted), n_threads=n_threads)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _count(
+    points: NDArray[np.float64],
+    queries: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    indices: NDArray[np.int32],
+    indptr: NDArray[np.int64],
+    reach: float,
+    n_radial: int,
+    n_axial: int,
+    out: NDArray[np.float32],
+    first: int,
+    last: int,
+) -> None:
+    image = np.zeros(n_radial * n_axial)
+    for q in range(first, last):
+        nx, ny, nz = axes[q, 0], axes[q, 1], axes[q, 2]
+        if not np.isfinite(nx + ny + nz):
+            continue
+        image[:] = 0.0
+        total = 0.0
+        for i in range(indptr[q], indptr[q + 1]):
+            p = indices[i]
+            dx, dy, dz = points[p, 0] - queries[q, 0], points[p, 1] - queries[q, 1], points[p, 2] - queries[q, 2]
+            squared = dx * dx + dy * dy + dz * dz
+            beta = nx * dx + ny * dy + nz * dz
+            alpha = np.sqrt(max(squared - beta * beta, 0.0))
+            if squared == 0.0 or alpha > reach or abs(beta) > reach:
+                continue
+            row = alpha / reach * (n_radial - 1)
+            column = (beta / reach + 1.0) * 0.5 * (n_axial - 1)
+            r, c = min(int(row), n_radial - 2), min(int(column), n_axial - 2)
+            u, v = row - r, column - c
+            at = r * n_axial + c
+            image[at] += (1.0 - u) * (1.0 - v)
+            image[at + 1] += (1.0 - u) * v
+            image[at + n_axial] += u * (1.0 - v)
+            image[at + n_axial + 1] += u * v
+            total += 1.0
+        if total > 0.0:
+            for j in range(len(image)):
+                out[q, j] = image[j] / total

@@ -1,0 +1,172 @@
+"""What models that detect objects share: described objects, training, and labelling from raw coordinates on."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.classes import IGNORE
+from mlsroad_pipeline.algorithms.detection import detect_by_thresholds
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, segment_scene
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
+
+WITH_INTENSITY, GEOMETRY = "geometry+intensity", "geometry"
+"""Variants of a model: a survey without intensity is judged by one that never saw any."""
+
+Description = Mapping[str, NDArray]
+"""Parts of the objects of a scene: arrays with one row per part, ordered by object; ``objects`` int32, the object of
+each part; ``n_objects``; ``intensity``, whether the scene has it."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class DetectionStages:
+    """How a scene is prepared; kept in the model, so that new surveys are prepared alike.
+
+    Parameters
+    ----------
+    ground : GroundParameters
+        The ground filter.
+    segmentation : SegmentationParameters
+        The segmentation into objects.
+    """
+
+    ground: GroundParameters
+    segmentation: SegmentationParameters
+
+
+class TrainedDetector(Protocol):
+    """A detector that scores each object for each wanted class."""
+
+    @property
+    def thresholds(self) -> NDArray[np.float64]:
+        """Score of each class from which an object is detected, (c,)."""
+        ...
+
+    def score(self, parts: Description) -> NDArray[np.float32]:
+        """Return the score of each object for each class, (n, c); 0 is no likeness at all."""
+        ...
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return what was learned as plain arrays."""
+        ...
+
+
+def object_bounds(parts: Description) -> NDArray[np.int64]:
+    """Return where the parts of each object begin, (n_objects + 1,)."""
+    return np.searchsorted(parts["objects"], np.arange(int(parts["n_objects"]) + 1)).astype(np.int64)
+
+
+def choose_variant(parts: Description, bundle: ModelBundle) -> str:
+    """Choose the variant of a model that fits a scene.
+
+    Parameters
+    ----------
+    parts : mapping
+        Description of the scene's objects.
+    bundle : ModelBundle
+        The model.
+
+    Returns
+    -------
+    str
+        `WITH_INTENSITY` where scene and model have it, else `GEOMETRY`.
+    """
+    known = bool(parts["intensity"]) and WITH_INTENSITY in bundle.metadata["variants"]
+    return WITH_INTENSITY if known else GEOMETRY
+
+
+def variant_arrays(bundle: ModelBundle, variant: str) -> dict[str, NDArray]:
+    """Return the arrays of one variant of a model, by their plain names.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model.
+    variant : str
+        `WITH_INTENSITY` or `GEOMETRY`.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The arrays.
+    """
+    prefix = f"{variant}."
+    return {key.removeprefix(prefix): array for key, array in bundle.arrays.items() if key.startswith(prefix)}
+
+
+def detections_of(detector: TrainedDetector, parts: Description) -> dict[str, NDArray]:
+    """Detect the objects of a scene.
+
+    Parameters
+    ----------
+    detector : TrainedDetector
+        The detector.
+    parts : mapping
+        Description of the scene's objects.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``label`` int16 (objects,): place in the wanted classes, -1 for none; ``score`` float32; ``scores`` float32
+        (objects, c): the score of every class.
+    """
+    scores = detector.score(parts)
+    label, score = detect_by_thresholds(scores, detector.thresholds)
+    return {"label": label, "score": score, "scores": scores}
+
+
+def label_detected_objects(
+    cloud: PointCloud, bundle: ModelBundle, detect: Callable[[Mapping[str, NDArray]], Mapping[str, NDArray]]
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Give the points of detected objects their class and score, from raw coordinates on; all others none.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points. Where it has the columns `ground` and `height`, as `find_ground` gives them, they are taken.
+    bundle : ModelBundle
+        The model.
+    detect : callable
+        What `segment_scene` gave to ``label`` and ``score`` of each object.
+
+    Returns
+    -------
+    labels : ndarray of int16, shape (n,)
+        Labels of the model's scheme, -1 outside detected objects.
+    confidence : ndarray of float32, shape (n,)
+        Score of the object; 0 outside.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is NaN or infinite, or the model lacks its parts.
+    """
+    labels, confidence = np.full(len(cloud), IGNORE, dtype=np.int16), np.zeros(len(cloud), dtype=np.float32)
+    if len(cloud) == 0:
+        return labels, confidence
+    stored: Mapping[str, Any] = bundle.metadata["parameters"]
+    if "intensity" in bundle.metadata["attributes"] and "intensity" not in cloud:
+        level = logging.INFO if "core" in cloud else logging.WARNING  # who cuts a survey into scenes says it once
+        logger.log(level, "%s has no intensity: objects are looked for by their shape", cloud.source)
+    known = "ground" in cloud
+    ground = {"ground": cloud["ground"]} if known else find_ground(cloud, GroundParameters(**stored["ground"]))
+    objects = segment_scene(cloud, ground, SegmentationParameters(**stored["segmentation"]))
+    found = detect(objects)
+    wanted = np.array(bundle.metadata["wanted"], dtype=np.int16)
+    if len(found["label"]) and found["label"].max() >= len(wanted):
+        raise DataError(f"model {bundle.slug!r} detects class {found['label'].max()} of {len(wanted)}")
+    inside = objects["objects"] >= 0
+    label = np.where(found["label"] >= 0, wanted[found["label"]], IGNORE).astype(np.int16)
+    labels[inside] = label[objects["objects"][inside]]
+    confidence[inside] = found["score"][objects["objects"][inside]]
+    return labels, confidence
