@@ -14,6 +14,12 @@ from PIL import Image
 from references_wiring import REPOSITORY, shared_run
 
 NOTEBOOKS = sorted((REPOSITORY / "notebooks").glob("*.ipynb"))
+SAYS = {
+    "gallery": ("single_arm_lamp", "utility_pole", "length"),
+    "tour": ("train/survey.laz", "man-made terrain", "paved ground"),
+}
+"""Words that the outputs of a notebook hold."""
+NEEDS_NO_RUN = {"gallery"}
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -27,9 +33,12 @@ def test_notebook_is_stored_without_outputs(path):
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebook_runs_and_its_pictures_show_something(path, tmp_path_factory, tmp_path, monkeypatch):
     project = tmp_path / "project"
-    shutil.copytree(
-        shared_run(tmp_path_factory), project, ignore=shutil.ignore_patterns("mlartifacts", "02_intermediate")
-    )
+    if path.stem in NEEDS_NO_RUN:
+        project.mkdir()
+    else:
+        shutil.copytree(
+            shared_run(tmp_path_factory), project, ignore=shutil.ignore_patterns("mlartifacts", "02_intermediate")
+        )
     monkeypatch.setenv("PYTHONPATH", str(REPOSITORY / "src"))
     monkeypatch.setenv("PYTHONWARNINGS", "ignore")
     notebook = nbformat.read(path, as_version=4)
@@ -48,4 +57,4 @@ def test_notebook_runs_and_its_pictures_show_something(path, tmp_path_factory, t
         pixels = np.asarray(Image.open(io.BytesIO(content)).convert("L"))
         assert min(pixels.shape) > 100 and pixels.std() > 5
     text = "".join(str(output.get("data", {}).get("text/plain", "")) for output in outputs)
-    assert "train/survey.laz" in text and "man-made terrain" in text and "paved ground" in text
+    assert [words for words in SAYS[path.stem] if words not in text] == []

@@ -65,6 +65,14 @@ def test_side_looking_scanners_see_their_own_side_alone():
         assert {-1, 1} == set(np.sign(pulses.beam[np.abs(pulses.beam[:, 2]) > 0.9, 2]))
 
 
+def test_the_scanner_of_oakland_sees_the_left_from_near_the_nadir_up():
+    pulses = pulses_of("oakland", 720)
+    assert len(pulses.time) == pytest.approx(720 * 168 / 360, abs=2)
+    assert (pulses.beam[:, 1] > -1e-6).all()
+    from_nadir = np.degrees(np.arccos(-pulses.beam[:, 2]))
+    assert from_nadir.min() == pytest.approx(12.0, abs=0.51) and from_nadir.max() > 179.0
+
+
 def test_boresight_and_bias_move_points_as_they_should():
     device = replace(SCANNERS["vmx450"].devices[0], lever=(0.1, 0.2, 0.3))
     drive = standing(SCANNERS["vmx450"])

@@ -191,5 +191,5 @@ def test_bad_counts_are_named(parameters):
 
 
 def test_presets_are_what_they_say():
-    assert set(PRESETS) == {"tiny", "small", "demo", "vmx450", "vmq1ha", "hdl64", "sick_side"}
+    assert set(PRESETS) == {"tiny", "small", "demo", "vmx450", "vmq1ha", "hdl64", "sick_side", "oakland"}
     assert PRESETS["demo"] == SimulationParameters()

@@ -223,11 +223,8 @@ def enrich_and_look_around(
                     worst = largest(row_costs)
         seen[:] = -1
         for k in range(n_matches):
-            v = matches[u, k]
-            kept = False  # a match that enrichment has replaced is no edge any more
-            for j in range(n_matches):
-                kept = kept or row[j] == v
-            if fresh[u, k] and kept:
+            if fresh[u, k]:
+                v = matches[u, k]
                 bound = row_costs[slot_of(scenes, row_costs, target_scene[v])]
                 w, cost = best_in_ball(table, u, targets, xyz, v, target.far[target.cell[v]], squared, bound, seen)
                 if w >= 0:

@@ -9,7 +9,7 @@ import pyproj
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.simulation.devices import SCANNERS, Device, ScannerSystem
-from mlsroad_pipeline.algorithms.simulation.street_parameters import StreetParameters
+from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS, StreetParameters
 from mlsroad_pipeline.algorithms.validation import check_positive
 
 OF_THE_SCANNER = ("profile_rate", "pulse_rate", "range_noise", "beam_divergence", "max_range")
@@ -175,10 +175,12 @@ PRESETS: dict[str, SimulationParameters] = {
     "vmq1ha": replace(_DEMO, **_OWN, scanner=SCANNERS["vmq1ha"]),
     "hdl64": replace(_DEMO, **_OWN, scanner=SCANNERS["hdl64"], with_images=False),
     "sick_side": replace(_DEMO, **_OWN, scanner=SCANNERS["sick_side"], speed=5.0, with_images=False),
+    "oakland": replace(_DEMO, **_OWN, scanner=SCANNERS["oakland"], speed=7.0, with_images=False,
+                       street=STREETS["campus"]),
 }  # fmt: skip
 """Named parameters.
 
 ``tiny`` (some 30,000 points, for tests), ``small`` (half a million) and ``demo`` (2 to 4 million) are a VMX-450 at a
-fraction of its rate; ``vmx450``, ``vmq1ha``, ``hdl64`` and ``sick_side`` are scanners as they are, the last two without
-images.
+fraction of its rate; ``vmx450``, ``vmq1ha``, ``hdl64``, ``sick_side`` and ``oakland`` are scanners as they are, the
+last three without images; ``oakland`` is a street of the kind ``campus``.
 """

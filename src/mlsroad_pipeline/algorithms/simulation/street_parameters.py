@@ -116,8 +116,11 @@ STREETS: dict[str, StreetParameters] = {
         lamp_spacing=30.0, grass_height=0.09, bare_soil=0.05, parking=0.0, buildings=0.15, trees=0.0, palms=0.5,
         cycas=5.0, shrubs=1.4, clutter=0.3, signs=0.6, people=0.3, traffic=0.5, overhead_wires=0.0,
     ),
+    "campus": StreetParameters(
+        verges=0.9, verge_width=3.0, palms=0.0, cycas=0.0, trees=2.0, overhead_wires=1.0,
+    ),
 }  # fmt: skip
-"""Named kinds: ``town``, ``suburb``, and ``ring_road`` like the one in Xiamen that luo2016 surveyed."""
+"""Named kinds: ``town``, ``suburb``, ``campus`` with trees, and ``ring_road`` like luo2016's in Xiamen."""
 
 
 def street_parameters(config: object) -> StreetParameters:
