@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 import pandas as pd
@@ -11,13 +12,15 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud, concatenate
+from mlsroad_pipeline.algorithms.simulation.blocks import ObjectRecord, block_centre
 from mlsroad_pipeline.algorithms.simulation.cameras import Image, pose_at
 from mlsroad_pipeline.algorithms.simulation.colouring import colour_points, spread_colours
+from mlsroad_pipeline.algorithms.simulation.crew import pieces
 from mlsroad_pipeline.algorithms.simulation.devices import Device
 from mlsroad_pipeline.algorithms.simulation.drive import Drive
 from mlsroad_pipeline.algorithms.simulation.meshes import rotation_matrix
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
-from mlsroad_pipeline.algorithms.simulation.stream import ObjectRecord, SurveyStream
+from mlsroad_pipeline.algorithms.simulation.stream import SurveyStream
 from mlsroad_pipeline.algorithms.simulation.street import Street
 
 _COLOUR_REACH = 0.5  # metres
@@ -78,13 +81,13 @@ def simulate_survey(parameters: SimulationParameters, *, n_threads: int = 1) -> 
     ParameterError
         If `n_threads` is not at least 1.
     """
-    pieces, images = SurveyPieces(parameters, n_threads=n_threads), []
+    survey, images = SurveyPieces(parameters, n_threads=n_threads), []
     clouds = []
-    for cloud, taken in pieces:
+    for cloud, taken in survey:
         clouds.append(_as_float32(cloud))
         images += taken
     return Survey(
-        concatenate(clouds), pieces.trajectory, images, pieces.objects, pieces.origin, pieces.crs, pieces.street
+        concatenate(clouds), survey.trajectory, images, survey.objects, survey.origin, survey.crs, survey.street
     )
 
 
@@ -128,8 +131,7 @@ class SurveyPieces:
             stream = stream if number == 0 else stream.next_pass()
             self._drives.append(stream.drive)
             make = _coloured_pieces if self._parameters.with_images else _bare
-            pieces = make(stream, self._truth)
-            for cloud, images in pieces:
+            for cloud, images in make(stream, self._truth):
                 self._present.update(np.unique(cloud["instance"]).tolist())
                 yield cloud, images
 
@@ -206,20 +208,24 @@ class SurveyPieces:
 
 
 def _bare(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
-    for number, scene, objects in stream.scenes():
-        truth.update(objects)
-        for cloud in stream.scan(number, scene):
-            yield cloud, []
+    for piece in pieces(stream):
+        truth.update({record.instance: record for record in piece.records})
+        if piece.cloud is not None:
+            yield piece.cloud, []
 
 
 def _coloured_pieces(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
     """Yield points once the images of the block after theirs are taken."""
     waiting: list[PointCloud] = []
     taken: list[tuple[list[Image], list[NDArray[np.float32]]]] = []
-    for number, scene, objects in stream.scenes():
-        truth.update(objects)
-        scanned = list(stream.scan(number, scene))
-        taken = [*taken[-2:], stream.photograph(number, scene)]
+    for _, steps in groupby(pieces(stream), key=lambda piece: piece.number):
+        scanned: list[PointCloud] = []
+        taken = [*taken[-2:], ([], [])]
+        for piece in steps:
+            truth.update({record.instance: record for record in piece.records})
+            scanned += [] if piece.cloud is None else [piece.cloud]
+            taken[-1][0].extend(piece.images)
+            taken[-1][1].extend(piece.depths)
         images = taken[-1][0]
         for cloud in waiting:
             yield _coloured(cloud, taken), images
@@ -322,14 +328,16 @@ def stream_points(stream: SurveyStream, *, n_points: int) -> Iterator[PointCloud
         If the street ends before there are as many points.
     """
     left = n_points
-    for number, scene, _ in stream.scenes():
-        for cloud in stream.scan(number, scene):
-            shifted = cloud.moved_to(cloud.origin + scene.centre)
-            piece = _as_float32(shifted if len(shifted) <= left else shifted.select(np.arange(left)))
-            left -= len(piece)
-            yield piece
-            if left == 0:
-                return
+    for piece in pieces(stream):
+        if piece.cloud is None:
+            continue
+        centre, _ = block_centre(stream.street, piece.number)
+        shifted = piece.cloud.moved_to(piece.cloud.origin + centre)
+        part = _as_float32(shifted if len(shifted) <= left else shifted.select(np.arange(left)))
+        left -= len(part)
+        yield part
+        if left == 0:
+            return
     raise DataError(f"the street ended {left} points short of {n_points}")
 
 
