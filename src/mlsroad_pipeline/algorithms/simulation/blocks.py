@@ -122,9 +122,7 @@ def build_block(street: Street, drive: Drive, number: int, *, pass_number: int =
 
 
 def _standing_record(placed: Placed) -> ObjectRecord:
-    return ObjectRecord(
-        placed.instance, placed.label, placed.design, placed.base, False, placed.box, placed.hard_case
-    )
+    return ObjectRecord(placed.instance, placed.label, placed.design, placed.base, False, placed.box, placed.hard_case)
 
 
 def _moving_record(street: Street, mover: Mover) -> ObjectRecord:
@@ -133,6 +131,4 @@ def _moving_record(street: Street, mover: Mover) -> ObjectRecord:
     z = street.ground.height([motion.station], [motion.offset])
     base = np.array([xy[0, 0], xy[0, 1], z[0]])
     turn = float(heading[0]) + (np.pi if motion.speed < 0 else 0.0)
-    return ObjectRecord(
-        mover.instance, mover.label, mover.design, base, True, box_around(mover.mesh, base, turn), ""
-    )
+    return ObjectRecord(mover.instance, mover.label, mover.design, base, True, box_around(mover.mesh, base, turn), "")

@@ -137,8 +137,9 @@ def _relief(label: int, s: float, left: float, tone: float, grass: float) -> flo
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def ground_cover(
-    s: float, left: float, start: float, section: NDArray[np.float64], shape: NDArray[np.float64], arms: NDArray[np.float64],
-    crossings: NDArray[np.float64], holes: NDArray[np.float64], verge: NDArray[np.uint8], lot: NDArray[np.uint8],
+    s: float, left: float, start: float, section: NDArray[np.float64], shape: NDArray[np.float64],
+    arms: NDArray[np.float64], crossings: NDArray[np.float64], holes: NDArray[np.float64],
+    verge: NDArray[np.uint8], lot: NDArray[np.uint8],
 ) -> tuple[int, float, float]:  # fmt: skip
     """Return what covers the ground at one place.
 

@@ -171,9 +171,7 @@ def main_street_marking(
     junction = _near_junction(s, left, arms, shape, lane_edge)
     if junction == 2:
         return True
-    crossing = _at_crossing(
-        s, left, a - lane_edge, junction, crossings, section[side, 0], shape[5]
-    )
+    crossing = _at_crossing(s, left, a - lane_edge, junction, crossings, section[side, 0], shape[5])
     if crossing >= 0 or junction == 1:
         return crossing == 1
     return _between_lanes(s, a, a - lane_edge, shape) or _at_the_edge(

@@ -34,14 +34,12 @@ _MATERIALS: dict[str, tuple[tuple[float, float, float], float, float, int]] = {
     "seat": ((0.08, 0.08, 0.09), 0.3, 0.5, DIFFUSE),
 }
 
+# Colours of cars and their shares: three quarters are white, grey, silver or black.
 _PAINTS: tuple[tuple[float, float, float], ...] = (
-    (0.75, 0.75, 0.74),
-    (0.03, 0.03, 0.035),
-    (0.45, 0.46, 0.47),
-    (0.18, 0.19, 0.2),
-    (0.42, 0.03, 0.03),
-)
-_PAINTS += ((0.04, 0.08, 0.28), (0.05, 0.16, 0.08), (0.5, 0.45, 0.33), (0.6, 0.33, 0.03), (0.2, 0.32, 0.42))
+    (0.75, 0.75, 0.74), (0.18, 0.19, 0.2), (0.45, 0.46, 0.47), (0.03, 0.03, 0.035),
+    (0.42, 0.03, 0.03), (0.04, 0.08, 0.28), (0.05, 0.16, 0.08), (0.5, 0.45, 0.33), (0.6, 0.33, 0.03), (0.2, 0.32, 0.42),
+)  # fmt: skip
+_PAINT_SHARES = np.cumsum([0.26, 0.19, 0.12, 0.19, 0.06, 0.08, 0.025, 0.025, 0.015, 0.035])
 
 SIGN_RED, SIGN_WHITE, SIGN_BLUE, SIGN_YELLOW, SIGN_GREEN = (
     (0.55, 0.03, 0.04),
@@ -93,14 +91,14 @@ def car_paint(label: str, rng: np.random.Generator) -> Surface:
     Surface
         Of the kind `PAINT`.
 
-
     Raises
     ------
     KeyError
         If the taxonomy has no such class.
     """
-    base = np.array(_PAINTS[int(rng.integers(len(_PAINTS)))])
-    r, g, b = (float(c) for c in np.clip(base * np.exp(rng.normal(0, 0.2, 3)) + 0.005, 0.01, 0.9))
+    row = int(np.searchsorted(_PAINT_SHARES, rng.random() * _PAINT_SHARES[-1], side="right"))
+    tone = np.exp(rng.normal(0, 0.17)) * np.exp(rng.normal(0, 0.05, 3))
+    r, g, b = (float(c) for c in np.clip(np.array(_PAINTS[row]) * tone + 0.005, 0.01, 0.9))
     reflectivity = 0.08 + 0.6 * (r + g + b) / 3 * float(np.exp(rng.normal(0, 0.3)))
     return Surface(TAXONOMY[label], (r, g, b), float(np.clip(reflectivity, 0.03, 0.85)), PAINT)
 
