@@ -147,6 +147,10 @@ class _Worker:
         except (EOFError, OSError) as error:
             raise DataError("a process that simulated a part of the survey ended; was there enough memory?") from error
 
+    def is_alive(self) -> bool:
+        """Tell whether it still runs."""
+        return bool(self._process.is_alive())
+
     def end(self) -> None:
         """Let it go."""
         self._wire.close()
@@ -177,6 +181,8 @@ _SPARE: list[_Worker] = []
 @contextmanager
 def _processes(count: int) -> Iterator[list[_Worker]]:
     """Yield processes; one stays for the next who wants it, unless something went wrong."""
+    while _SPARE and not _SPARE[-1].is_alive():
+        _SPARE.pop().end()
     found = [_SPARE.pop() if _SPARE else _Worker() for _ in range(count)]
     fine = False
     try:

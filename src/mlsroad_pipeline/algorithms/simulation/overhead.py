@@ -171,7 +171,7 @@ def over_the_road(site: Site) -> None:
     if near_arm or not all(site.fits(leg) for leg in legs):
         return
     mesh = gantry(rng, float(legs[0][1] - legs[1][1]))
-    site.add(catalogue.choose("gantry", rng, "sign_gantry"), mesh, s, float(legs[0][1]), -np.pi / 2, solid=False)
+    site.add(catalogue.choose("gantry", rng, "sign_gantry"), mesh, s, float(legs[1][1]), np.pi / 2, solid=False)
     for leg in legs:
         site.block_out(*leg)
 
