@@ -156,7 +156,7 @@ def retroreflective(rgb: tuple[float, float, float], label: str, rng: np.random.
     return Surface(TAXONOMY[label], (r, g, b), float(rng.uniform(0.3, 0.8)) * fade, RETRO)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def lattice_value(ix: int, iy: int, iz: int) -> float:
     """Return a pseudo-random number in [0, 1) that belongs to a lattice point."""
     h = (ix * 374761393 + iy * 668265263 + iz * 2147483647 + 1013904223) & 0xFFFFFFFF
@@ -165,7 +165,7 @@ def lattice_value(ix: int, iy: int, iz: int) -> float:
     return ((h ^ (h >> 15)) & 0xFFFFFF) / 16777216.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def value_noise(x: float, y: float, z: float) -> float:
     """Return smooth noise in [0, 1) with unit lattice spacing."""
     fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
@@ -180,7 +180,7 @@ def value_noise(x: float, y: float, z: float) -> float:
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def texture_tone(kind: int, x: float, y: float, z: float) -> float:
     """Return the factor, about 1, by which a surface of a kind is lighter or darker at a place."""
     if kind == BARK:

@@ -67,7 +67,7 @@ class Mover:
     design: str = ""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _poses(
     motion: NDArray[np.float64], first: int, centre: NDArray[np.float64], table: NDArray[np.float64], ground: Ground,
     knots: NDArray[np.float64],
@@ -82,7 +82,7 @@ def _poses(
         knots[k, 3] = heading + (np.pi if motion[2] < 0 else 0.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _is_near(knots: NDArray[np.float64], rays: NDArray[np.float32]) -> bool:
     """Tell whether an object ever comes nearer than `FAR` to where some of the rays begin."""
     for i in range(0, len(rays), max(len(rays) // 8, 1)):
@@ -92,7 +92,7 @@ def _is_near(knots: NDArray[np.float64], rays: NDArray[np.float32]) -> bool:
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _bundles(rays: NDArray[np.float32]) -> NDArray[np.float64]:
     """Return, per `_BUNDLE` rays in a row, a cone around them: origin, axis, angle, and how far origins differ."""
     out = np.empty(((len(rays) + _BUNDLE - 1) // _BUNDLE, 8))
@@ -117,7 +117,7 @@ def _bundles(rays: NDArray[np.float32]) -> NDArray[np.float64]:
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _misses(bundle: NDArray[np.float64], pose: NDArray[np.float64], reach: float) -> bool:
     """Tell that no ray of a bundle comes within reach of a place."""
     x, y, z = pose[0] - bundle[0], pose[1] - bundle[1], pose[2] - bundle[2]
@@ -128,7 +128,7 @@ def _misses(bundle: NDArray[np.float64], pose: NDArray[np.float64], reach: float
     return bool(np.arccos(min(max(along, -1.0), 1.0)) > bundle[6] + np.arcsin(reach / away))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def rays_toward(
     rays: NDArray[np.float32], times: NDArray[np.float64], motions: NDArray[np.float64], reaches: NDArray[np.float64],
     centre: NDArray[np.float64], table: NDArray[np.float64], ground: Ground,
@@ -180,7 +180,7 @@ def rays_toward(
     return indptr, index[:n].copy(), local[:n].copy(), yaw[:n].copy()
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def turned(normals: NDArray[np.float32], yaw: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return vectors turned about z, each by its own angle."""
     out = np.empty_like(normals)

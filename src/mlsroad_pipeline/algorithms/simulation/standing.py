@@ -149,7 +149,7 @@ def _box(vertices: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
     return np.array([c, s, *np.ravel(bounds)])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def entering(
     rays: NDArray[np.float32], limit: NDArray[np.float32], box: NDArray[np.float64], offset: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
@@ -177,7 +177,7 @@ def entering(
     return index[:n], moved[:n]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def keep_nearer(
     rows: NDArray[np.int64], t: NDArray[np.float32], ids: NDArray[np.uint32], normals: NDArray[np.float32],
     first: int, distance: NDArray[np.float32], face: NDArray[np.int32], normal: NDArray[np.float32],

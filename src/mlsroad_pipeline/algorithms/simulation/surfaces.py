@@ -77,7 +77,7 @@ def water_level(wetness: float) -> float:
     return float(np.interp(wetness, _SHARES, _LEVELS))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _is_wet(label: int, x: float, y: float, water: float) -> bool:
     """Tell whether a film of water lies on the ground at a place: puddles of some metres on what is paved."""
     if label in (GRASS, SOIL):
@@ -86,7 +86,7 @@ def _is_wet(label: int, x: float, y: float, water: float) -> bool:
     return coarse < water and coarse + 0.35 * _plane_noise(x * 1.3, y * 1.3) < water
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _plane_noise(x: float, y: float) -> float:
     """Return smooth noise in [0, 1) with unit lattice spacing."""
     fx, fy = np.floor(x), np.floor(y)
@@ -98,7 +98,7 @@ def _plane_noise(x: float, y: float) -> float:
     return (1 - v) * low + v * high
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def resolve_hits(
     distance: NDArray[np.float32], face: NDArray[np.int32], rays: NDArray[np.float32],
     attributes: NDArray[np.float32], centre: NDArray[np.float64], table: NDArray[np.float64], ground: Ground,
