@@ -84,7 +84,18 @@ class SurveyStream:
         return int(np.ceil(self.length / BLOCK))
 
     def build(self, number: int) -> Block:
-        """Return a populated block."""
+        """Return a populated block.
+
+        Parameters
+        ----------
+        number : int
+            The block.
+
+        Returns
+        -------
+        Block
+            The block.
+        """
         return build_block(self.street, self.drive, number, pass_number=self.number)
 
     def scene(self, number: int, blocks: Mapping[int, Block] | None = None) -> RayScene:
@@ -120,11 +131,33 @@ class SurveyStream:
         return scene
 
     def near(self, number: int) -> range:
-        """Return the blocks that rays can meet while the vehicle is in one."""
+        """Return the blocks that rays can meet while the vehicle is in one.
+
+        Parameters
+        ----------
+        number : int
+            The block.
+
+        Returns
+        -------
+        range
+            Their numbers.
+        """
         return range(number - _BEHIND, number + _AHEAD + 1)
 
     def spans(self, number: int) -> list[tuple[float, float]]:
-        """Return the stretches of time in which a block is scanned, seconds since the start of the drive."""
+        """Return the stretches of time in which a block is scanned.
+
+        Parameters
+        ----------
+        number : int
+            The block.
+
+        Returns
+        -------
+        list of tuple of float
+            Start and end of each, seconds since the start of the drive.
+        """
         start = self.drive.time_at(number * BLOCK)
         end = self.drive.time_at(min((number + 1) * BLOCK, self.length))
         fastest = max(device.pulse_rate for device in self._devices)
@@ -132,7 +165,18 @@ class SurveyStream:
         return [(float(a), float(b)) for a, b in pairwise(edges)]
 
     def moments(self, number: int) -> list[int]:
-        """Return which images along the drive are taken in a block: numbers of times at which all cameras do."""
+        """Return at which moments images are taken in a block.
+
+        Parameters
+        ----------
+        number : int
+            The block.
+
+        Returns
+        -------
+        list of int
+            How many image intervals lie before each.
+        """
         interval = self.parameters.image_interval
         low, high = number * BLOCK, min((number + 1) * BLOCK, self.length)
         return list(range(int(np.ceil(low / interval)), int(np.ceil(high / interval))))
@@ -157,7 +201,20 @@ class SurveyStream:
             yield self.scan_span(scene, *span)
 
     def scan_span(self, scene: RayScene, start: float, end: float) -> PointCloud:
-        """Return the points measured between two times, all scanners together; see `scan` and `spans`."""
+        """Return the points measured between two times, all scanners together.
+
+        Parameters
+        ----------
+        scene : RayScene
+            What `scene` gave for the block.
+        start, end : float
+            One of `spans`, seconds.
+
+        Returns
+        -------
+        PointCloud
+            As `scan` yields them.
+        """
         return self._merged([self._measure(scene, k, start, end) for k in range(len(self._devices))])
 
     def _measure(self, scene: RayScene, scanner: int, start: float, end: float) -> dict[str, NDArray]:
@@ -222,7 +279,20 @@ class SurveyStream:
         return images, depths
 
     def shoot(self, scene: RayScene, moment: int) -> tuple[list[Image], list[NDArray[np.float32]]]:
-        """Take the images of all cameras at one moment; see `photograph` and `moments`."""
+        """Take the images of all cameras at one moment.
+
+        Parameters
+        ----------
+        scene : RayScene
+            What `scene` gave for the block.
+        moment : int
+            One of `moments`.
+
+        Returns
+        -------
+        images, depths : list
+            As `photograph` gives them.
+        """
         before = f"{self.number}_" if self.number else ""
         time = self.drive.time_at(moment * self.parameters.image_interval)
         pairs = [
