@@ -25,8 +25,8 @@ import laspy
 import numpy as np
 import psutil
 
+from mlsroad_pipeline.algorithms.simulation import long_survey, stream_points
 from mlsroad_pipeline.algorithms.simulation.presets import PRESETS
-from mlsroad_pipeline.algorithms.simulation.survey import long_survey, stream_points
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 

@@ -10,8 +10,8 @@ from references_simulator import brown_conrady
 from mlsroad_pipeline.algorithms.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.simulation import simulate_survey
+from mlsroad_pipeline.algorithms.simulation.blocks import PASS_INSTANCES
 from mlsroad_pipeline.algorithms.simulation.drive import PAUSE
-from mlsroad_pipeline.algorithms.simulation.stream import PASS_INSTANCES
 from mlsroad_pipeline.datasets.simulated_frames import semantic_kitti_codes
 from mlsroad_pipeline.datasets.simulated_survey import (
     SurveyFiles,

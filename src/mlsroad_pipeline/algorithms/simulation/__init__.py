@@ -2,16 +2,10 @@
 
 from mlsroad_pipeline.algorithms.simulation.cameras import Image
 from mlsroad_pipeline.algorithms.simulation.devices import SCANNERS, Device, ScannerSystem
+from mlsroad_pipeline.algorithms.simulation.long_surveys import long_survey, stream_points, survey_chunks
 from mlsroad_pipeline.algorithms.simulation.presets import PRESETS, SimulationParameters
 from mlsroad_pipeline.algorithms.simulation.stream import SurveyStream
-from mlsroad_pipeline.algorithms.simulation.survey import (
-    Survey,
-    SurveyPieces,
-    long_survey,
-    simulate_survey,
-    stream_points,
-    survey_chunks,
-)
+from mlsroad_pipeline.algorithms.simulation.survey import Survey, SurveyPieces, simulate_survey
 
 __all__ = [
     "PRESETS",

@@ -99,7 +99,7 @@ class Alignment:
         return _locate(points, self.table, self.start, near)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def interpolate(table: NDArray[np.float64], start: float, s: float) -> tuple[float, float, float]:
     """Return x, y and heading at a station, held at the ends."""
     u = min(max((s - start) / STEP, 0.0), len(table) - 1.000001)
@@ -112,7 +112,7 @@ def interpolate(table: NDArray[np.float64], start: float, s: float) -> tuple[flo
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def locate_one(x: float, y: float, table: NDArray[np.float64], start: float, near: float) -> tuple[float, float]:
     """Return station and offset of one point by Newton steps along the tangent."""
     s = near
@@ -126,12 +126,13 @@ def locate_one(x: float, y: float, table: NDArray[np.float64], start: float, nea
         row = min(max(int((s - start) / STEP), 0), len(table) - 2)
         curvature = (table[row + 1, 2] - table[row, 2]) / STEP
         s += ahead / max(1.0 - curvature * left, 0.3)
-        if abs(ahead) < 5e-4:
+        # What such a step misses by is its length times the turn within it.
+        if abs(ahead) < 0.01:
             break
     return s, left
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _locate(
     xy: NDArray[np.float64], table: NDArray[np.float64], start: float, near: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -25,16 +25,16 @@ from mlsroad_pipeline.algorithms.simulation.junctions import (
     ZEBRA_HALF,
     bay_is_free,
     edge_distance,
+    first_row,
     nearest_crossing,
 )
 from mlsroad_pipeline.algorithms.simulation.markings import marked
 from mlsroad_pipeline.algorithms.simulation.materials import lattice_value, value_noise
 
 
-@njit(cache=True, nogil=True)
-def _lid(s: float, left: float, ground: Ground) -> bool:
-    holes = ground.manholes
-    for m in range(np.searchsorted(holes[:, 0], s - 0.6), len(holes)):
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _lid(s: float, left: float, holes: NDArray[np.float64]) -> bool:
+    for m in range(first_row(holes, s - 0.6), len(holes)):
         along, across, radius = holes[m, 0] - s, holes[m, 1] - left, holes[m, 2]
         if along > 0.6:
             return False
@@ -45,52 +45,62 @@ def _lid(s: float, left: float, ground: Ground) -> bool:
     return False
 
 
-@njit(cache=True, nogil=True)
-def _on_carriageway(s: float, left: float, arm: int, t: float, q: float, ground: Ground) -> int:
-    if _lid(s, left, ground):
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _on_carriageway(
+    s: float, left: float, arm: int, t: float, q: float, section: NDArray[np.float64], shape: NDArray[np.float64],
+    arms: NDArray[np.float64], crossings: NDArray[np.float64], holes: NDArray[np.float64],
+) -> int:  # fmt: skip
+    if _lid(s, left, holes):
         return MANHOLE
-    if marked(s, left, arm, t, q, ground):
+    if marked(s, left, arm, t, q, section, shape, arms, crossings):
         return LANE_MARKING
     side = 0 if left >= 0 else 1
-    half, parking = ground.section[side, 0], ground.section[side, 1]
-    bay = half - parking < abs(left) <= half and bay_is_free(s, side, ground.section, ground.arms, ground.crossings)
+    half, parking = section[side, 0], section[side, 1]
+    bay = half - parking < abs(left) <= half and bay_is_free(s, side, section, arms, crossings)
     return PARKING if bay else ROAD
 
 
-@njit(cache=True, nogil=True)
-def _off_carriageway(s: float, left: float, d: float, arm: int, t: float, ground: Ground) -> int:
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _off_carriageway(
+    s: float, left: float, d: float, arm: int, t: float, start: float, section: NDArray[np.float64],
+    arms: NDArray[np.float64], crossings: NDArray[np.float64], verge: NDArray[np.uint8], lot: NDArray[np.uint8],
+) -> int:  # fmt: skip
     side = 0 if left >= 0 else 1
     a = abs(left)
-    curb, verge, pavement = ground.section[side, 2], ground.section[side, 3], ground.section[side, 4]
+    curb, strip, pavement = section[side, 2], section[side, 3], section[side, 4]
     # Edges of grass and soil fray.
-    row = int(min(max((s + 0.3 * lattice_value(int(a * 8), int(s * 8), 3) - ground.start) / STEP, 0.0),
-                  ground.verge.shape[1] - 1.0))  # fmt: skip
-    c = nearest_crossing(s, ground.crossings)
-    paved = c >= 0 and abs(s - ground.crossings[c, 0]) < ground.crossings[c, 1]
-    planted = ground.verge[side, row]
+    row = int(min(max((s + 0.3 * lattice_value(int(a * 8), int(s * 8), 3) - start) / STEP, 0.0),
+                  verge.shape[1] - 1.0))  # fmt: skip
+    c = nearest_crossing(s, crossings)
+    paved = c >= 0 and abs(s - crossings[c, 0]) < crossings[c, 1]
+    planted = verge[side, row]
     if arm == -2:
-        planted = SOIL if ground.verge[0, row] == SOIL else GRASS
+        planted = SOIL if verge[0, row] == SOIL else GRASS
     elif arm >= 0:
-        zebra = ground.arms[arm, ZEBRA]
+        zebra = arms[arm, ZEBRA]
         # At corners people tread on what would be verge.
-        paved = t < max(zebra + ZEBRA_HALF, 0.7 * ground.arms[arm, RADIUS])
-    if arm != -2 and d > curb + verge + pavement:
-        return int(ground.lot[side, row])
-    if not paved and (arm == -2 or d <= curb + verge):
+        paved = t < max(zebra + ZEBRA_HALF, 0.7 * arms[arm, RADIUS])
+    if arm != -2 and d > curb + strip + pavement:
+        return int(lot[side, row])
+    if not paved and (arm == -2 or d <= curb + strip):
         return int(planted)
     return SIDEWALK
 
 
-@njit(cache=True, nogil=True)
-def _label(s: float, left: float, d: float, arm: int, t: float, q: float, ground: Ground) -> int:
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _label(
+    s: float, left: float, d: float, arm: int, t: float, q: float, start: float, section: NDArray[np.float64],
+    shape: NDArray[np.float64], arms: NDArray[np.float64], crossings: NDArray[np.float64], holes: NDArray[np.float64],
+    verge: NDArray[np.uint8], lot: NDArray[np.uint8],
+) -> int:  # fmt: skip
     if d <= 0:
-        return _on_carriageway(s, left, arm, t, q, ground)
-    if d <= ground.section[0 if left >= 0 else 1, 2]:
+        return _on_carriageway(s, left, arm, t, q, section, shape, arms, crossings, holes)
+    if d <= section[0 if left >= 0 else 1, 2]:
         return CURB
-    return _off_carriageway(s, left, d, arm, t, ground)
+    return _off_carriageway(s, left, d, arm, t, start, section, arms, crossings, verge, lot)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def surface_tone(label: int, s: float, left: float) -> float:
     """Return the factor, about 1, by which the ground is lighter or darker at a place: patches, wear, tufts, slabs."""
     fine = value_noise(s * 30, left * 30, label)
@@ -110,12 +120,12 @@ def surface_tone(label: int, s: float, left: float) -> float:
     return 0.75 + 0.25 * fine + 0.25 * patch
 
 
-@njit(cache=True, nogil=True)
-def _relief(label: int, s: float, left: float, tone: float, ground: Ground) -> float:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _relief(label: int, s: float, left: float, tone: float, grass: float) -> float:
     if label == GRASS:
         # A beam goes in between the blades: how deep changes from one centimetre to the next.
         tufts = value_noise(s * 1.1, left * 1.1, 2.5)
-        blade = ground.shape[7] * (0.4 + 1.2 * tufts * tufts)
+        blade = grass * (0.4 + 1.2 * tufts * tufts)
         deep = lattice_value(int(np.floor(s * 160)), int(np.floor(left * 160)), 17)
         return blade * (1.0 - 0.8 * deep * deep)
     if label == SOIL:
@@ -125,16 +135,21 @@ def _relief(label: int, s: float, left: float, tone: float, ground: Ground) -> f
     return 0.003 * (tone - 1.0)
 
 
-@njit(cache=True, nogil=True)
-def ground_cover(s: float, left: float, ground: Ground) -> tuple[int, float, float]:
+@njit(cache=True, nogil=True, error_model="numpy")
+def ground_cover(
+    s: float, left: float, start: float, section: NDArray[np.float64], shape: NDArray[np.float64],
+    arms: NDArray[np.float64], crossings: NDArray[np.float64], holes: NDArray[np.float64],
+    verge: NDArray[np.uint8], lot: NDArray[np.uint8],
+) -> tuple[int, float, float]:  # fmt: skip
     """Return what covers the ground at one place.
 
     Parameters
     ----------
     s, left : float
         Station and offset, metres.
-    ground : Ground
-        The ground.
+    start, section, shape, arms, crossings, holes, verge, lot : float or ndarray
+        Those of `Ground`, `holes` its `manholes`; compiled code is several times faster with arrays than with the
+        whole tuple of them.
 
     Returns
     -------
@@ -145,23 +160,25 @@ def ground_cover(s: float, left: float, ground: Ground) -> tuple[int, float, flo
     relief : float
         Height of blades, clods or grain above the ground's mesh, metres.
     """
-    d, arm, t, q = edge_distance(s, left, ground.section, ground.shape[5], ground.arms)
-    label = _label(s, left, d, arm, t, q, ground)
+    d, arm, t, q = edge_distance(s, left, section, shape[5], arms)
+    label = _label(s, left, d, arm, t, q, start, section, shape, arms, crossings, holes, verge, lot)
     tone = surface_tone(label, s, left)
     if -GUTTER < d <= 0 and label in (ROAD, PARKING):  # a row of gutter stones
         joint = 0.8 if (s % 0.5) < 0.012 or d > -0.012 else 1.0
         tone *= 1.45 * joint
     if label == MANHOLE and (s % 0.06) < 0.02:
         tone *= 0.6
-    return label, tone, _relief(label, s, left, tone, ground)
+    return label, tone, _relief(label, s, left, tone, shape[7])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _labels(s: NDArray[np.float64], left: NDArray[np.float64], ground: Ground) -> NDArray[np.uint8]:
     codes = np.empty(len(s), dtype=np.uint8)
+    start, section, shape, arms, crossings = ground.start, ground.section, ground.shape, ground.arms, ground.crossings
+    holes, verge, lot = ground.manholes, ground.verge, ground.lot
     for i in range(len(s)):
-        d, arm, t, q = edge_distance(s[i], left[i], ground.section, ground.shape[5], ground.arms)
-        codes[i] = _label(s[i], left[i], d, arm, t, q, ground)
+        d, arm, t, q = edge_distance(s[i], left[i], section, shape[5], arms)
+        codes[i] = _label(s[i], left[i], d, arm, t, q, start, section, shape, arms, crossings, holes, verge, lot)
     return codes
 
 

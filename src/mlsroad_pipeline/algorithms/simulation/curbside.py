@@ -6,6 +6,8 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.simulation import catalogue
 from mlsroad_pipeline.algorithms.simulation.design import Design
+from mlsroad_pipeline.algorithms.simulation.objects.people import WALKERS, conversation
+from mlsroad_pipeline.algorithms.simulation.objects.sign_plates import sign_plate
 from mlsroad_pipeline.algorithms.simulation.overhead import dry_station
 from mlsroad_pipeline.algorithms.simulation.placement import Placed, Site
 from mlsroad_pipeline.algorithms.simulation.street import generator
@@ -19,6 +21,7 @@ _EVERY_BLOCK = (
 
 _CLUTTER = ("bin", "hydrant", "mail_box", "bollard", "other_object", "bench", "parking_meter", "bicycle", "animal",
             "motorcycle")  # fmt: skip
+_GROUPS = 0.25  # share of places where people stand that are taken by several
 
 
 def _wanted(site: Site, label: str) -> float:
@@ -123,7 +126,7 @@ def _plate_on(site: Site, lamp: Placed, mesh: object, s: float, left: float) -> 
     """Hang a traffic sign on some lamps whose design has none of its own."""
     if "sign" in lamp.design or site.rng.random() > 0.3 * site.parameters.signs:
         return
-    sheet, name, half = catalogue.sign_plate(site.rng)
+    (sheet, half), name = sign_plate(site.rng), "plate_on_lamp"
     lifted = sheet.moved([0.18, 0.0, float(site.rng.uniform(2.2, 2.8)) + half])
     yaw = site.facing_traffic(left) + float(site.rng.normal(0, 0.1))
     site.add((name, "traffic_sign"), lifted, s, left, yaw, solid=False)
@@ -227,7 +230,26 @@ def _on_pavement(site: Site, side: int) -> None:
             left = way * (line - float(back))
             yaw = site.toward_road(left) if label == "bin" else float(site.rng.uniform(0, 6.28))
             s = float(site.rng.uniform(site.start + 1, site.end - 1))
-            site.try_add(catalogue.choose(label, site.rng), s, left, yaw, edge=(0.1, width + 0.05))
+            if label == "person" and site.rng.random() < _GROUPS:
+                _group(site, s, left, (0.1, width + 0.05))
+                continue
+            design = catalogue.choose(label, site.rng)
+            if design.name not in WALKERS:
+                site.try_add(design, s, left, yaw, edge=(0.1, width + 0.05))
+
+
+def _group(site: Site, s: float, left: float, edge: tuple[float, float]) -> None:
+    """Place people who stand in a ring and talk, where all of them have room."""
+    ring = []
+    for body in conversation(site.rng):
+        x, y = (float(v) for v in body.vertices[:, :2].mean(axis=0))
+        # They look at each other.
+        yaw = float(np.arctan2(-y, -x))
+        ring.append((body.moved([-x, -y, 0.0]).moved([0.0, 0.0, 0.0], yaw=-yaw), s + x, left + y, yaw))
+    if all(site.fits(site.footprint(*who), edge=edge) for who in ring):
+        design = catalogue.choose("person", site.rng, "talking_person")
+        for who in ring:
+            site.add(design, *who)
 
 
 def plant_median(site: Site) -> None:

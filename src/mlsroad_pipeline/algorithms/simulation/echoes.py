@@ -76,13 +76,13 @@ class Slots(NamedTuple):
     n_more: int
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def deviation(range_noise: float, amplitude: float, stretch: float) -> float:
     """Return the standard deviation of a range; see `range_deviation`."""
     return np.sqrt(range_noise * range_noise * (1.0 + np.exp(_NEPER * (14.0 - amplitude))) + stretch * stretch)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def amplitude_of(reflectivity: float, kind: int, cosine: float, distance: float) -> float:
     """Return the amplitude of a return in decibels: Lambert, the inverse square, gloss and retro-reflection."""
     slant = np.degrees(np.arccos(min(cosine, 1.0)))
@@ -100,13 +100,13 @@ def amplitude_of(reflectivity: float, kind: int, cosine: float, distance: float)
     return decibels
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def mirrored_share(cosine: float) -> float:
     """Return the share of light that a pane or a film of water mirrors, after Schlick."""
     return 0.06 + 0.94 * (1.0 - cosine) ** 5
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def intensity_of(amplitude: float, distance: float, corrected: bool) -> float:
     """Return the recorded intensity, 0 to 1, of a return: its reflectance, or its amplitude with a soft limit."""
     if corrected:
@@ -117,7 +117,7 @@ def intensity_of(amplitude: float, distance: float, corrected: bool) -> float:
     return min(max(amplitude / FULL_SCALE_DB, 0.0), 1.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def answers(
     hits: Hits, surfaces: Surfaces, rays: NDArray[np.float32], sensitivity: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
@@ -140,7 +140,7 @@ def answers(
     return distance, amplitude, tangent
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _mix(
     count: int, length: float, r: NDArray[np.float64], a: NDArray[np.float64], source: NDArray[np.int64],
     slant: NDArray[np.float64],
@@ -172,7 +172,7 @@ def _mix(
     return kept
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _strongest(count: int, most: int, r: NDArray, a: NDArray, source: NDArray, slant: NDArray) -> int:
     """Keep the strongest echoes, in place and in order, and return how many they are."""
     while count > most:
@@ -186,7 +186,7 @@ def _strongest(count: int, most: int, r: NDArray, a: NDArray, source: NDArray, s
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _glare(
     i: int, r: NDArray[np.float32], a: NDArray[np.float32], kind: NDArray[np.uint8],
     receiver: Receiver,
@@ -209,7 +209,7 @@ def _glare(
     return (np.inf, -99.0, -1) if found < 0 else (float(r[found]), best, found)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _gather(
     i: int, central: tuple[NDArray, NDArray, NDArray], extra: tuple[NDArray, NDArray, NDArray], slots: Slots,
     chance: float, r: NDArray[np.float64], a: NDArray[np.float64], source: NDArray[np.int64],
@@ -235,7 +235,7 @@ def _gather(
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _detect(
     i: int, count: int, chance: NDArray[np.float32], noise: NDArray[np.float32], receiver: Receiver,
     r: NDArray[np.float64], a: NDArray[np.float64], source: NDArray[np.int64], slant: NDArray[np.float64],
@@ -257,7 +257,7 @@ def _detect(
     return kept if kept <= receiver.max_returns else _strongest(kept, receiver.max_returns, r, a, source, slant)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def measure(
     central: tuple[NDArray, NDArray, NDArray], kind: NDArray[np.uint8],
     extra: tuple[NDArray, NDArray, NDArray], slots: Slots, chance: NDArray[np.float32], noise: NDArray[np.float32],

@@ -19,7 +19,33 @@ ZEBRA_HALF = 1.6
 """Half width of the zebra crossing over a side street's mouth, metres."""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def first_row(table: NDArray[np.float64], station: float) -> int:
+    """Return the first row of a table, sorted by its first column, that does not lie before a station.
+
+    Parameters
+    ----------
+    table : ndarray of shape (n, k), float64
+        Stations in column 0, metres.
+    station : float
+        Metres.
+
+    Returns
+    -------
+    int
+        From 0 to n.
+    """
+    low, high = 0, len(table)
+    while low < high:
+        middle = (low + high) // 2
+        if table[middle, 0] < station:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def rounded(a: float, b: float, radius: float) -> float:
     """Return the lesser of two distances, its level lines rounded to arcs where both are below a radius.
 
@@ -39,7 +65,7 @@ def rounded(a: float, b: float, radius: float) -> float:
     return max(radius, min(a, b)) - np.sqrt(u * u + v * v)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def arm_coordinates(s: float, left: float, half: float, arm: NDArray[np.float64]) -> tuple[float, float]:
     """Return where a place lies along and across a side street, metres.
 
@@ -65,7 +91,7 @@ def arm_coordinates(s: float, left: float, half: float, arm: NDArray[np.float64]
     return t, q / np.sqrt(1.0 + arm[SKEW] ** 2)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def edge_distance(
     s: float, left: float, section: NDArray[np.float64], median: float, arms: NDArray[np.float64]
 ) -> tuple[float, int, float, float]:
@@ -95,7 +121,7 @@ def edge_distance(
     a = abs(left)
     half = section[side, 0]
     best, which, along, across = a - half, -1, 0.0, 0.0
-    first = np.searchsorted(arms[:, STATION], s - REACH)
+    first = first_row(arms, s - REACH)
     inner = median - a
     for k in range(first, len(arms)):
         arm = arms[k]
@@ -117,7 +143,7 @@ def edge_distance(
     return best, which, along, across
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def nearest_crossing(s: float, crossings: NDArray[np.float64]) -> int:
     """Return the row of the zebra crossing nearest to a station, -1 where there is none.
 
@@ -135,13 +161,13 @@ def nearest_crossing(s: float, crossings: NDArray[np.float64]) -> int:
     """
     if len(crossings) == 0:
         return -1
-    k = int(min(int(np.searchsorted(crossings[:, 0], s)), len(crossings) - 1))
+    k = min(first_row(crossings, s), len(crossings) - 1)
     if k > 0 and s - crossings[k - 1, 0] < abs(crossings[k, 0] - s):
         k -= 1
     return k
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def bay_is_free(
     s: float, side: int, section: NDArray[np.float64], arms: NDArray[np.float64], crossings: NDArray[np.float64]
 ) -> bool:
@@ -163,7 +189,7 @@ def bay_is_free(
     """
     if section[side, 1] == 0:
         return False
-    for k in range(np.searchsorted(arms[:, STATION], s - REACH), len(arms)):
+    for k in range(first_row(arms, s - REACH), len(arms)):
         if arms[k, STATION] > s + REACH:
             break
         if int(arms[k, SIDE]) == side and abs(s - arms[k, STATION]) < arms[k, HALF_WIDTH] + arms[k, RADIUS] + 5.0:

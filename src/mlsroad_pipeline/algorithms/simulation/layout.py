@@ -27,6 +27,7 @@ def populate(street: Street, block: int) -> list[Placed]:
     premises.build(site)
     corners.furnish(site)
     overhead.utility_line(site)
+    overhead.over_the_road(site)
     curbside.lamps(site)
     curbside.bus_stop(site)
     parking.park(site)

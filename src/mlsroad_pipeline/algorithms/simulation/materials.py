@@ -34,14 +34,12 @@ _MATERIALS: dict[str, tuple[tuple[float, float, float], float, float, int]] = {
     "seat": ((0.08, 0.08, 0.09), 0.3, 0.5, DIFFUSE),
 }
 
+# Colours of cars and their shares: three quarters are white, grey, silver or black.
 _PAINTS: tuple[tuple[float, float, float], ...] = (
-    (0.75, 0.75, 0.74),
-    (0.03, 0.03, 0.035),
-    (0.45, 0.46, 0.47),
-    (0.18, 0.19, 0.2),
-    (0.42, 0.03, 0.03),
-)
-_PAINTS += ((0.04, 0.08, 0.28), (0.05, 0.16, 0.08), (0.5, 0.45, 0.33), (0.6, 0.33, 0.03), (0.2, 0.32, 0.42))
+    (0.75, 0.75, 0.74), (0.18, 0.19, 0.2), (0.45, 0.46, 0.47), (0.03, 0.03, 0.035),
+    (0.42, 0.03, 0.03), (0.04, 0.08, 0.28), (0.05, 0.16, 0.08), (0.5, 0.45, 0.33), (0.6, 0.33, 0.03), (0.2, 0.32, 0.42),
+)  # fmt: skip
+_PAINT_SHARES = np.cumsum([0.26, 0.19, 0.12, 0.19, 0.06, 0.08, 0.025, 0.025, 0.015, 0.035])
 
 SIGN_RED, SIGN_WHITE, SIGN_BLUE, SIGN_YELLOW, SIGN_GREEN = (
     (0.55, 0.03, 0.04),
@@ -93,14 +91,14 @@ def car_paint(label: str, rng: np.random.Generator) -> Surface:
     Surface
         Of the kind `PAINT`.
 
-
     Raises
     ------
     KeyError
         If the taxonomy has no such class.
     """
-    base = np.array(_PAINTS[int(rng.integers(len(_PAINTS)))])
-    r, g, b = (float(c) for c in np.clip(base * np.exp(rng.normal(0, 0.2, 3)) + 0.005, 0.01, 0.9))
+    row = int(np.searchsorted(_PAINT_SHARES, rng.random() * _PAINT_SHARES[-1], side="right"))
+    tone = np.exp(rng.normal(0, 0.17)) * np.exp(rng.normal(0, 0.05, 3))
+    r, g, b = (float(c) for c in np.clip(np.array(_PAINTS[row]) * tone + 0.005, 0.01, 0.9))
     reflectivity = 0.08 + 0.6 * (r + g + b) / 3 * float(np.exp(rng.normal(0, 0.3)))
     return Surface(TAXONOMY[label], (r, g, b), float(np.clip(reflectivity, 0.03, 0.85)), PAINT)
 
@@ -158,7 +156,7 @@ def retroreflective(rgb: tuple[float, float, float], label: str, rng: np.random.
     return Surface(TAXONOMY[label], (r, g, b), float(rng.uniform(0.3, 0.8)) * fade, RETRO)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def lattice_value(ix: int, iy: int, iz: int) -> float:
     """Return a pseudo-random number in [0, 1) that belongs to a lattice point."""
     h = (ix * 374761393 + iy * 668265263 + iz * 2147483647 + 1013904223) & 0xFFFFFFFF
@@ -167,7 +165,7 @@ def lattice_value(ix: int, iy: int, iz: int) -> float:
     return ((h ^ (h >> 15)) & 0xFFFFFF) / 16777216.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def value_noise(x: float, y: float, z: float) -> float:
     """Return smooth noise in [0, 1) with unit lattice spacing."""
     fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
@@ -182,7 +180,7 @@ def value_noise(x: float, y: float, z: float) -> float:
     return total
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def texture_tone(kind: int, x: float, y: float, z: float) -> float:
     """Return the factor, about 1, by which a surface of a kind is lighter or darker at a place."""
     if kind == BARK:

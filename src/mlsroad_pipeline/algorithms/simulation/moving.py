@@ -19,6 +19,9 @@ KNOT = 0.01
 FAR = 100.0
 """Moving objects farther away than this are not looked at, metres."""
 
+_BUNDLE = 16  # rays that are looked at together
+_LAG = 1.0  # no object goes farther while a bundle is sent, and from one knot to the next, metres
+
 
 class Motion(NamedTuple):
     """How something moves along the street.
@@ -64,7 +67,7 @@ class Mover:
     design: str = ""
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _poses(
     motion: NDArray[np.float64], first: int, centre: NDArray[np.float64], table: NDArray[np.float64], ground: Ground,
     knots: NDArray[np.float64],
@@ -79,7 +82,7 @@ def _poses(
         knots[k, 3] = heading + (np.pi if motion[2] < 0 else 0.0)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _is_near(knots: NDArray[np.float64], rays: NDArray[np.float32]) -> bool:
     """Tell whether an object ever comes nearer than `FAR` to where some of the rays begin."""
     for i in range(0, len(rays), max(len(rays) // 8, 1)):
@@ -89,7 +92,43 @@ def _is_near(knots: NDArray[np.float64], rays: NDArray[np.float32]) -> bool:
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _bundles(rays: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return, per `_BUNDLE` rays in a row, a cone around them: origin, axis, angle, and how far origins differ."""
+    out = np.empty(((len(rays) + _BUNDLE - 1) // _BUNDLE, 8))
+    for b in range(len(out)):
+        first, last = b * _BUNDLE, min((b + 1) * _BUNDLE, len(rays))
+        for c in range(6):
+            total = 0.0
+            for i in range(first, last):
+                total += rays[i, c]
+            out[b, c] = total / (last - first)
+        length = max(np.sqrt(out[b, 3] ** 2 + out[b, 4] ** 2 + out[b, 5] ** 2), 1e-9)
+        least, apart = 1.0, 0.0
+        for i in range(first, last):
+            along, gap = 0.0, 0.0
+            for c in range(3):
+                along += rays[i, 3 + c] * out[b, 3 + c] / length
+                gap += (rays[i, c] - out[b, c]) ** 2
+            least, apart = min(least, along), max(apart, gap)
+        for c in range(3, 6):
+            out[b, c] /= length
+        out[b, 6], out[b, 7] = np.arccos(max(least, -1.0)) + 1e-3, np.sqrt(apart)
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _misses(bundle: NDArray[np.float64], pose: NDArray[np.float64], reach: float) -> bool:
+    """Tell that no ray of a bundle comes within reach of a place."""
+    x, y, z = pose[0] - bundle[0], pose[1] - bundle[1], pose[2] - bundle[2]
+    away, reach = np.sqrt(x * x + y * y + z * z), reach + bundle[7] + _LAG
+    if away <= reach:
+        return False
+    along = (x * bundle[3] + y * bundle[4] + z * bundle[5]) / away
+    return bool(np.arccos(min(max(along, -1.0), 1.0)) > bundle[6] + np.arcsin(reach / away))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def rays_toward(
     rays: NDArray[np.float32], times: NDArray[np.float64], motions: NDArray[np.float64], reaches: NDArray[np.float64],
     centre: NDArray[np.float64], table: NDArray[np.float64], ground: Ground,
@@ -105,11 +144,19 @@ def rays_toward(
         return indptr, index[:0], local[:0], yaw[:0]
     first = int(np.floor(times.min() / KNOT))
     knots = np.empty((int(np.floor(times.max() / KNOT)) - first + 2, 4))
+    bundles, missed = _bundles(rays), False
     for m in range(len(motions)):
         _poses(motions[m], first, centre, table, ground, knots)
         reach = reaches[m]
         for i in range(len(rays) if _is_near(knots, rays) else 0):
             u = times[i] / KNOT - first
+            if i % _BUNDLE == 0:
+                last = min(i + _BUNDLE, len(rays)) - 1
+                # Rays that are sent on may lie seconds apart.
+                close = abs(times[last] - times[i]) < KNOT
+                missed = close and _misses(bundles[i // _BUNDLE], knots[min(int(u), len(knots) - 1)], reach)
+            if missed:
+                continue
             k = min(int(u), len(knots) - 2)
             f = u - k
             px = rays[i, 0] - (knots[k, 0] + f * (knots[k + 1, 0] - knots[k, 0]))
@@ -133,7 +180,7 @@ def rays_toward(
     return indptr, index[:n].copy(), local[:n].copy(), yaw[:n].copy()
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def turned(normals: NDArray[np.float32], yaw: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return vectors turned about z, each by its own angle."""
     out = np.empty_like(normals)

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.simulation import catalogue, poles
+from mlsroad_pipeline.algorithms.simulation import catalogue
 from mlsroad_pipeline.algorithms.simulation.design import Design
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, rotation_matrix
+from mlsroad_pipeline.algorithms.simulation.materials import material
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, rotation_matrix, tube
+from mlsroad_pipeline.algorithms.simulation.objects import utility_poles
+from mlsroad_pipeline.algorithms.simulation.objects.gantries import gantry
 from mlsroad_pipeline.algorithms.simulation.placement import Placed, Site
 from mlsroad_pipeline.algorithms.simulation.street import Street, generator
+
+_WOODEN = ("wood_pole", "double_cross_arm_pole", "rack_pole")
+_LINES = (*_WOODEN, "concrete_line_pole", "bracket_pole")
+_SPECIALS, _SPECIAL = ("transformer_pole", "utility_pole_with_lamp"), 0.2
+_GANTRIES = 0.2  # per block of a road of several lanes with a median
 
 
 def dry_station(street: Street, s: float, left: float, *, least: float = 0.15) -> float:
@@ -42,6 +50,31 @@ def dry_station(street: Street, s: float, left: float, *, least: float = 0.15) -
     return float(tried[np.argmax(free)])
 
 
+def wire(start: ArrayLike, end: ArrayLike, sag: float, radius: float, rng: np.random.Generator) -> Mesh:
+    """Return a wire that hangs between two points as a parabola, `sag` metres below their chord at its middle.
+
+    Parameters
+    ----------
+    start, end : array-like of shape (3,)
+        Its ends, metres.
+    sag : float
+        Metres.
+    radius : float
+        Metres.
+    rng : numpy.random.Generator
+        Source of its colour.
+
+    Returns
+    -------
+    Mesh
+        24 straight pieces; every face is `wire`.
+    """
+    f = np.linspace(0, 1, 25)[:, None]
+    path = np.asarray(start) + f * (np.asarray(end) - np.asarray(start))
+    path[:, 2] -= 4 * sag * (f * (1 - f))[:, 0]
+    return tube(path, radius, material("wire", "wire", rng), sides=4)
+
+
 class _Line:
     """A line of poles: where the k-th stands, and where its wires hang."""
 
@@ -51,13 +84,19 @@ class _Line:
         self.exists = rng.random() < street.parameters.overhead_wires
         self.spacing = float(rng.uniform(29, 40))
         self.left = (street.ground.property_line(self.side) - 0.35) * (1 if self.side == 0 else -1)
+        # A line is of one kind; a transformer or a lamp hangs on a pole here and there.
+        self.design = catalogue.choose("utility_pole", rng, str(rng.choice(_LINES)))
         self.sag, self.radius = float(rng.uniform(0.3, 0.9)), float(rng.uniform(0.008, 0.014))
 
     def station(self, k: int) -> float:
         return dry_station(self.street, k * self.spacing, self.left, least=0.5)
 
     def pole(self, k: int) -> tuple[Design, Mesh, NDArray[np.float64]]:
-        return catalogue.hung_pole(generator(self.street.seed, 13, k))
+        rng = generator(self.street.seed, 13, k)
+        design = self.design
+        if rng.random() < _SPECIAL and design.name in _WOODEN:
+            design = catalogue.choose("utility_pole", rng, str(rng.choice(_SPECIALS, p=[0.4, 0.6])))
+        return design, *utility_poles.hung_pole(design.name, rng)
 
     def hang(self, k: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return where the wires of a pole hang, street-local coordinates."""
@@ -109,5 +148,34 @@ def _to_houses(site: Site, line: _Line, pole: Placed, k: int, start: NDArray[np.
 def _wire(
     site: Site, pole: Placed, start: NDArray[np.float64], end: NDArray[np.float64], sag: float, radius: float
 ) -> None:
-    span = poles.wire(start - pole.base, end - pole.base, sag, radius, site.rng)
+    span = wire(start - pole.base, end - pole.base, sag, radius, site.rng)
     site.add_at(("wire", "wire"), Mesh(span.vertices + pole.base, span.faces, span.attributes), start, end)
+
+
+def over_the_road(site: Site) -> None:
+    """Place a gantry over some blocks of a road with a median.
+
+    Parameters
+    ----------
+    site : Site
+        The block.
+    """
+    ground, rng = site.street.ground, site.rng
+    if ground.shape[5] == 0 or rng.random() > _GANTRIES:
+        return
+    s = dry_station(site.street, float(rng.uniform(site.start + 6, site.end - 6)), _leg(site, 0))
+    if not site.start + 2 < s < site.end - 2:
+        return
+    legs = [np.array([s, _leg(site, side), 0.35, 0.35, 0.0]) for side in range(2)]
+    near_arm = ground.edge([s, s], [legs[0][1], legs[1][1]])[0].min() < 0.5
+    if near_arm or not all(site.fits(leg) for leg in legs):
+        return
+    mesh = gantry(rng, float(legs[0][1] - legs[1][1]))
+    site.add(catalogue.choose("gantry", rng, "sign_gantry"), mesh, s, float(legs[1][1]), np.pi / 2, solid=False)
+    for leg in legs:
+        site.block_out(*leg)
+
+
+def _leg(site: Site, side: int) -> float:
+    half, _, curb = site.street.ground.section[side, :3]
+    return float(half + curb + 0.8) * (1.0 if side == 0 else -1.0)

@@ -6,7 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.simulation import buildings, catalogue, vegetation
+from mlsroad_pipeline.algorithms.simulation import buildings, catalogue
+from mlsroad_pipeline.algorithms.simulation.hedges import hedge
 from mlsroad_pipeline.algorithms.simulation.junctions import HALF_WIDTH, SIDE, SKEW, STATION, arm_place
 from mlsroad_pipeline.algorithms.simulation.lots import Lot
 from mlsroad_pipeline.algorithms.simulation.placement import Site
@@ -82,7 +83,7 @@ def _boundary(site: Site, lot: Lot, frame: _Frame) -> None:
         return
     gate = (lot.driveway - 1.6, lot.driveway + 1.6) if np.isfinite(lot.driveway) else (lot.end, lot.end)
     state = int(site.rng.integers(2**31))
-    make = {"fence": buildings.fence, "wall": buildings.wall, "hedge": vegetation.hedge}[lot.boundary]
+    make = {"fence": buildings.fence, "wall": buildings.wall, "hedge": hedge}[lot.boundary]
     for low, high in ((lot.start, gate[0]), (gate[1], lot.end)):
         if high - low < 0.6:
             continue

@@ -169,7 +169,7 @@ def _extra_rays(
 _NONE = np.zeros(0, np.int64)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _may_mix(distance: NDArray[np.float32], max_range: float, beams: int, reach: int) -> NDArray[np.int64]:
     """Return which pulses pass near an edge: on a plane the inverse range is a sinusoid of the angle.
 
@@ -186,7 +186,7 @@ def _may_mix(distance: NDArray[np.float32], max_range: float, beams: int, reach:
     return np.flatnonzero(marked)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _differ(edge: NDArray[np.int64], hits: Hits, aside: Hits, attributes: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Tell where the second ray shows that the beam meets more than one surface, or leaves."""
     out = np.zeros(len(edge), np.bool_)
@@ -202,7 +202,7 @@ def _differ(edge: NDArray[np.int64], hits: Hits, aside: Hits, attributes: NDArra
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _tilted(
     rays: NDArray[np.float32], rows: NDArray[np.int64], chance: NDArray[np.float32], angle: float
 ) -> NDArray[np.float32]:
@@ -226,7 +226,7 @@ def _tilted(
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _mirrored(
     rays: NDArray[np.float32], hits: Hits, kind: NDArray[np.uint8]
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
@@ -248,7 +248,7 @@ def _mirrored(
     return rows[:m], out[:m].copy()
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _by_mirror(
     ghost: NDArray[np.int64], central: tuple[NDArray, NDArray, NDArray], extra: tuple[NDArray, NDArray, NDArray],
     hits: Hits, rays: NDArray[np.float32], surfaces: Surfaces,
@@ -269,7 +269,7 @@ def _by_mirror(
         surfaces.label[e] = GHOST
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _chosen(
     source: NDArray[np.int64], hits: Hits, central: Surfaces, extra: Hits, around: Surfaces
 ) -> tuple[NDArray[np.int32], NDArray[np.float32], Surfaces]:

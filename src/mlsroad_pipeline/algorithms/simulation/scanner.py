@@ -150,7 +150,7 @@ def georeference(
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def pose_matrix(roll: float, pitch: float, yaw: float, turn: NDArray[np.float64]) -> None:
     """Write the rotation Rz(yaw) Ry(pitch) Rx(roll) into a buffer."""
     cr, sr, cp, sp, cy, sy = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw)
@@ -159,7 +159,7 @@ def pose_matrix(roll: float, pitch: float, yaw: float, turn: NDArray[np.float64]
     turn[2, 0], turn[2, 1], turn[2, 2] = -sp, cp * sr, cp * cr
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def pose_between(
     time: float, poses: NDArray[np.float64], knot: int, ends: NDArray[np.float64],
     position: NDArray[np.float64], turn: NDArray[np.float64],
@@ -182,7 +182,7 @@ def pose_between(
     return k
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _hits_body(beam: NDArray[np.float32], lever: NDArray[np.float64], body: NDArray[np.float64]) -> bool:
     inward, outward = 0.0, 1e9
     for r in range(3):
@@ -192,7 +192,7 @@ def _hits_body(beam: NDArray[np.float32], lever: NDArray[np.float64], body: NDAr
     return inward <= outward
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _rays(
     first: int, last: int, pulse_rate: float, profile_rate: float, phase: tuple[float, float],
     elevations: NDArray[np.float64], field: tuple[float, float], mounting: NDArray[np.float64],
@@ -228,7 +228,7 @@ def _rays(
     return times[:m], angles[:m], beams[:m], rays[:m]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _georeference(
     time: NDArray[np.float64], beam: NDArray[np.float32], rows: NDArray[np.int64], distance: NDArray[np.float64],
     lever: NDArray[np.float64], boresight: NDArray[np.float64], bias: float, poses: NDArray[np.float64],

@@ -182,7 +182,7 @@ def _tensor(rays: NDArray[np.float32]) -> o3d.core.Tensor:
     return o3d.core.Tensor.from_numpy(rays)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _through_panes(
     rays: NDArray[np.float32], rows: NDArray[np.int64], cast: NDArray[np.float32], hits: Hits,
     attributes: NDArray[np.float32], passing: NDArray[np.float32],
@@ -207,7 +207,7 @@ def _through_panes(
     return active[:n], behind[:n].copy()
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _replace(
     hits: Hits, rows: NDArray[np.int64], behind: NDArray[np.float32], again: Hits, rays: NDArray[np.float32]
 ) -> None:

@@ -40,10 +40,32 @@ class Standing:
     box: NDArray[np.float64]
 
 
-def build_standing(
+@dataclass(frozen=True)
+class Soup:
+    """The faces of a piece of what stands still, as arrays that another process can be given.
+
+    Parameters
+    ----------
+    vertices : ndarray of shape (v, 3), float32
+        Relative to `centre`, metres.
+    faces : ndarray of shape (f, 3), uint32
+        Vertex indices.
+    attributes, instances, centre, box
+        As those of `Standing`.
+    """
+
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.uint32]
+    attributes: NDArray[np.float32]
+    instances: NDArray[np.int32]
+    centre: NDArray[np.float64]
+    box: NDArray[np.float64]
+
+
+def gather(
     meshes: Sequence[Mesh], instances: Sequence[int], centre: NDArray[np.float64], *, heading: float = 0.0
-) -> Standing:
-    """Build the structure of some meshes.
+) -> Soup:
+    """Put meshes together.
 
     Parameters
     ----------
@@ -58,22 +80,60 @@ def build_standing(
 
     Returns
     -------
+    Soup
+        Their faces.
+    """
+    whole = join(meshes)
+    vertices = whole.vertices - centre
+    numbers = np.repeat(np.asarray(instances, dtype=np.int32), [len(m.faces) for m in meshes])
+    return Soup(
+        vertices.astype(np.float32), whole.faces.astype(np.uint32), whole.attributes, numbers, centre,
+        _box(vertices, heading),
+    )  # fmt: skip
+
+
+def stand(soup: Soup) -> Standing:
+    """Build the structure that rays are cast into.
+
+    Parameters
+    ----------
+    soup : Soup
+        Its faces.
+
+    Returns
+    -------
     Standing
         The structure. It is built by one thread: built by several, two runs could answer a ray that meets an edge with
         different faces.
     """
-    whole = join(meshes)
-    vertices = whole.vertices - centre
-    structure = casting_structure(vertices, whole.faces)
-    numbers = np.repeat(np.asarray(instances, dtype=np.int32), [len(m.faces) for m in meshes])
-    return Standing(structure, whole.attributes, numbers, centre, _box(vertices, heading))
+    structure = casting_structure(soup.vertices, soup.faces)
+    return Standing(structure, soup.attributes, soup.instances, soup.centre, soup.box)
 
 
-def casting_structure(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> o3d.t.geometry.RaycastingScene:
+def build_standing(
+    meshes: Sequence[Mesh], instances: Sequence[int], centre: NDArray[np.float64], *, heading: float = 0.0
+) -> Standing:
+    """Build the structure of some meshes; see `gather` and `stand`.
+
+    Parameters
+    ----------
+    meshes, instances, centre, heading
+        As for `gather`.
+
+    Returns
+    -------
+    Standing
+        The structure.
+    """
+    return stand(gather(meshes, instances, centre, heading=heading))
+
+
+def casting_structure(vertices: NDArray, faces: NDArray) -> o3d.t.geometry.RaycastingScene:
     """Return an acceleration structure that is ready to be cast into."""
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(
-        o3d.core.Tensor.from_numpy(vertices.astype(np.float32)), o3d.core.Tensor.from_numpy(faces.astype(np.uint32))
+        o3d.core.Tensor.from_numpy(vertices.astype(np.float32, copy=False)),
+        o3d.core.Tensor.from_numpy(faces.astype(np.uint32, copy=False)),
     )
     # The first ray builds it.
     scene.test_occlusions(o3d.core.Tensor.from_numpy(np.ones((1, 6), np.float32)), nthreads=1)
@@ -89,7 +149,7 @@ def _box(vertices: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
     return np.array([c, s, *np.ravel(bounds)])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def entering(
     rays: NDArray[np.float32], limit: NDArray[np.float32], box: NDArray[np.float64], offset: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
@@ -117,7 +177,7 @@ def entering(
     return index[:n], moved[:n]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def keep_nearer(
     rows: NDArray[np.int64], t: NDArray[np.float32], ids: NDArray[np.uint32], normals: NDArray[np.float32],
     first: int, distance: NDArray[np.float32], face: NDArray[np.int32], normal: NDArray[np.float32],

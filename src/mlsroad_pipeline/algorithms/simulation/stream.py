@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -13,63 +12,19 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.simulation.blocks import Block, block_centre, build_block
 from mlsroad_pipeline.algorithms.simulation.cameras import CAMERAS, Image, take_image
 from mlsroad_pipeline.algorithms.simulation.drive import PAUSE, drive_along
-from mlsroad_pipeline.algorithms.simulation.ground_mesh import ground_mesh
-from mlsroad_pipeline.algorithms.simulation.layout import populate
 from mlsroad_pipeline.algorithms.simulation.lighting import draw_light, shade
-from mlsroad_pipeline.algorithms.simulation.placement import Box, Placed, box_around
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
 from mlsroad_pipeline.algorithms.simulation.receiver import GHOST, receive
 from mlsroad_pipeline.algorithms.simulation.scanner import draw_calibration, georeference, send_pulses
 from mlsroad_pipeline.algorithms.simulation.scene import Mover, RayScene
-from mlsroad_pipeline.algorithms.simulation.standing import Standing, build_standing
+from mlsroad_pipeline.algorithms.simulation.standing import Standing, stand
 from mlsroad_pipeline.algorithms.simulation.street import BLOCK, draw_street, generator
-from mlsroad_pipeline.algorithms.simulation.threads import ahead_of, workers
-from mlsroad_pipeline.algorithms.simulation.traffic import draw_traffic
 
 _BEHIND, _AHEAD = 1, 2  # blocks around the vehicle's own that rays can meet
 _PULSES = 262_144  # pulses of one scanner that are cast at once
-
-PASS_INSTANCES = 10_000_000
-"""Moving objects of a further pass are numbered this much higher, as they are others."""
-
-
-@dataclass(frozen=True)
-class _Block:
-    """A populated block."""
-
-    standing: Standing
-    placed: list[Placed]
-    movers: list[Mover]
-
-
-class ObjectRecord(NamedTuple):
-    """The truth about one object.
-
-    Parameters
-    ----------
-    instance, label : int
-        Its number and the taxonomy code of the whole.
-    design : str
-        Name of what it was built from.
-    base : ndarray of shape (3,), float64
-        Where it stands, street-local metres; of a moving object when the van passes it.
-    moving : bool
-        Whether it moves.
-    box : Box
-        The box around it.
-    hard_case : str
-        Why it is hard to tell from its neighbour, where it was placed so.
-    """
-
-    instance: int
-    label: int
-    design: str
-    base: NDArray[np.float64]
-    moving: bool
-    box: Box
-    hard_case: str
 
 
 class SurveyStream:
@@ -82,7 +37,7 @@ class SurveyStream:
     length : float, optional
         Length to survey instead of that of the parameters, metres; of any size.
     n_threads : int, default 1
-        Threads to use. The points do not depend on it.
+        Workers that `crew.pieces` uses for it. The points do not depend on it.
     number : int, default 0
         Which pass through the street it is.
     start : float, optional
@@ -109,7 +64,8 @@ class SurveyStream:
         self.crs = parameters.crs_wkt()
         self._devices = parameters.devices
         self._calibrations = [draw_calibration(parameters, scanner=k) for k in range(len(self._devices))]
-        self._blocks: dict[int, _Block] = {}
+        self._standing: dict[int, tuple[Standing, list[Mover]]] = {}
+        self._scene: tuple[int, RayScene] | None = None
 
     @property
     def trajectory(self) -> pd.DataFrame:
@@ -127,59 +83,103 @@ class SurveyStream:
         """Return how many blocks the drive passes."""
         return int(np.ceil(self.length / BLOCK))
 
-    def _centre(self, number: int) -> tuple[NDArray[np.float64], float]:
-        xy, heading = self.street.alignment.place([(number + 0.5) * BLOCK], [0.0])
-        z = self.street.ground.height([(number + 0.5) * BLOCK], [0.0])
-        return np.round(np.array([xy[0, 0], xy[0, 1], z[0]])), float(heading[0])
+    def build(self, number: int) -> Block:
+        """Return a populated block.
 
-    def block(self, number: int) -> _Block:
-        """Return a populated block; those far behind are forgotten."""
-        if number not in self._blocks:
-            placed = populate(self.street, number)
-            centre, heading = self._centre(number)
-            meshes = [ground_mesh(self.street, number), *(p.mesh for p in placed)]
-            standing = build_standing(meshes, [0, *(p.instance for p in placed)], centre, heading=heading)
-            self._blocks[number] = _Block(standing, placed, self._traffic(number))
-            for old in [k for k in self._blocks if k < number - _BEHIND - _AHEAD - 1]:
-                del self._blocks[old]
-        return self._blocks[number]
-
-    def _traffic(self, number: int) -> list[Mover]:
-        if self.number == 0:
-            return draw_traffic(self.street, self.drive, number)
-        # Others are about when the vehicle comes again.
-        other = replace(self.street, seed=self.street.seed + 1_000_003 * self.number)
-        added = PASS_INSTANCES * self.number
-        return [replace(m, instance=m.instance + added) for m in draw_traffic(other, self.drive, number)]
-
-    def scene(self, number: int) -> RayScene:
-        """Return what rays can meet while the vehicle is in a block."""
-        near = [number, *(number + k for k in range(1, _AHEAD + 1)), *(number - k for k in range(1, _BEHIND + 1))]
-        blocks = {k: self.block(k) for k in sorted(near)}
-        movers = [m for k in sorted(near) for m in blocks[k].movers]
-        return RayScene(
-            self.street, [], [], movers, self._centre(number)[0], n_threads=self.n_threads,
-            wetness=self.parameters.wetness, standing=[blocks[k].standing for k in near],
-        )  # fmt: skip
-
-    def scenes(self) -> Iterator[tuple[int, RayScene, dict[int, ObjectRecord]]]:
-        """Yield number, scene and objects of each block in turn; with threads the next is built meanwhile.
-
-        Yields
-        ------
+        Parameters
+        ----------
         number : int
             The block.
-        scene : RayScene
-            What `scene` gives for it.
-        objects : dict of int to ObjectRecord
-            What `objects` gives while the block is the vehicle's own.
+
+        Returns
+        -------
+        Block
+            The block.
         """
+        return build_block(self.street, self.drive, number, pass_number=self.number)
 
-        def build(number: int) -> tuple[int, RayScene, dict[int, ObjectRecord]]:
-            return number, self.scene(number), {record.instance: record for record in self.objects()}
+    def scene(self, number: int, blocks: Mapping[int, Block] | None = None) -> RayScene:
+        """Return what rays can meet while the vehicle is in a block.
 
-        with workers(1 if self.n_threads > 1 else 0) as pool:
-            yield from ahead_of(pool, build, range(self.block_count()), 1)
+        Parameters
+        ----------
+        number : int
+            The block.
+        blocks : mapping of int to Block, optional
+            `near` it, as `build` gives them; built here by default. Blocks farther behind are forgotten.
+
+        Returns
+        -------
+        RayScene
+            The scene.
+        """
+        if self._scene is not None and self._scene[0] == number:
+            return self._scene[1]
+        self._standing = {k: part for k, part in self._standing.items() if k >= number - _BEHIND}
+        movers = []
+        for k in self.near(number):
+            if k not in self._standing:
+                block = self.build(k) if blocks is None else blocks[k]
+                self._standing[k] = stand(block.soup), block.movers
+            movers += self._standing[k][1]
+        order = [number, *(number + k for k in range(1, _AHEAD + 1)), *(number - k for k in range(1, _BEHIND + 1))]
+        scene = RayScene(
+            self.street, [], [], movers, block_centre(self.street, number)[0], wetness=self.parameters.wetness,
+            standing=[self._standing[k][0] for k in order],
+        )  # fmt: skip
+        self._scene = number, scene
+        return scene
+
+    def near(self, number: int) -> range:
+        """Return the blocks that rays can meet while the vehicle is in one.
+
+        Parameters
+        ----------
+        number : int
+            The block.
+
+        Returns
+        -------
+        range
+            Their numbers.
+        """
+        return range(number - _BEHIND, number + _AHEAD + 1)
+
+    def spans(self, number: int) -> list[tuple[float, float]]:
+        """Return the stretches of time in which a block is scanned.
+
+        Parameters
+        ----------
+        number : int
+            The block.
+
+        Returns
+        -------
+        list of tuple of float
+            Start and end of each, seconds since the start of the drive.
+        """
+        start = self.drive.time_at(number * BLOCK)
+        end = self.drive.time_at(min((number + 1) * BLOCK, self.length))
+        fastest = max(device.pulse_rate for device in self._devices)
+        edges = np.linspace(start, end, max(int(np.ceil((end - start) * fastest / _PULSES)), 1) + 1)
+        return [(float(a), float(b)) for a, b in pairwise(edges)]
+
+    def moments(self, number: int) -> list[int]:
+        """Return at which moments images are taken in a block.
+
+        Parameters
+        ----------
+        number : int
+            The block.
+
+        Returns
+        -------
+        list of int
+            How many image intervals lie before each.
+        """
+        interval = self.parameters.image_interval
+        low, high = number * BLOCK, min((number + 1) * BLOCK, self.length)
+        return list(range(int(np.ceil(low / interval)), int(np.ceil(high / interval))))
 
     def scan(self, number: int, scene: RayScene) -> Iterator[PointCloud]:
         """Yield the points measured while the vehicle is in a block.
@@ -197,16 +197,25 @@ class SurveyStream:
             Points in the order of gps_time, all scanners together; street-local float64 coordinates. Columns as in
             `Survey`; rgb only without images, which colour the points otherwise.
         """
-        start = self.drive.time_at(number * BLOCK)
-        end = self.drive.time_at(min((number + 1) * BLOCK, self.length))
-        fastest = max(device.pulse_rate for device in self._devices)
-        count = max(int(np.ceil((end - start) * fastest / _PULSES)), 1)
-        edges = np.linspace(start, end, count + 1)
-        jobs = [(s, *edges[k : k + 2]) for k in range(count) for s in range(len(self._devices))]
-        with workers(self.n_threads if self.n_threads > 1 else 0) as pool:
-            results = ahead_of(pool, lambda job: self._measure(scene, *job), jobs, self.n_threads)
-            for _ in range(count):
-                yield self._merged([next(results) for _ in self._devices])
+        for span in self.spans(number):
+            yield self.scan_span(scene, *span)
+
+    def scan_span(self, scene: RayScene, start: float, end: float) -> PointCloud:
+        """Return the points measured between two times, all scanners together.
+
+        Parameters
+        ----------
+        scene : RayScene
+            What `scene` gave for the block.
+        start, end : float
+            One of `spans`, seconds.
+
+        Returns
+        -------
+        PointCloud
+            As `scan` yields them.
+        """
+        return self._merged([self._measure(scene, k, start, end) for k in range(len(self._devices))])
 
     def _measure(self, scene: RayScene, scanner: int, start: float, end: float) -> dict[str, NDArray]:
         """Return coordinates and columns of one scanner's points between two times."""
@@ -262,38 +271,38 @@ class SurveyStream:
         depths : list of ndarray of shape (height, width), float32
             Of each image: depth along the optical axis in metres, infinite in the sky.
         """
-        interval = self.parameters.image_interval
-        low, high = number * BLOCK, min((number + 1) * BLOCK, self.length)
-        shots = [(k, c) for k in range(int(np.ceil(low / interval)), int(np.ceil(high / interval))) for c in CAMERAS]
+        images, depths = [], []
+        for moment in self.moments(number):
+            taken = self.shoot(scene, moment)
+            images += taken[0]
+            depths += taken[1]
+        return images, depths
+
+    def shoot(self, scene: RayScene, moment: int) -> tuple[list[Image], list[NDArray[np.float32]]]:
+        """Take the images of all cameras at one moment.
+
+        Parameters
+        ----------
+        scene : RayScene
+            What `scene` gave for the block.
+        moment : int
+            One of `moments`.
+
+        Returns
+        -------
+        images, depths : list
+            As `photograph` gives them.
+        """
         before = f"{self.number}_" if self.number else ""
-
-        def take(shot: tuple[int, str]) -> tuple[Image, NDArray[np.float32]]:
-            k, camera = shot
-            return take_image(
+        time = self.drive.time_at(moment * self.parameters.image_interval)
+        pairs = [
+            take_image(
                 scene, self.drive, self.light, self.parameters,
-                camera=camera, time=self.drive.time_at(k * interval), name=f"{before}{k:05d}_{camera}",
-            )  # fmt: skip
-
-        with workers(self.n_threads if self.n_threads > 1 else 0) as pool:
-            pairs = list(ahead_of(pool, take, shots, self.n_threads))
+                camera=camera, time=time, name=f"{before}{moment:05d}_{camera}",
+            )
+            for camera in CAMERAS
+        ]  # fmt: skip
         return [image for image, _ in pairs], [depth for _, depth in pairs]
-
-    def objects(self) -> Iterator[ObjectRecord]:
-        """Yield the truth about all objects in the blocks held now."""
-        for block in self._blocks.values():
-            for placed in block.placed:
-                if placed.instance:
-                    yield ObjectRecord(
-                        placed.instance, placed.label, placed.design, placed.base, False, placed.box, placed.hard_case
-                    )
-            for mover in block.movers:
-                motion = mover.motion
-                xy, heading = self.street.alignment.place([motion.station], [motion.offset])
-                z = self.street.ground.height([motion.station], [motion.offset])
-                base = np.array([xy[0, 0], xy[0, 1], z[0]])
-                turn = float(heading[0]) + (np.pi if motion.speed < 0 else 0.0)
-                around = box_around(mover.mesh, base, turn)
-                yield ObjectRecord(mover.instance, mover.label, mover.design, base, True, around, "")
 
 
 @njit(cache=True, nogil=True)

@@ -77,7 +77,7 @@ def water_level(wetness: float) -> float:
     return float(np.interp(wetness, _SHARES, _LEVELS))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _is_wet(label: int, x: float, y: float, water: float) -> bool:
     """Tell whether a film of water lies on the ground at a place: puddles of some metres on what is paved."""
     if label in (GRASS, SOIL):
@@ -86,7 +86,7 @@ def _is_wet(label: int, x: float, y: float, water: float) -> bool:
     return coarse < water and coarse + 0.35 * _plane_noise(x * 1.3, y * 1.3) < water
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _plane_noise(x: float, y: float) -> float:
     """Return smooth noise in [0, 1) with unit lattice spacing."""
     fx, fy = np.floor(x), np.floor(y)
@@ -98,7 +98,7 @@ def _plane_noise(x: float, y: float) -> float:
     return (1 - v) * low + v * high
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def resolve_hits(
     distance: NDArray[np.float32], face: NDArray[np.int32], rays: NDArray[np.float32],
     attributes: NDArray[np.float32], centre: NDArray[np.float64], table: NDArray[np.float64], ground: Ground,
@@ -109,6 +109,8 @@ def resolve_hits(
     label, kind = np.zeros(n, dtype=np.uint8), np.zeros(n, dtype=np.uint8)
     rgb, reflectivity = np.zeros((n, 3), dtype=np.float32), np.zeros(n, dtype=np.float32)
     relief = np.zeros(n, dtype=np.float32)
+    start, section, shape, arms, crossings = ground.start, ground.section, ground.shape, ground.arms, ground.crossings
+    holes, verge, lot = ground.manholes, ground.verge, ground.lot
     guess = near
     for i in range(n):
         if face[i] < 0:
@@ -118,9 +120,9 @@ def resolve_hits(
         x = centre[0] + rays[i, 0] + distance[i] * rays[i, 3]
         y = centre[1] + rays[i, 1] + distance[i] * rays[i, 4]
         if kind[i] == GROUND:
-            s, left = locate_one(x, y, table, ground.start, guess)
+            s, left = locate_one(x, y, table, start, guess)
             guess = s
-            code, tone, relief[i] = ground_cover(s, left, ground)
+            code, tone, relief[i] = ground_cover(s, left, start, section, shape, arms, crossings, holes, verge, lot)
             label[i] = code
             for c in range(3):
                 rgb[i, c] = min(ground_rgb[code, c] * tone, 1.0)

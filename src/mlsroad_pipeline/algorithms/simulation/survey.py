@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud, concatenate
+from mlsroad_pipeline.algorithms.simulation.blocks import ObjectRecord
 from mlsroad_pipeline.algorithms.simulation.cameras import Image, pose_at
 from mlsroad_pipeline.algorithms.simulation.colouring import colour_points, spread_colours
+from mlsroad_pipeline.algorithms.simulation.crew import pieces
 from mlsroad_pipeline.algorithms.simulation.devices import Device
 from mlsroad_pipeline.algorithms.simulation.drive import Drive
 from mlsroad_pipeline.algorithms.simulation.meshes import rotation_matrix
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
-from mlsroad_pipeline.algorithms.simulation.stream import ObjectRecord, SurveyStream
+from mlsroad_pipeline.algorithms.simulation.stream import SurveyStream
 from mlsroad_pipeline.algorithms.simulation.street import Street
 
 _COLOUR_REACH = 0.5  # metres
@@ -78,13 +80,13 @@ def simulate_survey(parameters: SimulationParameters, *, n_threads: int = 1) -> 
     ParameterError
         If `n_threads` is not at least 1.
     """
-    pieces, images = SurveyPieces(parameters, n_threads=n_threads), []
+    survey, images = SurveyPieces(parameters, n_threads=n_threads), []
     clouds = []
-    for cloud, taken in pieces:
-        clouds.append(_as_float32(cloud))
+    for cloud, taken in survey:
+        clouds.append(as_float32(cloud))
         images += taken
     return Survey(
-        concatenate(clouds), pieces.trajectory, images, pieces.objects, pieces.origin, pieces.crs, pieces.street
+        concatenate(clouds), survey.trajectory, images, survey.objects, survey.origin, survey.crs, survey.street
     )
 
 
@@ -128,8 +130,7 @@ class SurveyPieces:
             stream = stream if number == 0 else stream.next_pass()
             self._drives.append(stream.drive)
             make = _coloured_pieces if self._parameters.with_images else _bare
-            pieces = make(stream, self._truth)
-            for cloud, images in pieces:
+            for cloud, images in make(stream, self._truth):
                 self._present.update(np.unique(cloud["instance"]).tolist())
                 yield cloud, images
 
@@ -206,20 +207,24 @@ class SurveyPieces:
 
 
 def _bare(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
-    for number, scene, objects in stream.scenes():
-        truth.update(objects)
-        for cloud in stream.scan(number, scene):
-            yield cloud, []
+    for piece in pieces(stream):
+        truth.update({record.instance: record for record in piece.records})
+        if piece.cloud is not None:
+            yield piece.cloud, []
 
 
 def _coloured_pieces(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
     """Yield points once the images of the block after theirs are taken."""
     waiting: list[PointCloud] = []
     taken: list[tuple[list[Image], list[NDArray[np.float32]]]] = []
-    for number, scene, objects in stream.scenes():
-        truth.update(objects)
-        scanned = list(stream.scan(number, scene))
-        taken = [*taken[-2:], stream.photograph(number, scene)]
+    for _, steps in groupby(pieces(stream), key=lambda piece: piece.number):
+        scanned: list[PointCloud] = []
+        taken = [*taken[-2:], ([], [])]
+        for piece in steps:
+            truth.update({record.instance: record for record in piece.records})
+            scanned += [] if piece.cloud is None else [piece.cloud]
+            taken[-1][0].extend(piece.images)
+            taken[-1][1].extend(piece.depths)
         images = taken[-1][0]
         for cloud in waiting:
             yield _coloured(cloud, taken), images
@@ -242,98 +247,8 @@ def _object_table(records: Iterable[ObjectRecord], origin: NDArray[np.float64]) 
     return pd.DataFrame(rows, columns=names)
 
 
-def survey_chunks(parameters: SimulationParameters, *, n_points: int, n_threads: int = 1) -> Iterator[PointCloud]:
-    """Yield a long survey piece by piece, without images.
-
-    Parameters
-    ----------
-    parameters : SimulationParameters
-        How it is surveyed; the length follows from `n_points`.
-    n_points : int
-        How many points to make in all.
-    n_threads : int, default 1
-        Threads to use. The points do not depend on it.
-
-    Yields
-    ------
-    PointCloud
-        Some 100,000s of points each, in the order of gps_time, float32 relative to an origin of each piece's own, so
-        that a street of any length keeps its precision. Only a few blocks of street are in memory at a time. For the
-        trajectory, use `SurveyStream` itself.
-
-    Raises
-    ------
-    ParameterError
-        If `n_points` or `n_threads` is not at least 1.
-    DataError
-        If the street ends before there are as many points, because nearly no pulse came back.
-    """
-    if n_points < 1:
-        raise ParameterError(f"n_points must be >= 1, got {n_points!r}")
-    yield from stream_points(long_survey(parameters, n_points=n_points, n_threads=n_threads), n_points=n_points)
-
-
-def long_survey(parameters: SimulationParameters, *, n_points: int, n_threads: int = 1) -> SurveyStream:
-    """Return a survey without images of a street long enough for a number of points; it is made as it is read.
-
-    Parameters
-    ----------
-    parameters : SimulationParameters
-        How it is surveyed; its length and images are not used.
-    n_points : int
-        How many points the street must give.
-    n_threads : int, default 1
-        Threads to use. The points do not depend on it.
-
-    Returns
-    -------
-    SurveyStream
-        The survey.
-
-    Raises
-    ------
-    ParameterError
-        If `n_threads` is below 1.
-    """
-    # As a rule 60 % of the pulses come back; a street longer than needed costs nothing.
-    pulses = sum(device.pulse_rate for device in parameters.devices)
-    length = 60.0 + n_points / (pulses * 0.3) * parameters.speed
-    return SurveyStream(replace(parameters, with_images=False), length=length, n_threads=n_threads)
-
-
-def stream_points(stream: SurveyStream, *, n_points: int) -> Iterator[PointCloud]:
-    """Yield the first points of a survey, piece by piece; see `survey_chunks`.
-
-    Parameters
-    ----------
-    stream : SurveyStream
-        The survey.
-    n_points : int
-        How many points to yield in all, at least 1.
-
-    Yields
-    ------
-    PointCloud
-        Points in the order of gps_time, float32 relative to an origin of each piece's own.
-
-    Raises
-    ------
-    DataError
-        If the street ends before there are as many points.
-    """
-    left = n_points
-    for number, scene, _ in stream.scenes():
-        for cloud in stream.scan(number, scene):
-            shifted = cloud.moved_to(cloud.origin + scene.centre)
-            piece = _as_float32(shifted if len(shifted) <= left else shifted.select(np.arange(left)))
-            left -= len(piece)
-            yield piece
-            if left == 0:
-                return
-    raise DataError(f"the street ended {left} points short of {n_points}")
-
-
-def _as_float32(cloud: PointCloud) -> PointCloud:
+def as_float32(cloud: PointCloud) -> PointCloud:
+    """Return points with float32 coordinates."""
     return replace(cloud, xyz=cloud.xyz.astype(np.float32))
 
 

@@ -6,14 +6,17 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.simulation import catalogue
+from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.drive import Drive
+from mlsroad_pipeline.algorithms.simulation.objects.people import WALKERS
 from mlsroad_pipeline.algorithms.simulation.placement import INSTANCES_PER_BLOCK
 from mlsroad_pipeline.algorithms.simulation.scene import Motion, Mover
 from mlsroad_pipeline.algorithms.simulation.street import BLOCK, MARGIN, Street, generator
 
 _SLOT = 30.0  # one vehicle at most is met per lane and stretch of this length, metres
 _VEHICLES = ("car", "van", "bus", "truck", "motorcycle")
-_SHARES = (0.66, 0.14, 0.1, 0.06, 0.04)
+_SHARES = np.array([0.66, 0.14, 0.1, 0.06, 0.04])
+_MOTORCYCLES = ("ridden_motorcycle", "ridden_scooter")
 
 
 class _Meetings:
@@ -24,19 +27,25 @@ class _Meetings:
         self.rng = generator(street.seed, 30, block)
         self.movers: list[Mover] = []
 
-    def add(self, label: str, station: float, speed: float, offset: float) -> None:
+    def add(self, design: Design, station: float, speed: float, offset: float) -> None:
         """Let something pass a station when the van does."""
-        design = catalogue.choose(label, self.rng)
         first = (self.block + MARGIN) * INSTANCES_PER_BLOCK + INSTANCES_PER_BLOCK // 2
         motion = Motion(station, self.drive.time_at(station), speed, offset)
         mesh = design.build(self.rng)
-        self.movers.append(Mover(TAXONOMY[label], first + len(self.movers), mesh, motion, design.name))
+        self.movers.append(Mover(TAXONOMY[design.label], first + len(self.movers), mesh, motion, design.name))
 
-    def vehicle(self) -> str:
-        """Draw a class of vehicle."""
-        known = [(k, s) for k, s in zip(_VEHICLES, _SHARES, strict=True) if k in catalogue.designs()]
-        share = np.array([s for _, s in known])
-        return known[int(self.rng.choice(len(known), p=share / share.sum()))][0]
+    def vehicle(self) -> Design:
+        """Draw a vehicle; motorcycles with who rides them."""
+        label = _VEHICLES[int(self.rng.choice(len(_VEHICLES), p=_SHARES))]
+        if label == "motorcycle":
+            return catalogue.choose("rider", self.rng, _MOTORCYCLES[int(self.rng.integers(2))])
+        return catalogue.choose(label, self.rng)
+
+    def walker(self) -> Design:
+        """Draw someone who is on the way."""
+        known = [catalogue.choose("person", self.rng, name) for name in WALKERS]
+        weights = np.array([design.weight for design in known])
+        return known[int(self.rng.choice(len(known), p=weights / weights.sum()))]
 
 
 def draw_traffic(street: Street, drive: Drive, block: int) -> list[Mover]:
@@ -77,7 +86,12 @@ def draw_traffic(street: Street, drive: Drive, block: int) -> list[Mover]:
     if rng.random() < 0.45 * parameters.traffic:
         # Between the outermost lane and the curb or the parked cars on the other side of the street.
         edge = float(ground.section[0, 0] - ground.section[0, 1] - 0.4)
-        meet.add("rider", float(rng.uniform(0.1, 0.9) + block) * BLOCK, -riding, edge)
+        meet.add(
+            catalogue.choose("rider", rng, "ridden_bicycle"),
+            float(rng.uniform(0.1, 0.9) + block) * BLOCK,
+            -riding,
+            edge,
+        )
     for side, way in ((0, 1), (1, -1)):
         half, _, curb, verge, pavement = (float(v) for v in ground.section[side])
         for _ in range(int(rng.poisson(0.8 * parameters.people))):
@@ -85,5 +99,5 @@ def draw_traffic(street: Street, drive: Drive, block: int) -> list[Mover]:
             offset = way * (half + curb + verge + (0.35 + 0.3 * direction) * pavement)
             station = float(rng.uniform(block * BLOCK, (block + 1) * BLOCK))
             speed = float(walking[side, direction]) * (1 if direction else -1)
-            meet.add("person", station, speed, offset)
+            meet.add(meet.walker(), station, speed, offset)
     return meet.movers

@@ -17,6 +17,7 @@ from mlsroad_pipeline.datasets.simulated_survey import (
 from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
 
 THREADS = 2
+"""Workers of a survey that is simulated alone; several are simulated side by side with one each."""
 
 
 def simulate_surveys(simulation: Mapping[str, Any], survey: SurveyParameters) -> dict[str, SceneTask]:
@@ -44,15 +45,17 @@ def simulate_surveys(simulation: Mapping[str, Any], survey: SurveyParameters) ->
         return {}
     if simulation["only"] not in (None, *simulation["surveys"]):
         raise ParameterError(f"simulation.only {simulation['only']!r} is none of {', '.join(simulation['surveys'])}")
+    wanted = [n for n, c in simulation["surveys"].items() if c is not None and simulation["only"] in (None, n)]
+    n_threads = THREADS if len(wanted) == 1 else 1
     tasks = {}
     for name, config in simulation["surveys"].items():
-        if config is None or simulation["only"] not in (None, name):
+        if name not in wanted:
             continue
         parameters, files = simulation_parameters(config), survey_files(config)
         folder = Path(str(survey.root)) / name
         tasks[name] = SceneTask(
             write_simulated_survey,
-            parameters={"parameters": parameters, "folder": str(folder), "n_threads": THREADS, "files": files},
+            parameters={"parameters": parameters, "folder": str(folder), "n_threads": n_threads, "files": files},
             outputs=(*(str(folder / file) for file in files.names(parameters)), str(folder / TRAJECTORY)),
         )
     return tasks

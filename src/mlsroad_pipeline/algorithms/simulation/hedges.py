@@ -1,4 +1,4 @@
-"""Plants: every function draws one individual, standing at the local origin, z up."""
+"""Hedges."""
 
 from __future__ import annotations
 
@@ -6,77 +6,8 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.simulation.batches import blades, lift, tubes
 from mlsroad_pipeline.algorithms.simulation.crowns import UNDERGROUND
-from mlsroad_pipeline.algorithms.simulation.design import draw_one
 from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, join
-from mlsroad_pipeline.algorithms.simulation.objects import broadleaf, conifers, palms, shrubs
-from mlsroad_pipeline.algorithms.simulation.objects.cycas import DESIGNS as CYCADS
 from mlsroad_pipeline.algorithms.simulation.plant_materials import bark, foliage
-
-_TREES = broadleaf.DESIGNS + tuple(d for d in conifers.DESIGNS if d.name != "spruce")
-
-
-def broadleaf_tree(rng: np.random.Generator) -> Mesh:
-    """Return a tree of the curb: broadleaf, pine, cedar or cypress of any design.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its design, shape and colours.
-
-    Returns
-    -------
-    Mesh
-        Its clear stem is `trunk`, branches and leaves are `tree`, stakes `post`.
-    """
-    return draw_one(_TREES, rng)
-
-
-def palm(rng: np.random.Generator) -> Mesh:
-    """Return a palm of any design.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its design, shape and colours.
-
-    Returns
-    -------
-    Mesh
-        Every face is `palm`.
-    """
-    return draw_one(palms.DESIGNS, rng)
-
-
-def brushwood(rng: np.random.Generator) -> Mesh:
-    """Return a shrub, tuft or rosette of any design.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its design, shape and colours.
-
-    Returns
-    -------
-    Mesh
-        Every face is `brushwood`.
-    """
-    return draw_one(shrubs.DESIGNS, rng)
-
-
-def cycas(rng: np.random.Generator) -> Mesh:
-    """Return a cycad of any design.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its design, shape and colours.
-
-    Returns
-    -------
-    Mesh
-        Every face is `cycas`.
-    """
-    return draw_one(CYCADS, rng)
 
 
 def hedge(rng: np.random.Generator, length: float) -> Mesh:
