@@ -194,8 +194,8 @@ def test_unknown_class_is_named_with_its_count_and_file(tmp_path, rng):
 def test_class_that_the_scheme_does_not_name_is_named_with_its_count_and_file(tmp_path, rng):
     xyz, labels = street(rng)
     labels[:5] = TAXONOMY["train"]
-    said = failure(compared, tmp_path, (xyz, labels), (xyz, labels), survey={"scheme": "oakland5"})
-    assert "train.laz" in said and f"{TAXONOMY['train']} (5 points)" in said and "oakland5" in said, said
+    said = failure(compared, tmp_path, (xyz, labels), (xyz, labels), survey={"scheme": "oakland_objects"})
+    assert "train.laz" in said and f"{TAXONOMY['train']} (5 points)" in said and "oakland_objects" in said, said
 
 
 def test_survey_without_labels_is_named(tmp_path, rng):
