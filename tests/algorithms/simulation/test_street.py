@@ -261,7 +261,9 @@ def test_parameters_are_read_from_configuration():
     assert street_parameters("suburb") == STREETS["suburb"]
     assert street_parameters({"kind": "ring_road", "hard_cases": 0.5}) == replace(STREETS["ring_road"], hard_cases=0.5)
     assert street_parameters({}) == StreetParameters()
-    with pytest.raises(ParameterError, match=r"kind of street 'alley' is unknown \(kinds: town, suburb, ring_road, campus\)"):
+    with pytest.raises(
+        ParameterError, match=r"kind of street 'alley' is unknown \(kinds: town, suburb, ring_road, campus\)"
+    ):
         street_parameters("alley")
     with pytest.raises(ParameterError, match="unknown street parameters: lamp"):
         street_parameters({"lamp": 3})
