@@ -33,13 +33,13 @@ class RegionParameters:
 
     Parameters
     ----------
-    voxel_size, seed_resolution : float, default 0.05, 0.1
+    voxel_size, seed_resolution : float, default 0.1, 0.2
         Of the supervoxels, metres. Larger ones give fewer and coarser words; the paper's are 0.05 and 0.1.
     pattern : {"first_order", "single"}, default "first_order"
         Whether a region is a supervoxel with its first-order neighbours, as in the paper, or alone (its Figure 12a).
-    normal_radius : float, default 0.15
+    normal_radius : float, default 0.25
         Neighbourhood of the normals, metres. Not in the paper.
-    fpfh_radius : float, default 0.3
+    fpfh_radius : float, default 0.5
         Neighbourhood of the FPFH, metres: how far around it a region sees. Not in the paper.
 
     Raises
@@ -48,11 +48,11 @@ class RegionParameters:
         If a length is not positive or the pattern is unknown.
     """
 
-    voxel_size: float = 0.05
-    seed_resolution: float = 0.1
+    voxel_size: float = 0.1
+    seed_resolution: float = 0.2
     pattern: Literal["first_order", "single"] = "first_order"
-    normal_radius: float = 0.15
-    fpfh_radius: float = 0.3
+    normal_radius: float = 0.25
+    fpfh_radius: float = 0.5
 
     def __post_init__(self) -> None:
         for name in ("voxel_size", "seed_resolution", "normal_radius", "fpfh_radius"):

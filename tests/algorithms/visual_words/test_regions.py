@@ -1,5 +1,7 @@
 """Feature regions and groups, by closed forms and the equations written out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,8 @@ from mlsroad_pipeline.algorithms.object_regions import INTENSITY, RegionParamete
 from mlsroad_pipeline.algorithms.supervoxels.vccs import segment_supervoxels
 from mlsroad_pipeline.algorithms.visual_words.groups import build_groups, join_groups
 
-COARSE = RegionParameters(voxel_size=0.1, seed_resolution=0.3)
+COARSE = RegionParameters(voxel_size=0.1, seed_resolution=0.3, normal_radius=0.15, fpfh_radius=0.3)
+FINE = RegionParameters(voxel_size=0.05, seed_resolution=0.1, normal_radius=0.15, fpfh_radius=0.3)
 
 
 def objects_apart(rng):
@@ -69,7 +72,7 @@ def test_objects_do_not_see_each_other(rng):
 
 
 def test_equal_intensities_give_their_mean_and_few_points_are_no_error():
-    one = describe_regions([[5.0, 5, 5]], [3], intensity=[0.4])
+    one = describe_regions([[5.0, 5, 5]], [3], intensity=[0.4], parameters=FINE)
     assert len(one) == 1 and one.objects.tolist() == [3]
     np.testing.assert_allclose(one.descriptors[0], [0, 0, 1, *np.zeros(16), 0.4], atol=1e-7)
     assert one.scales[0] == pytest.approx(0.1) and np.linalg.norm(one.orientations[0]) == pytest.approx(1.0)
@@ -78,7 +81,7 @@ def test_equal_intensities_give_their_mean_and_few_points_are_no_error():
 
 def test_single_pattern_describes_less(rng):
     xyz, objects = objects_apart(rng)
-    single = describe_regions(xyz, objects, parameters=RegionParameters(0.1, 0.3, "single"))
+    single = describe_regions(xyz, objects, parameters=replace(COARSE, pattern="single"))
     wide = describe_regions(xyz, objects, parameters=COARSE)
     assert len(single) == len(wide)
     np.testing.assert_array_equal(single.scales, wide.scales)
@@ -101,7 +104,7 @@ def test_groups_hold_the_nearest_regions_of_the_same_object(rng, k):
 
 def test_small_objects_repeat_their_nearest_region():
     xyz = np.array([[0.0, 0, 0], [0.15, 0, 0], [50.0, 0, 0]])
-    regions = describe_regions(xyz, np.array([0, 0, 1], np.int32))
+    regions = describe_regions(xyz, np.array([0, 0, 1], np.int32), parameters=FINE)
     groups = build_groups(regions, k=2)
     assert len(regions) == 3
     np.testing.assert_array_equal(groups.scales[2], np.repeat(regions.scales[2], 3))
