@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation.compiled import leaf
-from mlsroad_pipeline.algorithms.simulation.meshes import GLASS, PAINT, RETRO
+from mlsroad_pipeline.algorithms.simulation.meshes import GLASS, GROUND, PAINT, RETRO
 from mlsroad_pipeline.algorithms.simulation.surfaces import WET, Hits, Surfaces
 
 FULL_SCALE_DB = 50.0
@@ -26,6 +26,9 @@ GLARE_LOSS_DB = 20.0
 
 _WHITE_DB = 38.0  # amplitude of a white surface met squarely 10 m away
 _NEPER = 0.23025850929940458  # ln(10) / 10
+_ROUGHNESS = 0.6  # standard deviation of the slopes of asphalt's grains, gravel and soil, radians
+_ROUGH_A = 1.0 - 0.5 * _ROUGHNESS**2 / (_ROUGHNESS**2 + 0.33)
+_ROUGH_B = 0.45 * _ROUGHNESS**2 / (_ROUGHNESS**2 + 0.09)
 _MOST = 20  # echoes of one pulse before they mix
 
 
@@ -85,10 +88,11 @@ def deviation(range_noise: float, amplitude: float, stretch: float) -> float:
 
 @leaf
 def amplitude_of(reflectivity: float, kind: int, cosine: float, distance: float) -> float:
-    """Return the amplitude of a return in decibels: Lambert, the inverse square, gloss and retro-reflection."""
+    """Return the amplitude of a return in decibels: the inverse square, Lambert, gloss and the like."""
     # Closer than some metres the receiver does not see the whole spot.
     spread = (distance * distance + 16.0) / 100.0
-    decibels = _WHITE_DB + 10 * np.log10(max(reflectivity * max(cosine, 0.02), 1e-6) / spread)
+    seen = backscatter(cosine) if kind == GROUND else max(cosine, 0.02)
+    decibels = _WHITE_DB + 10 * np.log10(max(reflectivity * seen, 1e-6) / spread)
     if kind == WET:
         return decibels + _gloss(cosine, 6.0, 8.0) - 20.0 * (1.0 - cosine) ** 2
     if kind == RETRO:
@@ -98,6 +102,16 @@ def amplitude_of(reflectivity: float, kind: int, cosine: float, distance: float)
     if kind == GLASS:
         return decibels + _gloss(cosine, 4.0, 10.0) - 14.0
     return decibels
+
+
+@leaf
+def backscatter(cosine: float) -> float:
+    """Return what rough ground sends back over what a smooth white surface does that is met squarely.
+
+    Oren and Nayar (1994), their qualitative model, with light and eye in one direction: grains turn some of their faces
+    to a beam however low it comes. Lambert's law is a roughness of 0.
+    """
+    return _ROUGH_A * cosine + _ROUGH_B * (1.0 - cosine * cosine)
 
 
 @leaf
