@@ -6,10 +6,11 @@ import pytest
 from mlsroad_pipeline.algorithms.simulation import PRESETS
 from mlsroad_pipeline.algorithms.simulation.devices import Device, ScannerSystem
 from mlsroad_pipeline.algorithms.simulation.ground_mesh import ground_mesh
-from mlsroad_pipeline.algorithms.simulation.meshes import FOLIAGE, GLASS, RETRO, Surface, box, join
+from mlsroad_pipeline.algorithms.simulation.meshes import FOLIAGE, GLASS, RETRO, Surface, join
 from mlsroad_pipeline.algorithms.simulation.receiver import FULL_SCALE_DB, GHOST, range_deviation, receive
 from mlsroad_pipeline.algorithms.simulation.scanner import Pulses
 from mlsroad_pipeline.algorithms.simulation.scene import RayScene
+from mlsroad_pipeline.algorithms.simulation.solids import box
 from mlsroad_pipeline.algorithms.simulation.standing import build_standing
 from mlsroad_pipeline.algorithms.simulation.street import draw_street
 from mlsroad_pipeline.algorithms.simulation.surfaces import WET
