@@ -19,8 +19,9 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.graphs import connected_components
-from mlsroad_pipeline.algorithms.object_measures import Voxels, measure, split_at_valleys
+from mlsroad_pipeline.algorithms.object_measures import MEASURES, Voxels, measure
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule
+from mlsroad_pipeline.algorithms.object_splitting import split_at_valleys
 from mlsroad_pipeline.algorithms.object_voxels import FRAGMENT_FIELDS, find_fragments, join_voxels
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.validation import check_column, check_xyz
@@ -29,28 +30,43 @@ OBJECT_FIELDS = {
     "object_id": "int64",
     "class": "str",
     "kind": "str",
+    "score": "float64",
     "x": "float64",
     "y": "float64",
     "z": "float64",
     "height": "float64",
     "width": "float64",
     "length": "float64",
-    "azimuth": "float64",
+    "heading": "float64",
     "tilt": "float64",
+    "lean_azimuth": "float64",
+    "diameter": "float64",
+    "crown_diameter": "float64",
+    "panel_bottom": "float64",
+    "panel_height": "float64",
+    "panel_top": "float64",
+    "panel_width": "float64",
+    "facing": "float64",
+    "facing_from": "str",
     "clearance": "float64",
-    "point_count": "int64",
-    "confidence": "float64",
+    "visible_share": "float64",
     "station": "float64",
     "offset": "float64",
     "pole_id": "int64",
+    "point_count": "int64",
     "scene": "str",
+    "method": "str",
+    "model_version": "str",
+    "footprint": "str",
 }
 """Columns of an object table and their types; docs/inventory.md says what they mean."""
 
+_ANGLES = ("heading", "tilt", "lean_azimuth", "facing")
 _DECIMALS = {
-    **dict.fromkeys(("x", "y", "z", "height", "width", "length", "clearance", "station", "offset"), 3),
-    **dict.fromkeys(("azimuth", "tilt"), 2),
-    "confidence": 4,
+    **{name: 3 for name in (*MEASURES, "station", "offset")},
+    **dict.fromkeys(_ANGLES, 2),
+    **dict.fromkeys(("visible_share",), 2),
+    "score": 4,
 }
 _LINK_DISTANCE = 0.75  # between a pole's axis at its base and the edge of a sign that it carries, metres
 
@@ -106,8 +122,9 @@ def _measured(
             if part.count.sum() < rule.min_points:
                 continue
             row = measure(part, rule.kind)
-            hangs = row["clearance"] > rule.max_clearance  # False where the ground is not known
-            if rule.min_height <= row["height"] <= rule.max_height and row["extent"] <= rule.max_width and not hangs:
+            height, clearance, extent = (float(row[key]) for key in ("height", "clearance", "extent"))
+            hangs = clearance > rule.max_clearance  # False where the ground is not known
+            if rule.min_height <= height <= rule.max_height and extent <= rule.max_width and not hangs:
                 rows.append({**row, "class": name, "kind": rule.kind, "scene": scenes[int(row["scene"])]})
     return rows
 
@@ -120,6 +137,8 @@ def _as_table(rows: Sequence[Mapping[str, float | int | str]]) -> pd.DataFrame:
         table[name] = 0
     for name in ("station", "offset"):
         table[name] = np.nan
+    for name in ("method", "model_version"):
+        table[name] = ""
     return table[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
 
 
