@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 _SLICE = 0.25  # height of the slices whose medians an axis is fitted to, metres
-_BAND = 0.08  # how far a slice's median may lie from the axis, metres
+_BAND = 0.06  # how far a slice's median may lie from the axis, metres
 _SHAFT = 0.25  # how far the points of a shaft may lie from the first estimate of its axis, metres
 _TUKEY = 4.685  # deviations beyond which a slice has no weight: 95 % efficient for normal errors
 _LEAST_SPREAD = 0.003  # metres; slices are not trusted better than this
@@ -66,8 +66,8 @@ class Axis:
 def fit_axis(xyz: NDArray[np.float64]) -> Axis | None:
     """Fit the axis of a pole, blind to arms, signs and lamps on it.
 
-    The medians of slices of 0.25 m are taken; of all lines through two of them the one that passes within 0.08 m of
-    most is kept. The medians are then taken anew from the points within 0.25 m of it, and the line is refined on those
+    The medians of slices of 0.25 m are taken; of all lines through two of them the one that most are near is kept
+    (each counts by one less its squared distance over 0.06 m, nothing beyond that). The medians are then taken anew from the points within 0.25 m of it, and the line is refined on those
     that it passes by least squares with Tukey's weights.
 
     Parameters
@@ -127,25 +127,24 @@ def _passing(medians: NDArray[np.float64], line: NDArray[np.float64]) -> NDArray
 
 @njit(cache=True)
 def _best_pair(medians: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the line through two medians that passes within the band of most, then nearest to those."""
+    """Return the line through two medians that most pass near: each counts by 1 - (distance / band)^2."""
     best = np.zeros(4)
-    most, least = 0, np.inf
+    most = 0.0
     for a in range(len(medians)):
         for b in range(a + 1, len(medians)):
             rise = medians[b, 2] - medians[a, 2]
             if rise < 0.5 * _SLICE:
                 continue
             dx, dy = (medians[b, 0] - medians[a, 0]) / rise, (medians[b, 1] - medians[a, 1]) / rise
-            line = np.array([medians[a, 0] - dx * medians[a, 2], medians[a, 1] - dy * medians[a, 2], dx, dy])
-            away = _passing(medians, line)
-            count, total = 0, 0.0
-            for d in away:
-                if d <= _BAND:
-                    count += 1
-                    total += d
-            if count > most or (count == most and total < least):
-                most, least = count, total
-                best = line
+            x, y = medians[a, 0] - dx * medians[a, 2], medians[a, 1] - dy * medians[a, 2]
+            total = 0.0
+            for i in range(len(medians)):
+                z = medians[i, 2]
+                square = (medians[i, 0] - x - dx * z) ** 2 + (medians[i, 1] - y - dy * z) ** 2
+                total += max(0.0, 1.0 - square / _BAND**2)
+            if total > most:
+                most = total
+                best[:] = x, y, dx, dy
     return best
 
 

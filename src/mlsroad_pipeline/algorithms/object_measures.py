@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.object_axes import Axis, fit_axis, fit_circle
 from mlsroad_pipeline.algorithms.object_boxes import convex_hull, oriented_box, polygon_area, vehicle_box
-from mlsroad_pipeline.algorithms.object_panels import Panel, fit_panel
+from mlsroad_pipeline.algorithms.object_panels import fit_panel
 
 # How many points may lie below the bottom: a share, and never more than so many.
 _STRAY_SHARE, _STRAY_POINTS = 0.01, 10.0
 _FOOT = 1.0  # height of an object's foot, metres: where it meets the ground, and where a trunk stands
-_STANDS = 0.5  # a sign whose bottom is this near to the ground stands on a post of its own, metres
 _LEAST_LEAN = 0.5  # the tilt below which a direction says nothing, degrees
 _SHAFT_SLAB = (0.3, 2.5)  # heights between which a pole's diameter is taken, metres
 _TRUNK_SLAB = (0.8, 1.8)  # about breast height, 1.3 m
@@ -99,8 +98,7 @@ def measure(voxels: Voxels, kind: str) -> dict[str, float | int | str]:
     foot[np.argmin(voxels.xyz[:, 2])] = True
     known = voxels.ground[foot & ~np.isnan(voxels.ground)]
     ground = float(np.median(known)) if len(known) else np.nan
-    hangs = kind == "sign" and not low - ground <= _STANDS
-    base = low if hangs or np.isnan(ground) else ground
+    base = low if np.isnan(ground) else ground
     hull = convex_hull(voxels.xyz[:, :2])
     found = _Found(voxels.xyz, hull, foot, base, ground, low, float(voxels.z_high.max()))
     centre, length, _, _ = oriented_box(hull)
@@ -166,36 +164,33 @@ def _pole(found: _Found) -> dict[str, float]:
 
 def _sign(found: _Found) -> dict[str, float | str]:
     panel = fit_panel(found.xyz)
-    row: dict[str, float | str] = {"facing_from": ""}
-    if panel is not None:
-        level = found.base if np.isnan(found.ground) else found.ground
-        row |= {
-            "panel_bottom": panel.bottom - level, "panel_height": panel.centre[2] - level,
-            "panel_top": panel.top - level, "panel_width": panel.width, "facing": panel.normal,
-            "facing_from": "post" if panel.faces else "unknown",
-        }  # fmt: skip
-    if found.low == found.base:  # it hangs, or nobody knows how high
-        return row | ({} if panel is None else {"x": panel.centre[0], "y": panel.centre[1]})
-    return row | _post(found, panel)
+    if panel is None:
+        return {"facing_from": "", **_post(found, found.xyz)}
+    row: dict[str, float | str] = {
+        "x": panel.centre[0], "y": panel.centre[1],
+        "panel_bottom": panel.bottom - found.base, "panel_height": panel.centre[2] - found.base,
+        "panel_top": panel.top - found.base, "panel_width": panel.width, "facing": panel.normal,
+        "facing_from": "post" if panel.faces else "unknown",
+    }  # fmt: skip
+    below = found.xyz[found.xyz[:, 2] < panel.bottom - 0.05]
+    row |= _post(found, below)
+    if len(below):
+        turn = np.radians(panel.normal)
+        along = np.array([np.cos(turn), -np.sin(turn)])
+        first, last = np.quantile(below[:, :2] @ along, [0.05, 0.95])
+        if last - first > _TWO_POSTS:  # a board on two posts stands in their middle
+            base = np.array([row["x"], row["y"]])
+            base += ((first + last) / 2 - base @ along) * along
+            row |= {"x": base[0], "y": base[1]}
+    return row
 
 
-def _post(found: _Found, panel: Panel | None) -> dict[str, float]:
-    """Measure the post of a standing sign, below its panel where that leaves enough of it."""
-    below = found.xyz if panel is None else found.xyz[found.xyz[:, 2] < panel.bottom - 0.05]
-    axis = fit_axis(below)
-    if axis is None:
-        axis = fit_axis(found.xyz)
+def _post(found: _Found, points: NDArray[np.float64]) -> dict[str, float]:
+    """Measure the post of a sign, where enough of it was seen."""
+    axis = fit_axis(points)
     if axis is None:
         return {}
     base = axis.at(found.base)
-    if panel is not None and len(below):
-        turn = np.radians(panel.normal)
-        along = below[:, :2] @ np.array([np.cos(turn), -np.sin(turn)])
-        first, last = np.quantile(along, [0.05, 0.95])
-        if last - first > _TWO_POSTS:  # a board on two posts stands in their middle
-            base = base + ((first + last) / 2 - base @ [np.cos(turn), -np.sin(turn)]) * np.array(
-                [np.cos(turn), -np.sin(turn)]
-            )
     return {"x": base[0], "y": base[1], "visible_share": axis.share, **_leaning(axis)}
 
 

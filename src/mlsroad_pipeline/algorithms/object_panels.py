@@ -14,7 +14,7 @@ _TURN = 2.0  # step of the directions that are tried, degrees
 _BIN = 0.02  # width of the bins along the normal, metres
 _BAND = 0.04  # how far points of a panel may lie from its plane, metres
 _ROW = 0.05  # height of the rows that a panel is cut into, metres
-_LEAST_WIDTH = 0.16  # a row is of a panel where it is wider than posts are, metres
+_LEAST_WIDTH = 0.12  # a row is of a panel where it is wider than posts are, metres
 _GAP = 3  # rows that may lack between those of a panel, or between two panels on one post
 _LEAST_POINTS = 8
 _LEAST_STANDOFF = 0.01  # how far the post must lie behind the plane to tell the side, metres
@@ -52,8 +52,8 @@ def fit_panel(xyz: NDArray[np.float64]) -> Panel | None:
     """Find the panel of a sign.
 
     Of all upright planes the one with most points away from the post is taken: directions in steps of 2 degrees and
-    offsets in bins of 2 cm, then least squares on what lies within 4 cm. In its rows of 5 cm those wider than 0.16 m
-    are the panel, from the widest up and down over gaps of up to three rows. The side follows from the post, which
+    offsets in bins of 2 cm, then least squares on what lies within 4 cm. In its rows of 5 cm those wider than 0.12 m
+    are the panel, over gaps of up to three rows, and what lies in the plane above them. The side follows from the post, which
     stands behind the panel: its axis, fitted to the points below and continued upwards, must lie 1 cm behind the plane.
 
     Parameters
@@ -64,7 +64,7 @@ def fit_panel(xyz: NDArray[np.float64]) -> Panel | None:
     Returns
     -------
     Panel or None
-        None where nothing flat is wider than 0.16 m.
+        None where nothing flat is wider than 0.12 m.
     """
     if len(xyz) < _LEAST_POINTS:
         return None
@@ -138,7 +138,10 @@ def _panel_rows(
         return None
     groups = np.split(wide, np.flatnonzero(np.diff(wide) > _GAP + 1) + 1)
     group = max(groups, key=lambda rows: float(width[rows].sum()))
-    inside = (row >= group[0]) & (row <= group[-1])
+    last = int(group[-1])
+    while last + 1 < n_rows and np.isfinite(width[last + 1 : last + 3]).any():
+        last += 1  # the tip of a triangle is narrow, and posts do not reach far above panels
+    inside = (row >= group[0]) & (row <= last)
     edges = np.quantile(u[inside], [0.005, 0.995])
     return float(z[inside].min()), float(z[inside].max()), float(edges[0]), float(edges[1])
 
