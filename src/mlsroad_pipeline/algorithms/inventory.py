@@ -43,8 +43,8 @@ OBJECT_FIELDS = {
     "diameter": "float64",
     "crown_diameter": "float64",
     "panel_bottom": "float64",
+    "panel_centre": "float64",
     "panel_height": "float64",
-    "panel_top": "float64",
     "panel_width": "float64",
     "facing": "float64",
     "facing_from": "str",
@@ -68,6 +68,7 @@ _DECIMALS = {
     **dict.fromkeys(("visible_share",), 2),
     "score": 4,
 }
+_LEAST_STANDOFF = 0.03  # a panel that is nearer to its pole's axis may face either way, metres
 _LINK_DISTANCE = 0.75  # between a pole's axis at its base and the edge of a sign that it carries, metres
 
 
@@ -124,6 +125,8 @@ def _measured(
             row = measure(part, rule.kind)
             height, clearance, extent = (float(row[key]) for key in ("height", "clearance", "extent"))
             hangs = clearance > rule.max_clearance  # False where the ground is not known
+            if rule.kind == "sign" and clearance > 0:
+                height -= clearance  # of what there is: a panel may hang anywhere
             if rule.min_height <= height <= rule.max_height and extent <= rule.max_width and not hangs:
                 rows.append({**row, "class": name, "kind": rule.kind, "scene": scenes[int(row["scene"])]})
     return rows
@@ -295,24 +298,32 @@ def _finished(objects: pd.DataFrame, classes: Sequence[str], trajectory: Traject
     by = ["rank", "station", "x", "y", "z", "point_count"]
     table = table.assign(rank=rank).sort_values(by, kind="stable").drop(columns="rank").reset_index(drop=True)
     table["object_id"] = np.arange(1, len(table) + 1)
-    table["pole_id"] = _poles_of_signs(table)
-    return table[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
+    return _link_signs(table)[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
 
 
-def _poles_of_signs(table: pd.DataFrame) -> NDArray[np.int64]:
-    link = np.zeros(len(table), dtype=np.int64)
+def _link_signs(table: pd.DataFrame) -> pd.DataFrame:
+    """Link signs to the poles that they may hang on, which also tell the side that a panel without a post faces."""
     poles, signs = table[table["kind"] == "pole"], table[table["kind"] == "sign"]
     if poles.empty or signs.empty:
-        return link
+        return table
     tree = cKDTree(poles[["x", "y"]].to_numpy())
-    top, bottom = (poles["z"] + poles["height"]).to_numpy(), poles["z"].to_numpy()
-    number = poles["object_id"].to_numpy()
-    for row, (x, y, z, height, width) in zip(
-        signs.index, signs[["x", "y", "z", "height", "width"]].to_numpy(), strict=True
-    ):
+    low, height, number = (poles[name].to_numpy() for name in ("z", "height", "object_id"))
+    lean = np.tan(np.radians(poles["tilt"].fillna(0.0).to_numpy()))
+    where = np.radians(poles["lean_azimuth"].fillna(0.0).to_numpy())
+    way = np.column_stack([np.sin(where), np.cos(where)]) * lean[:, None]
+    linked, facing, told = (table[name].to_numpy().copy() for name in ("pole_id", "facing", "facing_from"))
+    columns = ["x", "y", "z", "height", "width", "clearance", "panel_centre"]
+    for row, (x, y, z, tall, width, clearance, centre) in zip(signs.index, signs[columns].to_numpy(), strict=True):
         near = np.array(tree.query_ball_point([x, y], _LINK_DISTANCE + width / 2, return_sorted=True), dtype=np.int64)
-        near = near[(top[near] >= z - _LINK_DISTANCE) & (bottom[near] <= z + height)]
-        if len(near):
-            away = np.hypot(tree.data[near, 0] - x, tree.data[near, 1] - y)
-            link[row] = number[near[np.argmin(away)]]
-    return link
+        bottom = z + np.nan_to_num(clearance)
+        near = near[(low[near] + height[near] >= bottom - _LINK_DISTANCE) & (low[near] <= z + tall)]
+        if not len(near):
+            continue
+        pole = near[np.argmin(np.hypot(tree.data[near, 0] - x, tree.data[near, 1] - y))]
+        linked[row] = number[pole]
+        turn = np.radians(facing[row])
+        out = np.array([x, y]) - tree.data[pole] - way[pole] * (z + centre - low[pole])
+        standoff = out @ [np.sin(turn), np.cos(turn)]
+        if told[row] == "unknown" and _LEAST_STANDOFF <= abs(standoff) <= _LINK_DISTANCE:
+            facing[row], told[row] = facing[row] if standoff > 0 else (facing[row] + 180.0) % 360.0, "pole"
+    return table.assign(pole_id=linked, facing=facing, facing_from=told)

@@ -14,7 +14,6 @@ _SHAFT = 0.25  # how far the points of a shaft may lie from the first estimate o
 _TUKEY = 4.685  # deviations beyond which a slice has no weight: 95 % efficient for normal errors
 _LEAST_SPREAD = 0.003  # metres; slices are not trusted better than this
 
-_CIRCLE_BAND = 0.015  # how far a point may lie from the circle of a shaft, metres
 _CIRCLE_TRIALS = 300
 _RADIUS = (0.025, 0.75)  # of shafts and trunks, metres
 _LEAST_ARC = 9  # of 36 sectors of a circle that must have points
@@ -212,10 +211,10 @@ class Circle:
     arc: float
 
 
-def fit_circle(xy: NDArray[np.float64], *, reach: float) -> Circle | None:
+def fit_circle(xy: NDArray[np.float64], *, reach: float, band: float = 0.015) -> Circle | None:
     """Fit the circle of a round shaft to points projected along its axis.
 
-    Of the circles through three points the one that passes within 15 mm of most, compared with those inside of it and
+    Of the circles through three points the one that passes within `band` of most, compared with those inside of it and
     just outside, is refined by geometric least squares. 300 triples are drawn from a fixed sequence.
 
     Parameters
@@ -224,28 +223,30 @@ def fit_circle(xy: NDArray[np.float64], *, reach: float) -> Circle | None:
         Points, metres, relative to the expected centre.
     reach : float
         How far the centre may lie from the expected one, metres.
+    band : float, default 0.015
+        How far a point may lie from the circle, metres: more for bark than for steel.
 
     Returns
     -------
     Circle or None
-        None where the points do not show one: fewer than ten on it, or than half of those inside and just outside, less than a quarter of
-        the way around, or a radius that is not known to 2 cm.
+        None where the points do not show one: fewer than ten on it, or than half of those inside and just outside, less
+        than a quarter of the way around, or a radius that is not known to 2 cm.
     """
     if len(xy) < _LEAST_POINTS:
         return None
-    found = _circle(np.ascontiguousarray(xy), reach)
+    found = _circle(np.ascontiguousarray(xy), reach, band)
     if found[3] < _LEAST_POINTS or found[4] < _LEAST_ARC or found[5] < _LEAST_SHARE or found[6] > _LARGEST_ERROR:
         return None
     return Circle(found[:2].copy(), float(2 * found[2]), float(found[4] / 36))
 
 
 @njit(cache=True)
-def _score(xy: NDArray[np.float64], x: float, y: float, radius: float) -> tuple[int, int]:
+def _score(xy: NDArray[np.float64], x: float, y: float, radius: float, band: float) -> tuple[int, int]:
     """Count the points on a circle, and those inside it or within 5 cm outside."""
     on, near = 0, 0
     for i in range(len(xy)):
         away = np.hypot(xy[i, 0] - x, xy[i, 1] - y) - radius
-        on += abs(away) <= _CIRCLE_BAND
+        on += abs(away) <= band
         near += away <= 0.05
     return on, near
 
@@ -263,7 +264,7 @@ def _through(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float
 
 
 @njit(cache=True)
-def _circle(xy: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
+def _circle(xy: NDArray[np.float64], reach: float, band: float) -> NDArray[np.float64]:
     """Return centre, radius, points on it, sectors of 36, share of the points near it, standard error of the radius."""
     result = np.zeros(7)
     n = len(xy)
@@ -279,7 +280,7 @@ def _circle(xy: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
         x, y, radius = _through(xy[pick[0]], xy[pick[1]], xy[pick[2]])
         if not _RADIUS[0] <= radius <= _RADIUS[1] or np.hypot(x, y) > reach:
             continue
-        on, near = _score(xy, x, y, radius)
+        on, near = _score(xy, x, y, radius, band)
         if on - 0.5 * (near - on) > best:
             best = on - 0.5 * (near - on)
             result[:3] = x, y, radius
@@ -292,7 +293,7 @@ def _circle(xy: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
             dx, dy = xy[i, 0] - result[0], xy[i, 1] - result[1]
             far = np.hypot(dx, dy)
             residual = far - result[2]
-            if abs(residual) > _CIRCLE_BAND or far == 0:
+            if abs(residual) > band or far == 0:
                 continue
             row = np.array([dx / far, dy / far, 1.0])
             normal += np.outer(row, row)
@@ -303,11 +304,11 @@ def _circle(xy: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
         inverse = np.linalg.inv(normal)
         result[:3] += inverse @ right
         error = np.sqrt(max(square, 1e-6 * normal[2, 2]) / max(normal[2, 2] - 3.0, 1.0) * inverse[2, 2])
-    on, near = _score(xy, result[0], result[1], result[2])
+    on, near = _score(xy, result[0], result[1], result[2], band)
     sectors = np.zeros(36, np.bool_)
     for i in range(n):
         dx, dy = xy[i, 0] - result[0], xy[i, 1] - result[1]
-        if abs(np.hypot(dx, dy) - result[2]) <= _CIRCLE_BAND:
+        if abs(np.hypot(dx, dy) - result[2]) <= band:
             sectors[int((np.arctan2(dy, dx) + np.pi) / (2 * np.pi) * 36) % 36] = True
     if not _RADIUS[0] <= result[2] <= _RADIUS[1] or np.hypot(result[0], result[1]) > reach:
         return np.zeros(7)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 _NEAR_EDGE = 0.05  # distances to an edge below this count alike, metres: d0 of Zhang et al. 2017, algorithm 4
 _STRAY = 0.004  # share of points that may lie outside on each side: aerials, mixed pixels
 # Reach and step of the directions that are tried, degrees, and on how many points.
-_STEPS = ((45.0, 1.5, 400), (1.5, 0.15, 800), (0.15, 0.025, 1600))
+_STEPS = ((45.0, 2.0, 300), (2.0, 0.2, 600), (0.2, 0.04, 1200))
 
 
 def convex_hull(xy: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -121,7 +121,7 @@ def vehicle_box(xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, fl
 
     Of all directions the one whose rectangle has the points nearest to its sides is taken: the sum of the inverse
     distances is largest (Zhang, Xu, Dong and Dolan 2017, "Efficient L-shape fitting for vehicle detection using laser
-    scanners", algorithms 2 and 4), with steps of 1.5, 0.15 and 0.025 degrees. Unlike there, four points in a thousand may
+    scanners", algorithms 2 and 4), in steps of 2, 0.2 and 0.04 degrees. Unlike there, four points in a thousand may
     lie outside each side: an aerial or a mixed pixel would otherwise carry the side away from the body.
 
     Parameters
@@ -151,6 +151,26 @@ def vehicle_box(xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, fl
 
 
 @njit(cache=True)
+def _trimmed(values: NDArray[np.float64], stray: int) -> tuple[float, float]:
+    """Return the limits of values when so many are left out at either end."""
+    low, high = np.full(stray + 1, np.inf), np.full(stray + 1, -np.inf)  # the least, ascending, and the largest
+    for value in values:
+        if value < low[stray]:
+            k = stray
+            while k > 0 and low[k - 1] > value:
+                low[k] = low[k - 1]
+                k -= 1
+            low[k] = value
+        if value > high[stray]:
+            k = stray
+            while k > 0 and high[k - 1] < value:
+                high[k] = high[k - 1]
+                k -= 1
+            high[k] = value
+    return low[stray], high[stray]
+
+
+@njit(cache=True)
 def _closeness(xy: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the sums of the inverse distances to the nearest side of trimmed rectangles of several directions."""
     score = np.zeros(len(angles))
@@ -161,8 +181,8 @@ def _closeness(xy: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[
         c, s = np.cos(angles[a]), np.sin(angles[a])
         for i in range(n):
             along[i], across[i] = xy[i, 0] * c + xy[i, 1] * s, xy[i, 1] * c - xy[i, 0] * s
-        first, second = np.sort(along), np.sort(across)
-        left, right, back, front = first[stray], first[n - 1 - stray], second[stray], second[n - 1 - stray]
+        left, right = _trimmed(along, stray)
+        back, front = _trimmed(across, stray)
         for i in range(n):
             u, v = min(abs(along[i] - left), abs(right - along[i])), min(abs(across[i] - back), abs(front - across[i]))
             score[a] += 1.0 / max(min(u, v), _NEAR_EDGE)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.object_axes import Axis, fit_axis, fit_circle
+from mlsroad_pipeline.algorithms.object_axes import Axis, Circle, fit_axis, fit_circle
 from mlsroad_pipeline.algorithms.object_boxes import convex_hull, oriented_box, polygon_area, vehicle_box
 from mlsroad_pipeline.algorithms.object_panels import fit_panel
 
@@ -18,13 +18,15 @@ _LEAST_LEAN = 0.5  # the tilt below which a direction says nothing, degrees
 _SHAFT_SLAB = (0.3, 2.5)  # heights between which a pole's diameter is taken, metres
 _TRUNK_SLAB = (0.8, 1.8)  # about breast height, 1.3 m
 _TRUNK_TOP = 2.5  # a trunk's axis is fitted below this height, metres
+_STEEL, _BARK = 0.015, 0.03  # how far points may lie from the circle of a pole and of a trunk, metres
+_STRAY_FOOT = 0.02  # share of voxels of a tree's foot that its middle leaves out on each side
 _CLEAR = 0.45  # how far points of the slab may lie from the axis, metres
 _SIDE_STEP = 0.25  # length of the pieces of a vehicle's sides that are seen or not, metres
 _TWO_POSTS = 0.5  # points below a panel that spread this far along it are of two posts, metres
 
 MEASURES = (
     "x", "y", "z", "height", "width", "length", "heading", "tilt", "lean_azimuth", "diameter", "crown_diameter",
-    "panel_bottom", "panel_height", "panel_top", "panel_width", "facing", "clearance", "visible_share",
+    "panel_bottom", "panel_centre", "panel_height", "panel_width", "facing", "clearance", "visible_share",
 )  # fmt: skip
 """Names of the measures that are numbers; NaN is what an object does not have or what was not seen."""
 
@@ -113,7 +115,7 @@ def measure(voxels: Voxels, kind: str) -> dict[str, float | int | str]:
     elif kind == "vehicle":
         row |= _vehicle(found)
     elif kind == "tree":
-        row |= _tree(found, voxels.count)
+        row |= _tree(found)
     return row | {
         "point_count": n_points,
         "score": float(voxels.confidence.sum() / n_points),
@@ -141,24 +143,22 @@ def _leaning(axis: Axis) -> dict[str, float]:
     return {"tilt": axis.tilt, "lean_azimuth": axis.direction if clear else np.nan}
 
 
-def _round_shaft(
-    found: _Found, axis: Axis, slab: tuple[float, float]
-) -> tuple[NDArray[np.float64], float]:
-    """Return where the axis of a round shaft meets the base, and its diameter, NaN where it is not seen."""
+def _round_shaft(found: _Found, axis: Axis, slab: tuple[float, float], *, band: float) -> Circle | None:
+    """Fit a circle about the axis to what lies between two heights, seen along the axis."""
     z = found.xyz[:, 2] - found.base
     part = found.xyz[(z >= slab[0]) & (z <= slab[1])]
     flat = part[:, :2] - axis.foot - axis.slope * part[:, 2:]
-    circle = fit_circle(flat[np.hypot(*flat.T) <= _CLEAR], reach=_CLEAR / 2)
-    if circle is None:
-        return axis.at(found.base), np.nan
-    return axis.at(found.base) + circle.centre, circle.diameter
+    return fit_circle(flat[np.hypot(*flat.T) <= _CLEAR], reach=_CLEAR / 2, band=band)
 
 
 def _pole(found: _Found) -> dict[str, float]:
     axis = fit_axis(found.xyz)
     if axis is None:
         return {}
-    base, diameter = _round_shaft(found, axis, _SHAFT_SLAB)
+    base, diameter = axis.at(found.base), np.nan
+    circle = _round_shaft(found, axis, _SHAFT_SLAB, band=_STEEL)
+    if circle is not None:
+        base, diameter = base + circle.centre, circle.diameter
     return {"x": base[0], "y": base[1], "diameter": diameter, "visible_share": axis.share, **_leaning(axis)}
 
 
@@ -168,8 +168,8 @@ def _sign(found: _Found) -> dict[str, float | str]:
         return {"facing_from": "", **_post(found, found.xyz)}
     row: dict[str, float | str] = {
         "x": panel.centre[0], "y": panel.centre[1],
-        "panel_bottom": panel.bottom - found.base, "panel_height": panel.centre[2] - found.base,
-        "panel_top": panel.top - found.base, "panel_width": panel.width, "facing": panel.normal,
+        "panel_bottom": panel.bottom - found.base, "panel_centre": panel.centre[2] - found.base,
+        "panel_height": panel.top - panel.bottom, "panel_width": panel.width, "facing": panel.normal,
         "facing_from": "post" if panel.faces else "unknown",
     }  # fmt: skip
     below = found.xyz[found.xyz[:, 2] < panel.bottom - 0.05]
@@ -217,12 +217,14 @@ def _sides_seen(local: NDArray[np.float64], length: float, width: float) -> floa
     return seen / total
 
 
-def _tree(found: _Found, count: NDArray[np.int64]) -> dict[str, float]:
-    base = np.average(found.xyz[found.foot, :2], axis=0, weights=count[found.foot])
+def _tree(found: _Found) -> dict[str, float]:
+    foot = found.xyz[found.foot, :2]
+    base = np.quantile(foot, [_STRAY_FOOT, 1 - _STRAY_FOOT], axis=0).mean(axis=0)
     diameter = np.nan
     axis = fit_axis(found.xyz[found.xyz[:, 2] <= found.base + _TRUNK_TOP])
-    if axis is not None and np.hypot(*(axis.at(found.base + _FOOT / 2) - base)) < _FOOT:
-        base, diameter = _round_shaft(found, axis, _TRUNK_SLAB)
+    if axis is not None:
+        circle = _round_shaft(found, axis, _TRUNK_SLAB, band=_BARK)
+        diameter = np.nan if circle is None else circle.diameter
     middle = (found.hull.max(axis=0) + found.hull.min(axis=0)) / 2
     around = np.arctan2(*(found.xyz[:, :2] - middle).T[::-1])
     sectors = np.unique(np.floor((around + np.pi) / (2 * np.pi) * 36).astype(np.int64) % 36)

@@ -43,7 +43,7 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
         "min_height": 1.0,
         "max_height": 45.0,
         "max_clearance": 6.0,
-        "resolution": 0.2,
+        "resolution": 0.1,
         "split_spacing": 3.0,
     },
 }
