@@ -7,7 +7,7 @@ import pyogrio
 import pytest
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.inventory import OBJECT_FIELDS, empty_table
+from mlsroad_pipeline.algorithms.inventory_table import OBJECT_FIELDS, empty_table
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.datasets import geopackage_dataset
 from mlsroad_pipeline.datasets.geopackage_dataset import (

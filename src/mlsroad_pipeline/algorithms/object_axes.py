@@ -1,4 +1,4 @@
-"""Axes of poles and trunks: a line through the middle of the shaft, and the circle of its cross-section."""
+"""Axes of poles and posts: a line through the middle of the shaft."""
 
 from __future__ import annotations
 
@@ -13,13 +13,6 @@ _BAND = 0.06  # how far a slice's median may lie from the axis, metres
 _SHAFT = 0.25  # how far the points of a shaft may lie from the first estimate of its axis, metres
 _TUKEY = 4.685  # deviations beyond which a slice has no weight: 95 % efficient for normal errors
 _LEAST_SPREAD = 0.003  # metres; slices are not trusted better than this
-
-_CIRCLE_TRIALS = 300
-_RADIUS = (0.025, 0.75)  # of shafts and trunks, metres
-_LEAST_ARC = 9  # of 36 sectors of a circle that must have points
-_LEAST_SHARE = 0.5  # of the points near a circle that must lie on it
-_LEAST_POINTS = 10
-_LARGEST_ERROR = 0.02  # standard error of the radius, metres
 
 
 @dataclass(frozen=True)
@@ -65,9 +58,9 @@ class Axis:
 def fit_axis(xyz: NDArray[np.float64]) -> Axis | None:
     """Fit the axis of a pole, blind to arms, signs and lamps on it.
 
-    The medians of slices of 0.25 m are taken; of all lines through two of them the one that most are near is kept
-    (each counts by one less its squared distance over 0.06 m, nothing beyond that). The medians are then taken anew from the points within 0.25 m of it, and the line is refined on those
-    that it passes by least squares with Tukey's weights.
+    The medians of slices of 0.25 m are taken; of all lines through two of them the one that most are near is kept: each
+    counts by 1 - (d / 0.06 m)^2, nothing beyond that. The medians are then taken anew from the points within 0.25 m of
+    it, and the line is refined on those that it passes by least squares with Tukey's weights.
 
     Parameters
     ----------
@@ -189,128 +182,4 @@ def _fit_line(xyz: NDArray[np.float64]) -> NDArray[np.float64]:
         if (weight > 0).sum() < 3:
             break
     result[:5] = fitted
-    return result
-
-
-@dataclass(frozen=True)
-class Circle:
-    """The cross-section of a shaft.
-
-    Parameters
-    ----------
-    centre : ndarray of float64, shape (2,)
-        Its middle, metres.
-    diameter : float
-        Metres.
-    arc : float
-        Share of the circle that has points.
-    """
-
-    centre: NDArray[np.float64]
-    diameter: float
-    arc: float
-
-
-def fit_circle(xy: NDArray[np.float64], *, reach: float, band: float = 0.015) -> Circle | None:
-    """Fit the circle of a round shaft to points projected along its axis.
-
-    Of the circles through three points the one that passes within `band` of most, compared with those inside of it and
-    just outside, is refined by geometric least squares. 300 triples are drawn from a fixed sequence.
-
-    Parameters
-    ----------
-    xy : ndarray of float64, shape (k, 2)
-        Points, metres, relative to the expected centre.
-    reach : float
-        How far the centre may lie from the expected one, metres.
-    band : float, default 0.015
-        How far a point may lie from the circle, metres: more for bark than for steel.
-
-    Returns
-    -------
-    Circle or None
-        None where the points do not show one: fewer than ten on it, or than half of those inside and just outside, less
-        than a quarter of the way around, or a radius that is not known to 2 cm.
-    """
-    if len(xy) < _LEAST_POINTS:
-        return None
-    found = _circle(np.ascontiguousarray(xy), reach, band)
-    if found[3] < _LEAST_POINTS or found[4] < _LEAST_ARC or found[5] < _LEAST_SHARE or found[6] > _LARGEST_ERROR:
-        return None
-    return Circle(found[:2].copy(), float(2 * found[2]), float(found[4] / 36))
-
-
-@njit(cache=True)
-def _score(xy: NDArray[np.float64], x: float, y: float, radius: float, band: float) -> tuple[int, int]:
-    """Count the points on a circle, and those inside it or within 5 cm outside."""
-    on, near = 0, 0
-    for i in range(len(xy)):
-        away = np.hypot(xy[i, 0] - x, xy[i, 1] - y) - radius
-        on += abs(away) <= band
-        near += away <= 0.05
-    return on, near
-
-
-@njit(cache=True)
-def _through(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return centre and radius of the circle through three points; a radius of 0 where they lie on a line."""
-    bx, by, cx, cy = b[0] - a[0], b[1] - a[1], c[0] - a[0], c[1] - a[1]
-    twice = 2 * (bx * cy - by * cx)
-    if abs(twice) < 1e-9:
-        return 0.0, 0.0, 0.0
-    bb, cc = bx * bx + by * by, cx * cx + cy * cy
-    x, y = (cy * bb - by * cc) / twice, (bx * cc - cx * bb) / twice
-    return a[0] + x, a[1] + y, np.hypot(x, y)
-
-
-@njit(cache=True)
-def _circle(xy: NDArray[np.float64], reach: float, band: float) -> NDArray[np.float64]:
-    """Return centre, radius, points on it, sectors of 36, share of the points near it, standard error of the radius."""
-    result = np.zeros(7)
-    n = len(xy)
-    state = np.uint64(88172645463325252)
-    best = -1.0
-    for _ in range(_CIRCLE_TRIALS):
-        pick = np.empty(3, np.int64)
-        for k in range(3):  # xorshift: the same triples in every run
-            state ^= state << np.uint64(13)
-            state ^= state >> np.uint64(7)
-            state ^= state << np.uint64(17)
-            pick[k] = int(state % np.uint64(n))
-        x, y, radius = _through(xy[pick[0]], xy[pick[1]], xy[pick[2]])
-        if not _RADIUS[0] <= radius <= _RADIUS[1] or np.hypot(x, y) > reach:
-            continue
-        on, near = _score(xy, x, y, radius, band)
-        if on - 0.5 * (near - on) > best:
-            best = on - 0.5 * (near - on)
-            result[:3] = x, y, radius
-    if best < 0:
-        return result
-    error = 1.0
-    for _ in range(10):
-        normal, right, square = np.zeros((3, 3)), np.zeros(3), 0.0
-        for i in range(n):
-            dx, dy = xy[i, 0] - result[0], xy[i, 1] - result[1]
-            far = np.hypot(dx, dy)
-            residual = far - result[2]
-            if abs(residual) > band or far == 0:
-                continue
-            row = np.array([dx / far, dy / far, 1.0])
-            normal += np.outer(row, row)
-            right += row * residual
-            square += residual * residual
-        if abs(np.linalg.det(normal)) < 1e-9:
-            return np.zeros(7)
-        inverse = np.linalg.inv(normal)
-        result[:3] += inverse @ right
-        error = np.sqrt(max(square, 1e-6 * normal[2, 2]) / max(normal[2, 2] - 3.0, 1.0) * inverse[2, 2])
-    on, near = _score(xy, result[0], result[1], result[2], band)
-    sectors = np.zeros(36, np.bool_)
-    for i in range(n):
-        dx, dy = xy[i, 0] - result[0], xy[i, 1] - result[1]
-        if abs(np.hypot(dx, dy) - result[2]) <= band:
-            sectors[int((np.arctan2(dy, dx) + np.pi) / (2 * np.pi) * 36) % 36] = True
-    if not _RADIUS[0] <= result[2] <= _RADIUS[1] or np.hypot(result[0], result[1]) > reach:
-        return np.zeros(7)
-    result[3], result[4], result[5], result[6] = on, sectors.sum(), on / max(near, 1), error
     return result

@@ -25,8 +25,36 @@ def convex_hull(xy: NDArray[np.float64]) -> NDArray[np.float64]:
     ndarray of float64, shape (h, 2)
         Its corners, counterclockwise, without points on its sides; fewer than three where all points lie on a line.
     """
-    order = np.lexsort((xy[:, 1], xy[:, 0]))
-    return _hull(xy[order])
+    outer = xy[_outside(xy)]
+    return _hull(outer[np.lexsort((outer[:, 1], outer[:, 0]))])
+
+
+@njit(cache=True)
+def _outside(xy: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Mark the points that are not inside the octagon of the outermost points (Akl and Toussaint 1978)."""
+    corner = np.zeros(8, np.int64)
+    reach = np.full(8, -np.inf)
+    for i in range(len(xy)):
+        x, y = xy[i, 0], xy[i, 1]
+        for way, far in enumerate((x, x + y, y, y - x, -x, -x - y, -y, x - y)):
+            if far > reach[way]:
+                reach[way], corner[way] = far, i
+    ax, ay, ex, ey = np.empty(8), np.empty(8), np.empty(8), np.empty(8)
+    n_sides = 0
+    for way in range(8):
+        a, b = corner[way], corner[(way + 1) % 8]
+        if xy[a, 0] != xy[b, 0] or xy[a, 1] != xy[b, 1]:
+            ax[n_sides], ay[n_sides] = xy[a, 0], xy[a, 1]
+            ex[n_sides], ey[n_sides] = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
+            n_sides += 1
+    result = np.zeros(len(xy), np.bool_)
+    result[corner] = True
+    for i in range(len(xy)):
+        for side in range(n_sides):
+            if ex[side] * (xy[i, 1] - ay[side]) - ey[side] * (xy[i, 0] - ax[side]) <= 0:
+                result[i] = True
+                break
+    return result
 
 
 @njit(cache=True)
@@ -67,8 +95,8 @@ def polygon_area(corners: NDArray[np.float64]) -> float:
     """
     if len(corners) < 3:
         return 0.0
-    x, y = (corners - corners[0]).T
-    return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
+    x, y = (corners - corners[0]).T  # the first and last terms of the sum are 0
+    return float(abs(x[:-1] @ y[1:] - y[:-1] @ x[1:]) / 2)
 
 
 def oriented_box(hull: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float, float]:
@@ -90,7 +118,7 @@ def oriented_box(hull: NDArray[np.float64]) -> tuple[NDArray[np.float64], float,
     """
     middle = hull.mean(axis=0)
     moved = hull - middle
-    sides = np.roll(moved, -1, axis=0) - moved
+    sides = moved[np.arange(1, len(moved) + 1) % len(moved)] - moved
     angle = np.arctan2(sides[:, 1], sides[:, 0])
     along, across = _project(moved, angle)
     spans = np.ptp(along, axis=0), np.ptp(across, axis=0)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.object_axes import Axis, Circle, fit_axis, fit_circle
+from mlsroad_pipeline.algorithms.object_axes import Axis, fit_axis
 from mlsroad_pipeline.algorithms.object_boxes import convex_hull, oriented_box, polygon_area, vehicle_box
+from mlsroad_pipeline.algorithms.object_circles import Circle, fit_circle
 from mlsroad_pipeline.algorithms.object_panels import fit_panel
 
 # How many points may lie below the bottom: a share, and never more than so many.
@@ -90,10 +91,10 @@ def measure(voxels: Voxels, kind: str) -> dict[str, float | int | str]:
     Returns
     -------
     dict of str to float, int or str
-        The numbers of `MEASURES` as docs/inventory.md defines them, lengths in metres and angles in degrees; `footprint`
-        its convex hull in plan as WKT (empty where that is no area); `facing_from` what told the side that a panel is
-        read from; `point_count`; `score`, the mean confidence; `extent`, the longer side of the box in plan; `scene`,
-        the number of the scene that holds most points of the foot.
+        The numbers of `MEASURES` as docs/inventory.md defines them, lengths in metres and angles in degrees;
+        `footprint`, its convex hull in plan as WKT, empty where that is no area; `facing_from`, what told the side that
+        a panel is read from; `point_count`; `score`, the mean confidence; `extent`, the longer side of the box in plan;
+        `scene`, the number of the scene that holds most of the foot.
     """
     low = _bottom(voxels)
     foot = voxels.xyz[:, 2] <= low + _FOOT
@@ -125,9 +126,16 @@ def measure(voxels: Voxels, kind: str) -> dict[str, float | int | str]:
 
 
 def _bottom(voxels: Voxels) -> float:
-    order = np.argsort(voxels.z_low, kind="stable")
-    reached = np.cumsum(voxels.count[order])
-    return float(voxels.z_low[order][np.searchsorted(reached, min(_STRAY_SHARE * reached[-1], _STRAY_POINTS))])
+    """Return the height below which the stray points lie."""
+    allowed = min(_STRAY_SHARE * voxels.count.sum(), _STRAY_POINTS)
+    lowest = voxels.z_low
+    if len(lowest) > _STRAY_POINTS + 1:  # as each voxel has a point, the rest lies above
+        few = np.argpartition(lowest, int(_STRAY_POINTS) + 1)[: int(_STRAY_POINTS) + 2]
+        lowest, count = lowest[few], voxels.count[few]
+    else:
+        count = voxels.count
+    order = np.argsort(lowest, kind="stable")
+    return float(lowest[order][np.searchsorted(np.cumsum(count[order]), allowed)])
 
 
 def _as_wkt(hull: NDArray[np.float64]) -> str:
@@ -212,14 +220,15 @@ def _sides_seen(local: NDArray[np.float64], length: float, width: float) -> floa
         piece = np.clip(((local[:, axis] / max(long, 1e-9) + 0.5) * pieces).astype(np.int64), 0, pieces - 1)
         for side in (-1, 1):
             near = side * local[:, 1 - axis] >= wide / 2 - _SIDE_STEP
-            seen += len(np.unique(piece[near]))
+            seen += int(np.count_nonzero(np.bincount(piece[near], minlength=pieces)))
             total += pieces
     return seen / total
 
 
 def _tree(found: _Found) -> dict[str, float]:
-    foot = found.xyz[found.foot, :2]
-    base = np.quantile(foot, [_STRAY_FOOT, 1 - _STRAY_FOOT], axis=0).mean(axis=0)
+    foot = np.sort(found.xyz[found.foot, :2], axis=0)
+    stray = int(_STRAY_FOOT * len(foot))
+    base = (foot[stray] + foot[-1 - stray]) / 2
     diameter = np.nan
     axis = fit_axis(found.xyz[found.xyz[:, 2] <= found.base + _TRUNK_TOP])
     if axis is not None:
@@ -227,8 +236,8 @@ def _tree(found: _Found) -> dict[str, float]:
         diameter = np.nan if circle is None else circle.diameter
     middle = (found.hull.max(axis=0) + found.hull.min(axis=0)) / 2
     around = np.arctan2(*(found.xyz[:, :2] - middle).T[::-1])
-    sectors = np.unique(np.floor((around + np.pi) / (2 * np.pi) * 36).astype(np.int64) % 36)
+    seen = np.bincount(np.floor((around / (2 * np.pi) + 0.5) * 36).astype(np.int64) % 36, minlength=36) > 0
     return {
-        "x": base[0], "y": base[1], "diameter": diameter, "visible_share": len(sectors) / 36,
+        "x": base[0], "y": base[1], "diameter": diameter, "visible_share": float(seen.mean()),
         "crown_diameter": 2 * np.sqrt(polygon_area(found.hull) / np.pi),
     }  # fmt: skip

@@ -53,8 +53,9 @@ def fit_panel(xyz: NDArray[np.float64]) -> Panel | None:
 
     Of all upright planes the one with most points away from the post is taken: directions in steps of 2 degrees and
     offsets in bins of 2 cm, then least squares on what lies within 4 cm. In its rows of 5 cm those wider than 0.12 m
-    are the panel, over gaps of up to three rows, and what lies in the plane above them. The side follows from the post, which
-    stands behind the panel: its axis, fitted to the points below and continued upwards, must lie 1 cm behind the plane.
+    are the panel, over gaps of up to three rows, and what lies in the plane above them. The side follows from the post,
+    which stands behind the panel: its axis, fitted to the points below and continued upwards, must lie 1 cm behind the
+    plane.
 
     Parameters
     ----------
@@ -122,9 +123,7 @@ def _refined(xy: NDArray[np.float64], weight: NDArray[np.float64]) -> tuple[floa
     return float(np.arctan2(normal[1], normal[0])), float(middle @ normal)
 
 
-def _panel_rows(
-    xyz: NDArray[np.float64], along: NDArray[np.float64]
-) -> tuple[float, float, float, float] | None:
+def _panel_rows(xyz: NDArray[np.float64], along: NDArray[np.float64]) -> tuple[float, float, float, float] | None:
     """Return lower, upper, left and right edge of the rows that are wider than a post."""
     u, z = xyz[:, :2] @ along, xyz[:, 2]
     row = np.floor((z - z.min()) / _ROW).astype(np.int64)
@@ -146,9 +145,7 @@ def _panel_rows(
     return float(z[inside].min()), float(z[inside].max()), float(edges[0]), float(edges[1])
 
 
-def _behind(
-    xyz: NDArray[np.float64], middle: NDArray[np.float64], bottom: float, normal: NDArray[np.float64]
-) -> int:
+def _behind(xyz: NDArray[np.float64], middle: NDArray[np.float64], bottom: float, normal: NDArray[np.float64]) -> int:
     """Tell on which side of the panel its post stands: 1 where the normal points, -1 on the other, 0 not known."""
     below = xyz[xyz[:, 2] < bottom - _ROW]
     axis = fit_axis(below) if len(below) else None

@@ -19,7 +19,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.inventory import OBJECT_FIELDS
+from mlsroad_pipeline.algorithms.inventory_table import OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 
 LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicle"}
