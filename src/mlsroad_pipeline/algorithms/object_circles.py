@@ -91,7 +91,7 @@ def _through(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float
 
 @njit(cache=True)
 def _circle(xy: NDArray[np.float64], few: NDArray[np.float64], reach: float, band: float) -> NDArray[np.float64]:
-    """Return centre, radius, points on it, parts with points, share of the points near it, standard error of the radius."""
+    """Return centre, radius, points on it, parts with points, share on it of those near, error of the radius."""
     result = np.zeros(7)
     n = len(xy)
     state = np.uint64(88172645463325252)

@@ -28,7 +28,7 @@ from mlsroad_pipeline.algorithms.rendering.report_sections import (
 from mlsroad_pipeline.algorithms.survey_labelling import bundle_scheme, join_inventories
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
-from mlsroad_pipeline.datasets.geopackage_dataset import RoadInventory
+from mlsroad_pipeline.datasets.road_inventory import RoadInventory
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import Deferred
 from mlsroad_pipeline.datasets.survey_plan import LabelParameters, PlannedFile, SurveyPlan
@@ -50,6 +50,7 @@ def inventory_of(
     corridors: SceneCollection,
     results: SceneCollection,
     rules: Mapping[str, ObjectRule],
+    bundle: ModelBundle,
 ) -> RoadInventory:
     """Join the objects of all scenes of a survey.
 
@@ -65,6 +66,8 @@ def inventory_of(
         What the scenes found.
     rules : mapping of str to ObjectRule
         The rules that the objects were found with.
+    bundle : ModelBundle
+        The model, whose method and version stand beside each object.
 
     Returns
     -------
@@ -76,11 +79,11 @@ def inventory_of(
     DataError
         If the files have different coordinate reference systems: one map cannot hold them.
     """
-    objects, fragments = results.part("objects"), results.part("fragments")
+    found, fragments = results.part("objects"), results.part("fragments")
     drives, systems = [], {}
     for drive, members in plan.drives().items():
         corridor = corridor_from_arrays(corridors[drive].load())
-        scenes = [SceneObjects(key, objects[key].load(), fragments[key].load()) for key in _scenes_of(drive, results)]
+        scenes = [SceneObjects(key, found[key].load(), fragments[key].load()) for key in _scenes_of(drive, results)]
         drives.append((scenes, corridor if isinstance(corridor, Trajectory) else None))
         for file in members:
             systems[file.source.name] = files.part("sample")[file.key].load().crs
@@ -89,7 +92,9 @@ def inventory_of(
         other = next(name for name, crs in systems.items() if crs != first)
         raise DataError(f"{one} and {other} have different coordinate reference systems: label them one by one")
     trajectory = drives[0][1] if len(drives) == 1 else None
-    return RoadInventory(join_inventories(drives, rules), next(iter(systems.values())), trajectory)
+    version = str(bundle.metadata.get("registered", ""))
+    objects = join_inventories(drives, rules).assign(method=bundle.slug, model_version=version)
+    return RoadInventory(objects, next(iter(systems.values())), trajectory)
 
 
 @dataclass(frozen=True)
