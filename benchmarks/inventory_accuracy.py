@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.inventory import extract_objects, measure_points, merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory_accuracy import (
     kinds_of_truth,
@@ -27,14 +27,18 @@ from mlsroad_pipeline.algorithms.inventory_accuracy import (
     measurement_errors,
     summarise_errors,
 )
-from mlsroad_pipeline.algorithms.object_rules import KIND_OF_CLASS, KINDS, ObjectRule
+from mlsroad_pipeline.algorithms.object_rules import KIND_OF_CLASS, ObjectRule
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
 from mlsroad_pipeline.algorithms.simulation import PRESETS, simulate_survey
 from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
 
-LABELS = {kind: tuple(TAXONOMY[name] for name, k in KIND_OF_CLASS.items() if k == kind) for kind in KINDS}
-RULES = {kind: ObjectRule.of_kind(kind, labels) for kind, labels in LABELS.items()}
+# Stem and crown of a tree are one class, all else is found class by class.
+MEMBERS = {name: ("trunk", "tree") if name == "tree" else (name,) for name in KIND_OF_CLASS if name != "trunk"}
+RULES = {
+    name: ObjectRule.of_kind(KIND_OF_CLASS[name], tuple(TAXONOMY[member] for member in members))
+    for name, members in MEMBERS.items()
+}
 
 
 def errors_of_known(
@@ -46,14 +50,15 @@ def errors_of_known(
     mine = mine[np.argsort(cloud["instance"][mine], kind="stable")]
     first, last = (np.searchsorted(cloud["instance"][mine], truth["instance"], side=s) for s in ("left", "right"))
     rows, kept, spent = [], [], 0.0
-    for row, (a, b, kind) in enumerate(zip(first, last, truth["kind"], strict=True)):
-        points = mine[a:b][np.isin(label[mine[a:b]], LABELS[kind])]
-        if len(points) < RULES[kind].min_points:
+    for row, (a, b, code) in enumerate(zip(first, last, truth["label"], strict=True)):
+        rule = RULES[TAXONOMY_NAMES[code]]
+        points = mine[a:b][np.isin(label[mine[a:b]], rule.labels)]
+        if len(points) < rule.min_points:
             continue
         start = time.process_time()
-        found = measure_points(cloud.xyz[points], RULES[kind], height_above_ground=height[points], origin=origin)
+        found = measure_points(cloud.xyz[points], rule, height_above_ground=height[points], origin=origin)
         spent += time.process_time() - start
-        rows.append({**found, "kind": kind})
+        rows.append({**found, "kind": rule.kind})
         kept.append(row)
     return measurement_errors(pd.DataFrame(rows), truth.iloc[kept]), spent
 

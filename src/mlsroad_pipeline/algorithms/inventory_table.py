@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -117,7 +117,14 @@ def object_table(rows: Sequence[Mapping[str, float | int | str]]) -> pd.DataFram
     """
     if not rows:
         return empty_table(OBJECT_FIELDS)
-    unknown = {"object_id": 0, "pole_id": 0, "station": np.nan, "offset": np.nan, "method": "", "model_version": ""}
+    unknown: dict[str, Any] = {
+        "object_id": 0,
+        "pole_id": 0,
+        "station": np.nan,
+        "offset": np.nan,
+        "method": "",
+        "model_version": "",
+    }
     return pd.DataFrame(list(rows)).assign(**unknown)[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
 
 

@@ -142,7 +142,11 @@ def _panel_rows(xyz: NDArray[np.float64], along: NDArray[np.float64]) -> tuple[f
         last += 1  # the tip of a triangle is narrow, and posts do not reach far above panels
     inside = (row >= group[0]) & (row <= last)
     edges = np.quantile(u[inside], [0.005, 0.995])
-    return float(z[inside].min()), float(z[inside].max()), float(edges[0]), float(edges[1])
+    # Of the lowest row the part below the panel is the post's.
+    lowest = float(z[inside].min())
+    beside = inside & (np.abs(u - edges.mean()) > _LEAST_WIDTH / 2)
+    bottom = min(float(z[beside].min()), lowest + _ROW)
+    return bottom, float(z[inside].max()), float(edges[0]), float(edges[1])
 
 
 def _behind(xyz: NDArray[np.float64], middle: NDArray[np.float64], bottom: float, normal: NDArray[np.float64]) -> int:

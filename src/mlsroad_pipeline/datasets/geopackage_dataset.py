@@ -47,7 +47,11 @@ def _write_layer(
     with warnings.catch_warnings():
         # A survey without a known CRS is normal; GeoPackage has a code for it (-1, undefined Cartesian).
         warnings.filterwarnings("ignore", message=".*crs.* was not provided", category=UserWarning)
-        pyogrio.write_dataframe(frame, path, layer=layer, driver="GPKG", geometry_type=kind, append=path.exists())
+        # Older releases of QGIS 3 warn of versions after 1.2, which has all that is needed.
+        options = {} if path.exists() else {"VERSION": "1.2"}
+        pyogrio.write_dataframe(
+            frame, path, layer=layer, driver="GPKG", geometry_type=kind, append=path.exists(), dataset_options=options
+        )
 
 
 def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:

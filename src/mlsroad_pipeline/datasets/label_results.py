@@ -92,7 +92,8 @@ def inventory_of(
         other = next(name for name, crs in systems.items() if crs != first)
         raise DataError(f"{one} and {other} have different coordinate reference systems: label them one by one")
     trajectory = drives[0][1] if len(drives) == 1 else None
-    version = str(bundle.metadata.get("registered", ""))
+    registered = bundle.metadata.get("registered")
+    version = "" if registered is None else f"{registered['name']} {registered['version']}"
     objects = join_inventories(drives, rules).assign(method=bundle.slug, model_version=version)
     return RoadInventory(objects, next(iter(systems.values())), trajectory)
 

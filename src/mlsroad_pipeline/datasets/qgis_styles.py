@@ -66,7 +66,7 @@ _POLE: _Symbols = (
     ("SimpleMarker", _marker("circle", COLOURS["pole"], 2.2), {}),
     (
         "SimpleMarker",
-        _marker("arrow", "230,120,0", 5.5),
+        {**_marker("arrow", "230,120,0", 6.0), "vertical_anchor_point": "2"},
         {"angle": 'coalesce("lean_azimuth", 0)', "enabled": 'coalesce("tilt", 0) >= 1 and "lean_azimuth" is not null'},
     ),
 )
@@ -104,7 +104,7 @@ _SINGLE = {
 
 _LABELS = {
     "poles": """format_number("height", 1) || ' m' || if("tilt" >= 1, '\n' || format_number("tilt", 1) || '°', '')""",
-    "signs": """coalesce('▯ ' || format_number("panel_bottom", 1) || ' m', '')""",
+    "signs": """coalesce(format_number("panel_bottom", 1) || ' m', '')""",
     "trees": """format_number("height", 1) || ' m'""",
     "vehicles": """format_number("length", 1) || ' × ' || format_number("width", 1) || ' m'""",
 }

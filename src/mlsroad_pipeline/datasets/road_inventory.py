@@ -119,8 +119,7 @@ def hulls(table: pd.DataFrame) -> np.ndarray:
     ndarray of shapely Polygon or None, shape (n,)
         Counterclockwise polygons, None where there is no area.
     """
-    text = table["footprint"].to_numpy(dtype=object)
-    shapes: np.ndarray = shapely.from_wkt(np.where(text == "", None, text))
+    shapes: np.ndarray = shapely.from_wkt([text or None for text in table["footprint"]])
     return shapes
 
 
