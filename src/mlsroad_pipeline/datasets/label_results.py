@@ -34,6 +34,7 @@ from mlsroad_pipeline.datasets.scene_task import Deferred
 from mlsroad_pipeline.datasets.survey_plan import LabelParameters, PlannedFile, SurveyPlan
 
 WRITING_THREADS = 2
+_ELSEWHERE = ("scene", "method", "model_version", "footprint")  # what the report's list of objects leaves to the files
 CONFIDENCE_NOTE = (
     "The probability that the model gives to the class of a point. Where a fifth of all points lie below 0.5, or half "
     "of a class, there is a warning above."
@@ -250,7 +251,7 @@ def label_report_sections(
         WarningsSection("Warnings", [*confidence_warnings(sureness), *_warnings(bundle, quality)]),
         DistributionSection("Classes", shares, scheme=scheme),
         TableSection("Confidence", sureness, note=CONFIDENCE_NOTE),
-        InventorySection("Inventory", objects, geopackage="inventory.gpkg"),
+        InventorySection("Inventory", objects.drop(columns=list(_ELSEWHERE)), geopackage="inventory.gpkg"),
         TableSection("Quality of the survey", quality),
         TableSection("Files written", outputs),
     ]
