@@ -83,7 +83,8 @@ def sides(rng, *, n=900, noise=0.01):
 @pytest.mark.parametrize("azimuth", [0.0, 12.3, 77.0, 90.0, 140.0])
 def test_a_car_seen_from_two_sides_has_its_heading(azimuth, rng):
     xy = turned(sides(rng), azimuth)
-    xy = np.concatenate([xy, [[30.0, 3.0], [-4.0, 5.0]]])  # what is farther than strays may be is outside the box
+    strays = np.array([[2.0, 1.0], [-1.5, 1.2], [-1.2, 0.8], [0.2, 6.0]])  # a mirror, an aerial, a mixed pixel
+    xy = np.concatenate([xy, turned(strays, azimuth)])
     centre, length, width, heading = vehicle_box(xy + UTM[:2])
     assert apart(heading, azimuth, 180) < 0.2
     np.testing.assert_allclose([length, width], [4.4, 1.8], atol=0.06)

@@ -7,7 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 _NEAR_EDGE = 0.05  # distances to an edge below this count alike, metres: d0 of Zhang et al. 2017, algorithm 4
-_STRAY = 0.004  # share of points that may lie outside on each side: aerials, mixed pixels
+_STRAY = 0.004  # share of points that may lie outside on each side: aerials, mixed pixels, mirrors
+_STRAY_ENDS = 0.0015  # and beyond each end: bumpers have no mirrors
 # Reach and step of the directions that are tried, degrees, and on how many points.
 _STEPS = ((45.0, 2.0, 300), (2.0, 0.2, 600), (0.2, 0.04, 1200))
 
@@ -150,7 +151,8 @@ def vehicle_box(xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, fl
     Of all directions the one whose rectangle has the points nearest to its sides is taken: the sum of the inverse
     distances is largest (Zhang, Xu, Dong and Dolan 2017, "Efficient L-shape fitting for vehicle detection using laser
     scanners", algorithms 2 and 4), in steps of 2, 0.2 and 0.04 degrees. Unlike there, four points in a thousand may
-    lie outside each side: an aerial or a mixed pixel would otherwise carry the side away from the body.
+    lie outside each side: an aerial or a mixed pixel would otherwise carry the side away from the body. Mirrors lie
+    outside, too.
 
     Parameters
     ----------
@@ -173,9 +175,11 @@ def vehicle_box(xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, fl
         steps = np.radians(np.arange(-reach, reach, step))
         thinned = np.ascontiguousarray(moved[:: max(len(moved) // most, 1)])
         angle += float(steps[np.argmax(_closeness(thinned, angle + steps))])
-    along, across = _project(moved, np.array([angle]))
-    share = [_STRAY, 1 - _STRAY]
-    return _box(middle, angle, (*np.quantile(along, share), *np.quantile(across, share)))
+    sides = _project(moved, np.array([angle]))
+    limits = [np.quantile(side, [_STRAY, 1 - _STRAY]) for side in sides]
+    longer = int(np.ptp(limits[1]) > np.ptp(limits[0]))
+    limits[longer] = np.quantile(sides[longer], [_STRAY_ENDS, 1 - _STRAY_ENDS])
+    return _box(middle, angle, (*limits[0], *limits[1]))
 
 
 @njit(cache=True)
