@@ -13,6 +13,27 @@ _STRAY_ENDS = 0.0015  # and beyond each end: bumpers have no mirrors
 _STEPS = ((45.0, 2.0, 300), (2.0, 0.2, 600), (0.2, 0.04, 1200))
 
 
+def trimmed(values: NDArray[np.float64], share: float) -> tuple[float, float]:
+    """Return the limits of values when a share of them is left out at either end.
+
+    Parameters
+    ----------
+    values : ndarray of float64
+        Any values; at least one.
+    share : float
+        What is left out at each end, 0 to 0.5, rounded down to whole values.
+
+    Returns
+    -------
+    low, high : float
+        The limits.
+    """
+    flat = values.ravel()
+    stray = int(share * len(flat))
+    part = np.partition(flat, (stray, len(flat) - 1 - stray))
+    return float(part[stray]), float(part[len(flat) - 1 - stray])
+
+
 def convex_hull(xy: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the convex hull of points in plan.
 
@@ -119,10 +140,10 @@ def oriented_box(hull: NDArray[np.float64]) -> tuple[NDArray[np.float64], float,
     """
     middle = hull.mean(axis=0)
     moved = hull - middle
-    sides = moved[np.arange(1, len(moved) + 1) % len(moved)] - moved
+    sides = np.concatenate([moved[1:], moved[:1]]) - moved
     angle = np.arctan2(sides[:, 1], sides[:, 0])
     along, across = _project(moved, angle)
-    spans = np.ptp(along, axis=0), np.ptp(across, axis=0)
+    spans = along.max(axis=0) - along.min(axis=0), across.max(axis=0) - across.min(axis=0)
     # A line has no area at its own direction only: the perimeter decides among equally thin ones.
     best = angle[[np.argmin(spans[0] * spans[1] + 1e-6 * (spans[0] + spans[1]))]]
     along, across = _project(moved, best)
@@ -176,14 +197,14 @@ def vehicle_box(xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, fl
         thinned = np.ascontiguousarray(moved[:: max(len(moved) // most, 1)])
         angle += float(steps[np.argmax(_closeness(thinned, angle + steps))])
     sides = _project(moved, np.array([angle]))
-    limits = [np.quantile(side, [_STRAY, 1 - _STRAY]) for side in sides]
-    longer = int(np.ptp(limits[1]) > np.ptp(limits[0]))
-    limits[longer] = np.quantile(sides[longer], [_STRAY_ENDS, 1 - _STRAY_ENDS])
+    limits = [trimmed(side, _STRAY) for side in sides]
+    longer = int(limits[1][1] - limits[1][0] > limits[0][1] - limits[0][0])
+    limits[longer] = trimmed(sides[longer], _STRAY_ENDS)
     return _box(middle, angle, (*limits[0], *limits[1]))
 
 
 @njit(cache=True)
-def _trimmed(values: NDArray[np.float64], stray: int) -> tuple[float, float]:
+def _limits(values: NDArray[np.float64], stray: int) -> tuple[float, float]:
     """Return the limits of values when so many are left out at either end."""
     low, high = np.full(stray + 1, np.inf), np.full(stray + 1, -np.inf)  # the least, ascending, and the largest
     for value in values:
@@ -213,8 +234,8 @@ def _closeness(xy: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[
         c, s = np.cos(angles[a]), np.sin(angles[a])
         for i in range(n):
             along[i], across[i] = xy[i, 0] * c + xy[i, 1] * s, xy[i, 1] * c - xy[i, 0] * s
-        left, right = _trimmed(along, stray)
-        back, front = _trimmed(across, stray)
+        left, right = _limits(along, stray)
+        back, front = _limits(across, stray)
         for i in range(n):
             u, v = min(abs(along[i] - left), abs(right - along[i])), min(abs(across[i] - back), abs(front - across[i]))
             score[a] += 1.0 / max(min(u, v), _NEAR_EDGE)

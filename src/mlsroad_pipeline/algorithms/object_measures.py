@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.object_axes import Axis, fit_axis
-from mlsroad_pipeline.algorithms.object_boxes import convex_hull, oriented_box, polygon_area, vehicle_box
+from mlsroad_pipeline.algorithms.object_boxes import convex_hull, oriented_box, polygon_area, trimmed, vehicle_box
 from mlsroad_pipeline.algorithms.object_circles import Circle, fit_circle
 from mlsroad_pipeline.algorithms.object_panels import fit_panel
 
@@ -142,7 +142,7 @@ def _as_wkt(hull: NDArray[np.float64]) -> str:
     corners = np.round(hull, 2)
     if len(corners) < 3 or polygon_area(corners) < 1e-4:
         return ""
-    ring = ", ".join(f"{x:.2f} {y:.2f}" for x, y in (*corners, corners[0]))
+    ring = ", ".join([f"{x:.2f} {y:.2f}" for x, y in (*corners.tolist(), corners[0].tolist())])
     return f"POLYGON (({ring}))"
 
 
@@ -185,7 +185,7 @@ def _sign(found: _Found) -> dict[str, float | str]:
     if len(below):
         turn = np.radians(panel.normal)
         along = np.array([np.cos(turn), -np.sin(turn)])
-        first, last = np.quantile(below[:, :2] @ along, [0.05, 0.95])
+        first, last = trimmed(below[:, :2] @ along, 0.05)
         if last - first > _TWO_POSTS:  # a board on two posts stands in their middle
             base = np.array([row["x"], row["y"]])
             base += ((first + last) / 2 - base @ along) * along
@@ -226,9 +226,8 @@ def _sides_seen(local: NDArray[np.float64], length: float, width: float) -> floa
 
 
 def _tree(found: _Found) -> dict[str, float]:
-    foot = np.sort(found.xyz[found.foot, :2], axis=0)
-    stray = int(_STRAY_FOOT * len(foot))
-    base = (foot[stray] + foot[-1 - stray]) / 2
+    foot = found.xyz[found.foot, :2]
+    base = np.array([sum(trimmed(foot[:, axis], _STRAY_FOOT)) / 2 for axis in range(2)])
     diameter = np.nan
     axis = fit_axis(found.xyz[found.xyz[:, 2] <= found.base + _TRUNK_TOP])
     if axis is not None:

@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.object_axes import fit_axis
+from mlsroad_pipeline.algorithms.object_boxes import trimmed
 
 _TURN = 2.0  # step of the directions that are tried, degrees
 _BIN = 0.02  # width of the bins along the normal, metres
@@ -18,6 +19,7 @@ _LEAST_WIDTH = 0.12  # a row is of a panel where it is wider than posts are, met
 _GAP = 3  # rows that may lack between those of a panel, or between two panels on one post
 _LEAST_POINTS = 8
 _LEAST_STANDOFF = 0.01  # how far the post must lie behind the plane to tell the side, metres
+_STRAY = 0.005  # share of points that may lie outside its left and right edge
 _POST = 0.12  # how far the points of a post may lie from the vertical through the panel's middle, metres
 
 
@@ -69,7 +71,7 @@ def fit_panel(xyz: NDArray[np.float64]) -> Panel | None:
     """
     if len(xyz) < _LEAST_POINTS:
         return None
-    centre = np.median(xyz, axis=0)
+    centre = xyz.mean(axis=0)
     local = xyz - centre
     axis = fit_axis(local)
     away = np.hypot(*local[:, :2].T) if axis is None else axis.distance(local)
@@ -117,7 +119,7 @@ def _plane(xyz: NDArray[np.float64], weight: NDArray[np.float64], turns: NDArray
 
 
 def _refined(xy: NDArray[np.float64], weight: NDArray[np.float64]) -> tuple[float, float]:
-    middle = np.average(xy, axis=0, weights=weight)
+    middle = weight @ xy / weight.sum()
     local = xy - middle
     normal = np.linalg.eigh((local * weight[:, None]).T @ local)[1][:, 0]
     return float(np.arctan2(normal[1], normal[0])), float(middle @ normal)
@@ -141,12 +143,12 @@ def _panel_rows(xyz: NDArray[np.float64], along: NDArray[np.float64]) -> tuple[f
     while last + 1 < n_rows and np.isfinite(width[last + 1 : last + 3]).any():
         last += 1  # the tip of a triangle is narrow, and posts do not reach far above panels
     inside = (row >= group[0]) & (row <= last)
-    edges = np.quantile(u[inside], [0.005, 0.995])
+    edges = trimmed(u[inside], _STRAY)
     # Of the lowest row the part below the panel is the post's.
     lowest = float(z[inside].min())
-    beside = inside & (np.abs(u - edges.mean()) > _LEAST_WIDTH / 2)
+    beside = inside & (np.abs(u - (edges[0] + edges[1]) / 2) > _LEAST_WIDTH / 2)
     bottom = min(float(z[beside].min()), lowest + _ROW)
-    return bottom, float(z[inside].max()), float(edges[0]), float(edges[1])
+    return bottom, float(z[inside].max()), *edges
 
 
 def _behind(xyz: NDArray[np.float64], middle: NDArray[np.float64], bottom: float, normal: NDArray[np.float64]) -> int:
