@@ -9,14 +9,18 @@ from mlsroad_pipeline.datasets.formats.base import PointFormat
 from mlsroad_pipeline.datasets.formats.files import check_file
 from mlsroad_pipeline.datasets.formats.kitti import KittiFormat
 from mlsroad_pipeline.datasets.formats.las import LasFormat
+from mlsroad_pipeline.datasets.formats.pcd import PcdFormat
 from mlsroad_pipeline.datasets.formats.ply import PlyFormat
 from mlsroad_pipeline.datasets.formats.sydney import SydneyFormat
 from mlsroad_pipeline.datasets.formats.text import TextFormat
 
-FORMATS: tuple[PointFormat, ...] = (LasFormat(), PlyFormat(), TextFormat(), KittiFormat(), SydneyFormat())
+FORMATS: tuple[PointFormat, ...] = (
+    *(LasFormat(), PlyFormat(), PcdFormat(), TextFormat()),
+    *(KittiFormat(), SydneyFormat()),
+)
 """All formats; a new one is one module and one entry here."""
 
-FOREIGN = {b"# .PCD": "PCD", b"ASTM-E57": "E57", b"PK\x03\x04": "ZIP", b"\x1f\x8b": "gzip", b"\x89PNG": "PNG"}
+FOREIGN = {b"ASTM-E57": "E57", b"PK\x03\x04": "ZIP", b"\x1f\x8b": "gzip", b"\x89PNG": "PNG"}
 """Signatures of what is not read as it stands, so that messages can name it."""
 
 

@@ -73,8 +73,8 @@ class SydneyFormat(TableFormat):
     """Reader and writer of Sydney Urban Objects.
 
     Columns are `gps_time` (seconds since 1970, float64), `intensity` (float32 in [0, 1]), `id` (laser, uint8),
-    `azimuth` (radians, float32), `range` (metres, float32) and `pid` (number of the point in its scan, int32). The class is
-    in the name of the file: `object_class`.
+    `azimuth` (radians, float32), `range` (metres, float32) and `pid` (number of the point in its scan, int32). The
+    class is in the name of the file: `object_class`.
     """
 
     name = "Sydney"

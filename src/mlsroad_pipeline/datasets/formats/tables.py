@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,9 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import FileInfo, PointFormat, ReadOptions
 from mlsroad_pipeline.datasets.formats.files import FileKey, check_file, clip_range, file_key
 from mlsroad_pipeline.datasets.formats.flat_table import flat_cloud
-from mlsroad_pipeline.datasets.formats.standard_columns import resolve_columns
+from mlsroad_pipeline.datasets.formats.standard_columns import COORDINATES, resolve_columns
+
+logger = logging.getLogger(__name__)
 
 CHUNK = 1_000_000
 _MAXIMA: dict[tuple[FileKey, tuple[str, ...]], float] = {}
@@ -155,3 +158,41 @@ def _maximum(table: PointTable, path: Path, names: tuple[str, ...]) -> float:
             greatest = max(greatest, *(float(np.nanmax(part[name], initial=0.0)) for name in names))
         _MAXIMA[key] = greatest
     return _MAXIMA[key]
+
+
+def with_points_only(table: PointTable, path: Path) -> PointTable:
+    """Leave out rows whose three coordinates are NaN: beams that did not return.
+
+    Parameters
+    ----------
+    table : PointTable
+        The file as it stands.
+    path : Path
+        What the log calls it.
+
+    Returns
+    -------
+    PointTable
+        The same table where there are none; else one without them, the order kept. The log says how many.
+    """
+    if not set(COORDINATES) <= set(table.names):
+        return table
+    returned = []
+    for start in range(0, table.n_points, CHUNK):
+        part = table.rows(COORDINATES, start, min(start + CHUNK, table.n_points))
+        returned.append(~np.logical_and.reduce([np.isnan(part[name]) for name in COORDINATES]))
+    kept = np.flatnonzero(np.concatenate(returned)) if returned else np.empty(0, np.int64)
+    n_lost = table.n_points - len(kept)
+    if not n_lost:
+        return table
+    logger.info("%s: %d of %d points are NaN, beams without return; they are left out", path, n_lost, table.n_points)
+
+    def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
+        index = kept[start:stop]
+        if not len(index):
+            return table.rows(names, 0, 0)
+        begin, end = int(index[0]), int(index[-1]) + 1
+        part = table.rows(names, begin, end)
+        return {name: values[index - begin] for name, values in part.items()}
+
+    return replace(table, n_points=len(kept), rows=rows, details={**table.details, "without_return": n_lost})
