@@ -33,7 +33,8 @@ class PcdFormat(TableFormat):
 
     Fields keep their names and types; SIZE, COUNT and padding (``_``) are honoured, several values are numbered
     (``fpfh_0``), a packed `rgb` or `rgba` is taken apart. Points whose three coordinates are NaN stand for
-    beams that did not return: they are left out, and the log says how many. The viewpoint is told by `info` and not applied.
+    beams that did not return: they are left out, and the log says how many. The viewpoint is told by `info` and not
+    applied.
     """
 
     name = "PCD"
