@@ -1,6 +1,8 @@
 """The inventory: planted objects with known measures, and surveys cut anywhere."""
 
+import re
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -9,7 +11,7 @@ from references_inventory import planted_box, planted_pole, planted_tree
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory import extract_objects, merge_across_scenes
-from mlsroad_pipeline.algorithms.inventory_table import OBJECT_FIELDS
+from mlsroad_pipeline.algorithms.inventory_table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 
@@ -222,6 +224,12 @@ def test_input_is_not_modified(street):
     inventory(street)
     for column, old in zip(street, before, strict=True):
         np.testing.assert_array_equal(column, old)
+
+
+def test_every_field_is_in_the_data_dictionary():
+    page = (Path(__file__).parents[2] / "docs/inventory.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[1] for line in page.split("## Fields")[1].split("\n## ")[0].splitlines() if "|" in line]
+    assert set(re.findall(r"`(\w+)`", " ".join(rows))) == set(FIELDS)
 
 
 def test_nothing_to_find():

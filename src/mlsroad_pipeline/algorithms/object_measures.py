@@ -227,13 +227,15 @@ def _sides_seen(local: NDArray[np.float64], length: float, width: float) -> floa
 
 def _tree(found: _Found) -> dict[str, float]:
     foot = found.xyz[found.foot, :2]
+    middle = (found.hull.max(axis=0) + found.hull.min(axis=0)) / 2
     base = np.array([sum(trimmed(foot[:, axis], _STRAY_FOOT)) / 2 for axis in range(2)])
+    if found.low - found.ground > _FOOT:
+        base = middle  # the trunk was not seen, and a low branch is not where it stands
     diameter = np.nan
     axis = fit_axis(found.xyz[found.xyz[:, 2] <= found.base + _TRUNK_TOP])
     if axis is not None:
         circle = _round_shaft(found, axis, _TRUNK_SLAB, band=_BARK)
         diameter = np.nan if circle is None else circle.diameter
-    middle = (found.hull.max(axis=0) + found.hull.min(axis=0)) / 2
     around = np.arctan2(*(found.xyz[:, :2] - middle).T[::-1])
     seen = np.bincount(np.floor((around / (2 * np.pi) + 0.5) * 36).astype(np.int64) % 36, minlength=36) > 0
     return {
