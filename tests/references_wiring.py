@@ -26,6 +26,8 @@ TINY: dict[str, Any] = {
             "train": {"preset": "tiny", "seed": 7},
             "train_2": None,
             "train_3": None,
+            "train_4": None,
+            "train_5": None,
             "test": {"preset": "tiny", "seed": 11},
         },
     },
