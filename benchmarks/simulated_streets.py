@@ -66,14 +66,15 @@ class Trial:
         """Return a street's labelled supervoxels."""
         return training_rows(**prepare(cloud, self.stages), scheme=self.scheme)
 
-    def test(self, name: str, rows: list[dict[str, Any]], cloud: PointCloud, seed: int) -> None:
-        """Train a forest and label a street."""
+    def train(self, rows: list[dict[str, Any]], seed: int) -> Any:
+        """Train a forest."""
         forest = ForestParameters(**{**configured("detrended_forest"), "seed": seed})
-        bundle, _ = fit(rows, parameters=forest, stages=self.stages, scheme=self.scheme, trained_on={}, n_jobs=N_JOBS)
-        self.label(name, bundle, cloud, seed)
+        options: dict[str, Any] = {"trained_on": {}, "n_jobs": N_JOBS, "fallbacks": False}
+        bundle, _ = fit(rows, parameters=forest, stages=self.stages, scheme=self.scheme, **options)
+        return bundle
 
-    def label(self, name: str, bundle: Any, cloud: PointCloud, seed: int) -> None:
-        """Label a street and print the scores."""
+    def label(self, name: str, bundle: Any, cloud: PointCloud, seed: int) -> tuple[np.ndarray, np.ndarray]:
+        """Label a street, print the scores and return truth and prediction."""
         truth = self.scored.encode(cloud["label"], source=name)
         predicted = label_scene(**prepare(cloud, self.stages), bundle=bundle)["label"]
         found = self.scheme.coarsen(self.scored)[predicted]
