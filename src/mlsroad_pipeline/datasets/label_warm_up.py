@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.detrended_forest.nearest import nearest_supervoxels
 from mlsroad_pipeline.algorithms.inventory import extract_objects
@@ -38,7 +39,7 @@ def small_street() -> PointCloud:
     post = np.column_stack([np.full((100, 2), 5.0), np.linspace(0.1, 4.0, 100)])
     xyz = np.concatenate([ground, post])
     n = len(xyz)
-    columns = {
+    columns: dict[str, NDArray] = {
         "rgb": np.full((n, 3), 120, np.uint8),
         "intensity": np.full(n, 0.4, np.float32),
         "gps_time": np.linspace(0.0, 1.0, n),
