@@ -108,9 +108,7 @@ def bounded_cost(a: NDArray[np.float32], i: int, b: NDArray[np.float32], j: int,
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "arcp"})
-def block_costs(
-    a: NDArray[np.float32], i: int, block: NDArray[np.float32], n: int, costs: NDArray[np.float32]
-) -> None:
+def block_costs(a: NDArray[np.float32], i: int, block: NDArray[np.float32], n: int, costs: NDArray[np.float32]) -> None:
     """Write the costs of matching row i of `a` with the first n columns of a transposed table.
 
     The loops run along the columns, so that they vectorise: a cost takes a tenth of the time of `bounded_cost`, from

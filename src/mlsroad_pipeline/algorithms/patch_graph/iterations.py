@@ -139,12 +139,13 @@ class _State:
         n_matches: int,
         search: SearchParameters,
         cells: DescriptionCells,
+        apart: bool,
         n_threads: int,
     ) -> None:
         n = len(source.table)
         self.source, self.target, self.heights, self.graph = source, target, heights, graph
         self.search, self.n_threads, self.promise = search, n_threads, np.float32(search.promise)
-        self.same, self.cells = graph is None, cells
+        self.same, self.apart, self.cells = graph is None, apart, cells
         self.matches, self.costs = np.empty((n, n_matches), np.int32), np.empty((n, n_matches), np.float32)
         self.new_matches, self.new_costs = np.empty_like(self.matches), np.empty_like(self.costs)
         # Edges that enrichment and local search have not followed, and those that propagation has not.
@@ -155,12 +156,12 @@ class _State:
     def initialise(self, seed: int) -> None:
         def run(first: int, last: int) -> None:
             moves.initialise(
-                self.source, self.heights, self.target, self.same, self.search.height_tolerance, seed, first, last,
+                self.source, self.heights, self.target, self.apart, self.search.height_tolerance, seed, first, last,
                 self.matches, self.costs,
             )  # fmt: skip
             if self.search.n_probes:
                 search_cells(
-                    self.source, self.target, self.cells, self.same, self.search.n_probes, first, last, self.matches,
+                    self.source, self.target, self.cells, self.apart, self.search.n_probes, first, last, self.matches,
                     self.costs,
                 )  # fmt: skip
 
@@ -173,7 +174,7 @@ class _State:
 
         def run(first: int, last: int) -> None:
             moves.enrich_and_look_around(
-                self.source, self.target, self.same, links, self.links_fresh, *self.incoming, self.matches,
+                self.source, self.target, self.apart, links, self.links_fresh, *self.incoming, self.matches,
                 self.costs, self.fresh, self.search.search_radius, first, last, self.new_matches, self.new_costs,
             )  # fmt: skip
 
@@ -191,7 +192,7 @@ class _State:
 
         def outwards(first: int, last: int) -> None:
             exhaustive.search_all_targets(
-                self.source, self.target, self.same, nodes, first, last, self.new_matches, self.new_costs
+                self.source, self.target, self.apart, nodes, first, last, self.new_matches, self.new_costs
             )
 
         def inwards(first: int, last: int) -> None:
@@ -223,6 +224,7 @@ def find_matches(
     chooser: NodeChooser,
     cells: DescriptionCells,
     *,
+    apart: bool,
     seed: int,
     n_threads: int,
 ) -> MatchGraph:
@@ -245,6 +247,8 @@ def find_matches(
         Chooses the nodes of the exhaustive search.
     cells : DescriptionCells
         The target's cells of alike descriptions.
+    apart : bool
+        Whether a patch must not be matched with its own scene; scenes then have the same numbers in both indices.
     seed : int
         Seed of the initialisation.
     n_threads : int
@@ -256,7 +260,7 @@ def find_matches(
         The matches, in the order of the indices.
     """
     check_threads(n_threads)
-    state = _State(source, heights, target, graph, n_matches, search, cells, n_threads)
+    state = _State(source, heights, target, graph, n_matches, search, cells, apart, n_threads)
     state.initialise(seed)
     objective = [state.objective()]
     for _ in range(search.n_iterations):

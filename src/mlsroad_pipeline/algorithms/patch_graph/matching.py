@@ -21,7 +21,14 @@ from mlsroad_pipeline.algorithms.patch_graph.iterations import (
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex, build_patch_index
 from mlsroad_pipeline.algorithms.patches import Patches
 
-__all__ = ["CostWeights", "MatchGraph", "SearchParameters", "build_match_graph", "check_matches", "match_with_each_other"]
+__all__ = [
+    "CostWeights",
+    "MatchGraph",
+    "SearchParameters",
+    "build_match_graph",
+    "check_matches",
+    "match_with_each_other",
+]
 
 
 def build_match_graph(
@@ -151,8 +158,9 @@ def match_with_each_other(
     rare = minority_classes(labels) if minority is None else minority
     chooser = make_chooser(labels, rare, len(patches), search, seed)
     found = find_matches(
-        index, index, patches.height[order], None, n_matches, search, chooser, cells, seed=seed, n_threads=n_threads
-    )
+        index, index, patches.height[order], None, n_matches, search, chooser, cells,
+        apart=True, seed=seed, n_threads=n_threads,
+    )  # fmt: skip
     return found, index, cells, order
 
 

@@ -20,6 +20,7 @@ from mlsroad_pipeline.algorithms.patch_graph.iterations import (
 from mlsroad_pipeline.algorithms.patch_graph.matching import check_matches, match_with_each_other
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex, build_patch_index
 from mlsroad_pipeline.algorithms.patches import UNKNOWN, Patches
+from mlsroad_pipeline.algorithms.validation import check_column
 
 _ARRAYS = ("matches", "labels", "rows", "objective", "coloured")
 
@@ -156,6 +157,7 @@ def match_patches(
     *,
     weights: CostWeights | None = None,
     search: SearchParameters | None = None,
+    own_scene: ArrayLike | None = None,
     seed: int = 0,
     n_threads: int = 1,
 ) -> MatchGraph:
@@ -166,8 +168,8 @@ def match_patches(
     Parameters
     ----------
     patches : Patches
-        Patches of one scene or of several, none of them in the graph. Where only one side has colour, it does not
-        count.
+        Patches of one scene or of several, none of them in the graph except with `own_scene`. Where only one side has
+        colour, it does not count.
     graph : TrainedGraph
         The trained graph.
     weights : CostWeights, optional
@@ -176,6 +178,9 @@ def match_patches(
         How matches are searched. The exhaustive search takes costly patches only: classes are not known yet. Its
         budget counts where it is enough for all patches at once, so that the matches are the best there are; else
         `n_costly` patches are searched in an iteration, because few are left whose matches it would improve.
+    own_scene : array-like of int, shape (n,), optional
+        For patches of scenes that are in the graph: each patch's scene, as its place among the graph's scenes, which it
+        is not matched with. So a graph labels its own scenes without their labels.
     seed : int, default 0
         Seed of the search.
     n_threads : int, default 1
@@ -189,7 +194,8 @@ def match_patches(
     Raises
     ------
     DataError
-        If the histograms have another length than those of the graph.
+        If the histograms have another length than those of the graph, or `own_scene` has another length than there are
+        patches.
     ParameterError
         If `n_threads` is below 1 or `seed` is negative.
     """
@@ -198,7 +204,8 @@ def match_patches(
     width = graph.index.table.shape[1] - N_ABSOLUTE
     if patches.fpfh.shape[1] != width:
         raise DataError(f"the graph was trained on histograms of {width} bins, got {patches.fpfh.shape[1]}")
-    check_matches(n_matches, len(graph.index.scene_starts) - 1, needed=n_matches, seed=seed)
+    apart = own_scene is not None
+    check_matches(n_matches, len(graph.index.scene_starts) - 1, needed=n_matches + apart, seed=seed)
     if len(patches) == 0:
         return MatchGraph(np.empty((0, n_matches), np.int32), np.empty((0, n_matches), np.float32), np.zeros(1))
     if graph.coloured and patches.rgb is None:
@@ -210,6 +217,8 @@ def match_patches(
         far_radius=search.search_radius,
         with_colour=graph.coloured,
     )
+    if own_scene is not None:
+        source = source._replace(scene=check_column(own_scene, len(patches), "own_scene")[order].astype(np.int32))
     nameless = np.full(len(patches), UNKNOWN, np.int16)
     if len(patches) * len(graph.labels) > search.exhaustive_budget:
         search = replace(search, exhaustive_budget=0)
@@ -223,6 +232,7 @@ def match_patches(
         search,
         chooser,
         graph.cells,
+        apart=apart,
         seed=seed,
         n_threads=n_threads,
     )
