@@ -91,11 +91,11 @@ def make_streets(plan: StudyPlan) -> dict[str, SceneTask]:
         _street(seed): SceneTask(
             make_street,
             parameters={
-                "simulation": simulation_parameters({**plan.scale.survey, "seed": seed}),
+                "simulation": simulation_parameters(survey),
                 "ground": plan.ground,
             },
         )
-        for seed in plan.seeds()
+        for seed, survey in plan.surveys().items()
     }
 
 
