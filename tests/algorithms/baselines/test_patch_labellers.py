@@ -15,11 +15,10 @@ from mlsroad_pipeline.algorithms.patch_features import COLOURED, GEOMETRY, draw_
 from mlsroad_pipeline.algorithms.patch_labelling import (
     PatchStages,
     build_patches,
-    bundle_model,
-    join_training_scenes,
     label_patch_scene,
     label_patches,
 )
+from mlsroad_pipeline.algorithms.patch_training import PatchTraining, bundle_model, join_training_scenes
 from mlsroad_pipeline.algorithms.patches import Patches, PatchParameters
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
@@ -33,6 +32,9 @@ SCHEME = ClassScheme.from_config(
         "ignore": [name for name in TAXONOMY if all(name not in members for members in GROUPS.values())],
     },
 )
+
+
+NO_EDGES = np.empty((0, 2), np.int32)
 
 
 def fit_forest(patches, **changes):
@@ -82,10 +84,9 @@ def training():
 
 
 def bundled(fit, patches, module, parameters):
-    return bundle_model(
-        module.SLUG, fit(patches), patches, entry_point=module.ENTRY_POINT, parameters=parameters,
-        stages=PatchStages(GroundParameters(), PatchParameters()), scheme=SCHEME, trained_on={"survey": "planted"},
-    )  # fmt: skip
+    stages = PatchStages(GroundParameters(), PatchParameters())
+    training = PatchTraining(patches, NO_EDGES, stages, SCHEME, {"survey": "planted"})
+    return bundle_model(module.SLUG, fit(patches), training, entry_point=module.ENTRY_POINT, parameters=parameters)
 
 
 @METHODS

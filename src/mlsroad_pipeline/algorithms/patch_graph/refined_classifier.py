@@ -158,8 +158,8 @@ def refine_classifier(
 ) -> tuple[RefinedPatchGraphClassifier, list[dict[str, float]]]:
     """Choose the parameters of the field by cross-validation over the training scenes.
 
-    The graph labels training scenes by matches in the other scenes alone, and labels whole ones: thinned ones have fewer
-    edges than the scenes that are to be labelled, and would ask for a larger lambda.
+    The graph labels training scenes by matches in the other scenes alone, and labels whole ones: thinned scenes have
+    fewer edges than those that are to be labelled, and would ask for a larger lambda.
 
     Parameters
     ----------

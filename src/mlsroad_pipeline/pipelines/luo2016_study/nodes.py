@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from mlsroad_pipeline.algorithms.baselines.max_margin_markov import MarginParameters
+from mlsroad_pipeline.algorithms.baselines.max_margin_training import MarginParameters
 from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForestParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvmParameters
 from mlsroad_pipeline.algorithms.baselines.shape_based import ShapeParameters
