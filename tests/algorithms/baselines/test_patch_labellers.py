@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from references_patches import SCHEME, prepare, street
 from sklearn.ensemble import RandomForestClassifier
 
 from mlsroad_pipeline.algorithms.baselines import patch_forest, patch_svm
 from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForest, PatchForestParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvm, PatchSvmParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm_training import fit_patch_svm
-from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.model_bundle import label_cloud, load_bundle, save_bundle
 from mlsroad_pipeline.algorithms.patch_features import COLOURED, GEOMETRY, draw_training_patches, patch_features
@@ -20,20 +20,9 @@ from mlsroad_pipeline.algorithms.patch_labelling import (
 )
 from mlsroad_pipeline.algorithms.patch_training import PatchTraining, bundle_model, join_training_scenes
 from mlsroad_pipeline.algorithms.patches import Patches, PatchParameters
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
 
 SVM = PatchSvmParameters(costs=[1.0, 10.0], gammas=[0.1], cv_per_class=60, max_per_class=100)
-GROUPS = {"ground": ["road"], "house": ["building"], "shrub": ["brushwood"], "vehicle": ["car"]}
-SCHEME = ClassScheme.from_config(
-    "planted",
-    {
-        "classes": {name: {"members": members, "asprs": 64} for name, members in GROUPS.items()},
-        "ignore": [name for name in TAXONOMY if all(name not in members for members in GROUPS.values())],
-    },
-)
-
-
 NO_EDGES = np.empty((0, 2), np.int32)
 
 
@@ -55,24 +44,6 @@ def planted(rng, n=300, *, scenes=4, classes=(0, 1, 3), colour=True):
     rgb = np.clip(np.eye(4)[label][:, :3] * 0.6 + rng.normal(0.2, 0.1, (n, 3)), 0, 1) if colour else None
     centroid = rng.random((n, 3)) * [40, 5, 3]
     return Patches(fpfh / 2.5, rgb, rng.random(n), centroid, rng.integers(0, scenes, n), label)
-
-
-def street(seed, *, colour=True, n=2500):
-    """A road, a wall and a bush with their labels."""
-    rng = np.random.default_rng(seed)
-    road = np.column_stack([rng.uniform(0, 6, n), rng.uniform(0, 4, n), rng.normal(0, 0.01, n)])
-    wall = np.column_stack([rng.uniform(0, 6, n), rng.normal(4.1, 0.01, n), rng.uniform(0.1, 2.5, n)])
-    bush = rng.normal([3, 2, 0.9], 0.2, (n // 2, 3))
-    label = np.repeat([TAXONOMY[name] for name in ("road", "building", "brushwood")], [n, n, n // 2])
-    columns = {"label": label.astype(np.uint8), "core": np.concatenate([road, wall, bush])[:, 0] < 5.5}
-    if colour:
-        shade = np.repeat([[90, 90, 90], [200, 180, 150], [40, 120, 30]], [n, n, n // 2], axis=0)
-        columns["rgb"] = np.clip(shade + rng.normal(0, 10, shade.shape), 0, 255).astype(np.uint8)
-    return PointCloud(np.concatenate([road, wall, bush]), columns, source=f"street {seed}")
-
-
-def prepare(cloud):
-    return build_patches(cloud, find_ground(cloud, GroundParameters()), PatchParameters())
 
 
 @pytest.fixture(scope="module")
