@@ -55,7 +55,17 @@ class PatchForestParameters:
 
 
 class PatchForest(PatchVariants):
-    """A trained forest for each variant of the features."""
+    """A trained forest for each variant of the features.
+
+    Parameters
+    ----------
+    n_classes : int
+        Classes of the scheme.
+    trained_classes : ndarray of int64, shape (t,)
+        Those that training saw, ascending.
+    models : mapping of str to FlatForest
+        Variant to forest.
+    """
 
     kind, slug = FlatForest, SLUG
 

@@ -61,7 +61,17 @@ class PatchSvmParameters:
 
 
 class PatchSvm(PatchVariants):
-    """A trained machine for each variant of the features; `patch_svm_training` makes it."""
+    """A trained machine for each variant of the features; `patch_svm_training` makes it.
+
+    Parameters
+    ----------
+    n_classes : int
+        Classes of the scheme.
+    trained_classes : ndarray of int64, shape (t,)
+        Those that training saw, ascending.
+    models : mapping of str to KernelMachine
+        Variant to machine.
+    """
 
     kind, slug = KernelMachine, SLUG
 
