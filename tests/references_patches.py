@@ -1,10 +1,25 @@
-"""Slow, obvious re-implementations of what patches are made of."""
+"""Slow, obvious re-implementations of what patches are made of, and small streets with labels."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+
+from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
+from mlsroad_pipeline.algorithms.patch_labelling import build_patches
+from mlsroad_pipeline.algorithms.patches import PatchParameters
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
+
+GROUPS = {"ground": ["road"], "house": ["building"], "shrub": ["brushwood"], "vehicle": ["car"]}
+SCHEME = ClassScheme.from_config(
+    "planted",
+    {
+        "classes": {name: {"members": members, "asprs": 64} for name, members in GROUPS.items()},
+        "ignore": [name for name in TAXONOMY if all(name not in members for members in GROUPS.values())],
+    },
+)
 
 
 def pair_features(p, n, q, m):
@@ -65,3 +80,21 @@ def votes(xyz, centroids, probabilities, radius):
         labels.append(winner)
         confidences.append(probabilities[voters, winner].mean())
     return np.array(labels), np.array(confidences)
+
+
+def street(seed, *, colour=True, n=2500):
+    """A road, a wall and a bush with their labels."""
+    rng = np.random.default_rng(seed)
+    road = np.column_stack([rng.uniform(0, 6, n), rng.uniform(0, 4, n), rng.normal(0, 0.01, n)])
+    wall = np.column_stack([rng.uniform(0, 6, n), rng.normal(4.1, 0.01, n), rng.uniform(0.1, 2.5, n)])
+    bush = rng.normal([3, 2, 0.9], 0.2, (n // 2, 3))
+    label = np.repeat([TAXONOMY[name] for name in ("road", "building", "brushwood")], [n, n, n // 2])
+    columns = {"label": label.astype(np.uint8), "core": np.concatenate([road, wall, bush])[:, 0] < 5.5}
+    if colour:
+        shade = np.repeat([[90, 90, 90], [200, 180, 150], [40, 120, 30]], [n, n, n // 2], axis=0)
+        columns["rgb"] = np.clip(shade + rng.normal(0, 10, shade.shape), 0, 255).astype(np.uint8)
+    return PointCloud(np.concatenate([road, wall, bush]), columns, source=f"street {seed}")
+
+
+def prepare(cloud):
+    return build_patches(cloud, find_ground(cloud, GroundParameters()), PatchParameters())

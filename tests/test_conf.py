@@ -15,7 +15,7 @@ from references_wiring import REPOSITORY, joined, last_line, make_project, sessi
 
 from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import BottomUpTopDownParameters
 from mlsroad_pipeline.algorithms.baselines.hough_forest import HoughForestParameters
-from mlsroad_pipeline.algorithms.baselines.max_margin_markov import MarginParameters
+from mlsroad_pipeline.algorithms.baselines.max_margin_training import MarginParameters
 from mlsroad_pipeline.algorithms.baselines.object_matching import ObjectMatchingParameters
 from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForestParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvmParameters

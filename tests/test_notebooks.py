@@ -16,6 +16,7 @@ from references_wiring import REPOSITORY, shared_run
 NOTEBOOKS = sorted((REPOSITORY / "notebooks").glob("*.ipynb"))
 SAYS = {
     "gallery": ("single_arm_lamp", "utility_pole", "length"),
+    "patch_graph": ("matches of the same class", "smoothness"),
     "tour": ("train/survey.laz", "man-made terrain", "paved ground"),
 }
 """Words that the outputs of a notebook hold."""

@@ -53,6 +53,8 @@ def test_series_come_back_and_others_are_refused(tmp_path):
     series = pd.DataFrame({"iteration": [0, 1, 2], "objective": [9.0, 4.5, 1 / 3]})
     dataset.save(series)
     pd.testing.assert_frame_equal(dataset.load(), series)
+    dataset.save(series[:0])  # nothing was measured
+    pd.testing.assert_frame_equal(dataset.load(), series[:0], check_index_type=False)
     for wrong in (series[["iteration"]], series[["objective", "iteration"]], series.assign(objective="low")):
         with pytest.raises(DatasetError, match=r"objective.csv: a column of whole steps"):
             dataset.save(wrong)

@@ -62,7 +62,8 @@ def test_report_and_tracked_run_hold_the_figures(project):
 def test_a_second_run_computes_nothing_and_a_tried_setting_only_what_is_new(project, caplog):
     caplog.set_level("INFO")
     tuning = {"patch_forest": [{"max_depth": 2}, {"max_depth": 15}]}
-    run(project, "luo2016_study", **{**FAST, "luo2016_study": {**FAST["luo2016_study"], "tuning": tuning}})
+    study = {**FAST["luo2016_study"], "scales": {"fast": {"tuning": tuning}}}
+    run(project, "luo2016_study", **{**FAST, "luo2016_study": study})
     counts = stage_counts(caplog.messages)
     assert counts["streets"] == (0, 4) and counts["tried"] == (2, 0)
     assert counts["runs"][0] <= 1  # the forest, if the setting that was chosen is not the one before

@@ -1,13 +1,11 @@
 """What all methods that label patches share: scenes in, labels of points out, models as plain arrays.
 
-A method brings a class with `fit`, `predict_proba`, `to_arrays` and `from_arrays` (see `PatchClassifier`) and a
-function ``label_cloud(cloud, bundle)`` that hands its class to `label_patch_cloud`; that function is the model's entry
-point. All else is here:
+A method brings a class with `predict_proba`, `to_arrays` and `from_arrays` (see `PatchClassifier`), a function
+``train(training, ...)`` that makes a model of what `patch_training` holds, and its entry point
+``label_cloud = partial(label_patch_cloud, classifier=...)``. All else is here and in `patch_training`:
 
 - `build_patches` is the stage of the pipeline `patches`: the patches and edges of one scene as arrays;
 - `label_patches` gives the patches of a training scene their classes;
-- `join_training_scenes` makes one set of patches and edges of all training scenes, what `fit` takes;
-- `bundle_model` packs a trained classifier for the workers and for the registry;
 - `label_patch_scene` labels the points of a prepared scene, `label_patch_cloud` those of a cloud never seen before.
 """
 
@@ -15,8 +13,8 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, Protocol, Self
+from dataclasses import dataclass
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +24,7 @@ from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.majority import majority_labels
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.patch_voting import vote_on_points
-from mlsroad_pipeline.algorithms.patches import Patches, PatchParameters, extract_patches, join_patches
+from mlsroad_pipeline.algorithms.patches import Patches, PatchParameters, extract_patches
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground, inliers
 
@@ -153,104 +151,6 @@ def label_patches(scene: PointCloud, patches: Mapping[str, NDArray], scheme: Cla
     return {"label": found}
 
 
-def join_training_scenes(
-    scenes: Mapping[str, Mapping[str, NDArray]], labels: Mapping[str, Mapping[str, NDArray]]
-) -> tuple[Patches, NDArray[np.int32]]:
-    """Make one set of patches of all training scenes.
-
-    Parameters
-    ----------
-    scenes : mapping of str to mapping
-        What `build_patches` gave for each scene.
-    labels : mapping of str to mapping
-        What `label_patches` gave for each training scene; other scenes are left out.
-
-    Returns
-    -------
-    patches : Patches
-        The labelled patches, scene after scene in the order of the scenes' names; `scene` numbers them from 0.
-    edges : ndarray of int32, shape (m, 2)
-        Pairs of labelled patches of a scene whose leaves touch, each once.
-
-    Raises
-    ------
-    DataError
-        If there is no training scene, or none of their patches is labelled.
-    """
-    if not labels:
-        raise DataError("no training scenes: the split 'train' is empty")
-    parts, edges, shift = [], [], 0
-    for number, key in enumerate(sorted(labels)):
-        arrays, label = scenes[key], labels[key]["label"]
-        rows = np.flatnonzero(label != IGNORE)
-        place = np.full(len(label), -1, np.int32)
-        place[rows] = np.arange(shift, shift + len(rows))
-        moved = place[arrays["edges"]]
-        edges.append(moved[(moved >= 0).all(axis=1)])
-        whole = Patches.from_arrays({**arrays, "label": label, "scene": np.full(len(label), number)})
-        parts.append(whole.take(rows))
-        shift += len(rows)
-    if shift == 0:
-        raise DataError("no patch of the training scenes is labelled with a class of the scheme")
-    return join_patches(parts), np.concatenate(edges)
-
-
-def bundle_model(
-    slug: str,
-    classifier: PatchClassifier,
-    patches: Patches,
-    *,
-    entry_point: str,
-    parameters: Any,
-    stages: PatchStages,
-    scheme: ClassScheme,
-    trained_on: Mapping[str, Any],
-    facts: Mapping[str, Any] | None = None,
-) -> ModelBundle:
-    """Pack a trained classifier.
-
-    Parameters
-    ----------
-    slug : str
-        The method's slug.
-    classifier : PatchClassifier
-        The classifier.
-    patches : Patches
-        What it was trained on.
-    entry_point : str
-        ``"module:function"`` of the method's ``label_cloud``.
-    parameters : dataclass
-        The method's parameters.
-    stages : PatchStages
-        How the scenes were prepared.
-    scheme : ClassScheme
-        The classes.
-    trained_on : mapping
-        What the metadata say of the training data; JSON values.
-    facts : mapping, optional
-        Further metadata, such as what cross-validation chose; JSON values.
-
-    Returns
-    -------
-    ModelBundle
-        The model.
-    """
-    counts = np.bincount(patches.label[patches.label >= 0], minlength=len(scheme))
-    missing = [name for name, count in zip(scheme.classes, counts, strict=True) if count == 0]
-    if missing:
-        logger.warning("%s: no training patch is of %s: the model never gives them", slug, ", ".join(missing))
-    metadata = {
-        "entry_point": entry_point,
-        "classes": list(scheme.classes),
-        "scheme": asdict(scheme),
-        "parameters": {slug: asdict(parameters), **asdict(stages)},
-        "attributes": [] if patches.rgb is None else ["rgb"],
-        "trained_on": {**trained_on, "patches": len(patches)},
-        **(facts or {}),
-    }
-    return ModelBundle(slug, classifier.to_arrays(), metadata)
-
-
 def label_patch_scene(
     scene: PointCloud,
     patches: Mapping[str, NDArray],
@@ -266,7 +166,7 @@ def label_patch_scene(
     patches : mapping
         What `build_patches` gave with the parameters that the model was trained with.
     bundle : ModelBundle
-        A model of `bundle_model`.
+        A model of `patch_training.bundle_model`.
     classifier : type
         The method's class.
 
@@ -307,7 +207,7 @@ def label_patch_cloud(
         Points; colour is used where the cloud and the model have it. Where it has the columns `ground` and `height`, as
         `find_ground` gives them, they are taken.
     bundle : ModelBundle
-        A model of `bundle_model`.
+        A model of `patch_training.bundle_model`.
     classifier : type
         The method's class.
 
@@ -325,13 +225,41 @@ def label_patch_cloud(
     """
     if not inliers(cloud).any():
         return np.full(len(cloud), IGNORE, np.int16), np.zeros(len(cloud), np.float32)
+    _, patches = prepare_cloud(cloud, bundle)
+    found = label_patch_scene(cloud, patches, bundle, classifier)
+    return found["label"], found["confidence"]
+
+
+def prepare_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
+    """Prepare a cloud as the scenes were that a model was trained on.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points, at least one no outlier. Where it has the columns `ground` and `height`, as `find_ground` gives them,
+        they are taken.
+    bundle : ModelBundle
+        The model.
+
+    Returns
+    -------
+    ground : dict of str to ndarray
+        ``ground`` and ``height``.
+    patches : dict of str to ndarray
+        What `build_patches` gives.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is NaN or infinite.
+    """
     absent = [name for name in bundle.metadata["attributes"] if name not in cloud]
     if absent:
         level = logging.INFO if "core" in cloud else logging.WARNING  # who cuts a survey into scenes says it once
         logger.log(level, "%s has no %s: it is labelled without", cloud.source, " and no ".join(absent))
-    stored = bundle.metadata["parameters"]
-    known = "ground" in cloud and "height" in cloud
-    ground = {"height": cloud["height"]} if known else find_ground(cloud, GroundParameters(**stored["ground"]))
-    patches = build_patches(cloud, ground, PatchParameters(**stored["patches"]))
-    found = label_patch_scene(cloud, patches, bundle, classifier)
-    return found["label"], found["confidence"]
+    stored, names = bundle.metadata["parameters"], ("ground", "height")
+    if all(name in cloud for name in names):
+        ground = {name: cloud[name] for name in names}
+    else:
+        ground = find_ground(cloud, GroundParameters(**stored["ground"]))
+    return ground, build_patches(cloud, ground, PatchParameters(**stored["patches"]))

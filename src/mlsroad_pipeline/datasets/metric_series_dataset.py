@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 
+import numpy as np
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
@@ -42,6 +43,8 @@ class MetricSeriesDataset(ReportFileDataset[pd.DataFrame, pd.DataFrame]):
             frame = pd.read_csv(io.BytesIO(self.read_bytes()))
         except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
             raise ReadError(f"{self._filepath}: no table of figures by step: {error}") from error
+        if frame.empty:  # a file without rows does not tell the kinds of its columns
+            frame = frame.astype({name: np.float64 if k else np.int64 for k, name in enumerate(frame)})
         return self._check(frame)
 
     def save(self, data: pd.DataFrame) -> None:

@@ -9,7 +9,8 @@ from sklearn.cluster import KMeans
 from mlsroad_pipeline.algorithms.baselines.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.baselines.markov_graph import build_markov_graph, kmeans_labels
 from mlsroad_pipeline.algorithms.baselines.markov_network import MarkovNetwork, clique_shares
-from mlsroad_pipeline.algorithms.baselines.max_margin_markov import MarginParameters, MaxMarginMarkov
+from mlsroad_pipeline.algorithms.baselines.max_margin_markov import MaxMarginMarkov
+from mlsroad_pipeline.algorithms.baselines.max_margin_training import MarginParameters, fit_max_margin
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.patches import Patches, join_patches
 
@@ -41,7 +42,7 @@ def training_set(rng, n_scenes=4, **options):
 @pytest.fixture(scope="module")
 def fitted():
     rng = np.random.default_rng(4)
-    return MaxMarginMarkov.fit(*training_set(rng), n_classes=4, parameters=QUICK)
+    return fit_max_margin(*training_set(rng), n_classes=4, parameters=QUICK)
 
 
 def random_network(rng, n_labels=3):
@@ -138,7 +139,7 @@ def test_context_tells_what_sites_alone_cannot(rng, fitted):
 
 
 def test_same_seed_same_model_and_round_trip(rng, fitted):
-    again = MaxMarginMarkov.fit(*training_set(np.random.default_rng(4)), n_classes=4, parameters=QUICK)
+    again = fit_max_margin(*training_set(np.random.default_rng(4)), n_classes=4, parameters=QUICK)
     arrays = fitted.to_arrays()
     assert all(np.array_equal(arrays[name], other) for name, other in again.to_arrays().items())
     assert all(array.dtype != object for array in arrays.values())
@@ -152,7 +153,7 @@ def test_colour_may_be_missing_on_either_side(rng, fitted):
     bare = patches.with_columns(rgb=None)
     grey = patches.with_columns(rgb=np.tile(fitted.colour, (len(patches), 1)))
     assert np.array_equal(fitted.predict_proba(bare, edges), fitted.predict_proba(grey, edges))
-    colourless = MaxMarginMarkov.fit(*training_set(rng, 1, colour=False), n_classes=3, parameters=QUICK)
+    colourless = fit_max_margin(*training_set(rng, 1, colour=False), n_classes=3, parameters=QUICK)
     assert np.array_equal(colourless.predict_proba(patches, edges), colourless.predict_proba(bare, edges))
 
 
@@ -168,11 +169,11 @@ def test_training_needs_labels_of_two_classes(rng):
     patches, edges = planted_scene(rng)
     same = patches.with_columns(label=np.zeros(len(patches)))
     with pytest.raises(DataError, match="all training patches are of class 0"):
-        MaxMarginMarkov.fit(same, edges, n_classes=3)
+        fit_max_margin(same, edges, n_classes=3)
     with pytest.raises(DataError, match="from 0 to 1, got 0 to 2"):
-        MaxMarginMarkov.fit(patches, edges, n_classes=2)
+        fit_max_margin(patches, edges, n_classes=2)
     with pytest.raises(DataError, match="no patches to train on"):
-        MaxMarginMarkov.fit(patches.take(np.arange(0)), edges[:0], n_classes=3)
+        fit_max_margin(patches.take(np.arange(0)), edges[:0], n_classes=3)
 
 
 @pytest.mark.parametrize(

@@ -2,37 +2,28 @@
 
 import numpy as np
 import pytest
+from references_patches import SCHEME, prepare, street
 from sklearn.ensemble import RandomForestClassifier
 
 from mlsroad_pipeline.algorithms.baselines import patch_forest, patch_svm
 from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForest, PatchForestParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvm, PatchSvmParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm_training import fit_patch_svm
-from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.model_bundle import label_cloud, load_bundle, save_bundle
 from mlsroad_pipeline.algorithms.patch_features import COLOURED, GEOMETRY, draw_training_patches, patch_features
 from mlsroad_pipeline.algorithms.patch_labelling import (
     PatchStages,
     build_patches,
-    bundle_model,
-    join_training_scenes,
     label_patch_scene,
     label_patches,
 )
+from mlsroad_pipeline.algorithms.patch_training import PatchTraining, bundle_model, join_training_scenes
 from mlsroad_pipeline.algorithms.patches import Patches, PatchParameters
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
 
 SVM = PatchSvmParameters(costs=[1.0, 10.0], gammas=[0.1], cv_per_class=60, max_per_class=100)
-GROUPS = {"ground": ["road"], "house": ["building"], "shrub": ["brushwood"], "vehicle": ["car"]}
-SCHEME = ClassScheme.from_config(
-    "planted",
-    {
-        "classes": {name: {"members": members, "asprs": 64} for name, members in GROUPS.items()},
-        "ignore": [name for name in TAXONOMY if all(name not in members for members in GROUPS.values())],
-    },
-)
+NO_EDGES = np.empty((0, 2), np.int32)
 
 
 def fit_forest(patches, **changes):
@@ -55,24 +46,6 @@ def planted(rng, n=300, *, scenes=4, classes=(0, 1, 3), colour=True):
     return Patches(fpfh / 2.5, rgb, rng.random(n), centroid, rng.integers(0, scenes, n), label)
 
 
-def street(seed, *, colour=True, n=2500):
-    """A road, a wall and a bush with their labels."""
-    rng = np.random.default_rng(seed)
-    road = np.column_stack([rng.uniform(0, 6, n), rng.uniform(0, 4, n), rng.normal(0, 0.01, n)])
-    wall = np.column_stack([rng.uniform(0, 6, n), rng.normal(4.1, 0.01, n), rng.uniform(0.1, 2.5, n)])
-    bush = rng.normal([3, 2, 0.9], 0.2, (n // 2, 3))
-    label = np.repeat([TAXONOMY[name] for name in ("road", "building", "brushwood")], [n, n, n // 2])
-    columns = {"label": label.astype(np.uint8), "core": np.concatenate([road, wall, bush])[:, 0] < 5.5}
-    if colour:
-        shade = np.repeat([[90, 90, 90], [200, 180, 150], [40, 120, 30]], [n, n, n // 2], axis=0)
-        columns["rgb"] = np.clip(shade + rng.normal(0, 10, shade.shape), 0, 255).astype(np.uint8)
-    return PointCloud(np.concatenate([road, wall, bush]), columns, source=f"street {seed}")
-
-
-def prepare(cloud):
-    return build_patches(cloud, find_ground(cloud, GroundParameters()), PatchParameters())
-
-
 @pytest.fixture(scope="module")
 def training():
     scenes = {f"train.{seed}": street(seed) for seed in range(3)}
@@ -82,10 +55,9 @@ def training():
 
 
 def bundled(fit, patches, module, parameters):
-    return bundle_model(
-        module.SLUG, fit(patches), patches, entry_point=module.ENTRY_POINT, parameters=parameters,
-        stages=PatchStages(GroundParameters(), PatchParameters()), scheme=SCHEME, trained_on={"survey": "planted"},
-    )  # fmt: skip
+    stages = PatchStages(GroundParameters(), PatchParameters())
+    training = PatchTraining(patches, NO_EDGES, stages, SCHEME, {"survey": "planted"})
+    return bundle_model(module.SLUG, fit(patches), training, entry_point=module.ENTRY_POINT, parameters=parameters)
 
 
 @METHODS

@@ -13,8 +13,8 @@ from mlsroad_pipeline.algorithms.patch_graph.iterations import SearchParameters
 from mlsroad_pipeline.algorithms.patch_graph.matching import build_match_graph
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import build_patch_index
 
-MOVES_ALONE = SearchParameters(exhaustive_budget=0, n_costly=0, minority_share=0.0)
-PAPER = SearchParameters(exhaustive_budget=0, tolerance=0.0, promise=float("inf"))
+MOVES_ALONE = SearchParameters(exhaustive_budget=0, n_costly=0, minority_share=0.0, n_probes=0)
+PAPER = SearchParameters(exhaustive_budget=0, tolerance=0.0, promise=float("inf"), n_probes=0)
 
 
 @functools.cache

@@ -51,6 +51,19 @@ def test_matches_of_new_patches_are_those_of_brute_force(search, coloured):
     assert again.matches.tobytes() == found.matches.tobytes()
 
 
+@pytest.mark.parametrize("search", [SearchParameters(), MOVES_ALONE])
+def test_a_graph_labels_its_own_scenes_by_the_others(search):
+    everything = planted_patches(1500, 9, seed=7)
+    graph = train_graph(everything)
+    rows = np.flatnonzero(everything.scene == 4)
+    found = match_patches(everything.take(rows), graph, search=search, own_scene=np.full(len(rows), 4))
+    assert (everything.scene[graph.rows[found.matches]] != 4).all()
+    best = optimal_costs(all_costs(everything)[rows], everything.scene[rows], everything.scene, 7)
+    assert best.sum() * (1 - 1e-5) <= found.costs.sum() <= best.sum() * (1.00001 if search.exhaustive_budget else 1.02)
+    with pytest.raises(DataError, match="own_scene"):
+        match_patches(everything, graph, own_scene=[1, 2])
+
+
 def test_a_graph_with_colour_serves_patches_without():
     everything = planted_patches(900, 9)
     known, new = split(everything, 0)

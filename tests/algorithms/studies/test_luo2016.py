@@ -176,7 +176,7 @@ def test_table_for_people_shows_the_paper_beside_and_dashes(three):
 
 
 SCALE = {
-    "survey": {"preset": "tiny"}, "repetitions": [{"test": [3], "train": [1, 2]}], "patch_sizes": [0.2],
+    "survey": {"preset": "tiny"}, "test_survey": {"length": 30.0}, "tuning": {}, "repetitions": [{"test": [3], "train": [1, 2]}], "patch_sizes": [0.2],
     "search_radii": [1.0], "methods": {},
 }  # fmt: skip
 
@@ -189,6 +189,8 @@ SCALE = {
         ({"repetitions": [{"test": [1], "train": []}]}, "must name its streets"),
         ({"patch_sizes": [0.0]}, "patch_sizes must be a finite number > 0, got 0"),
         ({"survey": {"seed": 1}}, "seeds of the streets stand in repetitions"),
+        ({"test_survey": {"seed": 1}}, "seeds of the streets stand in repetitions"),
+        ({"tuning": {"patch_graph_mrf": []}}, "'patch_graph_mrf'.* are not trained"),
     ],
 )
 def test_wrong_scales_are_named(change, message):
@@ -201,8 +203,6 @@ def test_wrong_studies_are_named():
     assert StudyParameters(**given).chosen_scale() == StudyScale(**SCALE)
     with pytest.raises(ParameterError, match=r"scale 'x' is unknown \(scales: s\)"):
         StudyParameters(**{**given, "scale": "x"})
-    with pytest.raises(ParameterError, match="'patch_graph_mrf'.* are not trained"):
-        StudyParameters(**given, tuning={"patch_graph_mrf": []})
     with pytest.raises(ParameterError, match="sensitivity must be at least 0, got -1"):
         StudyParameters(**{**given, "sensitivity": -1})
     with pytest.raises(ParameterError, match="scales.s must have"):

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.baselines.patch_variants import PatchVariants
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
-from mlsroad_pipeline.algorithms.patch_features import (
-    COLOURED,
-    GEOMETRY,
-    draw_training_patches,
-    patch_features,
-    variants_of,
-)
+from mlsroad_pipeline.algorithms.patch_features import draw_training_patches, patch_features, variants_of
 from mlsroad_pipeline.algorithms.patch_labelling import label_patch_cloud
+from mlsroad_pipeline.algorithms.patch_training import PatchTraining, bundle_model
 from mlsroad_pipeline.algorithms.patches import Patches
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 
 SLUG = "patch_forest"
 ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.patch_forest:label_cloud"
@@ -59,9 +54,8 @@ class PatchForestParameters:
                 raise ParameterError(f"{SLUG}.{name} must be at least 1, got {getattr(self, name)!r}")
 
 
-@dataclass(frozen=True)
-class PatchForest:
-    """A trained forest, one for each variant of the features.
+class PatchForest(PatchVariants):
+    """A trained forest for each variant of the features.
 
     Parameters
     ----------
@@ -69,13 +63,11 @@ class PatchForest:
         Classes of the scheme.
     trained_classes : ndarray of int64, shape (t,)
         Those that training saw, ascending.
-    forests : mapping of str to FlatForest
+    models : mapping of str to FlatForest
         Variant to forest.
     """
 
-    n_classes: int
-    trained_classes: NDArray[np.int64]
-    forests: Mapping[str, FlatForest]
+    kind, slug = FlatForest, SLUG
 
     @classmethod
     def fit(
@@ -124,91 +116,29 @@ class PatchForest:
             forests[variant] = FlatForest.from_trees(model.estimators_)
         return cls(n_classes, np.unique(sample.label).astype(np.int64), forests)
 
-    def predict_proba(self, patches: Patches, edges: NDArray[np.int32] | None = None) -> NDArray[np.float32]:
-        """Return the class probabilities of patches.
 
-        Parameters
-        ----------
-        patches : Patches
-            The patches, with or without colour.
-        edges : ndarray of int32, shape (m, 2), optional
-            Not used.
-
-        Returns
-        -------
-        ndarray of float32, shape (n, n_classes)
-            Probabilities; 0 for classes that training did not see.
-
-        Raises
-        ------
-        DataError
-            If the patches have other histograms than those of training.
-        """
-        variant = COLOURED if patches.rgb is not None and COLOURED in self.forests else GEOMETRY
-        if variant not in self.forests:
-            raise DataError(f"the model has no forest for {variant}")
-        out = np.zeros((len(patches), self.n_classes), np.float32)
-        out[:, self.trained_classes] = self.forests[variant].predict_proba(patch_features(patches, variant))
-        return out
-
-    def to_arrays(self) -> dict[str, NDArray]:
-        """Return the forests as named plain arrays.
-
-        Returns
-        -------
-        dict of str to ndarray
-            The arrays.
-        """
-        arrays = {"n_classes": np.array(self.n_classes), "trained_classes": self.trained_classes}
-        for variant, forest in self.forests.items():
-            arrays |= {f"{variant}.{name}": values for name, values in forest.to_arrays().items()}
-        return arrays
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild the forests from what `to_arrays` returned.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        PatchForest
-            The forests.
-
-        Raises
-        ------
-        DataError
-            If an array is missing.
-        """
-        forests = {}
-        for variant in (GEOMETRY, COLOURED):
-            prefix = f"{variant}."
-            own = {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}
-            if own:
-                forests[variant] = FlatForest.from_arrays(own)
-        if not forests or "n_classes" not in arrays or "trained_classes" not in arrays:
-            raise DataError("the arrays of a patch forest lack n_classes, trained_classes or a forest")
-        return cls(int(arrays["n_classes"]), np.asarray(arrays["trained_classes"]), forests)
+label_cloud = partial(label_patch_cloud, classifier=PatchForest)
+"""Entry point of the models."""
 
 
-def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Give every point of a cloud a class and a confidence; see `label_patch_cloud`.
+def train(training: PatchTraining, *, parameters: PatchForestParameters, n_jobs: int = 1) -> ModelBundle:
+    """Train on the training scenes and pack the forest.
 
     Parameters
     ----------
-    cloud : PointCloud
-        Points.
-    bundle : ModelBundle
-        A model of this method.
+    training : PatchTraining
+        The training scenes.
+    parameters : PatchForestParameters
+        Parameters of the forest.
+    n_jobs : int, default 1
+        Processors to train with; the model does not depend on it.
 
     Returns
     -------
-    labels : ndarray of int16, shape (n,)
-        Labels of the model's scheme, -1 for outliers.
-    confidence : ndarray of float32, shape (n,)
-        0 to 1.
+    ModelBundle
+        The model.
     """
-    return label_patch_cloud(cloud, bundle, PatchForest)
+    classifier = PatchForest.fit(
+        training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_jobs=n_jobs
+    )
+    return bundle_model(SLUG, classifier, training, entry_point=ENTRY_POINT, parameters=parameters)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import warnings
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import combinations, product
 from typing import Any
 
@@ -17,9 +17,11 @@ from sklearn.svm import SVC
 
 from mlsroad_pipeline.algorithms.baselines.kernel_machine import KernelMachine
 from mlsroad_pipeline.algorithms.baselines.pairwise import fit_sigmoid
-from mlsroad_pipeline.algorithms.baselines.patch_svm import SLUG, PatchSvm, PatchSvmParameters
+from mlsroad_pipeline.algorithms.baselines.patch_svm import ENTRY_POINT, SLUG, PatchSvm, PatchSvmParameters
 from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.patch_features import draw_training_patches, patch_features, variants_of
+from mlsroad_pipeline.algorithms.patch_training import PatchTraining, bundle_model
 from mlsroad_pipeline.algorithms.patches import Patches
 
 logger = logging.getLogger(__name__)
@@ -105,6 +107,35 @@ def fit_patch_svm(
         machines[variant] = KernelMachine.from_svc(model, shift, scale, sigmoids)
     assert choice is not None  # there is at least one variant
     return PatchSvm(n_classes, trained, machines), choice
+
+
+def train(training: PatchTraining, *, parameters: PatchSvmParameters, n_jobs: int = 1) -> ModelBundle:
+    """Train on the training scenes and pack the machine.
+
+    Parameters
+    ----------
+    training : PatchTraining
+        The training scenes.
+    parameters : PatchSvmParameters
+        Parameters of the machine.
+    n_jobs : int, default 1
+        Processors to train with; the model does not depend on it.
+
+    Returns
+    -------
+    ModelBundle
+        The model; its metadata say what cross-validation chose.
+
+    Raises
+    ------
+    DataError
+        If the patches are of one class only, or folds cannot be made of them.
+    """
+    classifier, choice = fit_patch_svm(
+        training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_jobs=n_jobs
+    )
+    facts = {"chosen": asdict(choice)}
+    return bundle_model(SLUG, classifier, training, entry_point=ENTRY_POINT, parameters=parameters, facts=facts)
 
 
 def _groups(patches: Patches, n_folds: int) -> NDArray[np.int64]:

@@ -22,11 +22,11 @@ from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.majority import majority_labels
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
-from mlsroad_pipeline.algorithms.patch_labelling import PatchStages, build_patches, label_patches
+from mlsroad_pipeline.algorithms.patch_labelling import PatchStages, label_patches, prepare_cloud
 from mlsroad_pipeline.algorithms.patch_voting import vote_on_points
 from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground, inliers
+from mlsroad_pipeline.algorithms.scene_stages import inliers
 
 SLUG = "shape_based"
 ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.shape_based:label_cloud"
@@ -302,17 +302,6 @@ def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int1
     """
     if not inliers(cloud).any():
         return np.full(len(cloud), IGNORE, np.int16), np.zeros(len(cloud), np.float32)
-    absent = [name for name in bundle.metadata["attributes"] if name not in cloud]
-    if absent:
-        level = logging.INFO if "core" in cloud else logging.WARNING  # who cuts a survey into scenes says it once
-        logger.log(level, "%s has no %s: it is labelled without", cloud.source, " and no ".join(absent))
-    stored = bundle.metadata["parameters"]
-    known = "ground" in cloud and "height" in cloud
-    ground: Mapping[str, NDArray] = (
-        {name: cloud[name] for name in ("ground", "height")}
-        if known
-        else find_ground(cloud, GroundParameters(**stored["ground"]))
-    )
-    patches = build_patches(cloud, ground, PatchParameters(**stored["patches"]))
+    ground, patches = prepare_cloud(cloud, bundle)
     found = label_objects(cloud, ground, patches, bundle)
     return found["label"], found["confidence"]

@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.features.eigen_solver import FAST
+from mlsroad_pipeline.algorithms.features.fpfh_gathering import distances, first_window, gather, most_near, move_window
 
 _BLOCK = 256
 """Pairs that are worked on together."""
@@ -42,64 +43,6 @@ def _atan2(y: Any, x: Any) -> Any:
     a = _HALF_PI - a if steep else a
     a = _PI - a if x < _ZERO else a
     return -a if y < _ZERO else a
-
-
-@njit(cache=True, nogil=True)
-def _move_window(keys: NDArray, key: int, rows: NDArray, reach: int, begin: NDArray, end: NDArray) -> None:
-    """Move each row's range of cells on to those within reach of a cell; cells must come in ascending order."""
-    n = len(keys)
-    for j in range(len(rows)):
-        low = key + rows[j, 2] - reach
-        b, e = begin[j], end[j]
-        while b < n and keys[b] < low:
-            b += 1
-        e = max(e, b)
-        while e < n and keys[e] <= low + 2 * reach:
-            e += 1
-        begin[j], end[j] = b, e
-
-
-@njit(cache=True, nogil=True, fastmath=FAST)
-def _gather(
-    local: NDArray,
-    starts: NDArray,
-    keys: NDArray,
-    cell: int,
-    rows: NDArray,
-    begin: NDArray,
-    end: NDArray,
-    size: float,
-    squared: float,
-    near: NDArray,
-    source: NDArray,
-) -> tuple[int, int]:
-    """Copy the points that can be within the radius of a cell's points; return their number and where its own begin."""
-    n_near, own = 0, 0
-    half = np.float32(0.5 * size)
-    near_x, near_y, near_z = near[0], near[1], near[2]
-    for j in range(len(rows)):
-        shift_y, shift_z = np.float32(rows[j, 0] * size), np.float32(rows[j, 1] * size)
-        for other in range(begin[j], end[j]):
-            shift_x = np.float32((keys[other] - keys[cell] - rows[j, 2]) * size)
-            if other == cell:
-                own = n_near
-            for i in range(starts[other], starts[other + 1]):
-                x, y, z = local[0, i] + shift_x, local[1, i] + shift_y, local[2, i] + shift_z
-                near_x[n_near], near_y[n_near], near_z[n_near] = x, y, z
-                source[n_near] = i
-                gx, gy, gz = max(abs(x) - half, _ZERO), max(abs(y) - half, _ZERO), max(abs(z) - half, _ZERO)
-                n_near += gx * gx + gy * gy + gz * gz <= squared
-    return n_near, own
-
-
-@njit(cache=True, nogil=True, fastmath=FAST)
-def _distances(near: NDArray, n_near: int, own: int, squares: NDArray) -> None:
-    """Write the squared distances of all gathered points from one of them."""
-    near_x, near_y, near_z = near[0], near[1], near[2]
-    x, y, z = near_x[own], near_y[own], near_z[own]
-    for k in range(n_near):
-        dx, dy, dz = near_x[k] - x, near_y[k] - y, near_z[k] - z
-        squares[k] = dx * dx + dy * dy + dz * dz
 
 
 @njit(cache=True, nogil=True)
@@ -218,31 +161,25 @@ def simple_histograms(
         Output: share of a point's pairs in each bin, feature by feature.
     """
     squared = np.float32(radius * radius)
-    begin = np.zeros(len(rows), np.int64)
-    end = np.zeros(len(rows), np.int64)
-    for j in range(len(rows)):
-        begin[j] = np.searchsorted(keys, keys[first] + rows[j, 2] - reach)
-        end[j] = begin[j]
+    begin, end = first_window(keys, keys[first], rows, reach)
     counts = np.zeros((_COPIES, n_features * n_bins), np.int32)
     near = np.empty((6, 1), np.float32)
     squares, source, hits = near[0], np.empty(1, np.int32), np.empty(1, np.int32)
     pairs, bins = np.empty(7 * _BLOCK, np.float32), np.empty(4 * _BLOCK, np.int32)
     for cell in range(first, last):
-        _move_window(keys, keys[cell], rows, reach, begin, end)
-        bound = 1
-        for j in range(len(rows)):
-            bound += starts[end[j]] - starts[begin[j]]
+        move_window(keys, keys[cell], rows, reach, begin, end)
+        bound = most_near(starts, begin, end)
         if bound > near.shape[1]:
             near = np.empty((6, 2 * bound), np.float32)
             squares, source = np.empty(2 * bound, np.float32), np.empty(2 * bound, np.int32)
             hits = np.empty(2 * bound, np.int32)
-        n_near, own = _gather(local, starts, keys, cell, rows, begin, end, size, squared, near, source)
+        n_near, own = gather(local, starts, keys, cell, rows, begin, end, size, squared, near, source)
         for axis in range(3):
             for k in range(n_near):
                 near[3 + axis, k] = normals[axis, source[k]]
         for i in range(starts[cell], starts[cell + 1]):
             at = own + i - starts[cell]
-            _distances(near, n_near, at, squares)
+            distances(near, n_near, at, squares)
             squares[at] = _FAR
             n_hits = 0
             for k in range(n_near):
@@ -323,28 +260,22 @@ def weighted_histograms(
         Output; each row sums to 1, or to 0 for a point without neighbours.
     """
     squared = np.float32(radius * radius)
-    begin = np.zeros(len(rows), np.int64)
-    end = np.zeros(len(rows), np.int64)
-    for j in range(len(rows)):
-        begin[j] = np.searchsorted(keys, keys[first] + rows[j, 2] - reach)
-        end[j] = begin[j]
+    begin, end = first_window(keys, keys[first], rows, reach)
     width = simple.shape[1]
     share = np.float32(n_bins / width)
     total = np.empty(width, np.float32)
     near = np.empty((3, 1), np.float32)
     squares, source, hits = near[0], np.empty(1, np.int32), np.empty(1, np.int32)
     for cell in range(first, last):
-        _move_window(keys, keys[cell], rows, reach, begin, end)
-        bound = 1
-        for j in range(len(rows)):
-            bound += starts[end[j]] - starts[begin[j]]
+        move_window(keys, keys[cell], rows, reach, begin, end)
+        bound = most_near(starts, begin, end)
         if bound > near.shape[1]:
             near = np.empty((3, 2 * bound), np.float32)
             squares, source = np.empty(2 * bound, np.float32), np.empty(2 * bound, np.int32)
             hits = np.empty(2 * bound, np.int32)
-        n_near, own = _gather(local, starts, keys, cell, rows, begin, end, size, squared, near, source)
+        n_near, own = gather(local, starts, keys, cell, rows, begin, end, size, squared, near, source)
         for i in range(starts[cell], starts[cell + 1]):
-            _distances(near, n_near, own + i - starts[cell], squares)
+            distances(near, n_near, own + i - starts[cell], squares)
             n_hits = 0
             for k in range(n_near):
                 hits[n_hits] = k

@@ -16,6 +16,7 @@ N_ABSOLUTE = 4
 """Columns of a table that are compared by their absolute differences: red, green, blue and height."""
 
 _LEAST = np.float32(1e-30)
+_LEAST_OF_TWO = np.float32(1e-15)
 
 
 @dataclass(frozen=True)
@@ -104,3 +105,26 @@ def bounded_cost(a: NDArray[np.float32], i: int, b: NDArray[np.float32], j: int,
         difference = a[i, k] - b[j, k]
         chi_square += difference * difference / (a[i, k] + b[j, k] + _LEAST)
     return absolute + chi_square
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "arcp"})
+def block_costs(a: NDArray[np.float32], i: int, block: NDArray[np.float32], n: int, costs: NDArray[np.float32]) -> None:
+    """Write the costs of matching row i of `a` with the first n columns of a transposed table.
+
+    The loops run along the columns, so that they vectorise: a cost takes a tenth of the time of `bounded_cost`, from
+    which it can differ in the last bits. Two bins share a division.
+    """
+    for j in range(n):
+        absolute = abs(a[i, 0] - block[0, j]) + abs(a[i, 1] - block[1, j])
+        costs[j] = absolute + abs(a[i, 2] - block[2, j]) + abs(a[i, 3] - block[3, j])
+    width = a.shape[1]
+    for k in range(N_ABSOLUTE, width - 1, 2):
+        p, q, first, second = a[i, k], a[i, k + 1], block[k], block[k + 1]
+        for j in range(n):
+            d, e = p - first[j], q - second[j]
+            s, t = p + first[j] + _LEAST_OF_TWO, q + second[j] + _LEAST_OF_TWO
+            costs[j] += (d * d * t + e * e * s) / (s * t)
+    if (width - N_ABSOLUTE) % 2:
+        p, first = a[i, width - 1], block[width - 1]
+        for j in range(n):
+            costs[j] += (p - first[j]) * (p - first[j]) / (p + first[j] + _LEAST)

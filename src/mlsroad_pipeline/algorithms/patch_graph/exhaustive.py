@@ -8,12 +8,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.patch_graph.costs import bounded_cost
+from mlsroad_pipeline.algorithms.patch_graph.costs import block_costs, bounded_cost
 from mlsroad_pipeline.algorithms.patch_graph.moves import insert, largest, slot_of
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex
 from mlsroad_pipeline.algorithms.patches import UNKNOWN
 
-_BLOCK = 4096  # patches that a core's cache holds
+_BLOCK = 1024  # patches that a core's cache holds
 
 
 def minority_classes(labels: NDArray[np.int16]) -> list[int]:
@@ -95,22 +95,27 @@ def search_all_targets(
     """
     table, targets = source.table, target.table
     scenes = np.empty((last - first, matches.shape[1]), np.int32)
+    block, nearby = np.empty((targets.shape[1], _BLOCK), np.float32), np.empty(_BLOCK, np.float32)
     for i in range(first, last):
         for k in range(matches.shape[1]):
             scenes[i - first, k] = target.scene[matches[nodes[i], k]]
     for s in range(len(target.scene_starts) - 1):
         for begin in range(target.scene_starts[s], target.scene_starts[s + 1], _BLOCK):
             end = min(begin + _BLOCK, target.scene_starts[s + 1])
+            for v in range(begin, end):
+                block[:, v - begin] = targets[v]
             for i in range(first, last):
                 u = nodes[i]
                 if same and source.scene[u] == s:
                     continue
                 slot = slot_of(scenes[i - first], costs[u], s)
                 bound = costs[u, slot]
+                block_costs(table, u, block, end - begin, nearby)
                 for v in range(begin, end):
-                    cost = bounded_cost(table, u, targets, v, bound)
-                    if cost < bound:
-                        matches[u, slot], costs[u, slot], scenes[i - first, slot], bound = v, cost, s, cost
+                    if nearby[v - begin] < bound:
+                        cost = bounded_cost(table, u, targets, v, bound)
+                        if cost < bound:
+                            matches[u, slot], costs[u, slot], scenes[i - first, slot], bound = v, cost, s, cost
 
 
 @njit(cache=True, nogil=True)

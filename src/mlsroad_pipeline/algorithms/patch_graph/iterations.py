@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.cell_grid import check_threads, run_in_chunks
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.patch_graph import exhaustive, moves
+from mlsroad_pipeline.algorithms.patch_graph.description_cells import DescriptionCells, search_cells
 from mlsroad_pipeline.algorithms.patch_graph.exhaustive import NodeChooser
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex
 from mlsroad_pipeline.algorithms.validation import check_positive
@@ -46,6 +47,9 @@ class SearchParameters:
     exhaustive_budget : int, default 50_000_000
         More costly patches are searched, as long as an iteration compares no more than this many pairs for them. Up to
         about its root of patches all are searched at once, and the graph is optimal; 0 leaves it at `n_costly`.
+    n_probes : int, default 8
+        Cells of alike descriptions whose patches a patch is compared with after the initialisation. More find more at
+        once and take longer; 0 is as in the paper: three times as slow, with an objective 2 % worse.
 
     Raises
     ------
@@ -62,6 +66,7 @@ class SearchParameters:
     minority_share: float = 0.001
     n_costly: int = 10
     exhaustive_budget: int = 50_000_000
+    n_probes: int = 8
 
     def __post_init__(self) -> None:
         for name in ("propagation_radius", "search_radius"):
@@ -70,7 +75,7 @@ class SearchParameters:
             raise ParameterError(f"n_iterations must be at least 1, got {self.n_iterations!r}")
         if not self.promise >= 1:
             raise ParameterError(f"promise must be at least 1, got {self.promise!r}")
-        for name in ("tolerance", "height_tolerance", "n_costly", "exhaustive_budget"):
+        for name in ("tolerance", "height_tolerance", "n_costly", "exhaustive_budget", "n_probes"):
             if not np.isfinite(getattr(self, name)) or getattr(self, name) < 0:
                 raise ParameterError(f"{name} must be a finite number >= 0, got {getattr(self, name)!r}")
         if not 0 <= self.minority_share <= 1:
@@ -133,12 +138,14 @@ class _State:
         graph: NDArray[np.int32] | None,
         n_matches: int,
         search: SearchParameters,
+        cells: DescriptionCells,
+        apart: bool,
         n_threads: int,
     ) -> None:
         n = len(source.table)
         self.source, self.target, self.heights, self.graph = source, target, heights, graph
         self.search, self.n_threads, self.promise = search, n_threads, np.float32(search.promise)
-        self.same = graph is None
+        self.same, self.apart, self.cells = graph is None, apart, cells
         self.matches, self.costs = np.empty((n, n_matches), np.int32), np.empty((n, n_matches), np.float32)
         self.new_matches, self.new_costs = np.empty_like(self.matches), np.empty_like(self.costs)
         # Edges that enrichment and local search have not followed, and those that propagation has not.
@@ -149,9 +156,14 @@ class _State:
     def initialise(self, seed: int) -> None:
         def run(first: int, last: int) -> None:
             moves.initialise(
-                self.source, self.heights, self.target, self.same, self.search.height_tolerance, seed, first, last,
+                self.source, self.heights, self.target, self.apart, self.search.height_tolerance, seed, first, last,
                 self.matches, self.costs,
             )  # fmt: skip
+            if self.search.n_probes:
+                search_cells(
+                    self.source, self.target, self.cells, self.apart, self.search.n_probes, first, last, self.matches,
+                    self.costs,
+                )  # fmt: skip
 
         run_in_chunks(run, len(self.matches), n_threads=self.n_threads)
 
@@ -162,7 +174,7 @@ class _State:
 
         def run(first: int, last: int) -> None:
             moves.enrich_and_look_around(
-                self.source, self.target, self.same, links, self.links_fresh, *self.incoming, self.matches,
+                self.source, self.target, self.apart, links, self.links_fresh, *self.incoming, self.matches,
                 self.costs, self.fresh, self.search.search_radius, first, last, self.new_matches, self.new_costs,
             )  # fmt: skip
 
@@ -180,7 +192,7 @@ class _State:
 
         def outwards(first: int, last: int) -> None:
             exhaustive.search_all_targets(
-                self.source, self.target, self.same, nodes, first, last, self.new_matches, self.new_costs
+                self.source, self.target, self.apart, nodes, first, last, self.new_matches, self.new_costs
             )
 
         def inwards(first: int, last: int) -> None:
@@ -210,7 +222,9 @@ def find_matches(
     n_matches: int,
     search: SearchParameters,
     chooser: NodeChooser,
+    cells: DescriptionCells,
     *,
+    apart: bool,
     seed: int,
     n_threads: int,
 ) -> MatchGraph:
@@ -231,6 +245,10 @@ def find_matches(
         How matches are searched.
     chooser : NodeChooser
         Chooses the nodes of the exhaustive search.
+    cells : DescriptionCells
+        The target's cells of alike descriptions.
+    apart : bool
+        Whether a patch must not be matched with its own scene; scenes then have the same numbers in both indices.
     seed : int
         Seed of the initialisation.
     n_threads : int
@@ -242,7 +260,7 @@ def find_matches(
         The matches, in the order of the indices.
     """
     check_threads(n_threads)
-    state = _State(source, heights, target, graph, n_matches, search, n_threads)
+    state = _State(source, heights, target, graph, n_matches, search, cells, apart, n_threads)
     state.initialise(seed)
     objective = [state.objective()]
     for _ in range(search.n_iterations):

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.cell_grid import check_threads
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.patch_graph.costs import CostWeights
+from mlsroad_pipeline.algorithms.patch_graph.description_cells import DescriptionCells, build_description_cells
 from mlsroad_pipeline.algorithms.patch_graph.exhaustive import minority_classes
 from mlsroad_pipeline.algorithms.patch_graph.iterations import (
     MatchGraph,
@@ -15,10 +18,17 @@ from mlsroad_pipeline.algorithms.patch_graph.iterations import (
     find_matches,
     make_chooser,
 )
-from mlsroad_pipeline.algorithms.patch_graph.patch_index import build_patch_index
+from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex, build_patch_index
 from mlsroad_pipeline.algorithms.patches import Patches
 
-__all__ = ["CostWeights", "MatchGraph", "SearchParameters", "build_match_graph", "check_matches"]
+__all__ = [
+    "CostWeights",
+    "MatchGraph",
+    "SearchParameters",
+    "build_match_graph",
+    "check_matches",
+    "match_with_each_other",
+]
 
 
 def build_match_graph(
@@ -72,9 +82,70 @@ def build_match_graph(
     Luo et al.: Patch-Based Semantic Labeling of Road Scene Using Colorized Mobile LiDAR Point Clouds. IEEE
     Transactions on Intelligent Transportation Systems 17, 2016.
     """
+    found, _, _, order = match_with_each_other(
+        patches,
+        n_matches=n_matches,
+        weights=weights or CostWeights(),
+        search=search or SearchParameters(),
+        minority=minority,
+        seed=seed,
+        n_threads=n_threads,
+    )
+    matches, costs = np.empty_like(found.matches), np.empty_like(found.costs)
+    matches[order], costs[order] = order[found.matches], found.costs
+    return MatchGraph(matches, costs, found.objective)
+
+
+def match_with_each_other(
+    patches: Patches,
+    *,
+    n_matches: int,
+    weights: CostWeights,
+    search: SearchParameters,
+    minority: Sequence[int] | None,
+    seed: int,
+    n_threads: int,
+) -> tuple[MatchGraph, PatchIndex, DescriptionCells, NDArray[np.int64]]:
+    """Build a match graph, see `build_match_graph`, and keep the index that it was searched in.
+
+    Parameters
+    ----------
+    patches : Patches
+        Labelled patches of more than K scenes.
+    n_matches : int
+        K.
+    weights : CostWeights
+        Weights of the costs.
+    search : SearchParameters
+        How matches are searched.
+    minority : sequence of int, optional
+        Minority classes of the exhaustive search.
+    seed : int
+        The seed.
+    n_threads : int
+        Threads.
+
+    Returns
+    -------
+    graph : MatchGraph
+        The graph, in the order of the index.
+    index : PatchIndex
+        The sorted patches.
+    cells : DescriptionCells
+        Their cells of alike descriptions.
+    order : ndarray of int64, shape (n,)
+        Place in `patches` of each sorted patch.
+
+    Raises
+    ------
+    DataError
+        If the patches are of K scenes or fewer.
+    ParameterError
+        If `n_matches` or `n_threads` is below 1, or `seed` is negative.
+    """
     n_scenes = len(np.unique(patches.scene))
     check_matches(n_matches, n_scenes, needed=n_matches + 1, seed=seed)
-    search, weights = search or SearchParameters(), weights or CostWeights()
+    check_threads(n_threads)
     index, order, _ = build_patch_index(
         patches,
         weights,
@@ -82,15 +153,15 @@ def build_match_graph(
         far_radius=search.search_radius,
         with_colour=patches.rgb is not None,
     )
+    cells = build_description_cells(index.table, seed=seed, n_threads=n_threads)
     labels = patches.label[order]
     rare = minority_classes(labels) if minority is None else minority
     chooser = make_chooser(labels, rare, len(patches), search, seed)
     found = find_matches(
-        index, index, patches.height[order], None, n_matches, search, chooser, seed=seed, n_threads=n_threads
-    )
-    matches, costs = np.empty_like(found.matches), np.empty_like(found.costs)
-    matches[order], costs[order] = order[found.matches], found.costs
-    return MatchGraph(matches, costs, found.objective)
+        index, index, patches.height[order], None, n_matches, search, chooser, cells,
+        apart=True, seed=seed, n_threads=n_threads,
+    )  # fmt: skip
+    return found, index, cells, order
 
 
 def check_matches(n_matches: int, n_scenes: int, *, needed: int, seed: int) -> None:

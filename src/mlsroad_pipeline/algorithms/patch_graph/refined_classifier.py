@@ -13,7 +13,6 @@ from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.patch_graph.classifier import (
     PatchGraphClassifier,
     PatchGraphParameters,
-    select_training,
 )
 from mlsroad_pipeline.algorithms.patch_graph.refinement import (
     GroundClasses,
@@ -22,7 +21,8 @@ from mlsroad_pipeline.algorithms.patch_graph.refinement import (
     choose_parameters,
     refine,
 )
-from mlsroad_pipeline.algorithms.patch_graph.transfer import class_probabilities
+from mlsroad_pipeline.algorithms.patch_graph.training_scenes import cut_scenes
+from mlsroad_pipeline.algorithms.patch_graph.transfer import class_probabilities, match_patches
 from mlsroad_pipeline.algorithms.patches import Patches
 
 
@@ -158,7 +158,8 @@ def refine_classifier(
 ) -> tuple[RefinedPatchGraphClassifier, list[dict[str, float]]]:
     """Choose the parameters of the field by cross-validation over the training scenes.
 
-    Matches come from other scenes, so that the graph labels every training scene without its own labels.
+    The graph labels training scenes by matches in the other scenes alone, and labels whole ones: thinned scenes have
+    fewer edges than those that are to be labelled, and would ask for a larger lambda.
 
     Parameters
     ----------
@@ -182,11 +183,7 @@ def refine_classifier(
     tried : list of dict
         What `choose_parameters` tells of every choice.
     """
-    used, pairs = select_training(patches, edges, graph_parameters)
-    graph = transfer.graph
-    probabilities = np.empty((len(used), transfer.n_classes))
-    probabilities[graph.rows] = class_probabilities(graph.labels[graph.matches], transfer.n_classes)
-    scenes = _validation_scenes(used, pairs, probabilities, grid.max_patches)
+    scenes = _validation_scenes(transfer, patches, edges, graph_parameters, grid.max_patches)
     base = RefinementParameters(ground_penalty=grid.ground_penalty, floor=grid.floor, smooth_ground=grid.smooth_ground)
     parameters, tried = choose_parameters(
         scenes, smoothness=grid.smoothness, colour_decay=grid.colour_decay, base=base, ground=ground
@@ -195,17 +192,29 @@ def refine_classifier(
 
 
 def _validation_scenes(
-    patches: Patches, edges: NDArray[np.int32], probabilities: NDArray[np.float64], max_patches: int
+    transfer: PatchGraphClassifier,
+    patches: Patches,
+    edges: NDArray[np.int32],
+    graph_parameters: PatchGraphParameters,
+    max_patches: int,
 ) -> list[ValidationScene]:
-    n_scenes = int(patches.scene.max()) + 1
-    wanted = min(n_scenes, max(1, round(n_scenes * max_patches / len(patches))))
+    """Label training scenes, whole ones, by the graph of the others."""
+    whole = cut_scenes(patches, graph_parameters.scene_length)
+    in_graph = np.unique(whole.scene)  # thinning leaves patches of every scene
+    wanted = min(len(in_graph), max(1, round(len(in_graph) * max_patches / len(whole))))
+    places = np.unique(np.linspace(0, len(in_graph) - 1, wanted).round()).astype(np.int64)
     scenes = []
-    for scene in np.unique(np.linspace(0, n_scenes - 1, wanted).round()).astype(int).tolist():
-        members = np.flatnonzero(patches.scene == scene)
-        place = np.full(len(patches), -1, np.int32)
-        place[members] = np.arange(len(members))
-        pairs = place[edges]
-        colours = None if patches.rgb is None else patches.rgb[members]
+    for place in places.tolist():
+        members = np.flatnonzero(whole.scene == in_graph[place])
+        own = np.full(len(whole), -1, np.int32)
+        own[members] = np.arange(len(members))
+        pairs = own[edges]
         inside = pairs[(pairs >= 0).all(axis=1)]
-        scenes.append(ValidationScene(probabilities[members], colours, inside, patches.label[members]))
+        scene = whole.take(members)
+        found = match_patches(
+            scene, transfer.graph, weights=transfer.weights, search=transfer.search,
+            own_scene=np.full(len(scene), place),
+        )  # fmt: skip
+        probabilities = class_probabilities(transfer.graph.labels[found.matches], transfer.n_classes)
+        scenes.append(ValidationScene(probabilities, scene.rgb, inside, scene.label))
     return scenes

@@ -10,15 +10,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.patch_graph.costs import N_ABSOLUTE, CostWeights
+from mlsroad_pipeline.algorithms.patch_graph.description_cells import DescriptionCells
 from mlsroad_pipeline.algorithms.patch_graph.iterations import (
     MatchGraph,
     SearchParameters,
     find_matches,
     make_chooser,
 )
-from mlsroad_pipeline.algorithms.patch_graph.matching import build_match_graph, check_matches
+from mlsroad_pipeline.algorithms.patch_graph.matching import check_matches, match_with_each_other
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex, build_patch_index
 from mlsroad_pipeline.algorithms.patches import UNKNOWN, Patches
+from mlsroad_pipeline.algorithms.validation import check_column
 
 _ARRAYS = ("matches", "labels", "rows", "objective", "coloured")
 
@@ -31,6 +33,8 @@ class TrainedGraph:
     ----------
     index : PatchIndex
         The labelled patches.
+    cells : DescriptionCells
+        Their cells of alike descriptions.
     matches : ndarray of int32, shape (n, K)
         Their matches, as places in the index.
     labels : ndarray of int16, shape (n,)
@@ -44,6 +48,7 @@ class TrainedGraph:
     """
 
     index: PatchIndex
+    cells: DescriptionCells
     matches: NDArray[np.int32]
     labels: NDArray[np.int16]
     rows: NDArray[np.int64]
@@ -53,7 +58,7 @@ class TrainedGraph:
     def to_arrays(self) -> dict[str, NDArray]:
         """Return the graph as named plain arrays."""
         own = {"matches": self.matches, "labels": self.labels, "rows": self.rows, "objective": self.objective}
-        return {**self.index._asdict(), **own, "coloured": np.array(self.coloured)}
+        return {**self.index._asdict(), **self.cells._asdict(), **own, "coloured": np.array(self.coloured)}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> TrainedGraph:
@@ -74,19 +79,22 @@ class TrainedGraph:
         DataError
             If an array is missing.
         """
-        missing = [name for name in (*PatchIndex._fields, *_ARRAYS) if name not in arrays]
+        missing = [name for name in (*PatchIndex._fields, *DescriptionCells._fields, *_ARRAYS) if name not in arrays]
         if missing:
             raise DataError(f"the arrays of a match graph lack {', '.join(missing)}")
         index = PatchIndex(**{name: np.asarray(arrays[name]) for name in PatchIndex._fields})
+        cells = DescriptionCells(**{name: np.asarray(arrays[name]) for name in DescriptionCells._fields})
         own = {name: np.asarray(arrays[name]) for name in _ARRAYS[:-1]}
-        return cls(index, **own, coloured=bool(arrays["coloured"]))
+        return cls(index, cells, **own, coloured=bool(arrays["coloured"]))
 
     def without_colour(self, weights: CostWeights) -> TrainedGraph:
         """Return the same graph for patches that have no colour: its weight goes to height and shape."""
         shared = (weights.colour + weights.height + weights.shape) / (weights.height + weights.shape)
-        table = self.index.table * np.float32(shared)
-        table[:, : N_ABSOLUTE - 1] = 0.0
-        return replace(self, index=self.index._replace(table=table), coloured=False)
+        table, centres = self.index.table * np.float32(shared), self.cells.centres * np.float32(shared)
+        for rows in (table, centres):
+            rows[:, : N_ABSOLUTE - 1] = 0.0
+        index, cells = self.index._replace(table=table), self.cells._replace(centres=centres)
+        return replace(self, index=index, cells=cells, coloured=False)
 
 
 def train_graph(
@@ -130,21 +138,17 @@ def train_graph(
     unlabelled = int((patches.label == UNKNOWN).sum())
     if unlabelled:
         raise DataError(f"{unlabelled} of {len(patches)} training patches have no label")
-    search, weights = search or SearchParameters(), weights or CostWeights()
-    graph = build_match_graph(
-        patches, n_matches=n_matches, weights=weights, search=search, seed=seed, n_threads=n_threads
+    found, index, cells, order = match_with_each_other(
+        patches,
+        n_matches=n_matches,
+        weights=weights or CostWeights(),
+        search=search or SearchParameters(),
+        minority=None,
+        seed=seed,
+        n_threads=n_threads,
     )
     coloured = patches.rgb is not None
-    index, order, _ = build_patch_index(
-        patches,
-        weights,
-        near_radius=search.propagation_radius,
-        far_radius=search.search_radius,
-        with_colour=coloured,
-    )
-    place = np.empty(len(order), np.int32)
-    place[order] = np.arange(len(order), dtype=np.int32)
-    return TrainedGraph(index, place[graph.matches[order]], patches.label[order], order, graph.objective, coloured)
+    return TrainedGraph(index, cells, found.matches, patches.label[order], order, found.objective, coloured)
 
 
 def match_patches(
@@ -153,6 +157,7 @@ def match_patches(
     *,
     weights: CostWeights | None = None,
     search: SearchParameters | None = None,
+    own_scene: ArrayLike | None = None,
     seed: int = 0,
     n_threads: int = 1,
 ) -> MatchGraph:
@@ -163,14 +168,19 @@ def match_patches(
     Parameters
     ----------
     patches : Patches
-        Patches of one scene or of several, none of them in the graph. Where only one side has colour, it does not
-        count.
+        Patches of one scene or of several, none of them in the graph except with `own_scene`. Where only one side has
+        colour, it does not count.
     graph : TrainedGraph
         The trained graph.
     weights : CostWeights, optional
         The weights that the graph was trained with.
     search : SearchParameters, optional
-        How matches are searched. The exhaustive search takes costly patches only: classes are not known yet.
+        How matches are searched. The exhaustive search takes costly patches only: classes are not known yet. Its
+        budget counts where it is enough for all patches at once, so that the matches are the best there are; else
+        `n_costly` patches are searched in an iteration, because few are left whose matches it would improve.
+    own_scene : array-like of int, shape (n,), optional
+        For patches of scenes that are in the graph: each patch's scene, as its place among the graph's scenes, which it
+        is not matched with. So a graph labels its own scenes without their labels.
     seed : int, default 0
         Seed of the search.
     n_threads : int, default 1
@@ -184,7 +194,8 @@ def match_patches(
     Raises
     ------
     DataError
-        If the histograms have another length than those of the graph.
+        If the histograms have another length than those of the graph, or `own_scene` has another length than there are
+        patches.
     ParameterError
         If `n_threads` is below 1 or `seed` is negative.
     """
@@ -193,7 +204,8 @@ def match_patches(
     width = graph.index.table.shape[1] - N_ABSOLUTE
     if patches.fpfh.shape[1] != width:
         raise DataError(f"the graph was trained on histograms of {width} bins, got {patches.fpfh.shape[1]}")
-    check_matches(n_matches, len(graph.index.scene_starts) - 1, needed=n_matches, seed=seed)
+    apart = own_scene is not None
+    check_matches(n_matches, len(graph.index.scene_starts) - 1, needed=n_matches + apart, seed=seed)
     if len(patches) == 0:
         return MatchGraph(np.empty((0, n_matches), np.int32), np.empty((0, n_matches), np.float32), np.zeros(1))
     if graph.coloured and patches.rgb is None:
@@ -205,7 +217,11 @@ def match_patches(
         far_radius=search.search_radius,
         with_colour=graph.coloured,
     )
+    if own_scene is not None:
+        source = source._replace(scene=check_column(own_scene, len(patches), "own_scene")[order].astype(np.int32))
     nameless = np.full(len(patches), UNKNOWN, np.int16)
+    if len(patches) * len(graph.labels) > search.exhaustive_budget:
+        search = replace(search, exhaustive_budget=0)
     chooser = make_chooser(nameless, (), len(graph.labels), search, seed)
     found = find_matches(
         source,
@@ -215,6 +231,8 @@ def match_patches(
         n_matches,
         search,
         chooser,
+        graph.cells,
+        apart=apart,
         seed=seed,
         n_threads=n_threads,
     )

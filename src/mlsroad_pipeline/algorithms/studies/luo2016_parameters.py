@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
@@ -24,8 +24,10 @@ class StudyScale:
     Parameters
     ----------
     survey : mapping
-        ``preset`` and changes of `SimulationParameters`, without the seed. Longer streets take more time and narrow
-        the spread between seeds.
+        ``preset`` and changes of `SimulationParameters`, without the seed. Training streets are the more alike the
+        fewer and longer they are.
+    test_survey : mapping
+        What is different for test streets. Longer streets take more time and narrow the spread between seeds.
     repetitions : sequence of mapping
         ``train``, the seeds of streets that every method learns from, together more than K scenes of 10 m; ``test``,
         the seeds of streets that it is scored on, one repetition each. No street is in the training and in the test of
@@ -37,18 +39,24 @@ class StudyScale:
         Local search radii R_loc of Figures 9 to 11, metres.
     methods : mapping
         Slug to changes of the method's parameters at this scale.
+    tuning : mapping
+        Slug to the settings that are tried on training streets, each a mapping of parameters. As many for every method
+        keep the comparison level. Methods without settings here choose by a grid of their own.
 
     Raises
     ------
     ParameterError
-        If a repetition lacks streets, a street is in training and test, or a length is not above 0.
+        If a repetition lacks streets, a street is in training and test, a length is not above 0, or a method with
+        settings is not trained.
     """
 
     survey: Mapping[str, Any]
+    test_survey: Mapping[str, Any]
     repetitions: Sequence[Mapping[str, Any]]
     patch_sizes: Sequence[float]
     search_radii: Sequence[float]
     methods: Mapping[str, Mapping[str, Any]]
+    tuning: Mapping[str, Sequence[Mapping[str, Any]]]
 
     def __post_init__(self) -> None:
         if not self.repetitions or not all(
@@ -64,7 +72,10 @@ class StudyScale:
         for name in ("patch_sizes", "search_radii"):
             for value in getattr(self, name):
                 check_positive(value, f"luo2016_study.{name}")
-        if "seed" in self.survey:
+        unknown = sorted(set(self.tuning) - set(RUNS))
+        if unknown:
+            raise ParameterError(f"luo2016_study.tuning: {unknown} are not trained (methods: {', '.join(RUNS)})")
+        if "seed" in self.survey or "seed" in self.test_survey:
             raise ParameterError("luo2016_study: the seeds of the streets stand in repetitions")
 
 
@@ -82,28 +93,21 @@ class StudyParameters:
         The class scheme; its class ``other`` is learned and counted, but is in no mean.
     sensitivity : int
         How many test streets Figures 7 to 11 are made of: the first ones of the first repetition.
-    tuning : mapping
-        Slug to the settings that are tried on training streets, each a mapping of parameters. As many for every method
-        keep the comparison level. Methods without settings here choose by a grid of their own.
 
     Raises
     ------
     ParameterError
-        If there is no such scale, or a method is not part of the study.
+        If there is no such scale, or it is wrong.
     """
 
     scale: str
     scales: Mapping[str, Any]
     scheme: str
     sensitivity: int
-    tuning: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.scale not in self.scales:
             raise ParameterError(f"luo2016_study.scale {self.scale!r} is unknown (scales: {', '.join(self.scales)})")
-        unknown = sorted(set(self.tuning) - set(RUNS))
-        if unknown:
-            raise ParameterError(f"luo2016_study.tuning: {unknown} are not trained (methods: {', '.join(RUNS)})")
         if self.sensitivity < 0:
             raise ParameterError(f"luo2016_study.sensitivity must be at least 0, got {self.sensitivity!r}")
         self.chosen_scale()

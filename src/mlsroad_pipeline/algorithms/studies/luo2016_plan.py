@@ -84,10 +84,14 @@ class StudyPlan:
         """Return how streets are prepared with some patches."""
         return PatchStages(self.ground, sizes)
 
-    def seeds(self) -> list[int]:
-        """Return the seeds of all streets, ascending."""
-        found = {seed for r in self.scale.repetitions for seed in (*r["train"], *r["test"])}
-        return sorted(found)
+    def surveys(self) -> dict[int, dict[str, Any]]:
+        """Return what `simulation_parameters` takes for every street, by seed."""
+        scale = self.scale
+        train = {seed: {**scale.survey, "seed": seed} for r in scale.repetitions for seed in r["train"]}
+        test = {
+            seed: {**scale.survey, **scale.test_survey, "seed": seed} for r in scale.repetitions for seed in r["test"]
+        }
+        return {**train, **test}
 
     def resized(self, patch_size: float) -> PatchParameters:
         """Return the parameters of larger or smaller patches, with voxels in proportion."""
@@ -109,7 +113,7 @@ class StudyPlan:
                 f"{method}.setting_{number:02d}", method, streets[:half], streets[half:], self.sizes,
                 {**self.parameters, method: changed(self.parameters[method], setting)},
             )
-            for method, settings in self.study.tuning.items()
+            for method, settings in self.scale.tuning.items()
             for number, setting in enumerate(settings)
         ]  # fmt: skip
 
@@ -181,7 +185,10 @@ class StudyPlan:
         """Return the runs of Figures 9 to 11, by local search radius."""
         tests = self.study.sensitivity
         radii = self.scale.search_radii if tests else ()
-        searches = {radius: changed(parameters[GRAPH], {"search": {"search_radius": radius}}) for radius in radii}
+        # The search as printed: where it starts in cells of alike descriptions, the radius has little left to decide.
+        searches = {
+            radius: changed(parameters[GRAPH], {"search": {"search_radius": radius, "n_probes": 0}}) for radius in radii
+        }
         return {
             radius: self._run(0, GRAPH, {**parameters, GRAPH: search}, tests=tests)
             for radius, search in searches.items()
@@ -221,7 +228,7 @@ class StudyPlan:
         own = [method, REFINED] if method == GRAPH else [method]
         key = f"repetition_{number}.{method}.tests_{len(streets)}.size_{used.patch_size:g}"
         if method == GRAPH:
-            key += f".radius_{parameters[GRAPH].search.search_radius:g}"
+            key += f".radius_{parameters[GRAPH].search.search_radius:g}.probes_{parameters[GRAPH].search.n_probes}"
         mine = {slug: parameters[slug] for slug in own}
         return StudyRun(key, method, tuple(repetition["train"]), streets, used, mine)
 

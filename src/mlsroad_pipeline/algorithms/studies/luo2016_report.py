@@ -127,6 +127,7 @@ def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figur
     facts = {
         "scale": plan.study.scale,
         "streets": ", ".join(f"{key} {value}" for key, value in scale.survey.items()),
+        "test streets": ", ".join(f"{key} {value}" for key, value in scale.test_survey.items()) or "likewise",
         **{f"test streets {list(r['test'])}": f"trained on {list(r['train'])}" for r in scale.repetitions},
     }
     swapped = "Ours ± standard deviation over test streets (the paper's in brackets). "

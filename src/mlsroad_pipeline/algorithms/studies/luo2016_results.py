@@ -190,4 +190,4 @@ def _tuning(plan: StudyPlan, tried: Results) -> pd.DataFrame:
 
 def _setting(plan: StudyPlan, run: StudyRun) -> Mapping[str, Any]:
     number = int(run.key.rpartition("_")[2])
-    return plan.study.tuning[run.method][number]
+    return plan.scale.tuning[run.method][number]

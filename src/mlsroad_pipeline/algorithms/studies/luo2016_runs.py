@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines import shape_based
-from mlsroad_pipeline.algorithms.baselines.max_margin_markov import MaxMarginMarkov
+from mlsroad_pipeline.algorithms.baselines.max_margin_training import fit_max_margin
 from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForest
 from mlsroad_pipeline.algorithms.baselines.patch_svm_training import fit_patch_svm
 from mlsroad_pipeline.algorithms.classes import ClassScheme
@@ -23,9 +23,9 @@ from mlsroad_pipeline.algorithms.patch_graph.refinement import refine
 from mlsroad_pipeline.algorithms.patch_labelling import (
     PatchStages,
     build_patches,
-    join_training_scenes,
     label_patches,
 )
+from mlsroad_pipeline.algorithms.patch_training import join_training_scenes
 from mlsroad_pipeline.algorithms.patch_voting import vote_on_points
 from mlsroad_pipeline.algorithms.patches import Patches, PatchParameters
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
@@ -193,8 +193,8 @@ def _run_patches(
         (classifier, choice), seconds = _timed(fit_patch_svm, *joined, parameters=parameters, n_classes=n_classes)
         facts = {"cost": choice.cost, "gamma": choice.gamma}
     else:
-        kind: Any = {"patch_forest": PatchForest, "max_margin_markov": MaxMarginMarkov}[method]
-        classifier, seconds = _timed(kind.fit, *joined, parameters=parameters, n_classes=n_classes)
+        fit: Any = {"patch_forest": PatchForest.fit, "max_margin_markov": fit_max_margin}[method]
+        classifier, seconds = _timed(fit, *joined, parameters=parameters, n_classes=n_classes)
     tally.add(method, train_seconds=seconds, **facts)
     for points, patches, edges, vote in _test_streets(test, stages):
         probabilities, first = _timed(classifier.predict_proba, patches, edges)

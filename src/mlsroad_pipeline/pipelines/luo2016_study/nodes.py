@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from mlsroad_pipeline.algorithms.baselines.max_margin_markov import MarginParameters
+from mlsroad_pipeline.algorithms.baselines.max_margin_training import MarginParameters
 from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForestParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvmParameters
 from mlsroad_pipeline.algorithms.baselines.shape_based import ShapeParameters
@@ -91,11 +91,11 @@ def make_streets(plan: StudyPlan) -> dict[str, SceneTask]:
         _street(seed): SceneTask(
             make_street,
             parameters={
-                "simulation": simulation_parameters({**plan.scale.survey, "seed": seed}),
+                "simulation": simulation_parameters(survey),
                 "ground": plan.ground,
             },
         )
-        for seed in plan.seeds()
+        for seed, survey in plan.surveys().items()
     }
 
 

@@ -1,11 +1,10 @@
 """Wiring of the max-margin Markov network."""
 
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.max_margin_markov.nodes import (
-    label_scenes_by_max_margin_markov,
-    train_max_margin_markov,
-)
+from mlsroad_pipeline.algorithms.baselines.max_margin_markov import MaxMarginMarkov
+from mlsroad_pipeline.pipelines.max_margin_markov.nodes import train_max_margin_markov
+from mlsroad_pipeline.pipelines.patch_method import patch_pipeline
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -21,27 +20,4 @@ def create_pipeline(**_: object) -> Pipeline:
     Pipeline
         ``scenes``, ``patches`` and ``patch_labels`` to ``max_margin_markov.model`` and ``max_margin_markov.labels``.
     """
-    return Pipeline(
-        [
-            Node(
-                train_max_margin_markov,
-                inputs=[
-                    "patches",
-                    "patch_labels",
-                    "params:max_margin_markov",
-                    "params:ground_removal",
-                    "params:patches",
-                    "params:survey",
-                    "params:classes",
-                ],
-                outputs=["max_margin_markov.model", "max_margin_markov.registered_model"],
-                name="train_max_margin_markov",
-            ),
-            Node(
-                label_scenes_by_max_margin_markov,
-                inputs=["scenes", "patches", "max_margin_markov.model"],
-                outputs="max_margin_markov.labels",
-                name="label_scenes_by_max_margin_markov",
-            ),
-        ]
-    )
+    return patch_pipeline("max_margin_markov", train_max_margin_markov, MaxMarginMarkov)

@@ -1,8 +1,10 @@
 """Wiring of the forest on patches."""
 
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.patch_forest.nodes import label_scenes_by_patch_forest, train_patch_forest
+from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForest
+from mlsroad_pipeline.pipelines.patch_forest.nodes import train_patch_forest
+from mlsroad_pipeline.pipelines.patch_method import patch_pipeline
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -18,27 +20,4 @@ def create_pipeline(**_: object) -> Pipeline:
     Pipeline
         ``scenes``, ``patches`` and ``patch_labels`` to ``patch_forest.model`` and ``patch_forest.labels``.
     """
-    return Pipeline(
-        [
-            Node(
-                train_patch_forest,
-                inputs=[
-                    "patches",
-                    "patch_labels",
-                    "params:patch_forest",
-                    "params:ground_removal",
-                    "params:patches",
-                    "params:survey",
-                    "params:classes",
-                ],
-                outputs=["patch_forest.model", "patch_forest.registered_model"],
-                name="train_patch_forest",
-            ),
-            Node(
-                label_scenes_by_patch_forest,
-                inputs=["scenes", "patches", "patch_forest.model"],
-                outputs="patch_forest.labels",
-                name="label_scenes_by_patch_forest",
-            ),
-        ]
-    )
+    return patch_pipeline("patch_forest", train_patch_forest, PatchForest)

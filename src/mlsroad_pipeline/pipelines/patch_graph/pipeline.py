@@ -1,8 +1,10 @@
 """Wiring of label transfer."""
 
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.patch_graph.nodes import train_patch_graph, transfer_labels
+from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier
+from mlsroad_pipeline.pipelines.patch_graph.nodes import train_patch_graph
+from mlsroad_pipeline.pipelines.patch_method import patch_pipeline
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -18,32 +20,9 @@ def create_pipeline(**_: object) -> Pipeline:
     Pipeline
         ``scenes``, ``patches`` and ``patch_labels`` to ``patch_graph.model`` and ``patch_graph.labels``.
     """
-    return Pipeline(
-        [
-            Node(
-                train_patch_graph,
-                inputs=[
-                    "patches",
-                    "patch_labels",
-                    "params:patch_graph",
-                    "params:ground_removal",
-                    "params:patches",
-                    "params:survey",
-                    "params:classes",
-                ],
-                outputs=[
-                    "patch_graph.model",
-                    "patch_graph.registered_model",
-                    "patch_graph.objective",
-                    "patch_graph.objective_figure",
-                ],
-                name="train_patch_graph",
-            ),
-            Node(
-                transfer_labels,
-                inputs=["scenes", "patches", "patch_graph.model"],
-                outputs="patch_graph.labels",
-                name="transfer_labels",
-            ),
-        ]
+    return patch_pipeline(
+        "patch_graph",
+        train_patch_graph,
+        PatchGraphClassifier,
+        more_outputs=("patch_graph.objective", "patch_graph.objective_figure"),
     )

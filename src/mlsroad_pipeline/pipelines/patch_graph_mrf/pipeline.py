@@ -1,8 +1,10 @@
 """Wiring of label transfer with refinement."""
 
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.patch_graph_mrf.nodes import fit_refinement, refine_labels
+from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import RefinedPatchGraphClassifier
+from mlsroad_pipeline.pipelines.patch_graph_mrf.nodes import fit_refinement
+from mlsroad_pipeline.pipelines.patch_method import patch_pipeline
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -19,29 +21,9 @@ def create_pipeline(**_: object) -> Pipeline:
         ``scenes``, ``patches``, ``patch_labels`` and ``patch_graph.model`` to ``patch_graph_mrf.model`` and
         ``patch_graph_mrf.labels``.
     """
-    return Pipeline(
-        [
-            Node(
-                fit_refinement,
-                inputs=[
-                    "patches",
-                    "patch_labels",
-                    "patch_graph.model",
-                    "params:patch_graph_mrf",
-                    "params:patch_graph",
-                    "params:ground_removal",
-                    "params:patches",
-                    "params:survey",
-                    "params:classes",
-                ],
-                outputs=["patch_graph_mrf.model", "patch_graph_mrf.registered_model"],
-                name="fit_refinement",
-            ),
-            Node(
-                refine_labels,
-                inputs=["scenes", "patches", "patch_graph_mrf.model"],
-                outputs="patch_graph_mrf.labels",
-                name="refine_labels",
-            ),
-        ]
+    return patch_pipeline(
+        "patch_graph_mrf",
+        fit_refinement,
+        RefinedPatchGraphClassifier,
+        more_inputs=("patch_graph.model", "params:patch_graph"),
     )

@@ -1,8 +1,10 @@
 """Wiring of the machine on patches."""
 
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.patch_svm.nodes import label_scenes_by_patch_svm, train_patch_svm
+from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvm
+from mlsroad_pipeline.pipelines.patch_method import patch_pipeline
+from mlsroad_pipeline.pipelines.patch_svm.nodes import train_patch_svm
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -18,27 +20,4 @@ def create_pipeline(**_: object) -> Pipeline:
     Pipeline
         ``scenes``, ``patches`` and ``patch_labels`` to ``patch_svm.model`` and ``patch_svm.labels``.
     """
-    return Pipeline(
-        [
-            Node(
-                train_patch_svm,
-                inputs=[
-                    "patches",
-                    "patch_labels",
-                    "params:patch_svm",
-                    "params:ground_removal",
-                    "params:patches",
-                    "params:survey",
-                    "params:classes",
-                ],
-                outputs=["patch_svm.model", "patch_svm.registered_model"],
-                name="train_patch_svm",
-            ),
-            Node(
-                label_scenes_by_patch_svm,
-                inputs=["scenes", "patches", "patch_svm.model"],
-                outputs="patch_svm.labels",
-                name="label_scenes_by_patch_svm",
-            ),
-        ]
-    )
+    return patch_pipeline("patch_svm", train_patch_svm, PatchSvm)

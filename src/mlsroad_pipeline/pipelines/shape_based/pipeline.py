@@ -2,6 +2,7 @@
 
 from kedro.pipeline import Node, Pipeline
 
+from mlsroad_pipeline.pipelines.patch_method import gathering
 from mlsroad_pipeline.pipelines.shape_based.nodes import label_scenes_by_shape, take_training_objects, train_shape_based
 
 
@@ -16,26 +17,20 @@ def create_pipeline(**_: object) -> Pipeline:
     Returns
     -------
     Pipeline
-        ``scenes``, ``ground`` and ``patches`` to ``shape_based.model`` and ``shape_based.labels``.
+        ``scenes``, ``ground``, ``patches`` and ``patch_labels`` to ``shape_based.model`` and ``shape_based.labels``.
     """
     return Pipeline(
         [
+            gathering(),
             Node(
                 take_training_objects,
-                inputs=["scenes", "ground", "patches", "params:shape_based", "params:survey", "params:classes"],
+                inputs=["scenes", "ground", "patches", "patch_training", "params:shape_based"],
                 outputs="shape_based.training_set",
                 name="take_training_objects",
             ),
             Node(
                 train_shape_based,
-                inputs=[
-                    "shape_based.training_set",
-                    "params:shape_based",
-                    "params:ground_removal",
-                    "params:patches",
-                    "params:survey",
-                    "params:classes",
-                ],
+                inputs=["patch_training", "params:shape_based", "shape_based.training_set"],
                 outputs=["shape_based.model", "shape_based.registered_model"],
                 name="train_shape_based",
             ),

@@ -1,0 +1,215 @@
+"""The energy of unary terms and pairs, and what an expansion of a label costs in it (Boykov, Veksler and Zabih 2001).
+
+See `alpha_expansion` for the energy as a formula.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.graphs import check_edges
+
+
+@njit(cache=True)
+def _pair(
+    e: int,
+    a: int,
+    b: int,
+    weights: NDArray[np.float64],
+    label_costs: NDArray[np.float64],
+    agreement: NDArray[np.float64],
+) -> float:
+    cost = weights[e] * label_costs[a, b]
+    return cost - agreement[e, a] if a == b and len(agreement) else cost
+
+
+@njit(cache=True)
+def _energy(
+    labels: NDArray[np.int32],
+    unary: NDArray[np.float64],
+    edges: NDArray[np.int32],
+    weights: NDArray[np.float64],
+    label_costs: NDArray[np.float64],
+    agreement: NDArray[np.float64],
+) -> float:
+    total = 0.0
+    for i in range(len(labels)):
+        total += unary[i, labels[i]]
+    for e in range(len(edges)):
+        total += _pair(e, labels[edges[e, 0]], labels[edges[e, 1]], weights, label_costs, agreement)
+    return total
+
+
+@njit(cache=True)
+def _move_terms(
+    labels: NDArray[np.int32],
+    alpha: int,
+    unary: NDArray[np.float64],
+    edges: NDArray[np.int32],
+    weights: NDArray[np.float64],
+    label_costs: NDArray[np.float64],
+    agreement: NDArray[np.float64],
+    gain: NDArray[np.float64],
+    slack: NDArray[np.float64],
+) -> None:
+    """Write what an expansion of alpha costs: gain_i for taking alpha, slack_e for ends that decide differently."""
+    for i in range(len(labels)):
+        gain[i] = unary[i, alpha] - unary[i, labels[i]]
+    for e in range(len(edges)):
+        i, j = edges[e, 0], edges[e, 1]
+        a, b = labels[i], labels[j]
+        slack[e] = 0.0
+        if a == alpha and b == alpha:
+            continue
+        both = _pair(e, alpha, alpha, weights, label_costs, agreement)
+        if a == alpha:
+            gain[j] += both - _pair(e, alpha, b, weights, label_costs, agreement)
+        elif b == alpha:
+            gain[i] += both - _pair(e, a, alpha, weights, label_costs, agreement)
+        else:
+            neither = _pair(e, a, b, weights, label_costs, agreement)
+            first = _pair(e, alpha, b, weights, label_costs, agreement)
+            second = _pair(e, a, alpha, weights, label_costs, agreement)
+            # neither + c_i x_i + c_j x_j + s |x_i - x_j| takes these four values where s is not negative.
+            slack[e] = max(0.5 * (first + second - neither - both), 0.0)
+            gain[i] += 0.5 * (first - second + both - neither)
+            gain[j] += 0.5 * (second - first + both - neither)
+
+
+def _finite(values: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[np.float64]:
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if array.shape != shape:
+        raise DataError(f"{name} must have shape {shape}, got {array.shape}")
+    if not np.isfinite(array).all():
+        first = np.argwhere(~np.isfinite(array))[0].tolist()
+        raise DataError(f"{name} must be finite, got {array[tuple(first)]} at {first}")
+    return array
+
+
+def _check_label_costs(label_costs: ArrayLike | None, n_labels: int) -> NDArray[np.float64]:
+    if label_costs is None:
+        return 1.0 - np.eye(n_labels)
+    costs = _finite(label_costs, (n_labels, n_labels), "label_costs")
+    if (costs != costs.T).any() or (np.diagonal(costs) != 0).any() or (costs < 0).any():
+        raise ParameterError("label_costs must be symmetric, not negative, and 0 on the diagonal")
+    for a, b in product(range(n_labels), repeat=2):
+        detour = costs[a] + costs[:, b]
+        if costs[a, b] > detour.min() * (1 + 1e-12):
+            via = int(detour.argmin())
+            raise ParameterError(
+                f"label_costs must be a metric: {costs[a, b]} from label {a} to {b} exceeds {detour[via]} by way of "
+                f"{via}, so an expansion of {via} would not be submodular"
+            )
+    return costs
+
+
+@dataclass(frozen=True)
+class PairwiseEnergy:
+    """The energy of unary terms and pairs, checked.
+
+    Attributes
+    ----------
+    unary : ndarray of float64, shape (n, l)
+        What node i pays for label k.
+    edges : ndarray of int32, shape (e, 2)
+        Ends of the edges.
+    weights : ndarray of float64, shape (e,)
+        Factors of the label costs.
+    label_costs : ndarray of float64, shape (l, l)
+        What two labels cost at the ends of an edge of weight 1.
+    agreement : ndarray of float64, shape (e, l) or (0, l)
+        What an edge gains where both of its ends have label k.
+    """
+
+    unary: NDArray[np.float64]
+    edges: NDArray[np.int32]
+    weights: NDArray[np.float64]
+    label_costs: NDArray[np.float64]
+    agreement: NDArray[np.float64]
+
+    @classmethod
+    def checked(
+        cls,
+        unary: ArrayLike,
+        edges: ArrayLike,
+        weights: ArrayLike,
+        label_costs: ArrayLike | None = None,
+        agreement: ArrayLike | None = None,
+    ) -> PairwiseEnergy:
+        """Build an energy from what a caller gives; see `minimize` for the arguments and errors.
+
+        Parameters
+        ----------
+        unary, edges, weights, label_costs, agreement : array-like
+            As in `minimize`.
+
+        Returns
+        -------
+        PairwiseEnergy
+            The energy, all arrays contiguous.
+
+        Raises
+        ------
+        DataError
+            As `minimize` does.
+        ParameterError
+            As `minimize` does.
+        """
+        array = np.asarray(unary)
+        if array.ndim != 2 or array.shape[1] == 0:
+            raise DataError(f"unary must have shape (n, l) with at least one label, got {array.shape}")
+        n_nodes, n_labels = array.shape
+        pairs = check_edges(edges, n_nodes)
+        loops = np.flatnonzero(pairs[:, 0] == pairs[:, 1])
+        if len(loops):
+            raise DataError(f"edge {loops[0]} joins node {pairs[loops[0], 0]} to itself")
+        factors = _finite(
+            np.broadcast_to(weights, (len(pairs),)) if np.ndim(weights) == 0 else weights, (len(pairs),), "weights"
+        )
+        rewards = np.zeros((0, n_labels))
+        if agreement is not None:
+            rewards = _finite(agreement, (len(pairs), n_labels), "agreement")
+        for values, name in ((factors, "weights"), (rewards, "agreement")):
+            if (values < 0).any():
+                raise DataError(f"{name} must not be negative, got {values.min()}: the moves would not be submodular")
+        costs = _check_label_costs(label_costs, n_labels)
+        return cls(_finite(array, array.shape, "unary"), pairs.astype(np.int32), factors, costs, rewards)
+
+    def of(self, labels: NDArray[np.int32]) -> float:
+        """Return the energy of a labelling.
+
+        Parameters
+        ----------
+        labels : ndarray of int32, shape (n,)
+            A label per node.
+
+        Returns
+        -------
+        float
+            The energy.
+        """
+        return float(_energy(labels, self.unary, self.edges, self.weights, self.label_costs, self.agreement))
+
+    def write_move(
+        self, labels: NDArray[np.int32], alpha: int, gain: NDArray[np.float64], slack: NDArray[np.float64]
+    ) -> None:
+        """Write the binary energy of an expansion.
+
+        Parameters
+        ----------
+        labels : ndarray of int32, shape (n,)
+            The present labelling.
+        alpha : int
+            The label that may be taken.
+        gain : ndarray of float64, shape (n,)
+            Receives the cost of taking alpha.
+        slack : ndarray of float64, shape (e,)
+            Receives the cost of ends that decide differently.
+        """
+        _move_terms(labels, alpha, self.unary, self.edges, self.weights, self.label_costs, self.agreement, gain, slack)

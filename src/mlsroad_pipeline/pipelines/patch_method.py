@@ -1,0 +1,161 @@
+"""What the pipelines of the methods that label patches share: the training scenes, and labels of the other scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.algorithms.classes import ClassScheme
+from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.patch_labelling import PatchClassifier, PatchStages
+from mlsroad_pipeline.algorithms.patch_training import PatchTraining, join_training_scenes
+from mlsroad_pipeline.algorithms.patches import PatchParameters
+from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
+from mlsroad_pipeline.datasets.method_work import label_prepared_patches
+from mlsroad_pipeline.datasets.scene_store import SceneCollection
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
+
+TRAIN = "train."
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingScenes:
+    """The training scenes in their stores, and what a model says of them.
+
+    Attributes
+    ----------
+    patches, labels : SceneCollection
+        Patches of all scenes, and the classes of those of the training scenes.
+    stages : PatchStages
+        How the scenes were prepared.
+    scheme : ClassScheme
+        The classes.
+    trained_on : mapping
+        What a model's metadata say of the training data.
+    """
+
+    patches: SceneCollection
+    labels: SceneCollection
+    stages: PatchStages
+    scheme: ClassScheme
+    trained_on: Mapping[str, Any]
+
+    def load(self) -> PatchTraining:
+        """Read the patches of all training scenes.
+
+        Returns
+        -------
+        PatchTraining
+            What the methods learn from.
+        """
+        joined = join_training_scenes({key: self.patches[key].load() for key in self.labels}, self.labels.load_all())
+        return PatchTraining(*joined, self.stages, self.scheme, self.trained_on)
+
+
+def gather_training(
+    patches: SceneCollection,
+    patch_labels: SceneCollection,
+    ground: GroundParameters,
+    sizes: PatchParameters,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+) -> TrainingScenes:
+    """Name what the methods that label patches learn from.
+
+    Parameters
+    ----------
+    patches, patch_labels : SceneCollection
+        Patches of all scenes, and the classes of those of the training scenes.
+    ground : GroundParameters
+        How the ground was found.
+    sizes : PatchParameters
+        How patches were cut and described.
+    survey : SurveyParameters
+        Names the training files and the class scheme.
+    classes : mapping
+        The class schemes.
+
+    Returns
+    -------
+    TrainingScenes
+        The scenes; nothing is read yet.
+    """
+    trained_on = {"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(patch_labels)}
+    scheme = find_scheme(classes["schemes"], survey.scheme)
+    return TrainingScenes(patches, patch_labels, PatchStages(ground, sizes), scheme, trained_on)
+
+
+def gathering() -> Node:
+    """Return the node that names the training scenes; the pipelines of all methods share it.
+
+    Returns
+    -------
+    Node
+        ``patches`` and ``patch_labels`` to ``patch_training``.
+    """
+    inputs = ["patches", "patch_labels", *(f"params:{name}" for name in ("ground_removal", "patches", "survey"))]
+    return Node(
+        gather_training, inputs=[*inputs, "params:classes"], outputs="patch_training", name="gather_patch_training"
+    )
+
+
+def patch_pipeline(
+    slug: str,
+    train: Callable[..., Any],
+    classifier: type[PatchClassifier],
+    *,
+    more_inputs: Sequence[str] = (),
+    more_outputs: Sequence[str] = (),
+) -> Pipeline:
+    """Wire a method that labels patches.
+
+    Parameters
+    ----------
+    slug : str
+        The method's slug.
+    train : callable
+        Takes `TrainingScenes`, the method's parameters and `more_inputs`; returns the model, for the workers and for
+        the registry, and `more_outputs`.
+    classifier : type
+        The method's class.
+    more_inputs, more_outputs : sequence of str, optional
+        Names of datasets.
+
+    Returns
+    -------
+    Pipeline
+        ``scenes``, ``patches`` and ``patch_labels`` to ``<slug>.model`` and ``<slug>.labels``.
+    """
+
+    def label_scenes(scenes: SceneCollection, patches: SceneCollection, model: SourceFile) -> dict[str, SceneTask]:
+        return {
+            key: SceneTask(
+                label_prepared_patches,
+                {"scene": scenes[key], "patches": patches[key], "model": model},
+                {"classifier": classifier},
+            )
+            for key in scenes
+            if not key.startswith(TRAIN)
+        }
+
+    return Pipeline(
+        [
+            gathering(),
+            Node(
+                train,
+                inputs=["patch_training", f"params:{slug}", *more_inputs],
+                outputs=[f"{slug}.model", f"{slug}.registered_model", *more_outputs],
+                name=f"train_{slug}",
+            ),
+            Node(
+                label_scenes,
+                inputs=["scenes", "patches", f"{slug}.model"],
+                outputs=f"{slug}.labels",
+                name=f"label_by_{slug}",
+            ),
+        ]
+    )
