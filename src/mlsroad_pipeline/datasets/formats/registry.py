@@ -9,6 +9,8 @@ from mlsroad_pipeline.datasets.formats.base import PointFormat
 from mlsroad_pipeline.datasets.formats.files import check_file
 from mlsroad_pipeline.datasets.formats.kitti import KittiFormat
 from mlsroad_pipeline.datasets.formats.las import LasFormat
+from mlsroad_pipeline.datasets.formats.npz import NpzFormat
+from mlsroad_pipeline.datasets.formats.parquet import ParquetFormat
 from mlsroad_pipeline.datasets.formats.pcd import PcdFormat
 from mlsroad_pipeline.datasets.formats.ply import PlyFormat
 from mlsroad_pipeline.datasets.formats.sydney import SydneyFormat
@@ -16,7 +18,7 @@ from mlsroad_pipeline.datasets.formats.text import TextFormat
 
 FORMATS: tuple[PointFormat, ...] = (
     *(LasFormat(), PlyFormat(), PcdFormat(), TextFormat()),
-    *(KittiFormat(), SydneyFormat()),
+    *(KittiFormat(), SydneyFormat(), ParquetFormat(), NpzFormat()),
 )
 """All formats; a new one is one module and one entry here."""
 
