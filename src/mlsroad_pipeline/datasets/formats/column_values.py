@@ -61,9 +61,10 @@ def scale_intensity(values: NDArray, divisor: float, *, source: Path) -> NDArray
         If one falls outside [0, 1].
     """
     scaled = (values / divisor).astype(np.float32)
-    if len(scaled) and not (np.nanmin(scaled) >= 0 and np.nanmax(scaled) <= 1) and not np.isnan(scaled).all():
+    low, high = np.fmin.reduce(scaled, initial=np.nan), np.fmax.reduce(scaled, initial=np.nan)  # NaN where all are
+    if low < 0 or high > 1:
         raise DataError(
-            f"{source}: intensities {values.min()} to {values.max()} divided by {divisor:g} leave [0, 1]; "
+            f"{source}: intensities {low * divisor:g} to {high * divisor:g} divided by {divisor:g} leave [0, 1]; "
             "set intensity_scale"
         )
     return scaled

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
 from mlsroad_pipeline.datasets.formats.base import PointFormat
+from mlsroad_pipeline.datasets.formats.e57 import E57Format
 from mlsroad_pipeline.datasets.formats.files import check_file
 from mlsroad_pipeline.datasets.formats.kitti import KittiFormat
 from mlsroad_pipeline.datasets.formats.las import LasFormat
@@ -18,11 +19,12 @@ from mlsroad_pipeline.datasets.formats.text import TextFormat
 
 FORMATS: tuple[PointFormat, ...] = (
     *(LasFormat(), PlyFormat(), PcdFormat(), TextFormat()),
-    *(KittiFormat(), SydneyFormat(), ParquetFormat(), NpzFormat()),
+    *(KittiFormat(), SydneyFormat(), E57Format()),
+    *(ParquetFormat(), NpzFormat()),
 )
 """All formats; a new one is one module and one entry here."""
 
-FOREIGN = {b"ASTM-E57": "E57", b"PK\x03\x04": "ZIP", b"\x1f\x8b": "gzip", b"\x89PNG": "PNG"}
+FOREIGN = {b"PK\x03\x04": "ZIP", b"\x1f\x8b": "gzip", b"\x89PNG": "PNG"}
 """Signatures of what is not read as it stands, so that messages can name it."""
 
 
