@@ -16,7 +16,8 @@ from mlsroad_pipeline.algorithms.exceptions import ReadError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.datasets.formats.e57_pages import E57Pages
-from mlsroad_pipeline.datasets.formats.e57_scans import NAMESPACE, E57Scan, parse_xml, read_field, read_scans
+from mlsroad_pipeline.datasets.formats.e57_scans import NAMESPACE, E57Scan, parse_xml, read_scans
+from mlsroad_pipeline.datasets.formats.e57_values import read_field
 from mlsroad_pipeline.datasets.formats.e57_writer import write_e57
 from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, file_key
 from mlsroad_pipeline.datasets.formats.flat_table import scalar_columns
