@@ -70,6 +70,8 @@ class ReadOptions:
         What the codes of the `label` column mean; they become taxonomy codes, uint8. Without one they stay as they are.
     delimiter : str, optional
         Text: one character, or ``"whitespace"`` for any run of blanks. None finds it from the first rows.
+    decimal : {".", ","}, optional
+        Text: what stands before a fraction. None finds it from the first rows.
     header : bool, optional
         Text: whether a row of names precedes the points. None finds it from the first row.
     comment : str, default "#"
@@ -97,6 +99,7 @@ class ReadOptions:
     units: str | float = "metre"
     coding: Any = None
     delimiter: str | None = None
+    decimal: str | None = None
     header: bool | None = None
     comment: str = "#"
     intensity_scale: str | float = "dtype"
@@ -113,6 +116,8 @@ class ReadOptions:
             object.__setattr__(self, "only", (self.only,) if isinstance(self.only, str) else tuple(self.only))
         if self.delimiter is not None and self.delimiter != "whitespace" and len(self.delimiter) != 1:
             raise ParameterError(f"delimiter must be one character or 'whitespace', got {self.delimiter!r}")
+        if self.decimal not in (None, ".", ",") or (self.decimal is not None and self.decimal == self.delimiter):
+            raise ParameterError(f"decimal must be '.' or ',' and differ from the delimiter, got {self.decimal!r}")
         if not self.comment:
             raise ParameterError("comment must not be empty, got ''")
         scale = self.intensity_scale

@@ -19,7 +19,8 @@ from mlsroad_pipeline.datasets.formats.lzf import unpack
 from mlsroad_pipeline.datasets.formats.pcd_header import PcdField, PcdHeader, read_pcd_header
 from mlsroad_pipeline.datasets.formats.standard_columns import COLOURS, COORDINATES, NEAR
 from mlsroad_pipeline.datasets.formats.tables import PointTable, TableFormat, with_points_only
-from mlsroad_pipeline.datasets.formats.text_rows import WHITESPACE, TextBytes, TextRows, index_rows, parse_rows
+from mlsroad_pipeline.datasets.formats.text_rows import TextBytes, TextRows, index_rows
+from mlsroad_pipeline.datasets.formats.text_values import WHITESPACE, RowForm, parse_rows
 
 PACKED_COLOURS = ("rgb", "rgba")
 """Fields of four bytes that hold blue, green, red and, in the last, alpha."""
@@ -230,7 +231,9 @@ class _Parsed:
             rows = self._rows
             line = rows.first_line + start
             data = rows.read(start, stop)
-            parsed = parse_rows(data, self._width, WHITESPACE, path=rows.path, first_line=line, threads=self._threads)
+            parsed = parse_rows(
+                data, RowForm(self._width, WHITESPACE), path=rows.path, first_line=line, threads=self._threads
+            )
             last = self._last = ((start, stop), parsed)
         return last[1]
 

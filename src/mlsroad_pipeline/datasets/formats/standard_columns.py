@@ -19,18 +19,19 @@ from mlsroad_pipeline.datasets.formats.column_values import (
     join_colours,
     scale_intensity,
 )
+from mlsroad_pipeline.datasets.formats.files import log_once
 
 COORDINATES = ("x", "y", "z")
 COLOURS = ("red", "green", "blue")
 ALIASES: dict[str, tuple[str, ...]] = {
-    "x": ("//x", "px"),
-    "y": ("py",),
-    "z": ("pz",),
+    "x": ("//x", "px", "easting", "east", "x[m]", "x(m)", "x_m"),
+    "y": ("py", "northing", "north", "y[m]", "y(m)", "y_m"),
+    "z": ("pz", "elevation", "height", "altitude", "z[m]", "z(m)", "z_m"),
     "red": ("r", "diffuse_red"),
     "green": ("g", "diffuse_green"),
     "blue": ("b", "diffuse_blue"),
-    "intensity": ("scalar_intensity", "reflectance"),
-    "gps_time": ("scalar_gpstime", "gpstime", "timestamp"),
+    "intensity": ("scalar_intensity", "reflectance", "amplitude", "i"),
+    "gps_time": ("scalar_gpstime", "gpstime", "timestamp", "gps time", "gps_seconds"),
     "label": ("scalar_label", "semantic"),
 }
 """Standard name to what other programs call it, in lower case."""
@@ -64,11 +65,16 @@ def resolve_columns(file_names: Sequence[str], options: ReadOptions, source: Pat
     """
     chosen = _mapped(file_names, options, source)
     taken = set(chosen.values())
+    exact = {name.lower() for name in file_names}
     for name in file_names:
         if name in taken:
             continue
         lower = name.lower()
-        standard = next((key for key, other in ALIASES.items() if lower == key or lower in other), name)
+        standard = lower if lower in ALIASES else name
+        meant = next((key for key, other in ALIASES.items() if lower in other), None)
+        if meant is not None and meant not in exact and meant not in chosen:
+            standard = meant
+            log_once(str(source), f"column {name!r} is taken for {meant}")
         chosen[f"file_{name}" if standard in chosen else standard] = name
     for name in COORDINATES:
         if name not in chosen:
