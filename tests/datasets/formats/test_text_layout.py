@@ -5,7 +5,7 @@ import gzip
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.algorithms.exceptions import MissingColumnError, ParameterError, ReadError
 from mlsroad_pipeline.datasets.formats.base import ReadOptions
 from mlsroad_pipeline.datasets.formats.registry import get_format
 from mlsroad_pipeline.datasets.formats.text import TextFormat
@@ -42,7 +42,7 @@ def test_the_marks_can_be_given(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("1,5 2,5 3,5\n4 5 6\n")
     assert TEXT.read(path, DEFAULT).xyz.tolist() == [[1.5, 2.5, 3.5], [4, 5, 6]]
-    with pytest.raises(ReadError, match=r"line 1: neither numbers nor names"):
+    with pytest.raises(MissingColumnError, match=r"no column 'x' \(columns: 1,5, 2,5, 3,5\)"):
         TEXT.read(path, ReadOptions(decimal=".", delimiter=" "))
     path.write_text("1,2,3\n4,5,6\n")
     assert TEXT.read(path, DEFAULT).xyz.tolist() == [[1, 2, 3], [4, 5, 6]]

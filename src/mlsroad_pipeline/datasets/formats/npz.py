@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping, Sequence
@@ -29,6 +30,10 @@ VECTORS = {
 CRS = "crs"
 LARGEST_RATIO = 1100
 """Deflate packs at most about 1,032 to 1: an entry that claims more is damaged."""
+
+DAMAGE = (ValueError, EOFError, OSError, zipfile.BadZipFile, zlib.error)
+MANGLED = (SyntaxError, tokenize.TokenError, KeyError, TypeError, RuntimeError)
+"""What a mangled head of an entry or an array leads to."""
 
 EPOCH = (1980, 1, 1, 0, 0, 0)
 
@@ -131,10 +136,8 @@ def _open(key: FileKey) -> PointTable:
     path = Path(key[0])
     try:
         arrays = _archive(path) if zipfile.is_zipfile(path) else {"points": _array_file(path)}
-    except (ValueError, EOFError, OSError, zipfile.BadZipFile, zlib.error, NotImplementedError, SyntaxError) as error:
+    except (*DAMAGE, *MANGLED) as error:
         raise ReadError(f"{path} is damaged: {error}") from error
-    except (KeyError, TypeError, RuntimeError, MemoryError) as error:  # what a mangled head of an entry leads to
-        raise ReadError(f"{path} is damaged: {type(error).__name__} {error}") from error
     crs = arrays.pop(CRS, None)
     columns = _columns(arrays, path)
 

@@ -107,11 +107,14 @@ def _open(key: FileKey) -> PointTable:
         file = pq.ParquetFile(path, page_checksum_verification=True, pre_buffer=False)
         schema, n_groups = file.schema_arrow, file.num_row_groups
         sizes = [file.metadata.row_group(group).num_rows for group in range(n_groups)]
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, ValueError) as error:
         raise ReadError(f"{path} is damaged: {error}") from error
     if min(sizes, default=0) < 0 or sum(sizes) != file.metadata.num_rows:
         raise ReadError(f"{path} is damaged: row groups of {sizes} rows in a file of {file.metadata.num_rows}")
-    columns = _columns(schema, path)
+    try:
+        columns, written_by = _columns(schema, path), file.metadata.created_by
+    except ValueError as error:  # names that are no text
+        raise ReadError(f"{path} is damaged: {error}") from error
     ends = np.cumsum(sizes, dtype=np.int64)
 
     def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
@@ -124,7 +127,7 @@ def _open(key: FileKey) -> PointTable:
         return {name: _values(table[column.source], column) for name, column in zip(names, wanted, strict=True)}
 
     crs = (schema.metadata or {}).get(CRS_KEY)
-    details = {"row_groups": n_groups, "written_by": file.metadata.created_by}
+    details = {"row_groups": n_groups, "written_by": written_by}
     return PointTable(tuple(columns), sum(sizes), rows, crs.decode("utf-8", "replace") if crs else None, details)
 
 
@@ -167,7 +170,7 @@ def _read(file: pq.ParquetFile, groups: list[int], columns: list[str], path: Pat
         if not groups:
             return file.schema_arrow.empty_table().select(columns)
         return file.read_row_groups(groups, columns=columns, use_threads=False)
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, ValueError) as error:
         raise ReadError(f"{path} is damaged in row groups {groups[0]} to {groups[-1]}: {error}") from error
 
 

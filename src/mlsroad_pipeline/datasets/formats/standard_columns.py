@@ -205,7 +205,7 @@ def standard_cloud(
         parts = [columns.pop(name) for name in COLOURS]
         if np.issubdtype(parts[0].dtype, np.floating):
             greatest = maximum(COLOURS)
-            columns["rgb"] = join_colours([float_colours(p, greatest) for p in parts], 0, source=source)
+            columns["rgb"] = join_colours([float_colours(p, greatest, source=source) for p in parts], 0, source=source)
         else:
             shift = 8 if parts[0].dtype.itemsize == 2 and options.rgb_bits != 8 else 0
             columns["rgb"] = join_colours(parts, shift, source=source)
