@@ -11,8 +11,8 @@ from mlsroad_pipeline.algorithms.inspection import ColumnSummary, ScanLines, Sur
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets import inspect_work
 from mlsroad_pipeline.datasets.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.crs import parse_crs
 from mlsroad_pipeline.datasets.formats.las import LasFormat
-from mlsroad_pipeline.datasets.formats.standard_columns import parse_crs
 from mlsroad_pipeline.datasets.inspect_report import survey_facts, survey_page, survey_warnings
 from mlsroad_pipeline.datasets.inspect_work import InspectParameters, inspect_file, inspect_survey
 

@@ -98,7 +98,7 @@ class SurveyMap:
     shape: tuple[int, int]
     counts: NDArray[np.int64] = field(init=False)
     top: NDArray[np.float32] = field(init=False)
-    n_outside: int = 0
+    n_outside: int = field(init=False, default=0)
 
     def __post_init__(self) -> None:
         check_positive(self.cell, "cell")

@@ -117,8 +117,15 @@ def find_corridor(
     ReadError
         If the trajectory cannot be read.
     DataError
-        If the trajectory has no length, or a coordinate is not finite.
+        If the trajectory has no length, a coordinate is not finite, or the files have different coordinate reference
+        systems.
     """
+    other = next((sample for sample in samples if sample.crs != samples[0].crs), None)
+    if other is not None:
+        raise DataError(
+            f"{samples[0].source} and {other.source} have different coordinate reference systems; "
+            "set read.reproject, or take them apart"
+        )
     if trajectory is not None:
         return corridor_to_arrays(read_trajectory(trajectory))
     if not along:

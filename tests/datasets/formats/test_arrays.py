@@ -13,10 +13,10 @@ from mlsroad_pipeline.algorithms.exceptions import DataError, MissingColumnError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats import parquet
 from mlsroad_pipeline.datasets.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.crs import parse_crs
 from mlsroad_pipeline.datasets.formats.npz import NpzFormat
 from mlsroad_pipeline.datasets.formats.parquet import ParquetFormat
 from mlsroad_pipeline.datasets.formats.registry import get_format
-from mlsroad_pipeline.datasets.formats.standard_columns import parse_crs
 
 DEFAULT = ReadOptions()
 UTM = parse_crs("EPSG:25832")

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.crs import parse_crs
 from mlsroad_pipeline.datasets.formats.e57 import E57Format
 from mlsroad_pipeline.datasets.formats.registry import get_format
-from mlsroad_pipeline.datasets.formats.standard_columns import parse_crs
 
 E57 = E57Format()
 DEFAULT = ReadOptions()

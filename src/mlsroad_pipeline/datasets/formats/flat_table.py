@@ -69,7 +69,15 @@ def flat_cloud(
         check_finite(xyz, source=source, start=start)
         xyz -= origin
         columns = {name: values for name, values in raw.items() if name not in COORDINATES}
-        return standard_cloud(columns, xyz, options=options, source=source, origin=origin, crs=crs, maximum=maximum)
+        return standard_cloud(
+            *(columns, xyz),
+            options=options,
+            source=source,
+            origin=origin,
+            crs=crs,
+            anchor=np.array(corner) * options.metres,
+            maximum=maximum,
+        )
 
 
 def scalar_columns(cloud: PointCloud, metres: float) -> dict[str, NDArray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
@@ -72,6 +73,7 @@ class RecordReader:
         self._stream = path.open("rb")
         self._position = 0
         self._decompressor = None
+        self._octree: _VariableChunks | None = None
         try:
             if header.compressed and header.n_points:
                 self._decompressor = self._open_laz(n_threads, select)
@@ -111,6 +113,8 @@ class RecordReader:
         buffer = bytearray((stop - start) * self.header.record_size)
         if not buffer:
             return np.empty(0, dtype=self.dtype)
+        if self._octree is not None:
+            return self._octree.read(start, stop).view(self.dtype)
         if self._decompressor is None:
             self._stream.seek(self.header.point_offset + start * self.header.record_size)
             if self._stream.readinto(buffer) != len(buffer):
@@ -149,7 +153,9 @@ class RecordReader:
                     f"{self.path} is damaged: its LASzip record describes points of {laz.item_size()} bytes, "
                     f"its header of {expected}"
                 )
-            check_chunk_table(self._stream, self.header, laz, self.path)
+            chunks = check_chunk_table(self._stream, self.header, laz, self.path)
+            if laz.uses_variable_size_chunks():
+                self._octree = _VariableChunks(self._stream, self.header, self.path, vlr.data, chunks, select)
             self._stream.seek(self.header.point_offset)
             kind = lazrs.ParLasZipDecompressor if n_threads > 1 else lazrs.LasZipDecompressor
             return kind(self._stream, vlr.data, lazrs.DecompressionSelection(select))
@@ -157,7 +163,48 @@ class RecordReader:
             raise ReadError(f"{self.path} is damaged: {error}") from error
 
 
-def check_chunk_table(stream: BinaryIO, header: LasHeader, laz: lazrs.LazVlr, path: Path) -> None:
+class _VariableChunks:
+    """Ranges of files whose chunks differ in size, such as COPC: lazrs finds places in chunks of one size only."""
+
+    def __init__(
+        self,
+        stream: BinaryIO,
+        header: LasHeader,
+        path: Path,
+        record: bytes,
+        chunks: Sequence[tuple[int, int]],
+        select: int,
+    ) -> None:
+        self._stream, self._path, self._record, self._chunks = stream, path, record, chunks
+        self._size = header.record_size
+        self._selection = lazrs.DecompressionSelection(select)
+        self._ends = np.cumsum([n_points for n_points, _ in chunks])
+        self._begins = header.point_offset + 8 + np.cumsum([0, *(n_bytes for _, n_bytes in chunks)])
+
+    def read(self, start: int, stop: int) -> NDArray[np.uint8]:
+        """Return the bytes of the records of a range that is not empty, chunk by chunk."""
+        out = np.empty((stop - start) * self._size, dtype=np.uint8)
+        for number in range(int(np.searchsorted(self._ends, start, "right")), len(self._chunks)):
+            n_points, n_bytes = self._chunks[number]
+            first = int(self._ends[number]) - n_points
+            if first >= stop:
+                break
+            self._stream.seek(int(self._begins[number]))
+            points = np.empty(n_points * self._size, dtype=np.uint8)
+            try:
+                lazrs.decompress_points_with_chunk_table(
+                    *(self._stream.read(n_bytes), self._record, points, [(n_points, n_bytes)], self._selection)
+                )
+            except lazrs.LazrsError as error:
+                rows = f"rows {first} to {first + n_points - 1}"
+                raise ReadError(f"{self._path} is damaged or truncated within {rows}: {error}") from error
+            low, high = max(start, first), min(stop, first + n_points)
+            part = points[(low - first) * self._size : (high - first) * self._size]
+            out[(low - start) * self._size : (high - start) * self._size] = part
+        return out
+
+
+def check_chunk_table(stream: BinaryIO, header: LasHeader, laz: lazrs.LazVlr, path: Path) -> list[tuple[int, int]]:
     """Refuse a chunk table that cannot be true, before the decompressor believes it.
 
     Parameters
@@ -170,6 +217,11 @@ def check_chunk_table(stream: BinaryIO, header: LasHeader, laz: lazrs.LazVlr, pa
         Its LASzip record.
     path : Path
         What messages call it.
+
+    Returns
+    -------
+    list of tuple of int
+        Points and bytes of each chunk.
 
     Raises
     ------
@@ -204,3 +256,4 @@ def check_chunk_table(stream: BinaryIO, header: LasHeader, laz: lazrs.LazVlr, pa
             f"{path} is damaged: {len(chunks)} chunks of {n_bytes} bytes for {header.n_points} points "
             f"in {table - begin - 8} bytes"
         )
+    return list(chunks)

@@ -83,6 +83,8 @@ class ReadOptions:
         Depth of colours in fields of 16 bits. None decides from a sample spread over the file.
     crs : str, optional
         Coordinate reference system as WKT or as an authority's code ("EPSG:28992"), in place of the file's.
+    reproject : str, optional
+        Coordinate reference system that the coordinates are turned into, as WKT or as a code; None leaves them.
     only : sequence of str, optional
         The columns to read besides the coordinates; None reads all.
     n_threads : int, default 1
@@ -105,6 +107,7 @@ class ReadOptions:
     intensity_scale: str | float = "dtype"
     rgb_bits: int | None = None
     crs: str | None = None
+    reproject: str | None = None
     only: tuple[str, ...] | None = None
     n_threads: int = 1
 

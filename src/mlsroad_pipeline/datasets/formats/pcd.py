@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.crs import write_sidecar
 from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, file_key
 from mlsroad_pipeline.datasets.formats.flat_table import scalar_columns
 from mlsroad_pipeline.datasets.formats.lzf import unpack
@@ -75,7 +76,7 @@ class PcdFormat(TableFormat):
         path : Path
             The file to write.
         cloud : PointCloud
-            The points; PCD holds no CRS.
+            The points; their CRS goes into a ``.prj`` beside the file.
         options : WriteOptions
             Its units.
 
@@ -105,6 +106,7 @@ class PcdFormat(TableFormat):
                 for name in names:
                     records[name] = columns[name]
                 stream.write(records.tobytes())
+        write_sidecar(Path(path), cloud.crs)
 
 
 def _record_type(cloud: PointCloud, options: WriteOptions, path: Path) -> np.dtype:

@@ -6,10 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import pyproj
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, MissingColumnError, ParameterError
+from mlsroad_pipeline.algorithms.exceptions import DataError, MissingColumnError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import ReadOptions
 from mlsroad_pipeline.datasets.formats.column_values import (
@@ -19,6 +18,7 @@ from mlsroad_pipeline.datasets.formats.column_values import (
     join_colours,
     scale_intensity,
 )
+from mlsroad_pipeline.datasets.formats.crs import parse_crs, reproject, sidecar_crs
 from mlsroad_pipeline.datasets.formats.files import log_once
 
 COORDINATES = ("x", "y", "z")
@@ -163,6 +163,7 @@ def standard_cloud(
     source: Path,
     origin: NDArray[np.float64],
     crs: str | None,
+    anchor: NDArray[np.float64],
     maximum: Callable[[Sequence[str]], float],
 ) -> PointCloud:
     """Build a point cloud from columns of a range of a file.
@@ -180,7 +181,9 @@ def standard_cloud(
     origin : ndarray of shape (3,)
         World coordinates of the local zero.
     crs : str or None
-        The file's own CRS as WKT; the options' one goes before it.
+        The file's own CRS as WKT; the options' one goes before it, that of a sidecar after it.
+    anchor : ndarray of shape (3,)
+        World coordinates of some point of the file, the same for all ranges: a reprojected cloud's origin is near it.
     maximum : callable
         Takes given names, returns the greatest value of these columns over the whole file.
 
@@ -214,28 +217,9 @@ def standard_cloud(
             columns[name] = integer_labels(columns[name], name, source=source)
     if options.coding is not None and "label" in columns:
         columns["label"] = options.coding.encode(columns["label"], source=str(source))
-    return PointCloud(xyz, columns, origin, parse_crs(options.crs) if options.crs else crs, str(source))
-
-
-def parse_crs(crs: str) -> str:
-    """Return a coordinate reference system as WKT.
-
-    Parameters
-    ----------
-    crs : str
-        WKT, PROJ or an authority's code.
-
-    Returns
-    -------
-    str
-        Its WKT.
-
-    Raises
-    ------
-    ParameterError
-        If it cannot be understood.
-    """
-    try:
-        return str(pyproj.CRS.from_user_input(crs).to_wkt())
-    except pyproj.exceptions.CRSError as error:
-        raise ParameterError(f"crs {crs!r} is not a coordinate reference system: {error}") from error
+    system = parse_crs(options.crs) if options.crs else crs or sidecar_crs(source)
+    if options.reproject is None:
+        return PointCloud(xyz, columns, origin, system, str(source))
+    near = origin_near(reproject(anchor[None], system, options.reproject, name=source)[0][0])
+    moved, system = reproject(xyz + origin, system, options.reproject, name=source)
+    return PointCloud(moved - near, columns, near, system, str(source))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.crs import write_sidecar
 from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, check_file, clip_range, file_key
 from mlsroad_pipeline.datasets.formats.flat_table import flat_cloud, write_columns
 from mlsroad_pipeline.datasets.formats.standard_columns import resolve_columns
@@ -131,6 +132,7 @@ class TextFormat(PointFormat):
                 out.write(write_columns(part, options, with_names=begin == 0))
             if packed is not None:
                 packed.close()
+        write_sidecar(Path(path), cloud.crs)
 
 
 def _columns(table: TextTable, start: int, stop: int, threads: bool) -> dict[str, NDArray[np.float64]]:

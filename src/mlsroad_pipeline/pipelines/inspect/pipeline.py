@@ -2,7 +2,7 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.pipelines.inspect.nodes import look_through, report_survey
+from mlsroad_pipeline.pipelines.inspect.nodes import inspect_files
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -18,15 +18,13 @@ def create_pipeline(**_: object) -> Pipeline:
     Pipeline
         ``inspect.survey`` to ``inspection``, ``inspection_report`` and ``survey_warnings``.
     """
-    found = ["inspected_files", "survey_warnings", "inspected_root"]
     return Pipeline(
         [
-            Node(look_through, inputs=["params:inspect", "params:survey"], outputs=found, name="look_through"),
             Node(
-                report_survey,
-                inputs=["inspected_files", "survey_warnings", "inspected_root"],
-                outputs=["inspection", "inspection_report"],
-                name="report_survey",
-            ),
+                inspect_files,
+                inputs=["params:inspect", "params:survey"],
+                outputs=["inspection", "inspection_report", "survey_warnings"],
+                name="inspect_files",
+            )
         ]
     )
