@@ -27,6 +27,7 @@ from mlsroad_pipeline.algorithms.rendering.report_sections import (
 )
 from mlsroad_pipeline.algorithms.survey_labelling import bundle_scheme, join_inventories
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
+from mlsroad_pipeline.datasets.formats.copc import copc_path
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
 from mlsroad_pipeline.datasets.geopackage_dataset import RoadInventory
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
@@ -108,6 +109,8 @@ class PlannedOutput:
         First and last row of the file in each of them.
     had_classes : bool or None
         Whether a LAS file has classes other than 0, where that is known.
+    copc : bool, default False
+        Whether a cloud-optimised copy is written beside the LAZ.
     """
 
     file: PlannedFile
@@ -115,11 +118,12 @@ class PlannedOutput:
     scenes: Deferred
     rows: NDArray[np.int64]
     had_classes: bool | None
+    copc: bool = False
 
     @property
     def written(self) -> tuple[str, ...]:
         """Files that must be there for the output to count as written."""
-        return (self.target,)
+        return (self.target, copc_path(self.target)) if self.copc else (self.target,)
 
     def parameters(self, options: ReadOptions) -> dict[str, Any]:
         """Return the parameters of `label_work.write_file`."""
@@ -130,6 +134,7 @@ class PlannedOutput:
             "options": options,
             "n_threads": WRITING_THREADS,
             "had_classes": self.had_classes,
+            "copc": self.copc,
         }
 
 
@@ -139,7 +144,7 @@ def _had_classes(file: PlannedFile, classes: Mapping[str, Mapping[str, NDArray]]
 
 
 def planned_outputs(
-    plan: SurveyPlan, pieces: SceneCollection, results: SceneCollection, folder: str
+    plan: SurveyPlan, pieces: SceneCollection, results: SceneCollection, folder: str, *, copc: bool = False
 ) -> list[PlannedOutput]:
     """Plan what is written where; subfolders are mirrored.
 
@@ -153,6 +158,8 @@ def planned_outputs(
         What the scenes found.
     folder : str
         The folder for the results.
+    copc : bool, default False
+        Whether cloud-optimised copies are written, too.
 
     Returns
     -------
@@ -172,7 +179,8 @@ def planned_outputs(
     for file in plan.files:
         name = PurePosixPath(file.source.name)
         stem = name.name[: -len(".gz")] if name.name.lower().endswith(".gz") else name.name
-        target = str(Path(folder) / name.parent / f"{PurePosixPath(stem).stem}.laz")
+        stem = PurePosixPath(stem).stem.removesuffix(".copc")  # the result is in the survey's order, not an octree's
+        target = str(Path(folder) / name.parent / f"{stem}.laz")
         if target in taken:
             raise ParameterError(f"{taken[target]} and {file.source.name} would both be written to {target}")
         taken[target] = file.source.name
@@ -190,6 +198,7 @@ def planned_outputs(
                 Deferred(tuple(chosen)),
                 np.array(rows, dtype=np.int64).reshape(-1, 2),
                 _had_classes(file, classes),
+                copc,
             )
         )
     return outputs

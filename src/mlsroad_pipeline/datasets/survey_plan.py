@@ -278,6 +278,8 @@ class LabelParameters:
         Arguments of `ReadOptions`.
     inventory : mapping
         Changes of the rules that make objects, by kind or class.
+    copc : bool, default False
+        Whether a cloud-optimised copy (``.copc.laz``), which web viewers and QGIS stream, is written beside each LAZ.
 
     Raises
     ------
@@ -293,6 +295,7 @@ class LabelParameters:
     trajectory: str | None = "trajectory.csv"
     read: Mapping[str, Any] = field(default_factory=dict)
     inventory: Mapping[str, Any] = field(default_factory=dict)
+    copc: bool = False
 
     def __post_init__(self) -> None:
         if self.model is not None and re.fullmatch(r"[1-9]\d*", str(self.model)) is None:

@@ -55,6 +55,22 @@ def is_copc(header: LasHeader) -> bool:
     return bool(header.vlrs) and header.vlrs[0].key == INFO
 
 
+def copc_path(path: str) -> str:
+    """Return what the cloud-optimised copy of a file is called.
+
+    Parameters
+    ----------
+    path : str
+        A path that ends in ``.laz``.
+
+    Returns
+    -------
+    str
+        The path with ``.copc.laz``.
+    """
+    return str(Path(path).with_suffix(SUFFIX))
+
+
 def without_copc(header: LasHeader) -> LasHeader:
     """Return a header without the records that tell where the nodes of an octree are in one file.
 

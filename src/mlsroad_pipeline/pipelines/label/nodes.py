@@ -187,7 +187,7 @@ def write_labelled_files(
             output.parameters(plan.options),
             outputs=output.written,
         )
-        for output in planned_outputs(plan, pieces, results, str(parameters.output))
+        for output in planned_outputs(plan, pieces, results, str(parameters.output), copc=parameters.copc)
     }
 
 
