@@ -25,6 +25,7 @@ from mlsroad_pipeline.algorithms.quality import ChunkQuality, inspect_chunk, mer
 from mlsroad_pipeline.algorithms.validation import check_positive
 from mlsroad_pipeline.datasets.formats.base import FileInfo, PointFormat, ReadOptions
 from mlsroad_pipeline.datasets.formats.registry import get_format
+from mlsroad_pipeline.datasets.sbet import coverage_note, in_weeks_of
 from mlsroad_pipeline.datasets.survey_files import Survey
 from mlsroad_pipeline.datasets.trajectory_dataset import read_trajectory
 
@@ -179,7 +180,7 @@ def inspect_file(
     found = FileInspection(name, info, picture)
     _report(found, chunks, columns, lines)
     if trajectory is not None:
-        found.warnings += _trajectory_warnings(trajectory, found.facts["time"])
+        found.warnings += _trajectory_warnings(trajectory, found.facts["time"], info.crs)
     return found
 
 
@@ -238,17 +239,12 @@ def _header_warnings(info: FileInfo, low: np.ndarray, high: np.ndarray) -> list[
     return [f"its header states the bounds {stated[0]} to {stated[1]}, its points have {real[0]} to {real[1]}"]
 
 
-def _trajectory_warnings(trajectory: str, time: dict[str, Any]) -> list[str]:
-    path = read_trajectory(trajectory)
-    if path.time is None or time["start"] is None:
+def _trajectory_warnings(trajectory: str, time: dict[str, Any], crs: str | None) -> list[str]:
+    if time["start"] is None:
         return []
-    first, last = float(path.time[0]), float(path.time[-1])
-    if first <= time["start"] and time["end"] <= last:
-        return []
-    return [
-        f"the trajectory {Path(trajectory).name} covers {first:.3f} to {last:.3f} s, "
-        f"the points have {time['start']:.3f} to {time['end']:.3f} s"
-    ]
+    path = in_weeks_of(read_trajectory(trajectory, crs=crs), time["start"], time["end"])
+    note = coverage_note(path, time["start"], time["end"])
+    return [note] if note else []
 
 
 def _column_facts(summary: ColumnSummary) -> dict[str, Any]:

@@ -151,7 +151,8 @@ class RecordWriter:
         stated = header.bounds[::-1].T.ravel()
         if (np.abs(stated - bounds) <= np.repeat(np.abs(header.scale), 2) / 2).all():
             bounds = stated  # the same, but for how the first writer rounded
-        legacy = header.point_format < 6 and self.count < 2**32
+        new_only = header.minor >= 4 and not header.integer("I", 107) and header.integer("Q", 247) > 0
+        legacy = header.point_format < 6 and self.count < 2**32 and not new_only  # as the first writer had it
         if header.minor < 4 and not legacy:
             raise DataError(f"LAS 1.{header.minor} cannot hold {self.count} points; write point format 6 or above")
         by_return = self._returns[1:]

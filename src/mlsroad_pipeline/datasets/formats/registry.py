@@ -16,6 +16,7 @@ from mlsroad_pipeline.datasets.formats.pcd import PcdFormat
 from mlsroad_pipeline.datasets.formats.ply import PlyFormat
 from mlsroad_pipeline.datasets.formats.sydney import SydneyFormat
 from mlsroad_pipeline.datasets.formats.text import TextFormat
+from mlsroad_pipeline.datasets.formats.text_layout import looks_like_table
 
 FORMATS: tuple[PointFormat, ...] = (
     *(LasFormat(), PlyFormat(), PcdFormat(), TextFormat()),
@@ -24,7 +25,7 @@ FORMATS: tuple[PointFormat, ...] = (
 )
 """All formats; a new one is one module and one entry here."""
 
-FOREIGN = {b"PK\x03\x04": "ZIP", b"\x1f\x8b": "gzip", b"\x89PNG": "PNG"}
+FOREIGN = {b"PK\x03\x04": "ZIP", b"\x1f\x8b": "gzip", b"\x89PNG": "PNG", b"\xff\xfe": "UTF-16 text"}
 """Signatures of what is not read as it stands, so that messages can name it."""
 
 
@@ -84,6 +85,8 @@ def get_format(path: str | Path) -> PointFormat:
         return named
     if held is not None and (named is None or path.name.lower().endswith(held.extensions)):
         return held
+    if held is None and named is None and not _foreign(head, path) and looks_like_table(path):
+        return next(entry for entry in FORMATS if isinstance(entry, TextFormat))
     content = held.name if held is not None else _foreign(head, path) or f"something that begins with {head[:8]!r}"
     if named is None:
         known = ", ".join(known_extensions())

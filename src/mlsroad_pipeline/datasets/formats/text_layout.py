@@ -127,6 +127,28 @@ def _open_table(
     return table
 
 
+def looks_like_table(path: Path) -> bool:
+    """Tell whether a file that no name speaks for holds rows of at least three numbers.
+
+    Parameters
+    ----------
+    path : Path
+        An existing file.
+
+    Returns
+    -------
+    bool
+        Whether the last whole line of its first 64 KiB is such a row, and all of that is text.
+    """
+    with path.open("rb") as stream:
+        data = stream.read(1 << 16)
+    lines = [line for line in data.splitlines()[: None if len(data) < 1 << 16 else -1] if line.strip()]
+    if b"\0" in data or not lines:
+        return False
+    row = [_decoded(lines[-1])]
+    return _numeric_share(row, *_sniffed(row, None, None)) > 0.5
+
+
 def _log(table: TextTable, path: Path) -> None:
     between = {" ": "blanks", WHITESPACE: "blanks", "\t": "tabs"}.get(table.delimiter, repr(table.delimiter))
     words = [f"{table.rows.n_rows} rows, {between} between values"]
