@@ -85,3 +85,22 @@ def test_colours_without_names(tmp_path, rng, caplog, columns):
     late[100, -1] = 256  # in the middle of the file
     np.savetxt(tmp_path / "b.txt", late)
     assert "rgb" not in TEXT.read(tmp_path / "b.txt", DEFAULT)
+
+
+def test_units_of_times(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("x,y,z,gps_time\n1,2,3,85462112\n4,5,6,85462152\n")
+    cloud = TEXT.read(path, ReadOptions(time_scale=1e-3, time_offset=604_800.0))
+    np.testing.assert_allclose(cloud["gps_time"], [604_800 + 85_462.112, 604_800 + 85_462.152], rtol=0, atol=1e-6)
+    with pytest.raises(ParameterError, match=r"time_scale must be a finite number > 0"):
+        ReadOptions(time_scale=0)
+
+
+@pytest.mark.real_data
+def test_millimetres_of_a_recording(real_data):
+    path = real_data("taiwan_poles", "MTL.csv.gz")
+    names = {"intensity": 3, "gps_time": 4}
+    cloud = get_format(path).read(path, ReadOptions(columns=names, units="millimetre", time_scale=1e-6))
+    low, high = cloud.xyz.min(axis=0), cloud.xyz.max(axis=0)
+    assert 2 < high[2] - low[2] < 20 and (high[:2] - low[:2] < 20).all()  # a pole
+    assert cloud["intensity"].min() >= 0 and cloud["intensity"].max() <= 1

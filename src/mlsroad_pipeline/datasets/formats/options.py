@@ -81,6 +81,10 @@ class ReadOptions:
         1, 255 and 65535 that holds the file's maximum, else by it. ``"max"``: the file's maximum. Or a number.
     rgb_bits : {8, 16}, optional
         Depth of colours in fields of 16 bits. None decides from a sample spread over the file.
+    time_scale : float, default 1.0
+        Seconds in one unit of the file's times: 1e-6 where they are microseconds.
+    time_offset : float, default 0.0
+        Seconds added to the scaled times: the start of the GPS week, say, where they count from it.
     crs : str, optional
         Coordinate reference system as WKT or as an authority's code ("EPSG:28992"), in place of the file's.
     reproject : str, optional
@@ -106,6 +110,8 @@ class ReadOptions:
     comment: str = "#"
     intensity_scale: str | float = "dtype"
     rgb_bits: int | None = None
+    time_scale: float = 1.0
+    time_offset: float = 0.0
     crs: str | None = None
     reproject: str | None = None
     only: tuple[str, ...] | None = None
@@ -128,6 +134,11 @@ class ReadOptions:
             raise ParameterError(f"intensity_scale must be 'dtype', 'max' or a finite number > 0, got {scale!r}")
         if self.rgb_bits not in (None, 8, 16):
             raise ParameterError(f"rgb_bits must be 8, 16 or None, got {self.rgb_bits!r}")
+        if not np.isfinite([self.time_scale, self.time_offset]).all() or self.time_scale <= 0:
+            raise ParameterError(
+                f"time_scale must be a finite number > 0 and time_offset finite, got {self.time_scale!r}, "
+                f"{self.time_offset!r}"
+            )
         if self.n_threads < 1:
             raise ParameterError(f"n_threads must be at least 1, got {self.n_threads!r}")
 

@@ -212,6 +212,8 @@ def standard_cloud(
         else:
             shift = 8 if parts[0].dtype.itemsize == 2 and options.rgb_bits != 8 else 0
             columns["rgb"] = join_colours(parts, shift, source=source)
+    if "gps_time" in columns and (options.time_scale != 1.0 or options.time_offset):
+        columns["gps_time"] = columns["gps_time"].astype(np.float64) * options.time_scale + options.time_offset
     for name in INTEGER_COLUMNS:
         if name in columns:
             columns[name] = integer_labels(columns[name], name, source=source)

@@ -192,8 +192,8 @@ def _numeric_share(rows: Sequence[str], delimiter: str, decimal: str) -> float:
     width = len(values[0]) if values else 0
     if width < 3 or any(len(found) != width for found in values):
         return 0.0
-    good = sum(all(is_number(found[i], decimal) for found in values) for i in range(width))
-    return good / width if good >= 3 else 0.0
+    good = np.array([[is_number(value, decimal) for value in found] for found in values]).mean(axis=0)
+    return float(good.mean()) if (good >= 0.5).sum() >= 3 else 0.0
 
 
 def _numeric(body: Sequence[str], delimiter: str, decimal: str, width: int) -> tuple[int, ...] | None:
