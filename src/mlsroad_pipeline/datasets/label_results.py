@@ -27,6 +27,7 @@ from mlsroad_pipeline.algorithms.rendering.report_sections import (
 )
 from mlsroad_pipeline.algorithms.survey_labelling import bundle_scheme, join_inventories
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
+from mlsroad_pipeline.datasets.formats.coloured_ply import coloured_path
 from mlsroad_pipeline.datasets.formats.copc import copc_path
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
 from mlsroad_pipeline.datasets.geopackage_dataset import RoadInventory
@@ -111,6 +112,8 @@ class PlannedOutput:
         Whether a LAS file has classes other than 0, where that is known.
     copc : bool, default False
         Whether a cloud-optimised copy is written beside the LAZ.
+    coloured_ply : bool, default False
+        Whether a PLY in the colours of the classes is written beside the LAZ.
     """
 
     file: PlannedFile
@@ -119,11 +122,13 @@ class PlannedOutput:
     rows: NDArray[np.int64]
     had_classes: bool | None
     copc: bool = False
+    coloured_ply: bool = False
 
     @property
     def written(self) -> tuple[str, ...]:
         """Files that must be there for the output to count as written."""
-        return (self.target, copc_path(self.target)) if self.copc else (self.target,)
+        copies = [copc_path(self.target)] * self.copc + [coloured_path(self.target)] * self.coloured_ply
+        return (self.target, *copies)
 
     def parameters(self, options: ReadOptions) -> dict[str, Any]:
         """Return the parameters of `label_work.write_file`."""
@@ -135,6 +140,7 @@ class PlannedOutput:
             "n_threads": WRITING_THREADS,
             "had_classes": self.had_classes,
             "copc": self.copc,
+            "coloured_ply": self.coloured_ply,
         }
 
 
@@ -144,7 +150,7 @@ def _had_classes(file: PlannedFile, classes: Mapping[str, Mapping[str, NDArray]]
 
 
 def planned_outputs(
-    plan: SurveyPlan, pieces: SceneCollection, results: SceneCollection, folder: str, *, copc: bool = False
+    plan: SurveyPlan, pieces: SceneCollection, results: SceneCollection, folder: str, **copies: bool
 ) -> list[PlannedOutput]:
     """Plan what is written where; subfolders are mirrored.
 
@@ -158,8 +164,8 @@ def planned_outputs(
         What the scenes found.
     folder : str
         The folder for the results.
-    copc : bool, default False
-        Whether cloud-optimised copies are written, too.
+    **copies : bool
+        Which copies are written, too: `copc`, `coloured_ply`.
 
     Returns
     -------
@@ -198,7 +204,7 @@ def planned_outputs(
                 Deferred(tuple(chosen)),
                 np.array(rows, dtype=np.int64).reshape(-1, 2),
                 _had_classes(file, classes),
-                copc,
+                **copies,
             )
         )
     return outputs

@@ -26,7 +26,15 @@ SECONDS = 20
 MEMORY = 2 << 30
 HUGE = (b"\xff\xff\xff\xff", b"\x00\x00\x00\x80", b"\xff\xff\xff\x7f", b"\x00\x00\x00\x00", struct.pack("<d", 1e300))
 NAMES = {
-    **{"las": "a.las", "laz": "a.laz", "ply": "a.ply", "ascii_ply": "b.ply", "pcd": "a.pcd", "packed_pcd": "b.pcd"},
+    **{
+        "las": "a.las",
+        "laz": "a.laz",
+        "copc": "a.copc.laz",
+        "ply": "a.ply",
+        "ascii_ply": "b.ply",
+        "pcd": "a.pcd",
+        "packed_pcd": "b.pcd",
+    },
     **{"e57": "a.e57", "text": "a.csv", "gzip": "a.txt.gz", "kitti": "a.bin", "sydney": "tree.0.1.bin"},
     **{"parquet": "a.parquet", "npz": "a.npz"},
 }
