@@ -87,6 +87,17 @@ def test_a_survey_of_several_files(tmp_path, rng):
     assert survey_page("none", [], pd.DataFrame(columns=["file", "warning"])).startswith("<!DOCTYPE")
 
 
+def test_whole_numbers_are_told(tmp_path, rng):
+    path = tmp_path / "a.txt"
+    np.savetxt(path, rng.integers(0, 9000, (100, 3)), fmt="%d")
+    assert any("whole numbers" in w for w in inspect_file(str(path), "a", options=ReadOptions(), max_gap=1.0).warnings)
+    options = ReadOptions(units="millimetre")
+    assert not any("whole numbers" in w for w in inspect_file(str(path), "a", options=options, max_gap=1.0).warnings)
+    np.savetxt(path, rng.random((100, 3)) * 90)
+    found = inspect_file(str(path), "a", options=ReadOptions(), max_gap=1.0)
+    assert not any("whole numbers" in w for w in found.warnings)
+
+
 def test_the_map_against_a_histogram(rng):
     cloud = PointCloud(rng.random((5000, 3)) * [90, 30, 5] + [-20, 4, 0], {}, ORIGIN)
     world = cloud.world_xyz()

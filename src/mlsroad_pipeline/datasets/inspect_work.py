@@ -179,9 +179,19 @@ def inspect_file(
             picture.add(cloud)
     found = FileInspection(name, info, picture)
     _report(found, chunks, columns, lines)
+    found.warnings += _unit_warnings(form, info, options)
     if trajectory is not None:
         found.warnings += _trajectory_warnings(trajectory, found.facts["time"], info.crs)
     return found
+
+
+def _unit_warnings(form: PointFormat, info: FileInfo, options: ReadOptions) -> list[str]:
+    if options.metres != 1.0:
+        return []
+    units = form.read(info.path, replace(options, only=(), coding=None), stop=SAMPLE_RUNS * SAMPLE_SIZE).world_xyz()
+    if len(units) < SAMPLE_SIZE or np.abs(units - np.rint(units)).max() > 1e-6:
+        return []
+    return ["coordinates are whole numbers: perhaps millimetres or centimetres; set units"]
 
 
 def _empty_map(form: PointFormat, info: FileInfo, options: ReadOptions) -> SurveyMap:
