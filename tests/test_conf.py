@@ -32,6 +32,7 @@ from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.studies.luo2016_parameters import StudyParameters
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
+from mlsroad_pipeline.datasets.inspect_work import InspectParameters
 from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
 from mlsroad_pipeline.datasets.survey_plan import LabelParameters, SurveyParameters, plan_comparison, plan_labelling
 
@@ -48,6 +49,7 @@ TYPED = {
     "features": FeatureParameters,
     "ground_removal": GroundParameters,
     "ingest": IngestParameters,
+    "inspect": InspectParameters,
     "label": LabelParameters,
     "luo2016_study": StudyParameters,
     "max_margin_markov": MarginParameters,
