@@ -30,7 +30,7 @@ from mlsroad_pipeline.algorithms.scene_stages import (
     find_ground,
 )
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.segmentation.normalized_cut import segment
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
 from mlsroad_pipeline.algorithms.segmentation.spacing import cluster_by_spacing
 from mlsroad_pipeline.algorithms.segmentation.two_step import segment_two_step
 from mlsroad_pipeline.algorithms.segmentation.yang_dong import segment_yang_dong
@@ -155,7 +155,13 @@ KERNELS = {
     "compute_fpfh": Kernel(_fpfh, threads=True),
     "compute_spin_images": Kernel(_spin, threads=True),
     "cluster": Kernel(partial(lambda xyz: (cluster(xyz, tolerance=0.3),)), partition=True),
-    "segment": Kernel(lambda xyz: (segment(xyz),), partition=True, shift=0.05, turn=0.05),
+    # By the spacing of this road all of it would be one cluster, with many cuts that are as good as each other.
+    "segment": Kernel(
+        lambda xyz: (segment(xyz, parameters=NormalizedCutParameters(spacing_factor=0)),),
+        partition=True,
+        shift=0.05,
+        turn=0.05,
+    ),
     "cluster_by_spacing": Kernel(
         lambda xyz: (cluster_by_spacing(xyz, tolerance=0.1, spacing_factor=1.5, max_tolerance=0.5),),
         partition=True,
