@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -32,6 +33,8 @@ from mlsroad_pipeline.datasets.road_inventory import RoadInventory
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import Deferred
 from mlsroad_pipeline.datasets.survey_plan import LabelParameters, PlannedFile, SurveyPlan
+
+logger = logging.getLogger(__name__)
 
 WRITING_THREADS = 2
 _ELSEWHERE = ("scene", "method", "model_version", "footprint")  # what the report's list of objects leaves to the files
@@ -202,6 +205,11 @@ def planned_outputs(
     return outputs
 
 
+def _in_words(told: object) -> str:
+    """Write names and values without the marks of a programming language."""
+    return ", ".join(f"{name} {value}" for name, value in told.items()) if isinstance(told, Mapping) else str(told)
+
+
 def label_report_sections(
     bundle: ModelBundle,
     parameters: LabelParameters,
@@ -235,11 +243,14 @@ def label_report_sections(
     scheme = bundle_scheme(bundle)
     total = np.sum([found["counts"] for found in counts.values()], axis=0)
     sureness = confidence_table(np.sum([found["confidences"] for found in counts.values()], axis=0), scheme.classes)
+    unsure = confidence_warnings(sureness)
+    for warning in unsure:
+        logger.warning(warning)
     facts = {
         "survey": parameters.survey,
         "output": parameters.output,
-        "model": bundle.metadata.get("registered", bundle.slug),
-        "trained on": str(bundle.metadata.get("trained_on", "")),
+        "model": _in_words(bundle.metadata.get("registered", bundle.slug)),
+        "trained on": _in_words(bundle.metadata.get("trained_on", "")),
         "codes": parameters.scheme,
         "files": len(quality),
         "points": int(quality["n_points"].sum()),
@@ -248,7 +259,7 @@ def label_report_sections(
     shares = dict(zip((*scheme.classes, "unlabelled"), total.tolist(), strict=True))
     return [
         FactsSection("What was run", facts),
-        WarningsSection("Warnings", [*confidence_warnings(sureness), *_warnings(bundle, quality)]),
+        WarningsSection("Warnings", [*unsure, *_warnings(bundle, quality)]),
         DistributionSection("Classes", shares, scheme=scheme),
         TableSection("Confidence", sureness, note=CONFIDENCE_NOTE),
         InventorySection("Inventory", objects.drop(columns=list(_ELSEWHERE)), geopackage="inventory.gpkg"),
