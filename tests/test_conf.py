@@ -31,6 +31,7 @@ from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParam
 from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.studies.luo2016_parameters import StudyParameters
+from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters as Yu2016StudyParameters
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
 from mlsroad_pipeline.datasets.inspect_work import InspectParameters
 from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
@@ -52,6 +53,7 @@ TYPED = {
     "inspect": InspectParameters,
     "label": LabelParameters,
     "luo2016_study": StudyParameters,
+    "yu2016_study": Yu2016StudyParameters,
     "max_margin_markov": MarginParameters,
     "patch_forest": PatchForestParameters,
     "patch_graph": PatchGraphParameters,
@@ -62,7 +64,7 @@ TYPED = {
     "supervoxelise": SupervoxelParameters,
     "survey": SurveyParameters,
 }
-CONFIGURED = {"luo2016_study", "survey"}
+CONFIGURED = {"luo2016_study", "yu2016_study", "survey"}
 """Groups whose values are those of the embedded survey and not the defaults of the code."""
 TREES = {"classes", "simulation"}
 """Groups that are read by functions of their own."""
@@ -112,13 +114,19 @@ def test_keys_are_the_fields_of_the_dataclass(group):
     }
 
 
+def as_yaml(value):
+    """Turn tuples into lists, nested ones too: YAML knows lists alone."""
+    if isinstance(value, (list, tuple)):
+        return [as_yaml(entry) for entry in value]
+    return {key: as_yaml(entry) for key, entry in value.items()} if isinstance(value, dict) else value
+
+
 @pytest.mark.parametrize("group", sorted(set(TYPED) - CONFIGURED))
 def test_values_are_the_defaults_of_the_code(group):
     for field in dataclasses.fields(TYPED[group]):
         default = default_of(field)
         if default is not dataclasses.MISSING:
-            default = list(default) if isinstance(default, tuple) else default  # YAML knows lists alone
-            assert base(group)[field.name] == default, field.name
+            assert base(group)[field.name] == as_yaml(default), field.name
 
 
 @pytest.mark.parametrize("kind", [*TYPED.values(), OutlierParameters], ids=lambda kind: kind.__name__)
@@ -149,7 +157,7 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
             catalog.load(name)
     # what stages exchange is stored, so that a run can be resumed; only plans stay in memory
     in_memory = {n for n in names if type(catalog.get(n)).__name__ == "MemoryDataset" and not n.startswith("params:")}
-    assert in_memory == {"survey_plan", "label_plan", "luo2016_study.plan"}
+    assert in_memory == {"survey_plan", "label_plan", "luo2016_study.plan", "yu2016_study.plan"}
 
 
 def paths_below_data(env, catalog):

@@ -30,7 +30,10 @@ from mlsroad_pipeline.algorithms.scene_stages import (
     find_ground,
 )
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.segmentation.normalized_cut import segment
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
+from mlsroad_pipeline.algorithms.segmentation.spacing import cluster_by_spacing
+from mlsroad_pipeline.algorithms.segmentation.two_step import segment_two_step
+from mlsroad_pipeline.algorithms.segmentation.yang_dong import segment_yang_dong
 from mlsroad_pipeline.algorithms.supervoxels.vccs import segment_supervoxels
 
 DIRECTED = ("nx", "ny", "direction_x", "direction_y")
@@ -114,6 +117,14 @@ def _spin(xyz, **options):
     return (compute_spin_images(xyz, _outward(xyz), radius=0.4, **options),)
 
 
+def _two_step(xyz):
+    """Scan lines of two scanners; the time follows from the place, so that it moves with the points."""
+    known = np.nan_to_num(xyz, posinf=0.0)
+    low = known.min(axis=0) if len(xyz) else np.zeros(3)
+    across = np.linalg.norm(known - low, axis=1)
+    return (segment_two_step(xyz, gps_time=across, scanner=np.zeros(len(xyz), np.uint8)),)
+
+
 def _features(xyz):
     """Features of supervoxels that are cells of a metre; cells that touch are neighbours."""
     low = xyz.min(axis=0) if len(xyz) else np.zeros(3)
@@ -144,7 +155,21 @@ KERNELS = {
     "compute_fpfh": Kernel(_fpfh, threads=True),
     "compute_spin_images": Kernel(_spin, threads=True),
     "cluster": Kernel(partial(lambda xyz: (cluster(xyz, tolerance=0.3),)), partition=True),
-    "segment": Kernel(lambda xyz: (segment(xyz),), partition=True, shift=0.05, turn=0.05),
+    # By the spacing of this road all of it would be one cluster, with many cuts that are as good as each other.
+    "segment": Kernel(
+        lambda xyz: (segment(xyz, parameters=NormalizedCutParameters(spacing_factor=0)),),
+        partition=True,
+        shift=0.05,
+        turn=0.05,
+    ),
+    "cluster_by_spacing": Kernel(
+        lambda xyz: (cluster_by_spacing(xyz, tolerance=0.1, spacing_factor=1.5, max_tolerance=0.5),),
+        partition=True,
+        shift=0.05,
+        turn=0.05,
+    ),
+    "segment_yang_dong": Kernel(lambda xyz: (segment_yang_dong(xyz),), partition=True, shift=0.1, turn=0.2),
+    "segment_two_step": Kernel(_two_step, partition=True, shift=0.1, turn=0.1),
     "keep_inliers": Kernel(lambda xyz: (keep_inliers(xyz, n_neighbors=8, std_ratio=2.0),)),
     "compute_supervoxel_features": Kernel(_features, turn=None, minimum=1, shift=0.02, tolerance=0.15),
     "stages of a model": Kernel(_stages, partition=True, shift=0.2, turn=None, permute=0.05, minimum=1),
