@@ -74,8 +74,7 @@ class Camera:
     @property
     def centre(self) -> NDArray[np.float64]:
         """Where the camera stands, in the frame of the points, metres."""
-        centre: NDArray[np.float64] = -np.linalg.solve(self.R, self.t)
-        return centre
+        return np.asarray(-np.linalg.solve(self.R, self.t), dtype=np.float64)
 
     def shifted(self, origin: ArrayLike) -> Camera:
         """Return the camera for points that are given relative to another origin.
@@ -92,6 +91,25 @@ class Camera:
         """
         moved = self.R @ np.asarray(origin, dtype=np.float64) + self.t
         return Camera(self.K, self.distortion, self.R, moved, self.width, self.height)
+
+    def carried(self, rotation: ArrayLike, position: ArrayLike) -> Camera:
+        """Return the camera of a vehicle at a place; this one's pose refers to the vehicle.
+
+        Parameters
+        ----------
+        rotation : array-like of shape (3, 3)
+            From the vehicle's axes to those of the points.
+        position : array-like of shape (3,)
+            Where the vehicle is, metres.
+
+        Returns
+        -------
+        Camera
+            The camera for points in the world.
+        """
+        turned = self.R @ np.asarray(rotation, dtype=np.float64).T
+        moved = self.t - turned @ np.asarray(position, dtype=np.float64)
+        return Camera(self.K, self.distortion, turned, moved, self.width, self.height)
 
 
 def _matrix(value: ArrayLike, name: str, shapes: tuple[tuple[int, ...], ...]) -> NDArray[np.float64]:
