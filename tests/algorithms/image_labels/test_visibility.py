@@ -115,9 +115,10 @@ def test_discs_are_drawn_as_a_slow_painter_draws_them(rng):
     inside = (u > -0.5) & (u < 23.5) & (v > -0.5) & (v < 17.5)
     u, v, z = u[inside], v[inside], rng.uniform(1, 20, inside.sum()).astype(np.float32)
     options = {"focal": 30.0, "spacing": 0.4, "width": 24, "height": 18}
-    painted = nearest_discs(u, v, z, *options.values())
+    painted, depth = nearest_discs(u, v, z, *options.values())
     assert np.array_equal(painted, nearest_disc(u, v, z, **options))
     assert (painted >= 0).sum() > 60
+    assert np.array_equal(depth, np.where(painted >= 0, z[painted], np.inf))
 
 
 @pytest.mark.parametrize(

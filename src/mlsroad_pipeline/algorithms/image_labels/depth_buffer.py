@@ -7,15 +7,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 _LARGEST = 12.0  # cells that a disc's radius has at most; bounds the work for points close to the camera
-_STEPS = np.array([1, 2, 3, 5, 7, 10, 14, 20], dtype=np.int64)  # cells at which the sides of a gap are looked for
+_STEPS = np.array([1, 2, 4, 7, 12, 20], dtype=np.int64)  # cells at which the sides of a gap are looked for
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def nearest_discs(
     u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32],
     focal: float, spacing: float, width: int, height: int,
-) -> NDArray[np.int32]:  # fmt: skip
-    """Return which point's disc is the nearest in each cell.
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:  # fmt: skip
+    """Return which point's disc is the nearest in each cell, and how deep it is.
 
     Parameters
     ----------
@@ -32,8 +32,10 @@ def nearest_discs(
 
     Returns
     -------
-    ndarray of shape (height, width), int32
+    index : ndarray of shape (height, width), int32
         Row of the point, -1 where there is none.
+    depth : ndarray of shape (height, width), float32
+        Its depth, metres; infinite where there is none.
     """
     depth = np.full((height, width), np.float32(np.inf))
     index = np.full((height, width), np.int32(-1))
@@ -51,13 +53,13 @@ def nearest_discs(
                     if radius > 1 and (x - u[i]) ** 2 + (y - v[i]) ** 2 > radius * radius:
                         continue
                     depth[y, x], index[y, x] = z[i], i
-    return index
+    return index, depth
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def behind_discs(
     u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], index: NDArray[np.int32],
-    focal: float, slack: float, relative: float, angle: float,
+    depth: NDArray[np.float32], focal: float, slack: float, relative: float, angle: float,
 ) -> NDArray[np.bool_]:  # fmt: skip
     """Return which points lie behind the disc that their cell shows.
 
@@ -65,7 +67,7 @@ def behind_discs(
     ----------
     u, v, z : ndarray of shape (n,), float32
         As for `nearest_discs`.
-    index : ndarray of shape (height, width), int32
+    index, depth : ndarray of shape (height, width)
         What `nearest_discs` gave.
     focal : float
         Focal length in cells.
@@ -82,22 +84,23 @@ def behind_discs(
     height, width = index.shape
     hidden = np.zeros(len(z), dtype=np.bool_)
     for i in range(len(z)):
-        q = index[_cell(v[i], height), _cell(u[i], width)]
-        if q >= 0 and q != i:
-            hidden[i] = _in_front(u, v, z, q, i, focal, z[i] - slack - relative * z[i], angle, np.inf)
+        y, x = _cell(v[i], height), _cell(u[i], width)
+        if depth[y, x] < z[i] - slack - relative * z[i]:
+            hidden[i] = _beside(u, v, z, index[y, x], i, focal, angle, np.inf)
     return hidden
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hide_in_gaps(
     u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], index: NDArray[np.int32],
-    focal: float, gap: float, slack: float, relative: float, angle: float, sides: int, hidden: NDArray[np.bool_],
+    depth: NDArray[np.float32], focal: float, gap: float, slack: float, relative: float, angle: float, sides: int,
+    hidden: NDArray[np.bool_],
 ) -> None:  # fmt: skip
     """Hide points that are seen through gaps: what is nearer stands at both sides along several directions.
 
     Parameters
     ----------
-    u, v, z, index, focal, slack, relative, angle : as for `behind_discs`
+    u, v, z, index, depth, focal, slack, relative, angle : as for `behind_discs`
         What the discs show.
     gap : float
         How far aside the sides of a gap may be, metres at their own depth.
@@ -120,8 +123,7 @@ def hide_in_gaps(
                     column, row = x + sign * step * dx, y + sign * step * dy
                     if not (0 <= column < width and 0 <= row < height):
                         break
-                    q = index[row, column]
-                    if q >= 0 and _in_front(u, v, z, q, i, focal, limit, angle, gap):
+                    if depth[row, column] < limit and _beside(u, v, z, index[row, column], i, focal, angle, gap):
                         found = True
                         break
                 if not found:
@@ -138,12 +140,10 @@ def _cell(place: float, size: int) -> int:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _in_front(
+def _beside(
     u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], q: int, i: int,
-    focal: float, limit: float, angle: float, reach: float,
+    focal: float, angle: float, reach: float,
 ) -> bool:  # fmt: skip
-    """Tell whether point q is nearer than a limit and beside the line of sight of point i, not farther down a slope."""
-    if z[q] >= limit:
-        return False
+    """Tell whether a nearer point q is beside the line of sight of point i, not farther down a slope."""
     aside = np.sqrt((u[i] - u[q]) ** 2 + (v[i] - v[q]) ** 2) * z[q] / focal
     return aside <= reach and aside < (z[i] - z[q]) * angle

@@ -25,7 +25,7 @@ class DepthBuffer:
 
     Parameters
     ----------
-    resolution : float, default 0.001
+    resolution : float, default 0.0014
         Angle of a cell, radians. Smaller is sharper and slower; far below the angle between points it changes nothing.
     spacing : float, default 0.06
         Diameter of a disc, metres: about the distance between points of a near surface. Larger closes surfaces and
@@ -52,7 +52,7 @@ class DepthBuffer:
         If a length or an angle is not positive (`gap` and slacks may be 0), or `gap_directions` not in 1 to 4.
     """
 
-    resolution: float = 0.001
+    resolution: float = 0.0014
     spacing: float = 0.06
     slack: float = 0.2
     relative_slack: float = 0.02
@@ -226,13 +226,14 @@ def _by_buffer(
     width, height = (int(np.ceil(side * scale)) for side in (camera.width, camera.height))
     u, v = ((pixels.T + 0.5) * scale - 0.5).astype(np.float32)
     z = depth.astype(np.float32)
-    index = nearest_discs(u, v, z, focal, how.spacing, width, height)
-    hidden = behind_discs(u, v, z, index, focal, how.slack, how.relative_slack, how.angle)
+    shown = nearest_discs(u, v, z, focal, how.spacing, width, height)
+    hidden = behind_discs(u, v, z, *shown, focal, how.slack, how.relative_slack, how.angle)
     if how.gap > 0:
-        index = nearest_discs(u, v, z, focal, how.gap_spacing, width, height)
+        shown = nearest_discs(u, v, z, focal, how.gap_spacing, width, height)
         hide_in_gaps(
-            u, v, z, index, focal, how.gap, how.gap_slack, how.relative_slack, how.gap_angle, how.gap_directions, hidden
-        )
+            u, v, z, *shown, focal, how.gap, how.gap_slack, how.relative_slack, how.gap_angle, how.gap_directions,
+            hidden,
+        )  # fmt: skip
     return ~hidden
 
 
