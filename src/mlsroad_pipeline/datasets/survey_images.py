@@ -104,7 +104,7 @@ class SurveyImages(Sequence[PosedImage]):
     Parameters
     ----------
     images : tuple of PosedImage
-        None where the survey has no images.
+        Empty where the survey has no images.
     origin : ndarray of shape (3,), float64
         World coordinates that the cameras' poses are relative to, metres.
     source : str
@@ -152,7 +152,7 @@ class SurveyImages(Sequence[PosedImage]):
         return SurveyImages(moved, zero, self.source)
 
 
-class SurveyImagesDataset(AbstractDataset[SurveyImages, None]):
+class SurveyImagesDataset(AbstractDataset[SurveyImages, SurveyImages]):
     """The images of a survey; the pictures stay in their files until they are asked for.
 
     Parameters
@@ -192,7 +192,7 @@ class SurveyImagesDataset(AbstractDataset[SurveyImages, None]):
             return SurveyImages(())
         return read_images(self._filepath, images=self._images, trajectory=self._trajectory)
 
-    def save(self, data: None) -> None:
+    def save(self, data: SurveyImages) -> None:
         """Refuse: images are only read."""
         raise NotImplementedError("images are only read")
 

@@ -200,7 +200,7 @@ def hidden_point_removal(xyz: ArrayLike, viewpoint: ArrayLike, *, radius: float)
 def _unhidden(seen: NDArray[np.float64], distance: NDArray[np.float64]) -> NDArray[np.bool_]:
     directions = seen / distance[:, None]
     same = directions @ directions.T > 1 - 1e-15
-    return ~(same & (distance[None, :] < distance[:, None])).any(axis=1)
+    return np.logical_not((same & (distance[None, :] < distance[:, None])).any(axis=1))
 
 
 def _by_hull(seen: NDArray[np.float64], how: HiddenPointRemoval) -> NDArray[np.bool_]:
@@ -234,7 +234,7 @@ def _by_buffer(
             u, v, z, *shown, focal, how.gap, how.gap_slack, how.relative_slack, how.gap_angle, how.gap_directions,
             hidden,
         )  # fmt: skip
-    return ~hidden
+    return np.logical_not(hidden)
 
 
 def _check_range(max_range: float) -> None:
