@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 import torch
@@ -18,6 +19,17 @@ _COUNTED = 60  # images that class frequencies are counted in
 
 Sample = tuple[NDArray[np.uint8], NDArray[np.integer]]
 """An image (height, width, 3) and its labels (height, width), -1 where they are not to be learned."""
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[None]:
+    """Let torch use so many threads meanwhile: on busy cores its threads wait for each other more than they help."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def train_network(
@@ -69,15 +81,16 @@ def train_network(
         optimiser, lambda step: min(1.0, (step + 1) / how.warm_up) * (1 - step / how.n_steps) ** how.power
     )
     losses = []
-    for images, labels in _batches(samples, n_classes, how, rng):
-        main, auxiliary = model(images.to(device))
-        target = labels.to(device)
-        loss = criterion(main, target) + how.auxiliary_weight * criterion(auxiliary, target)
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        schedule.step()
-        losses.append(float(loss.detach()))
+    with _threads(how.n_threads):
+        for images, labels in _batches(samples, n_classes, how, rng):
+            main, auxiliary = model(images.to(device))
+            target = labels.to(device)
+            loss = criterion(main, target) + how.auxiliary_weight * criterion(auxiliary, target)
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+            schedule.step()
+            losses.append(float(loss.detach()))
     return model.to("cpu").eval(), losses
 
 
@@ -136,7 +149,7 @@ def _crop(
 
 def segment_image(
     network: PSPNet, image: NDArray[np.uint8], *, window: tuple[int, int] | None = None, overlap: float = 1 / 3,
-    flip: bool = False,
+    flip: bool = False, n_threads: int = 1,
 ) -> NDArray[np.float32]:  # fmt: skip
     """Give every pixel the probabilities of the classes.
 
@@ -153,6 +166,8 @@ def segment_image(
         Least share of a window that overlaps the next, in [0, 1); more smooths seams and takes longer.
     flip : bool, default False
         Whether the mirrored image is segmented too, and the mean taken.
+    n_threads : int, default 1
+        Threads that torch may use.
 
     Returns
     -------
@@ -177,11 +192,12 @@ def segment_image(
     rows, columns = min(rows, height), min(columns, width)
     total = np.zeros((height, width, network.n_classes), dtype=np.float32)
     count = np.zeros((height, width, 1), dtype=np.float32)
-    for top in _starts(height, rows, overlap):
-        for left in _starts(width, columns, overlap):
-            part = np.s_[top : top + rows, left : left + columns]
-            total[part] += _probabilities(network, image[part], flip)
-            count[part] += 1
+    with _threads(n_threads):
+        for top in _starts(height, rows, overlap):
+            for left in _starts(width, columns, overlap):
+                part = np.s_[top : top + rows, left : left + columns]
+                total[part] += _probabilities(network, image[part], flip)
+                count[part] += 1
     return total / count
 
 

@@ -18,7 +18,7 @@ class TrainingParameters:
     ----------
     backbone : str, default "small"
         ``small``, ``resnet50`` or ``resnet101``; the paper's are ResNets that were trained on ImageNet before.
-    n_steps : int, default 600
+    n_steps : int, default 1000
         Batches. More is better and takes longer.
     batch_size : int, default 6
         Crops per batch; 16 in the PSPNet's paper.
@@ -42,6 +42,8 @@ class TrainingParameters:
         Share of the heads' channels that is left out.
     class_balance : float, default 0.3
         Power of the inverse class frequency by which pixels weigh; 0 is none, larger favours rare classes.
+    n_threads : int, default 1
+        Threads that torch may use; sums, and so the weights, differ in their last digits with it.
     random_state : int, default 0
         Weights, crops and their order follow from it.
 
@@ -52,7 +54,7 @@ class TrainingParameters:
     """
 
     backbone: str = "small"
-    n_steps: int = 600
+    n_steps: int = 1000
     batch_size: int = 6
     crop: int = 225
     scale: tuple[float, float] = (0.5, 1.5)
@@ -65,10 +67,18 @@ class TrainingParameters:
     auxiliary_weight: float = 0.4
     dropout: float = 0.1
     class_balance: float = 0.3
+    n_threads: int = 1
     random_state: int = 0
 
     def __post_init__(self) -> None:
-        for name, least in (("n_steps", 1), ("batch_size", 2), ("crop", 17), ("warm_up", 1), ("random_state", 0)):
+        for name, least in (
+            ("n_steps", 1),
+            ("batch_size", 2),
+            ("crop", 17),
+            ("warm_up", 1),
+            ("n_threads", 1),
+            ("random_state", 0),
+        ):
             value = getattr(self, name)
             if isinstance(value, bool) or value != int(value) or value < least:
                 raise ParameterError(f"{name} must be an integer >= {least}, got {value!r}")
