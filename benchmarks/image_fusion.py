@@ -131,9 +131,8 @@ def main() -> None:
         survey = street(seed)
         whole, pixels = labelled(survey, network, forest, scheme)
         study = fuse_test_sets(*halves(whole, survey), classes=scheme.classes)
-        print(
-            f"\nstreet {seed}: IoU of pixels\n{segmentation_table(pixels, image_classes(scheme)).to_string(index=False)}"
-        )
+        table = segmentation_table(pixels, image_classes(scheme))
+        print(f"\nstreet {seed}: IoU of pixels\n{table.to_string(index=False)}")
         print(f"F1 on test set 1\n{study.camera_f1.T.round(3).to_string()}\n{study.method_f1.T.round(3).to_string()}")
         print(f"redundancy\n{study.redundancy}\n{study.scores[study.scores['class'] == 'all'].to_string(index=False)}")
         for row in study.scores[study.scores["class"] == "all"].to_dict("records"):

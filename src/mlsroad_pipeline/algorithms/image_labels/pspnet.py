@@ -228,7 +228,7 @@ def network_input(images: NDArray[np.uint8]) -> Tensor:
     Tensor of shape (images, 3, height, width)
         Colours less `MEAN`, divided by `SPREAD`.
     """
-    scaled = (images.astype(np.float32) - np.float32(MEAN)) / np.float32(SPREAD)
+    scaled = (images.astype(np.float32) - np.array(MEAN, np.float32)) / np.array(SPREAD, np.float32)
     return torch.from_numpy(np.ascontiguousarray(scaled.transpose(0, 3, 1, 2)))
 
 
