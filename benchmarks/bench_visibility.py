@@ -6,8 +6,8 @@ Run as ``python benchmarks/bench_visibility.py accuracy|speed [--seeds N ...] [-
 visible where the ray reaches it but for 6 cm and 1 % of its distance, or 6 cm across the surface that the ray met:
 points lie a little off the surfaces, and on a road met at a slant that is metres along the ray. Points of moving
 objects, which are elsewhere when the image is taken, and points that one of them hides are left out, then put in.
-Defaults were chosen on a town of seed 101 and a suburb of seed 102. ``speed`` takes a million points of a street, in the
-order of the scan, in one image.
+Defaults were chosen on a town of seed 101 and a suburb of seed 102. ``speed`` takes a million points of a street,
+in the order of the scan, in one image.
 """
 
 import argparse
