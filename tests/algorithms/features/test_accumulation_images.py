@@ -70,6 +70,20 @@ def test_a_quarter_turn_turns_the_images_from_above(objects):
         np.testing.assert_allclose(other[:3], np.swapaxes(image, 2, 3)[:3, :, ::-1], atol=1e-6)
 
 
+def test_weights_count(objects):
+    heavy = [np.repeat(p, 3, axis=0) for p in objects]
+    wanted = compute_images(heavy, relative=False)
+    found = compute_images(objects, weights=[np.full(len(p), 3.0) for p in objects], relative=False)
+    for image, other in zip(found, wanted, strict=True):
+        np.testing.assert_allclose(image, other, rtol=1e-6)
+    with pytest.raises(DataError, match=r"weights of object 1 must have shape \(50,\), got \(3,\)"):
+        compute_images(objects[:2], weights=[np.ones(400), np.ones(3)])
+    with pytest.raises(DataError, match="weights of object 1 has inf"):
+        compute_images(objects[:2], weights=[np.ones(400), np.full(50, np.inf)])
+    with pytest.raises(DataError, match="weights are given for 1 of 2 objects"):
+        compute_images(objects[:2], weights=[np.ones(400)])
+
+
 def test_isotropic_keeps_proportions():
     box = np.array([[0, 0, 0], [1, 2, 4.0]])
     np.testing.assert_allclose(normalised(box, isotropic=True), [[-0.25, -0.5, 0], [0.25, 0.5, 2]])

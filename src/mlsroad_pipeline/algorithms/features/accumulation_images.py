@@ -9,8 +9,8 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.cell_grid import run_in_chunks
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.validation import check_xyz
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.validation import check_column, check_xyz
 
 N_PARTS = 5
 """Images of each kind: the object as a whole, and its four slices of equal height from the lowest up."""
@@ -54,6 +54,7 @@ def compute_images(
     sizes: tuple[int, int, int] = (16, 8, 16),
     isotropic: bool = False,
     relative: bool = True,
+    weights: Sequence[ArrayLike] | None = None,
     n_threads: int = 1,
 ) -> Images:
     """Describe objects by HSSI, VQAI and VAAI, each of the whole object and of its four slices (Luo et al. 2019, 3.2).
@@ -76,6 +77,8 @@ def compute_images(
     relative : bool, default True
         Whether sums are divided by the number of points of the object, so that near and far objects look alike; the
         slices of VQAI then add up to the whole. The paper does not divide.
+    weights : sequence of array-like of shape (n_i,), optional
+        What each point counts for, such as its intensity; 1 by default.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -89,18 +92,97 @@ def compute_images(
     Raises
     ------
     DataError
-        If an object has no points, is not (n, 3), or has a coordinate that is NaN or infinite.
+        If an object has no points, is not (n, 3), or has a coordinate that is NaN or infinite, or there is not one
+        finite weight per point.
+    ParameterError
+        If a size or `n_threads` is below 1.
+    """
+    xyz, indptr = join_objects(objects)
+    each = np.ones(len(xyz)) if weights is None else join_values(weights, indptr, "weights")
+    if relative:
+        counts = np.diff(indptr)
+        each = each / np.repeat(counts, counts)
+    return draw_images(xyz, indptr, each, sizes=sizes, isotropic=isotropic, n_threads=n_threads)
+
+
+def join_values(values: Sequence[ArrayLike], indptr: NDArray[np.int64], name: str) -> NDArray[np.float64]:
+    """Join one value per point of objects into one array.
+
+    Parameters
+    ----------
+    values : sequence of array-like of shape (n_i,)
+        Values of each object's points.
+    indptr : ndarray of int64, shape (objects + 1,)
+        Where the points of each object begin.
+    name : str
+        What the message calls the values.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        The values.
+
+    Raises
+    ------
+    DataError
+        If there is not one finite value per point; the message gives the object's place.
+    """
+    if len(values) != len(indptr) - 1:
+        raise DataError(f"{name} are given for {len(values)} of {len(indptr) - 1} objects")
+    arrays = [
+        check_column(v, int(n), f"{name} of object {i}")
+        for i, (v, n) in enumerate(zip(values, np.diff(indptr), strict=True))
+    ]
+    joined = np.concatenate(arrays, dtype=np.float64) if arrays else np.zeros(0)
+    if not np.isfinite(joined).all():
+        row = int(np.flatnonzero(~np.isfinite(joined))[0])
+        raise DataError(f"{name} of object {int(np.searchsorted(indptr, row, side='right')) - 1} has {joined[row]}")
+    return joined
+
+
+def draw_images(
+    xyz: NDArray[np.float64],
+    indptr: NDArray[np.int64],
+    weights: NDArray[np.float64],
+    *,
+    sizes: tuple[int, int, int],
+    isotropic: bool,
+    n_threads: int = 1,
+) -> Images:
+    """Draw the images of objects that were joined and checked, as `compute_images` does.
+
+    Parameters
+    ----------
+    xyz : ndarray of float64, shape (n, 3)
+        Finite points, object by object.
+    indptr : ndarray of int64, shape (objects + 1,)
+        Where the points of each object begin.
+    weights : ndarray of float64, shape (n,)
+        What each point counts for.
+    sizes : tuple of int
+        Rows and columns of HSSI, VQAI and VAAI.
+    isotropic : bool
+        Whether one factor scales all three axes.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
+
+    Returns
+    -------
+    hssi, vqai, vaai : ndarray of float32, shape (objects, 5, size, size)
+        The images.
+
+    Raises
+    ------
     ParameterError
         If a size or `n_threads` is below 1.
     """
     if len(sizes) != 3 or min(sizes) < 1:
         raise ParameterError(f"sizes must be three numbers of at least 1, got {sizes!r}")
-    xyz, indptr = join_objects(objects)
     n = len(indptr) - 1
     hssi, vqai, vaai = (np.zeros((n, N_PARTS, size, size), dtype=np.float32) for size in sizes)
 
     def draw(first: int, last: int) -> None:
-        _draw(xyz, indptr, hssi, vqai, vaai, isotropic, relative, first, last)
+        _draw(xyz, indptr, weights, hssi, vqai, vaai, isotropic, first, last)
 
     run_in_chunks(draw, n, n_threads=n_threads)
     return hssi, vqai, vaai
@@ -129,11 +211,11 @@ def _scale(
 def _draw(
     xyz: NDArray[np.float64],
     indptr: NDArray[np.int64],
+    weights: NDArray[np.float64],
     hssi: NDArray[np.float32],
     vqai: NDArray[np.float32],
     vaai: NDArray[np.float32],
     isotropic: bool,
-    relative: bool,
     begin: int,
     end: int,
 ) -> None:
@@ -142,9 +224,9 @@ def _draw(
     for k in range(begin, end):
         first, last = indptr[k], indptr[k + 1]
         middle, factor = _scale(xyz, first, last, isotropic)
-        weight = 1.0 / (last - first) if relative else 1.0
         spin[:], count[:], angle[:] = 0.0, 0.0, 0.0
         for i in range(first, last):
+            weight = weights[i]
             x = (xyz[i, 0] - middle[0]) * factor[0]
             y = (xyz[i, 1] - middle[1]) * factor[1]
             z = (xyz[i, 2] - middle[2]) * factor[2] + 1.0
