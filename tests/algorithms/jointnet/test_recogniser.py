@@ -137,7 +137,7 @@ def test_planted_shapes_are_told_apart_and_the_model_survives_as_arrays(rng):
     )
     torch.set_num_threads(before)
     lacking = {name: array for name, array in found.to_arrays().items() if "scores" not in name}
-    with pytest.raises(DataError, match="network 0 do not fit jointnet with 3 classes: Missing key.*scores"):
+    with pytest.raises(DataError, match="weights do not fit jointnet with 3 classes: Missing key.*scores"):
         JointNetRecogniser.from_arrays(lacking, found.parameters)
     other = {**found.to_arrays(), "classes": np.array(["ball", "pole"])}
     with pytest.raises(DataError, match="do not fit jointnet with 2 classes: size mismatch"):
@@ -181,8 +181,8 @@ def test_early_stopping_keeps_the_best_network(rng):
 
 def test_rates_follow_the_schedules():
     halving = TrainingParameters(schedule="halving", learning_rate=0.01)
-    assert [training.learning_rate(0, 10, e, halving) for e in (0, 19, 20, 40)] == [0.01, 0.01, 0.005, 0.0025]
-    rates = [training.learning_rate(i, 100, 0, TrainingParameters(learning_rate=1.0)) for i in range(100)]
+    assert [training.scheduled_rate(0, 10, e, halving) for e in (0, 19, 20, 40)] == [0.01, 0.01, 0.005, 0.0025]
+    rates = [training.scheduled_rate(i, 100, 0, TrainingParameters(learning_rate=1.0)) for i in range(100)]
     assert np.argmax(rates) == 20 and rates[20] == 1.0 and rates[0] == pytest.approx(0.04) and rates[-1] < 0.001
 
 

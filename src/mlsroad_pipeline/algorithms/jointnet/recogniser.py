@@ -17,8 +17,9 @@ from mlsroad_pipeline.algorithms.features.accumulation_images import join_object
 from mlsroad_pipeline.algorithms.jointnet.inputs import Points, encode
 from mlsroad_pipeline.algorithms.jointnet.network import JointNet
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
-from mlsroad_pipeline.algorithms.jointnet.training import find_device, reproducible, to_tensors, train_network
+from mlsroad_pipeline.algorithms.jointnet.training import to_tensors, train_network
 from mlsroad_pipeline.algorithms.recognition import check_training
+from mlsroad_pipeline.algorithms.torch_training import find_device, load_weights, reproducible
 
 _BATCH = 256
 """Objects that the network sees at once when it recognises."""
@@ -198,17 +199,7 @@ class JointNetRecogniser:
         device = find_device(parameters.training.device)
         for member in range(parameters.training.n_members):
             network = JointNet(parameters, len(self.classes_))
-            prefix = f"{member}/"
-            state = {
-                k.removeprefix(prefix): torch.from_numpy(np.array(v)) for k, v in arrays.items() if k.startswith(prefix)
-            }
-            try:
-                network.load_state_dict(state)
-            except RuntimeError as error:
-                told = str(error).partition("\n")[2].strip().replace("\n\t", "; ")
-                raise DataError(
-                    f"the weights of network {member} do not fit jointnet with {len(self.classes_)} classes: {told}"
-                ) from error
+            load_weights(network, arrays, f"{member}/", f"jointnet with {len(self.classes_)} classes")
             self.networks_.append(network.to(device).eval())
         return self
 

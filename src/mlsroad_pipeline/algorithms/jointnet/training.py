@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -15,10 +13,11 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.algorithms.exceptions import ReadError
 from mlsroad_pipeline.algorithms.jointnet.inputs import Points, augment, encode
 from mlsroad_pipeline.algorithms.jointnet.network import JointNet
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters, TrainingParameters
+from mlsroad_pipeline.algorithms.torch_training import find_device, learning_rate, reproducible
 
 HALVE_EVERY = 20
 """Epochs after which the schedule "halving" halves the rate (luo2019, training details)."""
@@ -42,55 +41,7 @@ class Trained:
     history: list[dict[str, float]]
 
 
-def find_device(wanted: str) -> torch.device:
-    """Return where networks run.
-
-    Parameters
-    ----------
-    wanted : {"auto", "cpu", "cuda"}
-        "auto" is a GPU where there is one.
-
-    Returns
-    -------
-    torch.device
-        The device.
-
-    Raises
-    ------
-    ParameterError
-        If a GPU is asked for and there is none.
-    """
-    there = torch.cuda.is_available()
-    if wanted == "cuda" and not there:
-        raise ParameterError("training.device is 'cuda', but this machine has no GPU that PyTorch can use")
-    return torch.device("cuda" if wanted != "cpu" and there else "cpu")
-
-
-@contextmanager
-def reproducible(seed: int) -> Iterator[None]:
-    """Make what PyTorch draws and adds up depend on the seed alone, and leave its state as it was.
-
-    Parameters
-    ----------
-    seed : int
-        The seed.
-
-    Yields
-    ------
-    None
-        One thread computes meanwhile: sums over threads depend on their number.
-    """
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with torch.random.fork_rng():
-            torch.manual_seed(seed)
-            yield
-    finally:
-        torch.set_num_threads(threads)
-
-
-def learning_rate(step: int, n_steps: int, epoch: int, p: TrainingParameters) -> float:
+def scheduled_rate(step: int, n_steps: int, epoch: int, p: TrainingParameters) -> float:
     """Return the rate of a step.
 
     Parameters
@@ -109,10 +60,7 @@ def learning_rate(step: int, n_steps: int, epoch: int, p: TrainingParameters) ->
     """
     if p.schedule == "halving":
         return p.learning_rate * float(0.5 ** (epoch // HALVE_EVERY))
-    warm = max(0.2 * n_steps, 1.0)
-    if step < warm:
-        return p.learning_rate * (0.04 + 0.96 * 0.5 * (1 - float(np.cos(np.pi * step / warm))))
-    return p.learning_rate * 0.5 * (1 + float(np.cos(np.pi * (step - warm) / max(n_steps - warm, 1.0))))
+    return learning_rate(step, n_steps, p.learning_rate)
 
 
 def to_tensors(
@@ -208,9 +156,7 @@ class _Run:
         self.held_target = torch.from_numpy(target[held]).to(self.device)
         with reproducible(self._seed(0)):
             self.network = JointNet(parameters, n_classes)
-        measures = torch.from_numpy(encode(self.train, parameters.inputs)[1])
-        self.network.shift.copy_(measures.mean(dim=0))
-        self.network.scale.copy_(measures.std(dim=0, correction=0).clamp(min=1e-3))
+        self._scale_measures()
         self.network.to(self.device)
         self.optimizer = torch.optim.SGD(
             self.network.parameters(), lr=p.learning_rate, momentum=p.momentum, weight_decay=p.weight_decay
@@ -219,6 +165,14 @@ class _Run:
         self.history: list[dict[str, float]] = []
         self.best: dict[str, Tensor] | None = None
         self.since_best = 0
+
+    def _scale_measures(self) -> None:
+        """Let the network bring measures to mean 0 and spread 1, and whether intensity is known to -1 or 1."""
+        measures = torch.from_numpy(encode(self.train, self.parameters.inputs)[1])
+        if measures.shape[1]:
+            self.network.shift.copy_(measures.mean(dim=0))
+            self.network.scale.copy_(measures.std(dim=0, correction=0).clamp(min=0.05))
+            self.network.shift[-1], self.network.scale[-1] = 0.5, 0.5
 
     def _seed(self, epoch: int) -> int:
         return int(np.random.SeedSequence([self.parameters.training.seed, self.member, epoch]).generate_state(1)[0])
@@ -236,7 +190,7 @@ class _Run:
             self.network.train()
             for i, rows in enumerate(batches):
                 chosen = rows.to(self.device)
-                rate = learning_rate(epoch * len(batches) + i, p.epochs * len(batches), epoch, p)
+                rate = scheduled_rate(epoch * len(batches) + i, p.epochs * len(batches), epoch, p)
                 for group in self.optimizer.param_groups:
                     group["lr"] = rate
                 self.optimizer.zero_grad()
