@@ -22,6 +22,11 @@ from mlsroad_pipeline.algorithms.torch_training import find_device, learning_rat
 HALVE_EVERY = 20
 """Epochs after which the schedule "halving" halves the rate (luo2019, training details)."""
 
+SETTLE = 4
+"""Passes over the training objects after the last epoch, which batch normalisation takes its statistics from."""
+
+_SETTLE_BATCH = 128
+
 logger = logging.getLogger(__name__)
 
 
@@ -249,10 +254,32 @@ class _Run:
         self.history, self.best, self.since_best = state["history"], state["best"], state["since_best"]
         logger.info("%s: training goes on after epoch %d", path, len(self.history))
 
+    def _settle(self) -> None:
+        """Take means and variances of batch normalisation from whole passes; running ones follow few batches.
+
+        Wu and Johnson 2021, "Rethinking 'Batch' in BatchNorm", section 3.
+        """
+        norms = [module for module in self.network.modules() if isinstance(module, nn.BatchNorm2d)]
+        if not norms:
+            return
+        for norm in norms:
+            norm.reset_running_stats()
+            norm.momentum = None  # the plain mean over all batches
+        p = self.parameters.training
+        rng = np.random.default_rng(self._seed(p.epochs + 1))
+        self.network.train()
+        with reproducible(self._seed(p.epochs + 1)), torch.no_grad():
+            for _ in range(SETTLE):
+                changed = augment(self.train, p.augmentation, rng)
+                images, measures = to_tensors(*encode(changed, self.parameters.inputs), self.device)
+                for rows in torch.from_numpy(rng.permutation(len(self.target))).to(self.device).split(_SETTLE_BATCH):
+                    self.network({view: v[rows] for view, v in images.items()}, measures[rows])
+
     def result(self) -> Trained:
         """Return the network of the best epoch or, without held-out objects, of the last."""
         if self.best is not None:
             self.network.load_state_dict(self.best)
+        self._settle()
         return Trained(self.network.eval(), self.history)
 
 
