@@ -22,7 +22,7 @@ def test_by_name_and_content(tmp_path, rng):
     assert [get_format(p).name for p in (las, text, ply, scan)] == ["LAS", "text", "PLY", "KITTI"]
     assert get_format(las.rename(tmp_path / "no_extension")).name == "LAS"
     assert format_of_name("x/Y.CSV.GZ").name == "text"
-    assert format_of_name("x.pcd") is None
+    assert format_of_name("x.dwg") is None
     assert {".las", ".laz", ".ply", ".txt.gz", ".bin"} <= set(known_extensions())
 
 

@@ -12,6 +12,7 @@ from mlsroad_pipeline.algorithms.simulation.drive import Drive
 from mlsroad_pipeline.algorithms.simulation.ground_mesh import ground_mesh
 from mlsroad_pipeline.algorithms.simulation.layout import populate
 from mlsroad_pipeline.algorithms.simulation.moving import Mover
+from mlsroad_pipeline.algorithms.simulation.objects.dimensions import Measures, measure
 from mlsroad_pipeline.algorithms.simulation.placement import Box, Placed, box_around
 from mlsroad_pipeline.algorithms.simulation.standing import Soup, gather
 from mlsroad_pipeline.algorithms.simulation.street import BLOCK, Street
@@ -38,6 +39,8 @@ class ObjectRecord(NamedTuple):
         The box around it.
     hard_case : str
         Why it is hard to tell from its neighbour, where it was placed so.
+    measures : Measures
+        Lean and plates of poles and signs; those of the panel's middle are street-local.
     """
 
     instance: int
@@ -47,6 +50,7 @@ class ObjectRecord(NamedTuple):
     moving: bool
     box: Box
     hard_case: str
+    measures: Measures
 
 
 @dataclass(frozen=True)
@@ -122,7 +126,10 @@ def build_block(street: Street, drive: Drive, number: int, *, pass_number: int =
 
 
 def _standing_record(placed: Placed) -> ObjectRecord:
-    return ObjectRecord(placed.instance, placed.label, placed.design, placed.base, False, placed.box, placed.hard_case)
+    return ObjectRecord(
+        placed.instance, placed.label, placed.design, placed.base, False, placed.box, placed.hard_case,
+        measure(placed.mesh, placed.label, placed.base),
+    )  # fmt: skip
 
 
 def _moving_record(street: Street, mover: Mover) -> ObjectRecord:
@@ -131,4 +138,5 @@ def _moving_record(street: Street, mover: Mover) -> ObjectRecord:
     z = street.ground.height([motion.station], [motion.offset])
     base = np.array([xy[0, 0], xy[0, 1], z[0]])
     turn = float(heading[0]) + (np.pi if motion.speed < 0 else 0.0)
-    return ObjectRecord(mover.instance, mover.label, mover.design, base, True, box_around(mover.mesh, base, turn), "")
+    box = box_around(mover.mesh, base, turn)
+    return ObjectRecord(mover.instance, mover.label, mover.design, base, True, box, "", Measures())

@@ -18,11 +18,17 @@ from mlsroad_pipeline.algorithms.simulation.crew import pieces
 from mlsroad_pipeline.algorithms.simulation.devices import Device
 from mlsroad_pipeline.algorithms.simulation.drive import Drive
 from mlsroad_pipeline.algorithms.simulation.meshes import rotation_matrix
+from mlsroad_pipeline.algorithms.simulation.objects.dimensions import Measures
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
 from mlsroad_pipeline.algorithms.simulation.stream import SurveyStream
 from mlsroad_pipeline.algorithms.simulation.street import Street
 
 _COLOUR_REACH = 0.5  # metres
+
+_OBJECT_COLUMNS = [
+    "instance", "label", "x", "y", "z", "moving", "design", "length", "width", "height", "heading", "box_x", "box_y",
+    "hard_case", *Measures._fields,
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -42,7 +48,8 @@ class Survey:
         The truth behind `instance`: instance, label, x, y, z (world metres of the base point; of a moving object when
         the van passes it), moving, design, length, width, height (of the upright box along its front, metres; the
         height is that of its top above the base point), heading (of its front, radians counter-clockwise from east),
-        box_x, box_y (world metres of the box's middle), hard_case (why it is hard to tell from a neighbour, or empty).
+        box_x, box_y (world metres of the box's middle), hard_case (why it is hard to tell from a neighbour, or empty),
+        and of poles and signs what `Measures` says (panel_x and panel_y in world metres).
     origin : ndarray of shape (3,), float64
         World coordinates of the local zero, metres.
     crs : str
@@ -237,14 +244,13 @@ def _coloured_pieces(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> It
 
 
 def _object_table(records: Iterable[ObjectRecord], origin: NDArray[np.float64]) -> pd.DataFrame:
+    shift = {"x": origin[0], "y": origin[1], "z": origin[2], "box_x": origin[0], "box_y": origin[1],
+             "panel_x": origin[0], "panel_y": origin[1]}  # fmt: skip
     rows = [
-        (r.instance, r.label, *(r.base + origin), r.moving, r.design, r.box.length, r.box.width, r.box.height,
-         r.box.heading, r.box.x + origin[0], r.box.y + origin[1], r.hard_case)
-        for r in records
+        (r.instance, r.label, *r.base, r.moving, r.design, *r.box, r.hard_case, *r.measures) for r in records
     ]  # fmt: skip
-    names = ["instance", "label", "x", "y", "z", "moving", "design", "length", "width", "height", "heading", "box_x",
-             "box_y", "hard_case"]  # fmt: skip
-    return pd.DataFrame(rows, columns=names)
+    table = pd.DataFrame(rows, columns=_OBJECT_COLUMNS)
+    return table.assign(**{name: table[name] + value for name, value in shift.items()})
 
 
 def as_float32(cloud: PointCloud) -> PointCloud:

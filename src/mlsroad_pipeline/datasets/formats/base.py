@@ -67,6 +67,24 @@ class PointFormat(Protocol):
     extensions: tuple[str, ...]
     signatures: tuple[bytes, ...]
 
+    def recognises(self, path: Path, head: bytes) -> bool:
+        """Tell whether a file's content is certainly of this format.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+        head : bytes
+            Its first bytes.
+
+        Returns
+        -------
+        bool
+            Whether it begins with one of the signatures; formats without any look closer, or leave it to the name.
+        """
+        del path
+        return head.startswith(self.signatures) if self.signatures else False
+
     def info(self, path: Path, options: ReadOptions) -> FileInfo:
         """Return what the file says about itself; `ReadError` where it is not of this format or is damaged.
 
@@ -82,6 +100,7 @@ class PointFormat(Protocol):
         FileInfo
             Its description.
         """
+        ...
 
     def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
         """Return rows `start` to `stop` (None: the end; clipped to the file) with their columns, in file order.
@@ -100,6 +119,7 @@ class PointFormat(Protocol):
         PointCloud
             The points.
         """
+        ...
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write the cloud; the file appears whole or not at all.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.formats.base import FileInfo, ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
 from mlsroad_pipeline.datasets.formats.files import atomic_file, check_file, clip_range
 from mlsroad_pipeline.datasets.formats.flat_table import flat_cloud
 from mlsroad_pipeline.datasets.formats.standard_columns import resolve_columns
@@ -19,7 +19,7 @@ LABEL_BITS = 16
 """The lower 16 bits of a label are its class, the upper 16 its instance."""
 
 
-class KittiFormat:
+class KittiFormat(PointFormat):
     """Reader and writer of KITTI scans.
 
     Labels are looked for beside the scan and in ``../labels`` (SemanticKITTI's layout); a scan without them is read

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.formats.base import FileInfo, ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
 from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, check_file, clip_range, file_key
 from mlsroad_pipeline.datasets.formats.las_crs import read_crs
 from mlsroad_pipeline.datasets.formats.las_dimensions import dimension, dimension_names, file_origin, local_xyz
@@ -32,7 +32,7 @@ SAMPLES, SAMPLE_SIZE = 8, 2000
 CHUNK = 1_000_000
 
 
-class LasFormat:
+class LasFormat(PointFormat):
     """Reader and writer of LAS and LAZ.
 
     Columns are named as laspy names the dimensions; `intensity` becomes float32 in [0, 1], `red`, `green` and `blue`

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.formats.base import FileInfo, ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
 from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, check_file, clip_range, file_key
 from mlsroad_pipeline.datasets.formats.flat_table import flat_cloud, scalar_columns
 from mlsroad_pipeline.datasets.formats.ply_header import TYPES, PlyHeader, read_ply_header
@@ -31,7 +31,7 @@ PLY_NAMES = {
 }
 
 
-class PlyFormat:
+class PlyFormat(PointFormat):
     """Reader and writer of PLY.
 
     Properties keep their types, but `rgb`, `intensity` and labels become what `PointCloud` says. List properties of the

@@ -9,13 +9,18 @@ from mlsroad_pipeline.datasets.formats.base import PointFormat
 from mlsroad_pipeline.datasets.formats.files import check_file
 from mlsroad_pipeline.datasets.formats.kitti import KittiFormat
 from mlsroad_pipeline.datasets.formats.las import LasFormat
+from mlsroad_pipeline.datasets.formats.pcd import PcdFormat
 from mlsroad_pipeline.datasets.formats.ply import PlyFormat
+from mlsroad_pipeline.datasets.formats.sydney import SydneyFormat
 from mlsroad_pipeline.datasets.formats.text import TextFormat
 
-FORMATS: tuple[PointFormat, ...] = (LasFormat(), PlyFormat(), TextFormat(), KittiFormat())
+FORMATS: tuple[PointFormat, ...] = (
+    *(LasFormat(), PlyFormat(), PcdFormat(), TextFormat()),
+    *(KittiFormat(), SydneyFormat()),
+)
 """All formats; a new one is one module and one entry here."""
 
-FOREIGN = {b"# .PCD": "PCD", b"ASTM-E57": "E57", b"PK\x03\x04": "ZIP", b"\x1f\x8b": "gzip", b"\x89PNG": "PNG"}
+FOREIGN = {b"ASTM-E57": "E57", b"PK\x03\x04": "ZIP", b"\x1f\x8b": "gzip", b"\x89PNG": "PNG"}
 """Signatures of what is not read as it stands, so that messages can name it."""
 
 
@@ -45,7 +50,7 @@ def format_of_name(path: str | Path) -> PointFormat | None:
     """
     name = Path(path).name.lower()
     matches = [(len(e), entry) for entry in FORMATS for e in entry.extensions if name.endswith(e)]
-    return max(matches, key=lambda match: match[0])[1] if matches else None
+    return max(matches, key=lambda match: match[0])[1] if matches else None  # of several, the first of FORMATS
 
 
 def get_format(path: str | Path) -> PointFormat:
@@ -70,10 +75,10 @@ def get_format(path: str | Path) -> PointFormat:
     with path.open("rb") as stream:
         head = stream.read(16)
     named = format_of_name(path)
-    held = next((entry for entry in FORMATS for s in entry.signatures if head.startswith(s)), None)
+    held = next((entry for entry in FORMATS if entry.recognises(path, head)), None)
     if held is None and named is not None and not (named.signatures or _foreign(head, path)):
         return named
-    if held is not None and named in (None, held):
+    if held is not None and (named is None or path.name.lower().endswith(held.extensions)):
         return held
     content = held.name if held is not None else _foreign(head, path) or f"something that begins with {head[:8]!r}"
     if named is None:

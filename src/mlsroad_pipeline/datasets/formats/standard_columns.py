@@ -30,7 +30,7 @@ ALIASES: dict[str, tuple[str, ...]] = {
     "green": ("g", "diffuse_green"),
     "blue": ("b", "diffuse_blue"),
     "intensity": ("scalar_intensity", "reflectance"),
-    "gps_time": ("scalar_gpstime", "gpstime"),
+    "gps_time": ("scalar_gpstime", "gpstime", "timestamp"),
     "label": ("scalar_label", "semantic"),
 }
 """Standard name to what other programs call it, in lower case."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.formats.base import FileInfo, ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
 from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, check_file, clip_range, file_key
 from mlsroad_pipeline.datasets.formats.flat_table import flat_cloud, write_columns
 from mlsroad_pipeline.datasets.formats.standard_columns import resolve_columns
@@ -60,7 +60,7 @@ class TextTable:
     has_names: bool
 
 
-class TextFormat:
+class TextFormat(PointFormat):
     """Reader and writer of text tables.
 
     Without a row of names the columns are x, y, z, column_3, column_4 and so on, from 0. All values are float64, but

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from references_objects import DESIGNS, POLES, STREAMS, areas, built, section_middle, used
 
+from mlsroad_pipeline.algorithms.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.simulation.meshes import RED
+from mlsroad_pipeline.algorithms.simulation.materials import material
+from mlsroad_pipeline.algorithms.simulation.meshes import RED, join, rotation_matrix, tube
 from mlsroad_pipeline.algorithms.simulation.objects import utility_poles
-from mlsroad_pipeline.algorithms.simulation.objects.dimensions import sign_plates, tilt
+from mlsroad_pipeline.algorithms.simulation.objects.dimensions import Measures, measure, sign_plates, tilt
 from mlsroad_pipeline.algorithms.simulation.objects.sign_plates import SHAPES, sign_plate
 
 
@@ -59,6 +61,35 @@ def test_a_share_of_masts_leans():
 def test_tilt_needs_a_foot():
     with pytest.raises(ParameterError, match="foot"):
         tilt(built("sedan", 0))
+
+
+def test_a_planted_lean_and_plate_are_measured():
+    metal, base = material("galvanised", "traffic_sign", np.random.default_rng(0)), np.array([120.0, -40.0, 7.0])
+    plate, half = sign_plate(np.random.default_rng(3), "square")
+    small, _ = sign_plate(np.random.default_rng(3), "square")
+    small.vertices[:] *= 0.5
+    post = tube([[0, 0, -0.3], [0, 0, 3.2]], 0.04, metal)
+    # The large plate looks at an azimuth of 110 degrees, the small one back.
+    upright = join([
+        post, plate.moved([0.06, 0, 2.4], yaw=np.radians(-20)), small.moved([-0.06, 0, 1.2], yaw=np.radians(160)),
+    ])  # fmt: skip
+    found = measure(upright.moved(base), TAXONOMY["traffic_sign"], base)
+    assert found.tilt == pytest.approx(0, abs=1e-4) and found.panels == 2
+    assert found.panel_azimuth == pytest.approx(110)
+    assert found.panel_centre == pytest.approx(2.4) and found.panel_bottom == pytest.approx(2.4 - half)
+    assert found.panel_height == pytest.approx(2 * half) == pytest.approx(found.panel_width)
+    np.testing.assert_allclose([found.panel_x, found.panel_y], base[:2] + [0.06, 0], atol=0.01)
+    # A turn by 2 degrees about the north lifts what is in the west: the top goes to the east.
+    for yaw, lean in ((0.0, 90.0), (90.0, 0.0), (200.0, 250.0)):
+        turn = rotation_matrix(np.radians(yaw), 0, 0) @ rotation_matrix(0, np.radians(2.0), 0)
+        leant = type(post)(post.vertices @ turn.T + base, post.faces, post.attributes)
+        got = measure(leant, TAXONOMY["light_pole"], base)
+        assert got.tilt == pytest.approx(2.0, abs=1e-3)
+        assert (got.lean_azimuth - lean + 180) % 360 - 180 == pytest.approx(0, abs=0.1)
+        assert got.panels == 0 and np.isnan(got.panel_bottom)
+    hung = measure(plate.moved(base + [0, 0, 2.5]), TAXONOMY["traffic_sign"], base)
+    assert np.isnan(hung.tilt) and hung.panel_centre == pytest.approx(2.5)
+    np.testing.assert_array_equal(measure(built("sedan", 0), TAXONOMY["car"], base * 0), Measures())
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -1,4 +1,4 @@
-"""What can be measured on a built mesh, as truth for those who measure it on points: tilt of masts, plates of signs."""
+"""What can be measured on a built mesh, as truth for those who measure it on points: lean of masts, plates of signs."""
 
 from __future__ import annotations
 
@@ -34,8 +34,95 @@ class Plates(NamedTuple):
     height: NDArray[np.float64]
 
 
+class Measures(NamedTuple):
+    """What an asset register says of a pole or a sign beside its box; NaN where an object has no such thing.
+
+    Parameters
+    ----------
+    tilt : float
+        Angle between the axis and the vertical, degrees.
+    lean_azimuth : float
+        Direction in which the axis leans, degrees clockwise from grid north; of a tilt of 0 it means nothing.
+    panels : int
+        Plates of traffic signs; the rest is said of the largest.
+    panel_bottom, panel_centre : float
+        Heights of its lower edge and its middle above the base, metres.
+    panel_width, panel_height : float
+        Metres.
+    panel_azimuth : float
+        Where its front looks, degrees clockwise from grid north.
+    panel_x, panel_y : float
+        Its middle, metres, in the frame of the mesh.
+    """
+
+    tilt: float = np.nan
+    lean_azimuth: float = np.nan
+    panels: int = 0
+    panel_bottom: float = np.nan
+    panel_centre: float = np.nan
+    panel_width: float = np.nan
+    panel_height: float = np.nan
+    panel_azimuth: float = np.nan
+    panel_x: float = np.nan
+    panel_y: float = np.nan
+
+
+_MASTS = tuple(TAXONOMY[name] for name in ("light_pole", "utility_pole", "traffic_light", "traffic_sign", "gantry"))
+
+
+def measure(mesh: Mesh, label: int, base: NDArray[np.float64]) -> Measures:
+    """Measure a pole or a sign where it stands.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The object, x east and y north, metres.
+    label : int
+        Taxonomy code of the whole.
+    base : ndarray of shape (3,), float64
+        Where it stands, metres.
+
+    Returns
+    -------
+    Measures
+        All NaN and no panels for what is neither a pole nor a sign. A plate that hangs on another object has no tilt.
+    """
+    if label not in _MASTS:
+        return Measures()
+    found = Measures()
+    if mesh.vertices[:, 2].min() - base[2] < -0.5 * UNDERGROUND:
+        axis = _axis(mesh)
+        found = found._replace(tilt=_off_vertical(axis), lean_azimuth=_azimuth(axis[0], axis[1]))
+    plates = sign_plates(mesh)
+    if len(plates.yaw) == 0:
+        return found
+    (x, y, z), yaw = plates.centre[0], plates.yaw[0]
+    width, height = float(plates.width[0]), float(plates.height[0])
+    return found._replace(
+        panels=len(plates.yaw), panel_bottom=float(z - base[2] - height / 2), panel_centre=float(z - base[2]),
+        panel_width=width, panel_height=height, panel_azimuth=_azimuth(np.cos(yaw), np.sin(yaw)),
+        panel_x=float(x), panel_y=float(y),
+    )  # fmt: skip
+
+
+def _azimuth(east: float, north: float) -> float:
+    return float(np.degrees(np.arctan2(east, north)) % 360.0)
+
+
+def _off_vertical(axis: NDArray[np.float64]) -> float:
+    return float(np.degrees(np.arctan2(np.hypot(axis[0], axis[1]), axis[2])))
+
+
+def _axis(mesh: Mesh) -> NDArray[np.float64]:
+    """Return the upward unit axis of a mast: its foot was cut level before it was leaned."""
+    z = mesh.vertices[:, 2]
+    foot = mesh.vertices[z < z.min() + 0.1]
+    axis = np.linalg.svd(foot - foot.mean(axis=0), full_matrices=False)[2][2]
+    return np.asarray(axis if axis[2] >= 0 else -axis)
+
+
 def tilt(mesh: Mesh) -> float:
-    """Return by how much a mast leans: its foot was cut level before it was leaned.
+    """Return by how much a mast leans.
 
     Parameters
     ----------
@@ -55,9 +142,7 @@ def tilt(mesh: Mesh) -> float:
     z = mesh.vertices[:, 2]
     if z.min() > -0.5 * UNDERGROUND:
         raise ParameterError(f"the mesh ends {z.min():.2f} m above the ground: only what is let into it has a foot")
-    foot = mesh.vertices[z < z.min() + 0.1]
-    axis = np.linalg.svd(foot - foot.mean(axis=0), full_matrices=False)[2][2]
-    return float(np.degrees(np.arccos(min(abs(axis[2]), 1.0))))
+    return _off_vertical(_axis(mesh))
 
 
 def sign_plates(mesh: Mesh) -> Plates:
