@@ -5,12 +5,13 @@ import warnings
 from omegaconf.resolvers import oc
 
 from mlsroad_pipeline.config import ParameterConfigLoader
+from mlsroad_pipeline.default_pipeline import DefaultPipelineHooks
 from mlsroad_pipeline.hooks import MlflowDetailsHooks
 
 # The dots in names of datasets are what catalog factories such as "{method}.labels" go by; every command would warn.
 warnings.filterwarnings("ignore", message="One or more dataset names contain '.'", category=UserWarning)
 
-HOOKS = (MlflowDetailsHooks(),)
+HOOKS = (MlflowDetailsHooks(), DefaultPipelineHooks())
 
 CONFIG_LOADER_CLASS = ParameterConfigLoader
 CONFIG_LOADER_ARGS = {

@@ -1,4 +1,4 @@
-"""What all methods that recognise objects share: sets of objects with classes, the protocol, and the scores."""
+"""What all methods that recognise objects share: sets of objects with classes, and the protocol."""
 
 from __future__ import annotations
 
@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from typing import Protocol, Self
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.features.accumulation_images import join_objects, join_values
-from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
-from mlsroad_pipeline.algorithms.metrics.scores import recognition_scores
 
 
 class Recogniser(Protocol):
@@ -253,35 +250,3 @@ def check_training(
     if len(found) < 2:
         raise DataError(f"{method} needs objects of at least two classes, got {found.tolist()} alone")
     return found, target.astype(np.int64)
-
-
-def recognition_table(
-    truth: Mapping[str, NDArray[np.integer]],
-    predicted: Mapping[str, NDArray[np.integer]],
-    *,
-    method: str,
-    classes: Sequence[str],
-) -> pd.DataFrame:
-    """Score recognised objects per split; objects of unknown class are left out.
-
-    Parameters
-    ----------
-    truth, predicted : mapping of str to ndarray of int
-        Split to the class of each object, -1 for unknown.
-    method : str
-        The method's slug.
-    classes : sequence of str
-        Class names in label order.
-
-    Returns
-    -------
-    DataFrame
-        The table of scores, see `metrics.scores`.
-    """
-    tables = [
-        recognition_scores(
-            confusion_matrix(truth[split], predicted[split], len(classes)), method=method, split=split, classes=classes
-        )
-        for split in truth
-    ]
-    return pd.concat(tables, ignore_index=True)

@@ -6,7 +6,8 @@ import torch
 
 from mlsroad_pipeline.algorithms.baselines.descriptor_machine import DescriptorParameters
 from mlsroad_pipeline.algorithms.baselines.hierarchy_descriptor import HierarchyRecogniser
-from mlsroad_pipeline.algorithms.baselines.pointnet import PointNet, PointNetParameters, PointNetRecogniser
+from mlsroad_pipeline.algorithms.baselines.pointnet import PointNet, PointNetRecogniser
+from mlsroad_pipeline.algorithms.baselines.pointnet_parameters import PointNetParameters
 from mlsroad_pipeline.algorithms.baselines.shot import ShotRecogniser
 from mlsroad_pipeline.algorithms.baselines.spin_image import SpinImageRecogniser
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
