@@ -126,7 +126,7 @@ class AugmentationParameters:
         Whether they are turned about z by any angle, and mirrored half of the time.
     drop : float, default 0.5
         Greatest share of the points that is left out.
-    occlude : float, default 0.0
+    occlude : float, default 0.3
         Greatest share of the extent that is cut off from one side, half of the time.
     noise : float, default 0.0
         Greatest standard deviation of noise on the coordinates, as a share of half of the object's extent.
@@ -145,7 +145,7 @@ class AugmentationParameters:
 
     rotate: bool = True
     drop: float = 0.5
-    occlude: float = 0.0
+    occlude: float = 0.3
     noise: float = 0.0
     scale: float = 0.1
     outliers: float = 0.0
@@ -162,7 +162,7 @@ class TrainingParameters:
 
     Parameters
     ----------
-    epochs : int, default 100
+    epochs : int, default 80
         Passes over the training objects (luo2019: 150).
     batch_size : int, default 32
         Objects per step (luo2019: 32).
@@ -199,7 +199,7 @@ class TrainingParameters:
         If a number is outside its range or a name is unknown.
     """
 
-    epochs: int = 100
+    epochs: int = 80
     batch_size: int = 32
     learning_rate: float = 0.05
     momentum: float = 0.9
