@@ -54,16 +54,16 @@ def test_scores_are_the_sum_over_the_views_and_the_convolutional_module_is_share
     images, measures = encode(flat(shapes(rng, 2)[0]), InputParameters())
     given = {view: torch.from_numpy(v) for view, v in images.items()}
     with torch.no_grad():
-        whole = net(given, torch.from_numpy(measures))
+        whole, alone_by_measures = net(given, torch.from_numpy(measures))
         net.views, parts = ("hssi",), []
         for view in ("hssi", "vqai", "vaai"):
             net.views = (view,)
-            parts.append(net(given, torch.from_numpy(measures)))
+            parts.append(net(given, torch.from_numpy(measures))[0])
     torch.testing.assert_close(whole, sum(parts))  # equation 10
-    assert whole.shape == (6, 5)
+    assert whole.shape == alone_by_measures.shape == (6, 5)
     alone = JointNet(JointNetParameters().with_views("vqai"), 5)
     size = {n: sum(p.numel() for p in net.parameters()) for n, net in (("all", net), ("one", alone))}
-    shared = sum(p.numel() for p in net.convolutional.parameters())
+    shared = sum(p.numel() for part in (net.convolutional, net.by_measures) for p in part.parameters())
     assert size["all"] - shared == 3 * (size["one"] - shared)
     assert size["all"] * 4 < 5e6 / 2  # two members are within 5 MB
 
@@ -91,11 +91,29 @@ def test_what_the_network_sees(rng, changes):
         np.testing.assert_allclose(images["vqai"][:, 0, 1][cells], 0.5, atol=1e-5)
         assert (images["vqai"][:, 0, 1][~cells] == 0).all()
         hidden = encode(flat(objects, known=False), seen)
-        assert (hidden[0]["hssi"][:, :, 1] == 0).all() and (hidden[1][:, 9:] == 0).all()
-    assert measures.shape == (3, 13 if seen.measures else 0)
+        assert (hidden[0]["hssi"][:, :, 1] == 0).all() and (hidden[1][:, 34:] == 0).all()
+    assert measures.shape == (3, 42 if seen.measures else 0)
     if seen.measures:
         heights = [np.log(np.ptp(p[:, 2]) + 0.1) for p in objects]
         np.testing.assert_allclose(measures[:, 0], heights, rtol=1e-5)
+
+
+def test_measures_are_what_they_are_called(rng):
+    points = flat([rng.uniform(size=(4000, 3)) * [4.0, 2.0, 8.0] + [4e5, 5e6, 20.0]])
+    found = encode(points, InputParameters())[1][0]
+    np.testing.assert_allclose(np.exp(found[:3]) - 0.1, [8, 4, 2], atol=0.15)
+    np.testing.assert_allclose(np.exp(found[3:6]) - 0.05, np.array([8, 4, 2]) / np.sqrt(12), atol=0.06)
+    np.testing.assert_allclose(found[6:9], [0.25, 0.5, 0.75], atol=0.03)
+    np.testing.assert_allclose(np.exp(found[9:12]) - 0.05, [7.2, 3.6, 1.8], atol=0.15)
+    np.testing.assert_allclose(found[12:24:3], 0.25, atol=0.03)
+    np.testing.assert_allclose(np.exp(found[13:24:3]) - 0.05, 4 / np.sqrt(12), atol=0.1)
+    distance = np.linalg.norm((points.xyz - points.xyz.mean(axis=0))[:, :2], axis=1)
+    np.testing.assert_allclose(
+        np.exp(found[24:29]) - 0.05, np.quantile(distance, [0.1, 0.25, 0.5, 0.75, 0.9]), atol=0.02
+    )
+    np.testing.assert_allclose(found[29:32], [0.5, 0.25, 0.25], atol=0.03)
+    assert found[32] < 0.05 and found[33] > 0.99  # the last axis is level, the first upright
+    np.testing.assert_allclose(found[34:], [0.5, 0, 0.5, 0.5, 0.5, 0.5, 0.5, 1.0], atol=1e-6)
 
 
 def test_measures_do_not_turn_with_the_object(rng):

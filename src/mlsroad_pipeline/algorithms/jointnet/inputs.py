@@ -5,11 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.features.accumulation_images import Images, draw_images
-from mlsroad_pipeline.algorithms.jointnet.parameters import N_MEASURES, VIEWS, AugmentationParameters, InputParameters
+from mlsroad_pipeline.algorithms.jointnet.measures import measure_objects
+from mlsroad_pipeline.algorithms.jointnet.parameters import (
+    N_INTENSITY,
+    N_MEASURES,
+    VIEWS,
+    AugmentationParameters,
+    InputParameters,
+)
 
 _FEW = 8
 """An object keeps all of its points where fewer than these would be left."""
@@ -181,49 +187,9 @@ def encode(points: Points, parameters: InputParameters) -> tuple[dict[str, NDArr
         images[view] = np.stack(channels, axis=2)
     found = np.zeros((len(counts), N_MEASURES if parameters.measures else 0), dtype=np.float32)
     if parameters.measures:
-        _measure(points.xyz, points.indptr, value, found)
+        measure_objects(points.xyz, points.indptr, value, found)
         if parameters.intensity:
             found[:, -1] = points.known
         else:
-            found[:, -4:] = 0.0
+            found[:, -N_INTENSITY:] = 0.0
     return images, found
-
-
-@njit(cache=True, nogil=True)
-def _measure(
-    xyz: NDArray[np.float64], indptr: NDArray[np.int64], value: NDArray[np.float64], out: NDArray[np.float32]
-) -> None:
-    """Measure objects: logarithms of extents and spreads, quartiles of the height, and of the intensity likewise."""
-    for k in range(len(out)):
-        first, last = indptr[k], indptr[k + 1]
-        n = last - first
-        mx = my = 0.0
-        for i in range(first, last):
-            mx += xyz[i, 0] / n
-            my += xyz[i, 1] / n
-        cxx = cxy = cyy = 0.0
-        for i in range(first, last):
-            dx, dy = xyz[i, 0] - mx, xyz[i, 1] - my
-            cxx += dx * dx / n
-            cxy += dx * dy / n
-            cyy += dy * dy / n
-        angle = 0.5 * np.arctan2(2.0 * cxy, cxx - cyy)  # the horizontal direction of greatest spread
-        ux, uy = np.cos(angle), np.sin(angle)
-        along, across = np.empty(n), np.empty(n)
-        for i in range(first, last):
-            along[i - first] = (xyz[i, 0] - mx) * ux + (xyz[i, 1] - my) * uy
-            across[i - first] = (xyz[i, 1] - my) * ux - (xyz[i, 0] - mx) * uy
-        z = np.sort(xyz[first:last, 2])
-        bright = np.sort(value[first:last])
-        height = max(z[-1] - z[0], 1e-3)
-        out[k, 0] = np.log(height + 0.1)
-        out[k, 1] = np.log(along.max() - along.min() + 0.1)
-        out[k, 2] = np.log(across.max() - across.min() + 0.1)
-        out[k, 3] = np.log(along.std() + 0.05)
-        out[k, 4] = np.log(across.std() + 0.05)
-        out[k, 5] = np.log(z.std() + 0.05)
-        for j in range(3):
-            out[k, 6 + j] = (z[(n - 1) * (j + 1) // 4] - z[0]) / height
-        out[k, 9] = bright.mean()
-        out[k, 10] = bright.std()
-        out[k, 11] = bright[(n - 1) * 19 // 20]

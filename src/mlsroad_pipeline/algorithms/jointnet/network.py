@@ -69,6 +69,7 @@ class JointNet(nn.Module):
         self.convolutional = _convolutional_module(layers, 2 if inputs.intensity else 1)
         self.fusion_1 = nn.ModuleDict({view: _first_fusion(layers) for view in self.views})
         self.fusion_2 = nn.ModuleDict({view: CNN3(layers, n_measures, n_classes) for view in self.views})
+        self.by_measures = _measures_head(layers, n_measures, n_classes) if n_measures else None
         self.register_buffer("shift", torch.zeros(n_measures))
         self.register_buffer("scale", torch.ones(n_measures))
         self._start(n_classes)
@@ -94,8 +95,9 @@ class JointNet(nn.Module):
 
         Returns
         -------
-        Tensor of shape (batch, n_classes)
-            Scores, the sum over the views (equation 10); their softmax is the probability.
+        Tensor of shape (heads, batch, n_classes)
+            Scores. The first head is the sum over the views (equation 10), the second, where there are measures, judges
+            by them alone. The mean of their softmax is the probability.
         """
         known = (measures - self.shift) / self.scale
         scores = []
@@ -103,7 +105,10 @@ class JointNet(nn.Module):
             maps = self.convolutional(images[view].flatten(0, 1))
             joined = maps.reshape(len(measures), -1, *maps.shape[2:])
             scores.append(self.fusion_2[view](self.fusion_1[view](joined), known))
-        return torch.stack(scores).sum(dim=0)
+        heads = [torch.stack(scores).sum(dim=0)]
+        if self.by_measures is not None:
+            heads.append(self.by_measures(known))
+        return torch.stack(heads)
 
 
 def _convolutional_module(p: NetworkParameters, n_channels: int) -> nn.Sequential:
@@ -129,6 +134,18 @@ def _first_fusion(p: NetworkParameters) -> nn.Sequential:
     return nn.Sequential(
         *_convolution(N_PARTS * p.map_channels, first, 3, p.batch_norm),
         *_convolution(first, second, 3, p.batch_norm),
+    )
+
+
+def _measures_head(p: NetworkParameters, n_measures: int, n_classes: int) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Linear(n_measures, p.n_hidden),
+        nn.ReLU(),
+        nn.Dropout(p.dropout),
+        nn.Linear(p.n_hidden, p.n_hidden),
+        nn.ReLU(),
+        nn.Dropout(p.dropout),
+        nn.Linear(p.n_hidden, n_classes),
     )
 
 

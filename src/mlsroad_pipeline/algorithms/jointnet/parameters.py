@@ -12,8 +12,9 @@ from mlsroad_pipeline.algorithms.validation import check_positive
 VIEWS = ("hssi", "vqai", "vaai")
 """Kinds of images: the three of the paper."""
 
-N_MEASURES = 13
-"""Numbers that describe the size of an object and its intensity, see `measures`."""
+N_MEASURES, N_INTENSITY = 42, 8
+"""Numbers that describe the size of an object and its intensity, see `measures`; the last are of the intensity, and the
+very last is whether it is known."""
 
 
 def _share(value: float, name: str) -> None:

@@ -141,7 +141,7 @@ class JointNetRecogniser:
         device = next(self.networks_[0].parameters()).device
         given = to_tensors(images, measures, device)
         with reproducible(0), torch.inference_mode():
-            found = [torch.softmax(network(*given), dim=1) for network in self.networks_]
+            found = [torch.softmax(network(*given), dim=2).mean(dim=0) for network in self.networks_]
             summed: NDArray[np.float64] = torch.stack(found).sum(dim=0).double().cpu().numpy()
         return summed
 

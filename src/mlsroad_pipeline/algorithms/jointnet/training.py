@@ -202,7 +202,7 @@ class _Run:
                 mixed = p.mixed_precision and self.device.type == "cuda"
                 with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=mixed):
                     scores = self.network({view: v[chosen] for view, v in images.items()}, measures[chosen])
-                loss = self.loss(scores.float(), self.target[chosen])
+                loss = torch.stack([self.loss(head.float(), self.target[chosen]) for head in scores]).sum()
                 loss.backward()
                 self.optimizer.step()
                 total += float(loss.detach()) * len(rows)
@@ -214,7 +214,8 @@ class _Run:
         self.network.eval()
         with reproducible(0), torch.no_grad():
             found = self.network(*to_tensors(*encode(self.held, self.parameters.inputs), self.device))
-            loss = float(nn.functional.cross_entropy(found, self.held_target))
+            log_probability = torch.log(torch.softmax(found, dim=2).mean(dim=0).clamp(min=1e-12))
+            loss = float(nn.functional.nll_loss(log_probability, self.held_target))
         self.history[-1]["validation_loss"] = loss
         before = [entry["validation_loss"] for entry in self.history[:-1]]
         self.since_best += 1

@@ -96,7 +96,32 @@ def train_jointnet(
     *,
     method: str,
 ) -> tuple[ModelBundle, ModelBundle]:
-    """Train JointNet or a sub-network; see `_train`."""
+    """Train JointNet or a sub-network.
+
+    Parameters
+    ----------
+    sets : SceneCollection
+        The objects; those of the training scenes, or of all folds, are learned.
+    parameters : JointNetParameters
+        Parameters of the method.
+    recognition : RecognitionParameters
+        Which objects.
+    ground : GroundParameters
+        How the ground was found.
+    segmentation : SegmentationParameters
+        How objects were found.
+    survey : SurveyParameters
+        Names the survey.
+    classes : mapping
+        The class schemes.
+    method : str
+        The method's slug.
+
+    Returns
+    -------
+    model, registered : ModelBundle
+        The model, for the workers and for the registry.
+    """
     return _train(sets, parameters, recognition, DetectionStages(ground, segmentation), survey, classes, method)
 
 
@@ -111,7 +136,32 @@ def train_machine(
     *,
     method: str,
 ) -> tuple[ModelBundle, ModelBundle]:
-    """Train a descriptor with a machine; see `_train`."""
+    """Train a descriptor with a machine.
+
+    Parameters
+    ----------
+    sets : SceneCollection
+        The objects; those of the training scenes, or of all folds, are learned.
+    parameters : DescriptorParameters
+        Parameters of the method.
+    recognition : RecognitionParameters
+        Which objects.
+    ground : GroundParameters
+        How the ground was found.
+    segmentation : SegmentationParameters
+        How objects were found.
+    survey : SurveyParameters
+        Names the survey.
+    classes : mapping
+        The class schemes.
+    method : str
+        The method's slug.
+
+    Returns
+    -------
+    model, registered : ModelBundle
+        The model, for the workers and for the registry.
+    """
     return _train(sets, parameters, recognition, DetectionStages(ground, segmentation), survey, classes, method)
 
 
@@ -126,7 +176,32 @@ def train_pointnet(
     *,
     method: str,
 ) -> tuple[ModelBundle, ModelBundle]:
-    """Train PointNet; see `_train`."""
+    """Train PointNet.
+
+    Parameters
+    ----------
+    sets : SceneCollection
+        The objects; those of the training scenes, or of all folds, are learned.
+    parameters : PointNetParameters
+        Parameters of the method.
+    recognition : RecognitionParameters
+        Which objects.
+    ground : GroundParameters
+        How the ground was found.
+    segmentation : SegmentationParameters
+        How objects were found.
+    survey : SurveyParameters
+        Names the survey.
+    classes : mapping
+        The class schemes.
+    method : str
+        The method's slug.
+
+    Returns
+    -------
+    model, registered : ModelBundle
+        The model, for the workers and for the registry.
+    """
     return _train(sets, parameters, recognition, DetectionStages(ground, segmentation), survey, classes, method)
 
 
