@@ -18,6 +18,11 @@ class HierarchyRecogniser(DescriptorRecogniser):
 
     The descriptor is known from a thesis alone; Luo et al. call it a model of the typical vertical features of a shape,
     of 100 numbers. This reading keeps both.
+
+    Parameters
+    ----------
+    parameters : DescriptorParameters, optional
+        What is chosen from.
     """
 
     slug = SLUG

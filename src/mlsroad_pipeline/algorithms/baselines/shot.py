@@ -18,7 +18,13 @@ N_NEIGHBORS = 10
 
 
 class ShotRecogniser(DescriptorRecogniser):
-    """One SHOT of 352 numbers per object, about its centroid; normals face away from there."""
+    """One SHOT of 352 numbers per object, about its centroid; normals face away from there.
+
+    Parameters
+    ----------
+    parameters : DescriptorParameters, optional
+        What is chosen from.
+    """
 
     slug = SLUG
 

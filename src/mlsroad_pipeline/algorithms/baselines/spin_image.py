@@ -15,7 +15,13 @@ SLUG = "spin_image"
 
 
 class SpinImageRecogniser(DescriptorRecogniser):
-    """One spin image of 153 numbers per object, about the vertical through the middle of its bounding box."""
+    """One spin image of 153 numbers per object, about the vertical through the middle of its bounding box.
+
+    Parameters
+    ----------
+    parameters : DescriptorParameters, optional
+        What is chosen from.
+    """
 
     slug = SLUG
 

@@ -26,6 +26,9 @@ class PyramidPooling(nn.Module):
     Two levels of 2 x 1 and 1 x 1 cells (Luo et al. 2019, Figure 5), so that images of any size give 3 values a channel.
     """
 
+    def __init__(self) -> None:
+        super().__init__()
+
     def forward(self, maps: Tensor) -> Tensor:
         """Pool feature maps.
 
