@@ -63,6 +63,7 @@ def main() -> None:
     parser.add_argument("--methods", nargs="+", default=["jointnet"])
     parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3])
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--runs", nargs="+", help="only these of the runs, such as fold2")
     parser.add_argument("--inner", action="store_true")
     parser.add_argument("--changes", type=json.loads, default={})
     options = parser.parse_args()
@@ -75,6 +76,7 @@ def main() -> None:
         runs = {f"{a} to {b}": (folds[a], folds[b]) for a, b in permutations(folds, 2)}
     else:
         runs = {b: (ObjectSet.join([s for a, s in folds.items() if a != b]), folds[b]) for b in folds}
+    runs = {name: pair for name, pair in runs.items() if options.runs is None or name in options.runs}
     for slug in options.methods:
         start = time.perf_counter()
         plan = [(seed, name) for seed in options.seeds for name in runs]
