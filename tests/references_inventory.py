@@ -104,3 +104,50 @@ def scanned_street(rng, *, rate=75.0, pulses=24_000, seconds=4.0, yaw=45.0, pitc
     hit = (distance > 1.5) & (distance < 60.0)
     measured = distance[hit] + rng.normal(0, 0.01, hit.sum())
     return centre[hit] + measured[:, None] * beam[hit], time[hit], centre[hit]
+
+
+def least_rectangle_area(xy, step=0.05):
+    """Return the area of the least rectangle around points, by trying every direction."""
+    areas = []
+    for angle in np.radians(np.arange(0, 90, step)):
+        turned = xy @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        areas.append(np.prod(np.ptp(turned, axis=0)))
+    return min(areas)
+
+
+def closeness(xy, degrees, *, near=0.05, stray=0.004):
+    """Return the closeness criterion of Zhang et al. 2017 for a direction, sides moved in past stray points."""
+    angle = np.radians(degrees)
+    total = 0.0
+    along = [float(x * np.cos(angle) + y * np.sin(angle)) for x, y in xy]
+    across = [float(y * np.cos(angle) - x * np.sin(angle)) for x, y in xy]
+    k = int(stray * len(xy))
+    sides = [(sorted(values)[k], sorted(values)[len(xy) - 1 - k]) for values in (along, across)]
+    for u, v in zip(along, across, strict=True):
+        d = min(abs(u - sides[0][0]), abs(sides[0][1] - u), abs(v - sides[1][0]), abs(sides[1][1] - v))
+        total += 1 / max(d, near)
+    return total
+
+
+def seen_cylinder(base, height, radius, *, tilt=0.0, lean=0.0, seen_from=0.0, arc=180.0, noise=0.0, seed=0, n=3000):
+    """Points on the side of a leaning cylinder that faces an azimuth; angles in degrees."""
+    rng = np.random.default_rng(seed)
+    azimuth = np.radians(seen_from + rng.uniform(-arc / 2, arc / 2, n))
+    along = rng.uniform(0, height, n)
+    far = radius + rng.normal(0, noise, n) if noise else radius
+    side = np.column_stack([np.sin(azimuth) * far, np.cos(azimuth) * far, np.zeros(n)])
+    slope = np.tan(np.radians(tilt)) * np.array([np.sin(np.radians(lean)), np.cos(np.radians(lean))])
+    return side + np.column_stack([along[:, None] * slope, along]) + base
+
+
+def planted_sign(base, *, facing, bottom=2.2, size=0.7, standoff=0.06, disc=True, seed=0):
+    """A panel before its post: points of both, the panel's middle standoff before the post's axis."""
+    rng = np.random.default_rng(seed)
+    post = seen_cylinder(np.zeros(3), bottom + size, 0.03, seen_from=facing, seed=seed, n=600)
+    uv = rng.uniform(-size / 2, size / 2, (1500, 2))
+    if disc:
+        uv = uv[np.hypot(*uv.T) <= size / 2]
+    turn = np.radians(facing)
+    normal, right = np.array([np.sin(turn), np.cos(turn), 0]), np.array([np.cos(turn), -np.sin(turn), 0])
+    panel = standoff * normal + uv[:, :1] * right + np.array([0, 0, bottom + size / 2]) + uv[:, 1:] * [0, 0, 1]
+    return np.concatenate([post[post[:, 2] < bottom], panel + rng.normal(0, 0.003, panel.shape)]) + base

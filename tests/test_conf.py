@@ -278,6 +278,8 @@ def test_command_line_says_where_results_of_label_go(project, tmp_path):
     context = context_of(project, "base", **given)
     catalog, parameters = context.catalog, context.params["label"]
     assert Path(catalog.get("label_inventory")._describe()["filepath"]) == tmp_path / "out" / "inventory.gpkg"
+    table = catalog.get("label_inventory_table")._describe()["filepath"]
+    assert Path(table) == tmp_path / "out" / "inventory.parquet"
     assert str(tmp_path / "out" / "report.html") in str(catalog.get("label_report")._describe())
     assert catalog.get("label_registered_model")._describe() == {"name": "mlsroad-other", "model_version": 3}
     assert parameters.model == 3

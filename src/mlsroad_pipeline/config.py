@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Mapping
+from copy import deepcopy
 from typing import Any
 
 from kedro.config import OmegaConfigLoader
@@ -26,6 +27,7 @@ class ParameterConfigLoader(OmegaConfigLoader):
 
     def __init__(self, conf_source: str, **options: Any) -> None:
         super().__init__(conf_source, **options)
+        self._parameters: dict[str, Any] | None = None  # read once for the catalog and for the nodes
 
     def __getitem__(self, key: str) -> dict[str, Any]:
         """Load the configuration of a kind.
@@ -40,14 +42,16 @@ class ParameterConfigLoader(OmegaConfigLoader):
         dict
             The merged and resolved configuration.
         """
+        if key == "parameters":
+            if self._parameters is None:
+                self._parameters = super().__getitem__(key)
+            return deepcopy(self._parameters)
         if key == "catalog":
 
-            @cache
-            def parameters() -> Any:
-                return OmegaConf.create(self["parameters"])
-
             def value_of(name: str, default: Any = None) -> Any:
-                found = OmegaConf.select(parameters(), name)
+                found: Any = self._parameters or self["parameters"]
+                for part in name.split("."):
+                    found = found.get(part) if isinstance(found, Mapping) else None
                 return default if found is None or found == "" else found
 
             # Resolvers are global to the process: that of the loader which loads its catalog now is the right one.

@@ -34,8 +34,10 @@ class DefaultPipelineHooks:
         ParameterError
             If there is no such pipeline.
         """
+        if "__default__" not in pipelines:  # a pipeline was named
+            return
         name = context.config_loader["parameters"].get(KEY)
-        if (name is None and not self._changed) or "__default__" not in pipelines:
+        if name is None and not self._changed:
             return
         if name is not None and name not in pipelines:
             raise ParameterError(f"{KEY} is {name!r}, which is no pipeline ({', '.join(sorted(pipelines))})")

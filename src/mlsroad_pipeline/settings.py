@@ -1,12 +1,17 @@
 """Project settings: where configuration comes from and which hooks run."""
 
+import sys
 import warnings
 
-from omegaconf.resolvers import oc
+from mlsroad_pipeline.datasets.early_workers import start_early
 
-from mlsroad_pipeline.config import ParameterConfigLoader
-from mlsroad_pipeline.default_pipeline import DefaultPipelineHooks
-from mlsroad_pipeline.hooks import MlflowDetailsHooks
+start_early(sys.argv)  # before the imports below, which take seconds
+
+from omegaconf.resolvers import oc  # noqa: E402
+
+from mlsroad_pipeline.config import ParameterConfigLoader  # noqa: E402
+from mlsroad_pipeline.default_pipeline import DefaultPipelineHooks  # noqa: E402
+from mlsroad_pipeline.hooks import MlflowDetailsHooks  # noqa: E402
 
 # The dots in names of datasets are what catalog factories such as "{method}.labels" go by; every command would warn.
 warnings.filterwarnings("ignore", message="One or more dataset names contain '.'", category=UserWarning)

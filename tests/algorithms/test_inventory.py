@@ -1,6 +1,8 @@
 """The inventory: planted objects with known measures, and surveys cut anywhere."""
 
+import re
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -8,7 +10,8 @@ import pytest
 from references_inventory import planted_box, planted_pole, planted_tree
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory import OBJECT_FIELDS, extract_objects, merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory import extract_objects, merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory_table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 
@@ -99,7 +102,10 @@ def test_poles_have_their_base_height_and_tilt(table):
     np.testing.assert_allclose(poles["tilt"], [0, 4, 0], atol=0.2)
     np.testing.assert_allclose(poles["clearance"], 0, atol=0.05)
     np.testing.assert_allclose(poles["width"], [0.12, 0.12 + 6 * np.tan(np.radians(4)), 0.12], atol=0.05)
-    assert poles[["length", "azimuth"]].isna().all(axis=None)
+    np.testing.assert_allclose(poles["diameter"], 0.12, atol=0.005)
+    np.testing.assert_allclose(poles["lean_azimuth"], [np.nan, 90, np.nan], atol=2)
+    assert (poles["visible_share"] == 1).all()
+    assert poles[["length", "heading", "facing", "panel_width", "crown_diameter"]].isna().all(axis=None)
 
 
 def test_an_arm_and_a_lamp_do_not_move_the_axis():
@@ -127,7 +133,8 @@ def test_vehicles_have_their_box(table):
     np.testing.assert_allclose(cars["length"], [4.4, 4.4, 12.0], atol=0.06)
     np.testing.assert_allclose(cars["width"], [1.8, 1.8, 2.5], atol=0.06)
     np.testing.assert_allclose(cars["height"], [1.7, 1.7, 3.4], atol=0.07)
-    np.testing.assert_allclose(cars["azimuth"], [90, 120, 80], atol=0.5)
+    np.testing.assert_allclose(cars["heading"], [90, 120, 80], atol=0.5)
+    assert (cars["visible_share"] > 0.95).all()
     np.testing.assert_allclose(cars["clearance"], 0.2, atol=0.07)
 
 
@@ -135,23 +142,35 @@ def test_signs_know_their_pole_and_clearance(table):
     signs, poles = of_kind(table, "sign"), of_kind(table, "pole")
     assert signs["pole_id"].tolist() == [poles["object_id"][2], 0]
     np.testing.assert_allclose(signs["clearance"], [2.2, 2.5], atol=0.03)
-    np.testing.assert_allclose(signs["height"], 0.6, atol=0.03)
+    np.testing.assert_allclose(signs["height"], [2.8, 3.1], atol=0.03)
     np.testing.assert_allclose(signs["width"], [0.6, 0.9], atol=0.03)
-    np.testing.assert_allclose(signs["z"] - UTM[2], [1.2 + 2.2, 1.5 + 2.5], atol=0.03)
+    np.testing.assert_allclose(signs["z"] - UTM[2], [1.2, 1.5], atol=0.03)
+    np.testing.assert_allclose(signs["panel_bottom"], [2.2, 2.5], atol=0.03)
+    np.testing.assert_allclose(signs["panel_height"], 0.6, atol=0.03)
+    np.testing.assert_allclose(signs["panel_width"], [0.6, 0.9], atol=0.03)
+
+
+def test_a_panel_faces_away_from_the_pole_that_it_hangs_on(table):
+    signs = of_kind(table, "sign")  # the first is 0.1 m north of its pole, the second hangs on nothing
+    assert signs["facing_from"].tolist() == ["pole", "unknown"]
+    np.testing.assert_allclose((signs["facing"] + 1) % 360, [1, 91], atol=0.5)
 
 
 def test_trees_that_touch_are_split(table):
     trees = of_kind(table, "tree")
-    np.testing.assert_allclose(trees[["x", "y"]] - UTM[:2], [[12, 9], [20.3, 9], [38.5, 9], [43.5, 9]], atol=0.15)
+    np.testing.assert_allclose(trees[["x", "y"]] - UTM[:2], [[12, 9], [20.3, 9], [38.5, 9], [43.5, 9]], atol=0.1)
     np.testing.assert_allclose(trees["height"], [8, 7, 9, 8.5], atol=0.15)
     np.testing.assert_allclose(trees["width"], [4, 4.8, 5, 5], atol=0.6)
+    np.testing.assert_allclose(trees["crown_diameter"], [4, 4.8, 5, 5], atol=0.5)
+    np.testing.assert_allclose(trees["diameter"].dropna(), 0.3, atol=0.02)
+    assert len(trees["diameter"].dropna()) >= 3
 
 
 def test_confidence_is_the_mean_and_count_the_number_of_points(street, table):
     xyz, labels, confidence = street
     first = (labels == 1) & (np.abs(xyz[:, 0] - 5) < 1)
     assert table["point_count"][0] == first.sum()
-    assert table["confidence"][0] == pytest.approx(confidence[first].mean(), abs=1e-4)
+    assert table["score"][0] == pytest.approx(confidence[first].mean(), abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -205,6 +224,12 @@ def test_input_is_not_modified(street):
     inventory(street)
     for column, old in zip(street, before, strict=True):
         np.testing.assert_array_equal(column, old)
+
+
+def test_every_field_is_in_the_data_dictionary():
+    page = (Path(__file__).parents[2] / "docs/inventory.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[1] for line in page.split("## Fields")[1].split("\n## ")[0].splitlines() if "|" in line]
+    assert set(re.findall(r"`(\w+)`", " ".join(rows))) == set(FIELDS)
 
 
 def test_nothing_to_find():

@@ -5,12 +5,12 @@ import pytest
 from references_inventory import scanned_street
 
 from mlsroad_pipeline.algorithms.corridor import MainAxis
-from mlsroad_pipeline.algorithms.ingest import corridor_from_arrays
+from mlsroad_pipeline.algorithms.ingest import SplitPart, corridor_from_arrays, corridor_to_arrays
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.datasets.formats.las import LasFormat
 from mlsroad_pipeline.datasets.formats.options import ReadOptions, WriteOptions
-from mlsroad_pipeline.datasets.ingest_work import describe_file, find_corridor
+from mlsroad_pipeline.datasets.ingest_work import constant_columns, describe_file, find_corridor, read_and_cut
 
 UTM = np.array([583_000.0, 4_477_000.0, 120.0])
 WEEK = 312_345.0
@@ -78,3 +78,31 @@ def test_a_trajectory_file_is_preferred(rng, tmp_path):
         [described["sample"]], [described["windows"]], trajectory=str(tmp_path / "trajectory.csv"), along=True
     )
     assert corridor_from_arrays(found).length == 10.0 and "note" not in found
+
+
+@pytest.mark.parametrize("value", [0, 77])
+def test_a_column_with_one_value_tells_nothing_and_is_not_used(rng, tmp_path, value):
+    n = 3000
+    xyz, path = rng.random((n, 3)) * 5, tmp_path / "a.laz"
+    spread = rng.integers(0, 256, (n, 3)).astype(np.uint8)
+    described = written(path, xyz, rgb=spread, intensity=np.full(n, value / 255, np.float32))
+    assert described["info"]["constant"].tolist() == ["intensity"]
+
+    def cut(constant):
+        return read_and_cut(
+            str(path), corridor_to_arrays(None), options=ReadOptions(), labels=False, along=False, part=SplitPart(),
+            start=0, stop=n, n_total=n, file=0, bin_length=1.0, time_gap=1.0, constant=constant,
+        )  # fmt: skip
+
+    assert {"column.rgb", "column.intensity"} <= set(cut(())["points"])
+    without = cut(("intensity",))
+    assert "column.intensity" not in without["points"] and "column.rgb" in without["points"]
+    assert "intensity" not in without["quality"]["columns"]
+
+
+def test_one_point_that_differs_is_enough_where_the_sample_sees_it():
+    same = PointCloud(np.zeros((4, 3)), {"rgb": np.full((4, 3), 9, np.uint8), "intensity": np.zeros(4, np.float32)})
+    assert constant_columns(same) == ["rgb", "intensity"]
+    same["rgb"][2, 1] = 8
+    assert constant_columns(same) == ["intensity"]
+    assert constant_columns(same.select(np.array([0]))) == []

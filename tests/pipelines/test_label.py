@@ -116,8 +116,19 @@ def test_inventory_opens_in_its_system_and_lies_where_the_points_lie(labelled, s
     las = laspy.read(survey)
     assert len(objects) > 0
     assert objects["x"].between(las.x.min(), las.x.max()).all() and objects["y"].between(las.y.min(), las.y.max()).all()
-    assert objects["confidence"].between(0, 1).all() and (objects["point_count"] > 0).all()
+    assert set(objects["method"]) == {"detrended_forest"}
+    assert all(re.fullmatch(r"mlsroad-detrended_forest \d+", version) for version in objects["model_version"])
+    assert objects["score"].between(0, 1).all() and (objects["point_count"] > 0).all()
     assert objects["station"].notna().all()  # no trajectory lies beside the points: the path comes from their times
+
+
+def test_geoparquet_holds_the_objects_of_the_geopackage(labelled):
+    objects = gpd.read_file(labelled / "inventory.gpkg", layer="objects")
+    table = gpd.read_parquet(labelled / "inventory.parquet")
+    assert table.crs == objects.crs
+    assert table["object_id"].tolist() == objects["object_id"].tolist()
+    assert table.geometry.geom_equals(objects.geometry).all()
+    np.testing.assert_array_equal(table["height"], objects["height"])
 
 
 def test_report_tells_points_files_model_and_objects(labelled):
@@ -182,7 +193,8 @@ def test_subfolders_are_mirrored_and_each_is_a_drive_of_its_own(project, survey,
 def test_tables_and_pictures_beside_the_points_are_no_points(shared, project, tmp_path, caplog):
     folder = shared / "data/01_raw/simulated/test"  # with trajectory.csv, objects.csv, images and calibration
     out = label(project, folder, tmp_path / "out")
-    assert [path.name for path in sorted(out.iterdir())] == ["inventory.gpkg", "report.html", "survey.laz"]
+    inventory = [f"inventory.{ending}" for ending in ("gpkg", "parquet", "qml")]
+    assert [path.name for path in sorted(out.iterdir())] == [*inventory, "report.html", "survey.laz"]
     said = [record.getMessage() for record in caplog.records if "objects.csv" in record.getMessage()]
     assert len(said) == 1 and "Left out" in said[0]
     objects = gpd.read_file(out / "inventory.gpkg", layer="objects")

@@ -15,44 +15,16 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.graphs import connected_components
-from mlsroad_pipeline.algorithms.object_measures import Voxels, measure, split_at_valleys
+from mlsroad_pipeline.algorithms.inventory_table import OBJECT_FIELDS, empty_table, finish_table, object_table
+from mlsroad_pipeline.algorithms.object_measures import Voxels, measure
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule
-from mlsroad_pipeline.algorithms.object_voxels import FRAGMENT_FIELDS, find_fragments, join_voxels
+from mlsroad_pipeline.algorithms.object_splitting import split_at_valleys
+from mlsroad_pipeline.algorithms.object_voxels import FRAGMENT_FIELDS, find_fragments, join_voxels, voxelise
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.validation import check_column, check_xyz
-
-OBJECT_FIELDS = {
-    "object_id": "int64",
-    "class": "str",
-    "kind": "str",
-    "x": "float64",
-    "y": "float64",
-    "z": "float64",
-    "height": "float64",
-    "width": "float64",
-    "length": "float64",
-    "azimuth": "float64",
-    "tilt": "float64",
-    "clearance": "float64",
-    "point_count": "int64",
-    "confidence": "float64",
-    "station": "float64",
-    "offset": "float64",
-    "pole_id": "int64",
-    "scene": "str",
-}
-"""Columns of an object table and their types; docs/inventory.md says what they mean."""
-
-_DECIMALS = {
-    **dict.fromkeys(("x", "y", "z", "height", "width", "length", "clearance", "station", "offset"), 3),
-    **dict.fromkeys(("azimuth", "tilt"), 2),
-    "confidence": 4,
-}
-_LINK_DISTANCE = 0.75  # between a pole's axis at its base and the edge of a sign that it carries, metres
 
 
 @dataclass(frozen=True)
@@ -74,22 +46,6 @@ class SceneObjects:
     fragments: pd.DataFrame
 
 
-def empty_table(fields: Mapping[str, str]) -> pd.DataFrame:
-    """Return a table of no rows with typed columns.
-
-    Parameters
-    ----------
-    fields : mapping of str to str
-        Column name to dtype, such as `OBJECT_FIELDS`.
-
-    Returns
-    -------
-    DataFrame
-        The columns in order, without rows.
-    """
-    return pd.DataFrame({name: pd.Series(dtype=dtype) for name, dtype in fields.items()})
-
-
 def _measured(
     voxels: Voxels, number: NDArray[np.int64], name: str, rule: ObjectRule, scenes: Sequence[str]
 ) -> list[dict[str, float | int | str]]:
@@ -106,21 +62,13 @@ def _measured(
             if part.count.sum() < rule.min_points:
                 continue
             row = measure(part, rule.kind)
-            hangs = row["clearance"] > rule.max_clearance  # False where the ground is not known
-            if rule.min_height <= row["height"] <= rule.max_height and row["extent"] <= rule.max_width and not hangs:
+            height, clearance, extent = (float(row[key]) for key in ("height", "clearance", "extent"))
+            hangs = clearance > rule.max_clearance  # False where the ground is not known
+            if rule.kind == "sign" and clearance > 0:
+                height -= clearance  # of what there is: a panel may hang anywhere
+            if rule.min_height <= height <= rule.max_height and extent <= rule.max_width and not hangs:
                 rows.append({**row, "class": name, "kind": rule.kind, "scene": scenes[int(row["scene"])]})
     return rows
-
-
-def _as_table(rows: Sequence[Mapping[str, float | int | str]]) -> pd.DataFrame:
-    if not rows:
-        return empty_table(OBJECT_FIELDS)
-    table = pd.DataFrame(list(rows))
-    for name in ("object_id", "pole_id"):
-        table[name] = 0
-    for name in ("station", "offset"):
-        table[name] = np.nan
-    return table[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
 
 
 def extract_objects(
@@ -190,7 +138,7 @@ def extract_objects(
         if len(cut):
             fragments.append(cut.assign(**{"class": name}))
     joined = pd.concat(fragments, ignore_index=True) if fragments else empty_table(FRAGMENT_FIELDS)
-    return SceneObjects(scene, _as_table(rows), joined[list(FRAGMENT_FIELDS)].astype(FRAGMENT_FIELDS))
+    return SceneObjects(scene, object_table(rows), joined[list(FRAGMENT_FIELDS)].astype(FRAGMENT_FIELDS))
 
 
 def _finite(values: ArrayLike, n_points: int, name: str) -> NDArray[np.float64]:
@@ -220,9 +168,7 @@ def merge_across_scenes(
     """Make the inventory of a survey from what its scenes found.
 
     Fragments are joined where they share a voxel, directly or through others, then measured and judged as a whole. An
-    object belongs to the scene whose core holds its foot. A sign is linked to the nearest pole that it may hang on:
-    within 0.75 m of the sign's edge in plan and not ending below it. The result does not depend on the order of the
-    pieces.
+    object belongs to the scene whose core holds its foot. The result does not depend on the order of the pieces.
 
     Parameters
     ----------
@@ -260,40 +206,58 @@ def merge_across_scenes(
             mine = pd.concat(filled, ignore_index=True)
             del parts, filled
             mine["object"] = _join_fragments(mine)
-            tables.append(_as_table(_measured(*join_voxels(mine, resolution=rule.resolution), name, rule, scenes)))
+            tables.append(object_table(_measured(*join_voxels(mine, resolution=rule.resolution), name, rule, scenes)))
     tables = [table for table in tables if len(table)]
     objects = pd.concat(tables, ignore_index=True) if tables else empty_table(OBJECT_FIELDS)
-    return _finished(objects, list(classes), trajectory)
+    return finish_table(objects, list(classes), trajectory)
 
 
-def _finished(objects: pd.DataFrame, classes: Sequence[str], trajectory: Trajectory | None) -> pd.DataFrame:
-    """Place objects along the way, round, sort, number and link them."""
-    table = objects.copy()
-    if trajectory is not None and len(table):
-        table["station"], table["offset"] = trajectory.locate(table[["x", "y", "z"]].to_numpy())
-    table = table.round(_DECIMALS)
-    rank = table["class"].map({name: i for i, name in enumerate(classes)})
-    by = ["rank", "station", "x", "y", "z", "point_count"]
-    table = table.assign(rank=rank).sort_values(by, kind="stable").drop(columns="rank").reset_index(drop=True)
-    table["object_id"] = np.arange(1, len(table) + 1)
-    table["pole_id"] = _poles_of_signs(table)
-    return table[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
+def measure_points(
+    xyz: ArrayLike,
+    rule: ObjectRule,
+    *,
+    height_above_ground: ArrayLike | None = None,
+    confidence: ArrayLike | None = None,
+    origin: ArrayLike = (0.0, 0.0, 0.0),
+) -> dict[str, float | int | str]:
+    """Measure one object whose points are known.
 
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        The points of the object, metres relative to `origin`; at least one.
+    rule : ObjectRule
+        Its kind and the size of the voxels; nothing is asked of the object otherwise.
+    height_above_ground : array-like of shape (n,), optional
+        Metres. Without it the base of the object is its own lowest part.
+    confidence : array-like of shape (n,), optional
+        Confidence of the points, 0 to 1; None is 1.
+    origin : array-like of shape (3,), default zeros
+        World coordinates of the zero of `xyz`, metres.
 
-def _poles_of_signs(table: pd.DataFrame) -> NDArray[np.int64]:
-    link = np.zeros(len(table), dtype=np.int64)
-    poles, signs = table[table["kind"] == "pole"], table[table["kind"] == "sign"]
-    if poles.empty or signs.empty:
-        return link
-    tree = cKDTree(poles[["x", "y"]].to_numpy())
-    top, bottom = (poles["z"] + poles["height"]).to_numpy(), poles["z"].to_numpy()
-    number = poles["object_id"].to_numpy()
-    for row, (x, y, z, height, width) in zip(
-        signs.index, signs[["x", "y", "z", "height", "width"]].to_numpy(), strict=True
-    ):
-        near = np.array(tree.query_ball_point([x, y], _LINK_DISTANCE + width / 2, return_sorted=True), dtype=np.int64)
-        near = near[(top[near] >= z - _LINK_DISTANCE) & (bottom[near] <= z + height)]
-        if len(near):
-            away = np.hypot(tree.data[near, 0] - x, tree.data[near, 1] - y)
-            link[row] = number[near[np.argmin(away)]]
-    return link
+    Returns
+    -------
+    dict of str to float, int or str
+        What `object_measures.measure` gives.
+
+    Raises
+    ------
+    DataError
+        If there is no point, a value is NaN or infinite, or the shapes do not fit.
+    """
+    points = check_xyz(xyz).astype(np.float64)
+    n = len(points)
+    if n == 0:
+        raise DataError("an object without points cannot be measured")
+    voxels = voxelise(
+        points,
+        group=np.zeros(n, dtype=np.int32),
+        core=np.ones(n, dtype=bool),
+        confidence=np.ones(n) if confidence is None else _finite(confidence, n, "confidence"),
+        height_above_ground=None
+        if height_above_ground is None
+        else _finite(height_above_ground, n, "height_above_ground"),
+        origin=np.asarray(origin, dtype=np.float64),
+        resolution=rule.resolution,
+    )
+    return measure(join_voxels(voxels.assign(object=0, scene=0), resolution=rule.resolution)[0], rule.kind)

@@ -5,16 +5,31 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-_SLICE = 0.25  # height of the slices whose medians an axis is fitted to, metres
-_AXIS_BAND = 0.08  # how far a slice's median may lie from the axis of a pole, metres
-_STRAY_SHARE, _STRAY_POINTS = (
-    0.01,
-    10.0,
-)  # how many points may lie below the bottom: a share, and never more than so many
+from mlsroad_pipeline.algorithms.object_axes import Axis, fit_axis
+from mlsroad_pipeline.algorithms.object_boxes import convex_hull, oriented_box, polygon_area, trimmed, vehicle_box
+from mlsroad_pipeline.algorithms.object_circles import Circle, fit_circle
+from mlsroad_pipeline.algorithms.object_panels import fit_panel
+
+# How many points may lie below the bottom: a share, and never more than so many.
+_STRAY_SHARE, _STRAY_POINTS = 0.01, 10.0
 _FOOT = 1.0  # height of an object's foot, metres: where it meets the ground, and where a trunk stands
+_LEAST_LEAN = 0.5  # the tilt below which a direction says nothing, degrees
+_SHAFT_SLAB = (0.3, 2.5)  # heights between which a pole's diameter is taken, metres
+_TRUNK_SLAB = (0.8, 1.8)  # about breast height, 1.3 m
+_TRUNK_TOP = 2.5  # a trunk's axis is fitted below this height, metres
+_STEEL, _BARK = 0.015, 0.03  # how far points may lie from the circle of a pole and of a trunk, metres
+_STRAY_FOOT = 0.02  # share of voxels of a tree's foot that its middle leaves out on each side
+_CLEAR = 0.45  # how far points of the slab may lie from the axis, metres
+_SIDE_STEP = 0.25  # length of the pieces of a vehicle's sides that are seen or not, metres
+_TWO_POSTS = 0.5  # points below a panel that spread this far along it are of two posts, metres
+
+MEASURES = (
+    "x", "y", "z", "height", "width", "length", "heading", "tilt", "lean_azimuth", "diameter", "crown_diameter",
+    "panel_bottom", "panel_centre", "panel_height", "panel_width", "facing", "clearance", "visible_share",
+)  # fmt: skip
+"""Names of the measures that are numbers; NaN is what an object does not have or what was not seen."""
 
 
 @dataclass(frozen=True)
@@ -50,82 +65,20 @@ class Voxels:
         return Voxels(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
 
-def oriented_box(xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float, float]:
-    """Find the rectangle of least area around points in plan, to a twentieth of a degree.
+@dataclass(frozen=True)
+class _Found:
+    """What all kinds of measures start from."""
 
-    Parameters
-    ----------
-    xy : ndarray of float64, shape (k, 2)
-        Points, metres; at least one.
-
-    Returns
-    -------
-    centre : ndarray of float64, shape (2,)
-        Centre of the rectangle.
-    length, width : float
-        Its longer and its shorter side, metres.
-    azimuth : float
-        Direction of the longer side, degrees clockwise from north, 0 to 180.
-    """
-    middle = xy.mean(axis=0)
-    moved = xy - middle
-
-    def extents(degrees: NDArray[np.float64]) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-        along, across = moved @ np.stack([c, s]), moved @ np.stack([-s, c])
-        return along.min(axis=0), along.max(axis=0), across.min(axis=0), across.max(axis=0)
-
-    angle = 0.0
-    for steps in (np.arange(0.0, 90.0, 1.0), np.arange(-1.0, 1.01, 0.05)):
-        a0, a1, b0, b1 = extents(angle + steps)
-        # A line has no area at its own direction only: the perimeter decides among equally thin ones.
-        angle += float(steps[np.argmin((a1 - a0) * (b1 - b0) + 1e-6 * ((a1 - a0) + (b1 - b0)))])
-    box = extents(np.array([angle]))
-    left, right, back, front = (float(value[0]) for value in box)
-    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    centre = middle + (left + right) / 2 * np.array([c, s]) + (back + front) / 2 * np.array([-s, c])
-    first, second = right - left, front - back
-    direction = angle if first >= second else angle + 90.0
-    return centre, max(first, second), min(first, second), (90.0 - direction) % 180.0
+    xyz: NDArray[np.float64]
+    hull: NDArray[np.float64]
+    foot: NDArray[np.bool_]
+    base: float
+    ground: float
+    low: float
+    top: float
 
 
-def fit_axis(xyz: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Fit the axis of a pole, blind to arms, signs and lamps on it.
-
-    The medians of slices of 0.25 m are taken; of all lines through two of them the one that passes within 0.08 m of
-    most is refined by least squares on those that it passes.
-
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (k, 3)
-        Points, metres.
-
-    Returns
-    -------
-    foot, slope : ndarray of float64, shape (2,)
-        x and y of the axis at z = 0, and their change per metre of z; None with fewer than three slices.
-    """
-    number = np.floor((xyz[:, 2] - xyz[:, 2].min()) / _SLICE).astype(np.int64)
-    order = np.argsort(number, kind="stable")
-    parts = np.split(xyz[order], np.flatnonzero(np.diff(number[order])) + 1)
-    if len(parts) < 3:
-        return None
-    medians = np.array([np.median(part, axis=0) for part in parts])
-    centre = medians.mean(axis=0)
-    local = medians - centre
-    a, b = np.triu_indices(len(local), k=1)
-    slope = (local[b, :2] - local[a, :2]) / (local[b, 2] - local[a, 2])[:, None]
-    start = local[a, :2] - slope * local[a, 2:]
-    away = np.hypot(*(start[:, :, None] + slope[:, :, None] * local[:, 2] - local[:, :2].T).transpose(1, 0, 2))
-    near = away <= _AXIS_BAND
-    best = int(np.lexsort((np.where(near, away, 0).sum(axis=1), -near.sum(axis=1)))[0])
-    chosen = local[near[best]]
-    design = np.column_stack([np.ones(len(chosen)), chosen[:, 2]])
-    (fit_start, fit_slope), *_ = np.linalg.lstsq(design, chosen[:, :2], rcond=None)
-    return fit_start + centre[:2] - fit_slope * centre[2], fit_slope
-
-
-def measure(voxels: Voxels, kind: str) -> dict[str, float | int]:
+def measure(voxels: Voxels, kind: str) -> dict[str, float | int | str]:
     """Measure an object.
 
     Parameters
@@ -137,118 +90,155 @@ def measure(voxels: Voxels, kind: str) -> dict[str, float | int]:
 
     Returns
     -------
-    dict of str to float or int
-        `x, y, z` the base point: where a pole's axis meets the base, the middle of the box of a vehicle or a sign, the
-        middle of the lowest metre of a tree; z is the ground's elevation where it is known (a sign's own bottom in any
-        case), otherwise the height below which 1 % of
-        the points lie, but never more than ten points. `height` of the top above z, `length` and
-        `width` of the oriented box (`width` is its longer side but for vehicles, which have both), `azimuth` of
-        the longer side in degrees, `tilt` of a pole's axis in degrees, `clearance` between ground and bottom,
-        `point_count`, mean `confidence`, all in metres; NaN for what a kind does not have or what is not known.
-        `extent` is the longer side for every kind, and `scene` the number of the scene that holds most points of the
-        foot.
+    dict of str to float, int or str
+        The numbers of `MEASURES` as docs/inventory.md defines them, lengths in metres and angles in degrees;
+        `footprint`, its convex hull in plan as WKT, empty where that is no area; `facing_from`, what told the side that
+        a panel is read from; `point_count`; `score`, the mean confidence; `extent`, the longer side of the box in plan;
+        `scene`, the number of the scene that holds most of the foot.
     """
     low = _bottom(voxels)
     foot = voxels.xyz[:, 2] <= low + _FOOT
     foot[np.argmin(voxels.xyz[:, 2])] = True
     known = voxels.ground[foot & ~np.isnan(voxels.ground)]
     ground = float(np.median(known)) if len(known) else np.nan
-    base = low if kind == "sign" or np.isnan(ground) else ground
-    centre, length, width, azimuth = oriented_box(voxels.xyz[:, :2])
-    tilt = np.nan
-    if kind == "tree":
-        centre = np.average(voxels.xyz[foot, :2], axis=0, weights=voxels.count[foot])
-    axis = fit_axis(voxels.xyz) if kind == "pole" else None
-    if axis is not None:
-        centre = axis[0] + axis[1] * base
-        tilt = float(np.degrees(np.arctan(np.hypot(*axis[1]))))
-    vehicle = kind == "vehicle"
+    base = low if np.isnan(ground) else ground
+    hull = convex_hull(voxels.xyz[:, :2])
+    found = _Found(voxels.xyz, hull, foot, base, ground, low, float(voxels.z_high.max()))
+    centre, length, _, _ = oriented_box(hull)
     n_points = int(voxels.count.sum())
-    return {
-        "x": float(centre[0]),
-        "y": float(centre[1]),
-        "z": float(base),
-        "height": float(voxels.z_high.max() - base),
-        "length": length if vehicle else np.nan,
-        "width": width if vehicle else length,
-        "azimuth": azimuth if vehicle or kind == "sign" else np.nan,
-        "tilt": tilt,
-        "clearance": float(low - ground),
+    row: dict[str, float | int | str] = dict.fromkeys(MEASURES, np.nan)
+    row |= {"x": float(centre[0]), "y": float(centre[1]), "z": base, "height": found.top - base, "width": length}
+    row |= {"clearance": low - ground, "facing_from": "", "footprint": _as_wkt(hull)}
+    if kind == "pole":
+        row |= _pole(found)
+    elif kind == "sign":
+        row |= _sign(found)
+    elif kind == "vehicle":
+        row |= _vehicle(found)
+    elif kind == "tree":
+        row |= _tree(found)
+    return row | {
         "point_count": n_points,
-        "confidence": float(voxels.confidence.sum() / n_points),
+        "score": float(voxels.confidence.sum() / n_points),
         "extent": length,
         "scene": int(np.argmax(np.bincount(voxels.scene[foot], weights=voxels.count[foot]))),
     }
 
 
 def _bottom(voxels: Voxels) -> float:
-    order = np.argsort(voxels.z_low, kind="stable")
-    reached = np.cumsum(voxels.count[order])
-    return float(voxels.z_low[order][np.searchsorted(reached, min(_STRAY_SHARE * reached[-1], _STRAY_POINTS))])
+    """Return the height below which the stray points lie."""
+    allowed = min(_STRAY_SHARE * voxels.count.sum(), _STRAY_POINTS)
+    lowest = voxels.z_low
+    if len(lowest) > _STRAY_POINTS + 1:  # as each voxel has a point, the rest lies above
+        few = np.argpartition(lowest, int(_STRAY_POINTS) + 1)[: int(_STRAY_POINTS) + 2]
+        lowest, count = lowest[few], voxels.count[few]
+    else:
+        count = voxels.count
+    order = np.argsort(lowest, kind="stable")
+    return float(lowest[order][np.searchsorted(np.cumsum(count[order]), allowed)])
 
 
-def split_at_valleys(voxels: Voxels, *, spacing: float, depth: float, cell: float = 0.5) -> NDArray[np.int32]:
-    """Split a group of trees that touch into single ones.
-
-    The highest points over a grid in plan make a canopy; it is flooded from the top. Where the water around two tops
-    meets, they are one tree if the valley is less than `depth` below the lower top or the tops are nearer than
-    `spacing`, and two otherwise.
-
-    Parameters
-    ----------
-    voxels : Voxels
-        The group.
-    spacing : float
-        The least distance between two trees' tops in plan, metres.
-    depth : float
-        The least depth of a valley below the lower top, metres.
-    cell : float, default 0.5
-        Edge of the grid, metres: coarser closes holes between branches, finer follows narrow valleys.
-
-    Returns
-    -------
-    ndarray of int32, shape (k,)
-        Part of each voxel, 0, 1, ... from the highest top down.
-    """
-    ij = np.floor(voxels.xyz[:, :2] / cell).astype(np.int64)
-    ij -= ij.min(axis=0) - 1
-    shape = ij.max(axis=0) + 2
-    canopy = np.full(tuple(shape), -np.inf)
-    np.maximum.at(canopy, (ij[:, 0], ij[:, 1]), voxels.z_high)
-    order = np.argsort(-canopy, axis=None, kind="stable")[: int(np.isfinite(canopy).sum())]
-    part = _flood(canopy.ravel(), order, int(shape[1]), spacing / cell, depth)
-    _, label = np.unique(part[order], return_index=True)
-    number = {int(part[order[first]]): rank for rank, first in enumerate(np.sort(label))}
-    cells = part[ij[:, 0] * shape[1] + ij[:, 1]]
-    return np.array([number[int(c)] for c in cells], dtype=np.int32)
+def _as_wkt(hull: NDArray[np.float64]) -> str:
+    corners = np.round(hull, 2)
+    if len(corners) < 3 or polygon_area(corners) < 1e-4:
+        return ""
+    ring = ", ".join([f"{x:.2f} {y:.2f}" for x, y in (*corners.tolist(), corners[0].tolist())])
+    return f"POLYGON (({ring}))"
 
 
-@njit(cache=True)
-def _flood(
-    height: NDArray[np.float64], order: NDArray[np.int64], stride: int, spacing: float, depth: float
-) -> NDArray[np.int64]:
-    """Return the top's cell for every cell of the canopy, -1 outside; cells arrive from the highest down."""
-    top = np.full(len(height), -1, np.int64)  # the top whose water a cell is under, before tops are joined
-    joined = np.arange(len(height))  # the higher top that swallowed a top
-    for cell in order:
-        best = -1
-        for di in range(-1, 2):
-            for dj in range(-1, 2):
-                other = top[cell + di * stride + dj]
-                if other < 0:
-                    continue
-                while joined[other] != other:
-                    other = joined[other]
-                if best < 0:
-                    best = other
-                elif other != best:
-                    high, low = (best, other) if height[best] >= height[other] else (other, best)
-                    apart = np.hypot(high // stride - low // stride, high % stride - low % stride)
-                    if height[low] - height[cell] < depth or apart < spacing:
-                        joined[low] = high
-                    best = high
-        top[cell] = best if best >= 0 else cell
-    for cell in order:
-        while joined[top[cell]] != top[cell]:
-            top[cell] = joined[top[cell]]
-    return top
+def _leaning(axis: Axis) -> dict[str, float]:
+    clear = axis.tilt >= _LEAST_LEAN and np.tan(np.radians(axis.tilt)) >= 2 * axis.error
+    return {"tilt": axis.tilt, "lean_azimuth": axis.direction if clear else np.nan}
+
+
+def _round_shaft(found: _Found, axis: Axis, slab: tuple[float, float], *, band: float) -> Circle | None:
+    """Fit a circle about the axis to what lies between two heights, seen along the axis."""
+    z = found.xyz[:, 2] - found.base
+    part = found.xyz[(z >= slab[0]) & (z <= slab[1])]
+    flat = part[:, :2] - axis.foot - axis.slope * part[:, 2:]
+    return fit_circle(flat[np.hypot(*flat.T) <= _CLEAR], reach=_CLEAR / 2, band=band)
+
+
+def _pole(found: _Found) -> dict[str, float]:
+    axis = fit_axis(found.xyz)
+    if axis is None:
+        return {}
+    base, diameter = axis.at(found.base), np.nan
+    circle = _round_shaft(found, axis, _SHAFT_SLAB, band=_STEEL)
+    if circle is not None:
+        base, diameter = base + circle.centre, circle.diameter
+    return {"x": base[0], "y": base[1], "diameter": diameter, "visible_share": axis.share, **_leaning(axis)}
+
+
+def _sign(found: _Found) -> dict[str, float | str]:
+    panel = fit_panel(found.xyz)
+    if panel is None:
+        return {"facing_from": "", **_post(found, found.xyz)}
+    row: dict[str, float | str] = {
+        "x": panel.centre[0], "y": panel.centre[1],
+        "panel_bottom": panel.bottom - found.base, "panel_centre": panel.centre[2] - found.base,
+        "panel_height": panel.top - panel.bottom, "panel_width": panel.width, "facing": panel.normal,
+        "facing_from": "post" if panel.faces else "unknown",
+    }  # fmt: skip
+    below = found.xyz[found.xyz[:, 2] < panel.bottom - 0.05]
+    row |= _post(found, below)
+    if len(below):
+        turn = np.radians(panel.normal)
+        along = np.array([np.cos(turn), -np.sin(turn)])
+        first, last = trimmed(below[:, :2] @ along, 0.05)
+        if last - first > _TWO_POSTS:  # a board on two posts stands in their middle
+            base = np.array([row["x"], row["y"]])
+            base += ((first + last) / 2 - base @ along) * along
+            row |= {"x": base[0], "y": base[1]}
+    return row
+
+
+def _post(found: _Found, points: NDArray[np.float64]) -> dict[str, float]:
+    """Measure the post of a sign, where enough of it was seen."""
+    axis = fit_axis(points)
+    if axis is None:
+        return {}
+    base = axis.at(found.base)
+    return {"x": base[0], "y": base[1], "visible_share": axis.share, **_leaning(axis)}
+
+
+def _vehicle(found: _Found) -> dict[str, float]:
+    centre, length, width, azimuth = vehicle_box(found.xyz[:, :2])
+    turn = np.radians(azimuth)
+    local = (found.xyz[:, :2] - centre) @ np.array([[np.sin(turn), np.cos(turn)], [np.cos(turn), -np.sin(turn)]]).T
+    return {
+        "x": centre[0], "y": centre[1], "length": length, "width": width, "heading": azimuth,
+        "visible_share": _sides_seen(local, length, width),
+    }  # fmt: skip
+
+
+def _sides_seen(local: NDArray[np.float64], length: float, width: float) -> float:
+    """Return the share of a rectangle's sides beside which there are points; local is along and across it."""
+    seen, total = 0, 0
+    for axis, (long, wide) in enumerate(((length, width), (width, length))):
+        pieces = max(int(np.ceil(long / _SIDE_STEP)), 1)
+        piece = np.clip(((local[:, axis] / max(long, 1e-9) + 0.5) * pieces).astype(np.int64), 0, pieces - 1)
+        for side in (-1, 1):
+            near = side * local[:, 1 - axis] >= wide / 2 - _SIDE_STEP
+            seen += int(np.count_nonzero(np.bincount(piece[near], minlength=pieces)))
+            total += pieces
+    return seen / total
+
+
+def _tree(found: _Found) -> dict[str, float]:
+    foot = found.xyz[found.foot, :2]
+    middle = (found.hull.max(axis=0) + found.hull.min(axis=0)) / 2
+    base = np.array([sum(trimmed(foot[:, axis], _STRAY_FOOT)) / 2 for axis in range(2)])
+    if found.low - found.ground > _FOOT:
+        base = middle  # the trunk was not seen, and a low branch is not where it stands
+    diameter = np.nan
+    axis = fit_axis(found.xyz[found.xyz[:, 2] <= found.base + _TRUNK_TOP])
+    if axis is not None:
+        circle = _round_shaft(found, axis, _TRUNK_SLAB, band=_BARK)
+        diameter = np.nan if circle is None else circle.diameter
+    around = np.arctan2(*(found.xyz[:, :2] - middle).T[::-1])
+    seen = np.bincount(np.floor((around / (2 * np.pi) + 0.5) * 36).astype(np.int64) % 36, minlength=36) > 0
+    return {
+        "x": base[0], "y": base[1], "diameter": diameter, "visible_share": float(seen.mean()),
+        "crown_diameter": 2 * np.sqrt(polygon_area(found.hull) / np.pi),
+    }  # fmt: skip

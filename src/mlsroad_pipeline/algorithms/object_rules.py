@@ -43,17 +43,18 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
         "min_height": 1.0,
         "max_height": 45.0,
         "max_clearance": 6.0,
-        "resolution": 0.2,
+        "resolution": 0.1,
         "split_spacing": 3.0,
     },
 }
 
-_KIND_OF_TAXONOMY = {
+KIND_OF_CLASS = {
     **dict.fromkeys(("utility_pole", "light_pole", "traffic_light", "post", "gantry", "transformer"), "pole"),
     **dict.fromkeys(("traffic_sign", "station_sign"), "sign"),
     **dict.fromkeys(("car", "van", "truck", "bus", "train", "other_vehicle"), "vehicle"),
     **dict.fromkeys(("trunk", "tree", "palm", "cycas"), "tree"),
 }
+"""Taxonomy class to the kind of object that it is."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +193,7 @@ def rules_for_scheme(
     rules: dict[str, ObjectRule] = {}
     for label, (name, members) in enumerate(zip(scheme.classes, scheme.members, strict=True)):
         own = dict(given.get(name, {}))
-        kinds = {_KIND_OF_TAXONOMY.get(member) for member in members}
+        kinds = {KIND_OF_CLASS.get(member) for member in members}
         kind = own.pop("kind", kinds.pop() if len(kinds) == 1 else None)
         if kind is not None:
             rules[name] = ObjectRule.of_kind(kind, label, **{**given.get(kind, {}), **own})

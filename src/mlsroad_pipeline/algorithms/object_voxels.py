@@ -199,7 +199,8 @@ def join_voxels(table: pd.DataFrame, *, resolution: float) -> tuple[Voxels, NDAr
     corner = key[starts, 1:4] * resolution
     n = reduced("count")
     return Voxels(
-        xyz=corner + np.column_stack([reduced(name) for name in "xyz"]) / n[:, None],
+        # Hundredths of a millimetre: the order in which scenes are added must not show in the measures.
+        xyz=np.round(corner + np.column_stack([reduced(name) for name in "xyz"]) / n[:, None], 5),
         z_low=corner[:, 2] + reduced("z_low", np.minimum),
         z_high=corner[:, 2] + reduced("z_high", np.maximum),
         ground=corner[:, 2] + reduced("ground") / n,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import tempfile
 import threading
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.datasets.execution import Execution
 from mlsroad_pipeline.datasets.scene_task import SceneFailure
-from mlsroad_pipeline.datasets.worker import Outcome, SceneJob, SharedLimit, describe_error, run_scene
+from mlsroad_pipeline.datasets.worker import Outcome, SceneJob, SharedLimit, describe_error, run_scene, warm_up
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -75,11 +75,13 @@ def _run_here(jobs: Sequence[SceneJob], execution: Execution) -> Generator[Outco
             yield from _parallel(jobs, execution.n_local_workers, backend="threading")
 
 
-def _parallel(jobs: Sequence[SceneJob], n_workers: int, **config: Any) -> Generator[Outcome, None, None]:
+def _parallel(
+    jobs: Iterable[Any], n_workers: int, function: Callable[[Any], Any] = run_scene, **config: Any
+) -> Generator[Any, None, None]:
     # No memory mapping of large arguments: they would reach the function read-only, and with this backend alone.
     with joblib.parallel_config(n_jobs=n_workers, max_nbytes=None, **config):
         parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch=n_workers)
-        yield from parallel(joblib.delayed(run_scene)(job) for job in jobs)
+        yield from parallel(joblib.delayed(function)(job) for job in jobs)
 
 
 def _run_processes(jobs: Sequence[SceneJob], execution: Execution) -> Generator[Outcome, None, None]:
@@ -107,9 +109,11 @@ def _run_processes(jobs: Sequence[SceneJob], execution: Execution) -> Generator[
             yield _failed(job, f"was not run: workers of this stage were killed {MAX_BROKEN_POOLS} times")
 
 
-def _processes(jobs: Any, n_workers: int) -> Generator[Outcome, None, None]:
+def _processes(
+    jobs: Iterable[Any], n_workers: int, function: Callable[[Any], Any] = run_scene
+) -> Generator[Any, None, None]:
     # With one job joblib would run it in this process, which is not to die of a scene.
-    yield from _parallel(jobs, max(n_workers, 2), backend="loky", inner_max_num_threads=1)
+    yield from _parallel(jobs, max(n_workers, 2), function, backend="loky", inner_max_num_threads=1)
 
 
 class _Counted:
@@ -123,6 +127,20 @@ class _Counted:
         for job in self._jobs:
             self.taken.append(job)
             yield job
+
+
+def warm_workers(execution: Execution) -> None:
+    """Start the processes that stages run in, and let each load what `label` needs.
+
+    Parameters
+    ----------
+    execution : Execution
+        How many.
+    """
+    n_workers = max(execution.n_local_workers, 2)
+    with _pool_lock:
+        for _ in _processes(range(n_workers), n_workers, warm_up):
+            pass
 
 
 def _failed(job: SceneJob, cause: str) -> Outcome:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import uuid
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,60 +15,29 @@ import pyogrio
 import shapely
 from kedro.io import AbstractDataset
 from pyproj import CRS
-from pyproj.exceptions import CRSError
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.inventory import OBJECT_FIELDS
+from mlsroad_pipeline.algorithms.exceptions import ReadError
+from mlsroad_pipeline.algorithms.inventory_table import FIELDS, OBJECT_FIELDS
+from mlsroad_pipeline.algorithms.object_boxes import polygon_area
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
+from mlsroad_pipeline.datasets import qgis_styles
+from mlsroad_pipeline.datasets.geopackage_tables import add_tables
+from mlsroad_pipeline.datasets.road_inventory import (
+    MAY_LACK,
+    RoadInventory,
+    attributes,
+    base_points,
+    checked,
+    hulls,
+    vehicle_boxes,
+)
 
 LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicle"}
 """Layer name to the kind of object in it."""
 
 _FIXED_DATE = "2000-01-01T00:00:00.000Z"
 _POINT, _POLYGON, _LINE = "Point Z", "Polygon Z", "LineString Z"
-
-
-@dataclass(frozen=True)
-class RoadInventory:
-    """What a GeoPackage of a survey holds.
-
-    Parameters
-    ----------
-    objects : DataFrame
-        Columns of `OBJECT_FIELDS`, as `merge_across_scenes` gives them.
-    crs : str or None
-        Coordinate reference system as WKT or a code such as ``EPSG:25832``; None is written as undefined.
-    trajectory : Trajectory or None
-        The survey's path.
-    """
-
-    objects: pd.DataFrame
-    crs: str | None = None
-    trajectory: Trajectory | None = None
-
-
-def footprints(objects: pd.DataFrame) -> np.ndarray:
-    """Return the oriented boxes of vehicles as polygons at the height of their base.
-
-    Parameters
-    ----------
-    objects : DataFrame
-        Columns `x, y, z, length, width, azimuth`.
-
-    Returns
-    -------
-    ndarray of shapely Polygon, shape (n,)
-        Rectangles, counterclockwise.
-    """
-    centre = objects[["x", "y"]].to_numpy()
-    turn = np.radians(objects["azimuth"].to_numpy())
-    along = np.column_stack([np.sin(turn), np.cos(turn)]) * objects["length"].to_numpy()[:, None] / 2
-    across = np.column_stack([-np.cos(turn), np.sin(turn)]) * objects["width"].to_numpy()[:, None] / 2
-    corners = np.stack(
-        [centre - along - across, centre + along - across, centre + along + across, centre - along + across], 1
-    )
-    heights = np.repeat(objects["z"].to_numpy()[:, None, None], 4, axis=1)
-    return shapely.polygons(np.concatenate([corners, heights], axis=2))
+_OF_FOOTPRINTS = ["object_id", "class", "kind", "score", "height"]  # what the layer of footprints repeats
 
 
 def _write_layer(
@@ -79,15 +47,20 @@ def _write_layer(
     with warnings.catch_warnings():
         # A survey without a known CRS is normal; GeoPackage has a code for it (-1, undefined Cartesian).
         warnings.filterwarnings("ignore", message=".*crs.* was not provided", category=UserWarning)
-        pyogrio.write_dataframe(frame, path, layer=layer, driver="GPKG", geometry_type=kind, append=path.exists())
+        # Older releases of QGIS 3 warn of versions after 1.2, which has all that is needed.
+        options = {} if path.exists() else {"VERSION": "1.2"}
+        pyogrio.write_dataframe(
+            frame, path, layer=layer, driver="GPKG", geometry_type=kind, append=path.exists(), dataset_options=options
+        )
 
 
 def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
     """Write an inventory as layers of a GeoPackage.
 
-    Layers: `objects` (points, all kinds), `poles`, `signs`, `trees` (points), `vehicles` (footprints) and `trajectory`
-    (a line). The file appears whole or not at all, and the same inventory gives the same features in the same order.
-    Layers without objects are there, empty and typed; `trajectory` is left out where there is none.
+    Layers: `objects` (base points, all kinds), `poles`, `signs`, `trees` (base points), `vehicles` (oriented boxes),
+    `footprints` (convex hulls) and `trajectory` (a line), each with names of its fields and a style for QGIS.
+    The file appears whole or not at all, and the same inventory gives the same bytes. Layers without objects are there,
+    empty and typed; `trajectory` is left out where there is none.
 
     Parameters
     ----------
@@ -102,33 +75,36 @@ def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
         If a column of `OBJECT_FIELDS` is missing or the CRS is not understood; the message names the file.
     """
     target = Path(path)
-    missing = [name for name in OBJECT_FIELDS if name not in inventory.objects]
-    if missing:
-        raise DataError(f"{target}: the inventory lacks the column {missing[0]!r}")
-    try:
-        crs = None if inventory.crs is None else CRS.from_user_input(inventory.crs)
-    except CRSError as error:
-        raise DataError(f"{target}: the coordinate reference system {inventory.crs!r} is not understood") from error
-    table = inventory.objects[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
-    points = shapely.points(table[["x", "y", "z"]].to_numpy())
+    table, crs = checked(inventory, target)
+    shown, points = attributes(table), base_points(table)
     temporary = target.with_name(f".{target.stem}-{uuid.uuid4().hex}.gpkg")
     before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
     pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": _FIXED_DATE})  # otherwise the file tells when it was written
     try:
-        _write_layer(temporary, "objects", table, geometry=points, kind=_POINT, crs=crs)
+        _write_layer(temporary, "objects", shown, geometry=points, kind=_POINT, crs=crs)
         for layer, kind in LAYERS.items():
             mine = (table["kind"] == kind).to_numpy()
-            shapes = footprints(table[mine]) if kind == "vehicle" else points[mine]
+            shapes = vehicle_boxes(table[mine]) if kind == "vehicle" else points[mine]
             shape = _POLYGON if kind == "vehicle" else _POINT
-            _write_layer(temporary, layer, table[mine], geometry=shapes, kind=shape, crs=crs)
+            _write_layer(temporary, layer, shown[mine], geometry=shapes, kind=shape, crs=crs)
+        _write_footprints(temporary, table, crs=crs)
         if inventory.trajectory is not None:
             line = np.array([shapely.LineString(inventory.trajectory.xyz)])
             length = pd.DataFrame({"length": [round(inventory.trajectory.length, 3)]})
             _write_layer(temporary, "trajectory", length, geometry=line, kind=_LINE, crs=crs)
+        add_tables(temporary, {layer: qgis_styles.qml(layer) for layer in qgis_styles.LAYERS}, date=_FIXED_DATE)
         os.replace(temporary, target)
     finally:
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
         temporary.unlink(missing_ok=True)
+
+
+def _write_footprints(path: Path, table: pd.DataFrame, *, crs: CRS | None) -> None:
+    shapes = hulls(table)
+    there = ~shapely.is_missing(shapes)
+    areas = [polygon_area(shapely.get_coordinates(shape)) for shape in shapes[there]]
+    rows = table.loc[there, _OF_FOOTPRINTS].assign(area=np.round(np.array(areas, dtype=np.float64), 2))
+    _write_layer(path, "footprints", rows, geometry=shapes[there], kind="Polygon", crs=crs)
 
 
 def read_geopackage(path: str | Path) -> RoadInventory:
@@ -147,7 +123,7 @@ def read_geopackage(path: str | Path) -> RoadInventory:
     Raises
     ------
     ReadError
-        If the file is missing, is not a GeoPackage, or has no layer `objects`.
+        If the file is missing, is not a GeoPackage, or lacks the layers or columns of an inventory.
     """
     source = Path(path)
     if not source.is_file():
@@ -156,26 +132,40 @@ def read_geopackage(path: str | Path) -> RoadInventory:
         layers = [str(name) for name in pyogrio.list_layers(source)[:, 0]]
     except pyogrio.errors.DataSourceError as error:
         raise ReadError(f"{source}: not a GeoPackage") from error
-    if "objects" not in layers:
-        raise ReadError(f"{source}: no layer 'objects' among {layers}")
+    for layer in ("objects", "footprints"):
+        if layer not in layers:
+            raise ReadError(f"{source}: no layer {layer!r} among {layers}")
     frame = gpd.read_file(source, layer="objects")
-    objects = pd.DataFrame(frame.drop(columns="geometry"))[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
+    missing = [name for name in FIELDS if name != "footprint" and name not in frame]
+    if missing:
+        raise ReadError(f"{source}: layer 'objects' has no field {missing[0]!r}")
     trajectory = None
     if "trajectory" in layers:
         line = gpd.read_file(source, layer="trajectory").geometry.iloc[0]
         trajectory = Trajectory.from_positions(shapely.get_coordinates(line, include_z=True), source=str(source))
     # An undefined CRS is read back as GDAL's engineering CRS of that name.
     known = frame.crs is not None and "Undefined" not in frame.crs.name
-    return RoadInventory(objects, frame.crs.to_wkt() if known else None, trajectory)
+    return RoadInventory(_objects_of(source, frame), frame.crs.to_wkt() if known else None, trajectory)
+
+
+def _objects_of(source: Path, frame: gpd.GeoDataFrame) -> pd.DataFrame:
+    shapes = gpd.read_file(source, layer="footprints")
+    text = shapely.to_wkt(shapes.geometry.to_numpy(), rounding_precision=2, trim=False)
+    objects = pd.DataFrame(frame.drop(columns="geometry"))
+    objects["footprint"] = objects["object_id"].map(dict(zip(shapes["object_id"], text, strict=True))).fillna("")
+    for name in MAY_LACK:
+        objects[name] = objects[name].astype(object).where(objects[name].notna(), "")
+    return objects[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
 
 
 class GeoPackageDataset(AbstractDataset[RoadInventory, RoadInventory]):
-    """An inventory of road objects in a GeoPackage.
+    """An inventory of road objects in a GeoPackage, with the style of the layer `objects` beside it.
 
     Parameters
     ----------
     filepath : str
-        The file.
+        The file; the style has its name and the ending ``.qml``, so that QGIS takes it for a GeoParquet file of that
+        name, too.
     metadata : dict, optional
         Anything; not read.
 
@@ -200,6 +190,7 @@ class GeoPackageDataset(AbstractDataset[RoadInventory, RoadInventory]):
         """Write the inventory, creating its folder."""
         self._filepath.parent.mkdir(parents=True, exist_ok=True)
         write_geopackage(data, self._filepath)
+        self._filepath.with_suffix(".qml").write_text(qgis_styles.qml("objects"), encoding="utf-8")
 
     def _exists(self) -> bool:
         return self._filepath.is_file()

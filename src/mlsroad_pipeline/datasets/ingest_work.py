@@ -40,14 +40,40 @@ UNUSED_COLUMNS = ("gps_time", "scanner")
 """What is looked at for the quality report and then dropped where no method is trained."""
 
 
-def _scene_options(path: str, options: ReadOptions, *, labels: bool) -> ReadOptions:
+TELLING_COLUMNS = ("rgb", "intensity")
+"""Columns that methods learn from; where all points have one value, as in files that were exported without, the file
+is taken not to have the column."""
+
+
+def _scene_options(path: str, options: ReadOptions, *, labels: bool, constant: Sequence[str] = ()) -> ReadOptions:
     """Ask for the columns that scenes keep, as far as the file has them, and where it is labelled for its class."""
     form = get_format(path)
     have = form.info(Path(path), replace(options, coding=options.coding if labels else None)).columns
-    wanted = [name for name in SCENE_COLUMNS if name in have and (labels or name not in ("label", "instance"))]
+    barred = {*constant, *(() if labels else ("label", "instance"))}
+    wanted = [name for name in SCENE_COLUMNS if name in have and name not in barred]
     if not labels and form.name == "LAS" and CLASS in have:
         wanted.append(CLASS)
     return replace(options, only=tuple(wanted), coding=options.coding if "label" in wanted else None)
+
+
+def constant_columns(sample: PointCloud) -> list[str]:
+    """Find the columns of a sample that tell nothing.
+
+    Parameters
+    ----------
+    sample : PointCloud
+        Points spread over a file.
+
+    Returns
+    -------
+    list of str
+        Out of `TELLING_COLUMNS`, those with one value in all of two points or more.
+    """
+    return [
+        name
+        for name in TELLING_COLUMNS
+        if name in sample and len(sample) > 1 and bool((sample[name] == sample[name][0]).all())
+    ]
 
 
 def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: bool) -> dict[str, Any]:
@@ -67,8 +93,9 @@ def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: boo
     Returns
     -------
     dict
-        ``info``: number of points; ``sample``: a PointCloud of up to 4,096 points spread over the file; ``windows``:
-        a PointCloud of stretches of it, without points where none are wanted or the file has no times.
+        ``info``: number of points and `constant_columns`; ``sample``: a PointCloud of up to 4,096 points spread over
+        the file; ``windows``: a PointCloud of stretches of it, without points where none are wanted or the file has no
+        times.
 
     Raises
     ------
@@ -85,7 +112,7 @@ def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: boo
     sample = concatenate(runs)
     stretches = read_time_windows(form, path, chosen, sample=sample, n_points=n_points) if windows else None
     return {
-        "info": {"n_points": np.array([n_points])},
+        "info": {"n_points": np.array([n_points]), "constant": np.array(constant_columns(sample), dtype=np.str_)},
         "sample": sample,
         "windows": sample.select(np.zeros(0, dtype=np.int64)) if stretches is None else stretches,
     }
@@ -148,6 +175,7 @@ def read_and_cut(
     file: int,
     bin_length: float,
     time_gap: float,
+    constant: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Read a range of a file's rows, look at their quality and sort them into the corridor's bins.
 
@@ -175,6 +203,8 @@ def read_and_cut(
         Length of a bin, metres.
     time_gap : float
         Seconds without a point that count as a gap.
+    constant : sequence of str, default ()
+        Columns that the file is taken not to have, see `constant_columns`.
 
     Returns
     -------
@@ -189,7 +219,7 @@ def read_and_cut(
     DataError
         If a value cannot be used.
     """
-    chosen = _scene_options(path, options, labels=labels)
+    chosen = _scene_options(path, options, labels=labels, constant=constant)
     cloud = get_format(path).read(Path(path), chosen, start=start, stop=stop)
     has_classes = np.array([cloud[CLASS].any()] if CLASS in cloud else [], dtype=np.bool_)
     cloud = cloud.without_columns([CLASS])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -28,12 +29,15 @@ from mlsroad_pipeline.algorithms.rendering.report_sections import (
 from mlsroad_pipeline.algorithms.survey_labelling import bundle_scheme, join_inventories
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
-from mlsroad_pipeline.datasets.geopackage_dataset import RoadInventory
+from mlsroad_pipeline.datasets.road_inventory import RoadInventory
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import Deferred
 from mlsroad_pipeline.datasets.survey_plan import LabelParameters, PlannedFile, SurveyPlan
 
+logger = logging.getLogger(__name__)
+
 WRITING_THREADS = 2
+_ELSEWHERE = ("scene", "method", "model_version", "footprint")  # what the report's list of objects leaves to the files
 CONFIDENCE_NOTE = (
     "The probability that the model gives to the class of a point. Where a fifth of all points lie below 0.5, or half "
     "of a class, there is a warning above."
@@ -50,6 +54,7 @@ def inventory_of(
     corridors: SceneCollection,
     results: SceneCollection,
     rules: Mapping[str, ObjectRule],
+    bundle: ModelBundle,
 ) -> RoadInventory:
     """Join the objects of all scenes of a survey.
 
@@ -65,6 +70,8 @@ def inventory_of(
         What the scenes found.
     rules : mapping of str to ObjectRule
         The rules that the objects were found with.
+    bundle : ModelBundle
+        The model, whose method and version stand beside each object.
 
     Returns
     -------
@@ -76,11 +83,11 @@ def inventory_of(
     DataError
         If the files have different coordinate reference systems: one map cannot hold them.
     """
-    objects, fragments = results.part("objects"), results.part("fragments")
+    found, fragments = results.part("objects"), results.part("fragments")
     drives, systems = [], {}
     for drive, members in plan.drives().items():
         corridor = corridor_from_arrays(corridors[drive].load())
-        scenes = [SceneObjects(key, objects[key].load(), fragments[key].load()) for key in _scenes_of(drive, results)]
+        scenes = [SceneObjects(key, found[key].load(), fragments[key].load()) for key in _scenes_of(drive, results)]
         drives.append((scenes, corridor if isinstance(corridor, Trajectory) else None))
         for file in members:
             systems[file.source.name] = files.part("sample")[file.key].load().crs
@@ -89,7 +96,10 @@ def inventory_of(
         other = next(name for name, crs in systems.items() if crs != first)
         raise DataError(f"{one} and {other} have different coordinate reference systems: label them one by one")
     trajectory = drives[0][1] if len(drives) == 1 else None
-    return RoadInventory(join_inventories(drives, rules), next(iter(systems.values())), trajectory)
+    registered = bundle.metadata.get("registered")
+    version = "" if registered is None else f"{registered['name']} {registered['version']}"
+    objects = join_inventories(drives, rules).assign(method=bundle.slug, model_version=version)
+    return RoadInventory(objects, next(iter(systems.values())), trajectory)
 
 
 @dataclass(frozen=True)
@@ -195,6 +205,11 @@ def planned_outputs(
     return outputs
 
 
+def _in_words(told: object) -> str:
+    """Write names and values without the marks of a programming language."""
+    return ", ".join(f"{name} {value}" for name, value in told.items()) if isinstance(told, Mapping) else str(told)
+
+
 def label_report_sections(
     bundle: ModelBundle,
     parameters: LabelParameters,
@@ -228,11 +243,14 @@ def label_report_sections(
     scheme = bundle_scheme(bundle)
     total = np.sum([found["counts"] for found in counts.values()], axis=0)
     sureness = confidence_table(np.sum([found["confidences"] for found in counts.values()], axis=0), scheme.classes)
+    unsure = confidence_warnings(sureness)
+    for warning in unsure:
+        logger.warning(warning)
     facts = {
         "survey": parameters.survey,
         "output": parameters.output,
-        "model": bundle.metadata.get("registered", bundle.slug),
-        "trained on": str(bundle.metadata.get("trained_on", "")),
+        "model": _in_words(bundle.metadata.get("registered", bundle.slug)),
+        "trained on": _in_words(bundle.metadata.get("trained_on", "")),
         "codes": parameters.scheme,
         "files": len(quality),
         "points": int(quality["n_points"].sum()),
@@ -241,10 +259,10 @@ def label_report_sections(
     shares = dict(zip((*scheme.classes, "unlabelled"), total.tolist(), strict=True))
     return [
         FactsSection("What was run", facts),
-        WarningsSection("Warnings", [*confidence_warnings(sureness), *_warnings(bundle, quality)]),
+        WarningsSection("Warnings", [*unsure, *_warnings(bundle, quality)]),
         DistributionSection("Classes", shares, scheme=scheme),
         TableSection("Confidence", sureness, note=CONFIDENCE_NOTE),
-        InventorySection("Inventory", objects, geopackage="inventory.gpkg"),
+        InventorySection("Inventory", objects.drop(columns=list(_ELSEWHERE)), geopackage="inventory.gpkg"),
         TableSection("Quality of the survey", quality),
         TableSection("Files written", outputs),
     ]

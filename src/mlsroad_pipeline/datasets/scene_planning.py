@@ -29,12 +29,15 @@ class RangeOfRows:
         The rows.
     n_total : int
         Points of the whole file.
+    constant : tuple of str
+        Columns that have one value in all of it.
     """
 
     file: PlannedFile
     start: int
     stop: int
     n_total: int
+    constant: tuple[str, ...]
 
     @property
     def key(self) -> str:
@@ -67,6 +70,7 @@ class RangeOfRows:
             "file": self.file.number,
             "bin_length": ingest.bin_length,
             "time_gap": ingest.time_gap,
+            "constant": self.constant,
         }
 
 
@@ -80,7 +84,7 @@ def cut_ranges(
     plan : SurveyPlan
         The files.
     info : mapping of str to mapping
-        Per file, its number of points.
+        Per file, its number of points and the columns that are constant.
     ingest : IngestParameters
         Points per range.
 
@@ -93,7 +97,8 @@ def cut_ranges(
     for file in plan.files:
         n_points = int(info[file.key]["n_points"][0])
         for start in range(0, n_points, ingest.range_points):
-            ranges.append(RangeOfRows(file, start, min(start + ingest.range_points, n_points), n_points))
+            stop = min(start + ingest.range_points, n_points)
+            ranges.append(RangeOfRows(file, start, stop, n_points, tuple(info[file.key]["constant"].tolist())))
     return ranges
 
 

@@ -128,8 +128,7 @@ def run_scene(job: SceneJob) -> Outcome:
         if not job.storage.is_held(job.token):
             raise SupersededError(f"{job.storage.url}: another run has taken this store over")
         if job.backend == "loky":
-            _end_with_parent(os.getppid())
-            _keep_worker()
+            _settle()
         with _one_inner_thread(for_good=job.backend in ("loky", "dask")):
             inputs = load_inputs(job.task.inputs)
             sources = sources or [value.source for value in inputs.values() if isinstance(value, PointCloud)]
@@ -143,6 +142,31 @@ def run_scene(job: SceneJob) -> Outcome:
         failure = SceneFailure(job.key, ", ".join(dict.fromkeys(sources)) or None, describe_error(error), text)
         return Outcome(job.key, time.perf_counter() - start, failure=failure)
     return Outcome(job.key, time.perf_counter() - start, record=record)
+
+
+def _settle() -> None:
+    """Tie a process of loky to its driver, and keep it as long as the driver lives."""
+    _end_with_parent(os.getppid())
+    _keep_worker()
+
+
+def warm_up(number: int) -> int:
+    """Load the libraries and compiled kernels that labelling a scene takes; runs in a process of loky.
+
+    Parameters
+    ----------
+    number : int
+        Anything.
+
+    Returns
+    -------
+    int
+        The same.
+    """
+    _settle()
+    with _one_inner_thread(for_good=True):
+        importlib.import_module("mlsroad_pipeline.datasets.label_warm_up").run_stages()
+    return number
 
 
 @functools.lru_cache(maxsize=1)

@@ -4,7 +4,8 @@ import pytest
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.rendering.design_sheet import design_sheet, photograph, scan_mesh
 from mlsroad_pipeline.algorithms.simulation.design import Design
-from mlsroad_pipeline.algorithms.simulation.meshes import Surface, box
+from mlsroad_pipeline.algorithms.simulation.meshes import Surface
+from mlsroad_pipeline.algorithms.simulation.solids import box
 
 RED_BOX = box([1.0, 1.0, 2.0], [0, 0, 1.0], Surface(77, (0.6, 0.1, 0.1), 0.5))
 

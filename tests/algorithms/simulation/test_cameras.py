@@ -13,8 +13,9 @@ from mlsroad_pipeline.algorithms.simulation.cameras import (
 )
 from mlsroad_pipeline.algorithms.simulation.colouring import colour_points, spread_colours
 from mlsroad_pipeline.algorithms.simulation.lenses import distort, undistort
-from mlsroad_pipeline.algorithms.simulation.meshes import Surface, box
+from mlsroad_pipeline.algorithms.simulation.meshes import Surface
 from mlsroad_pipeline.algorithms.simulation.scene import RayScene
+from mlsroad_pipeline.algorithms.simulation.solids import box
 
 
 def project(xyz, image):

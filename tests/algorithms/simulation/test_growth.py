@@ -12,9 +12,10 @@ from mlsroad_pipeline.algorithms.features.eigen import compute_eigen_features
 from mlsroad_pipeline.algorithms.rendering.design_sheet import scan_mesh
 from mlsroad_pipeline.algorithms.simulation import batches, bodies, crowns, fronds
 from mlsroad_pipeline.algorithms.simulation.habits import Habit, Outline
-from mlsroad_pipeline.algorithms.simulation.meshes import KIND, Surface, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import KIND, Surface
 from mlsroad_pipeline.algorithms.simulation.objects import broadleaf, people
 from mlsroad_pipeline.algorithms.simulation.plant_materials import foliage
+from mlsroad_pipeline.algorithms.simulation.solids import tube
 
 GREY = Surface(31, (0.5, 0.5, 0.5), 0.5)
 

@@ -3,17 +3,9 @@ import pytest
 from references_simulator import enclosed_volume
 
 from mlsroad_pipeline.algorithms.simulation.materials import car_paint
-from mlsroad_pipeline.algorithms.simulation.meshes import (
-    Surface,
-    box,
-    ellipsoid,
-    join,
-    plate,
-    polygon,
-    rotation_matrix,
-    tube,
-)
+from mlsroad_pipeline.algorithms.simulation.meshes import Surface, join, rotation_matrix
 from mlsroad_pipeline.algorithms.simulation.overhead import wire
+from mlsroad_pipeline.algorithms.simulation.solids import box, ellipsoid, plate, polygon, tube
 
 GREY = Surface(77, (0.5, 0.5, 0.5), 0.5)
 

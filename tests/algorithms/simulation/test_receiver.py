@@ -5,11 +5,13 @@ import pytest
 
 from mlsroad_pipeline.algorithms.simulation import PRESETS
 from mlsroad_pipeline.algorithms.simulation.devices import Device, ScannerSystem
+from mlsroad_pipeline.algorithms.simulation.echoes import amplitude_of, backscatter
 from mlsroad_pipeline.algorithms.simulation.ground_mesh import ground_mesh
-from mlsroad_pipeline.algorithms.simulation.meshes import FOLIAGE, GLASS, RETRO, Surface, box, join
+from mlsroad_pipeline.algorithms.simulation.meshes import DIFFUSE, FOLIAGE, GLASS, GROUND, RETRO, Surface, join
 from mlsroad_pipeline.algorithms.simulation.receiver import FULL_SCALE_DB, GHOST, range_deviation, receive
 from mlsroad_pipeline.algorithms.simulation.scanner import Pulses
 from mlsroad_pipeline.algorithms.simulation.scene import RayScene
+from mlsroad_pipeline.algorithms.simulation.solids import box
 from mlsroad_pipeline.algorithms.simulation.standing import build_standing
 from mlsroad_pipeline.algorithms.simulation.street import draw_street
 from mlsroad_pipeline.algorithms.simulation.surfaces import WET
@@ -164,3 +166,18 @@ def test_parts_answer_as_the_whole_does(street, rng):
     np.testing.assert_allclose(a.distance, b.distance, atol=1e-4)
     np.testing.assert_array_equal(whole.instances[a.face[a.face >= 0]], pieces.instances[b.face[a.face >= 0]])
     np.testing.assert_array_equal(whole.occluded(rays, times), pieces.occluded(rays, times))
+
+
+def test_ground_scatters_back_as_oren_and_nayar_say():
+    roughness = 0.6
+    a = 1 - 0.5 * roughness**2 / (roughness**2 + 0.33)
+    b = 0.45 * roughness**2 / (roughness**2 + 0.09)
+    slant = np.radians([0.0, 20.0, 45.0, 70.0, 80.0, 87.0])
+    # Light and eye in one direction: alpha and beta are both the slant, and the azimuths agree.
+    wanted = np.cos(slant) * (a + b * np.sin(slant) * np.tan(slant))
+    np.testing.assert_allclose([backscatter(float(np.cos(angle))) for angle in slant], wanted, rtol=1e-9)
+    low = float(np.cos(np.radians(80)))
+    rough, smooth = (amplitude_of(0.2, kind, low, 10.0) for kind in (GROUND, DIFFUSE))
+    assert rough - smooth == pytest.approx(10 * np.log10(2.75), abs=0.1)
+    # White paper met squarely at 10 m is the reference, near field apart.
+    assert amplitude_of(1.0, DIFFUSE, 1.0, 10.0) == pytest.approx(38.0 - 10 * np.log10(1.16))

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.simulation import PRESETS
-from mlsroad_pipeline.algorithms.simulation.meshes import RETRO, Surface, box
+from mlsroad_pipeline.algorithms.simulation.meshes import RETRO, Surface
 from mlsroad_pipeline.algorithms.simulation.receiver import FULL_SCALE_DB, RESOLUTION, range_deviation, receive
 from mlsroad_pipeline.algorithms.simulation.scanner import Pulses, georeference, send_pulses
 from mlsroad_pipeline.algorithms.simulation.scene import RayScene
+from mlsroad_pipeline.algorithms.simulation.solids import box
 from mlsroad_pipeline.algorithms.simulation.street import draw_street
 
 WALL = Surface(21, (0.5, 0.5, 0.5), 0.5)

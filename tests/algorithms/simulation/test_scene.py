@@ -3,8 +3,9 @@ import pytest
 from references_simulator import first_triangle
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY
-from mlsroad_pipeline.algorithms.simulation.meshes import GLASS, Surface, box, join, quads
+from mlsroad_pipeline.algorithms.simulation.meshes import GLASS, Surface, join
 from mlsroad_pipeline.algorithms.simulation.scene import Motion, Mover, RayScene
+from mlsroad_pipeline.algorithms.simulation.solids import box, quads
 from mlsroad_pipeline.algorithms.simulation.street import draw_street
 
 WALL, CAR, PANE = (

@@ -161,6 +161,7 @@ def fit(
     scheme: ClassScheme,
     trained_on: Mapping[str, Any],
     n_jobs: int = 1,
+    fallbacks: bool = True,
 ) -> tuple[ModelBundle, DetrendedForestClassifier]:
     """Train the forests.
 
@@ -178,6 +179,9 @@ def fit(
         What the model's metadata say of the training data; JSON values.
     n_jobs : int, default 1
         Processors to train with; the model does not depend on it.
+    fallbacks : bool, default True
+        Train the forests for surveys without colour or intensity too, which takes as long again for each; False for
+        trials on surveys that have what the training scenes have.
 
     Returns
     -------
@@ -198,14 +202,14 @@ def fit(
     arrays: dict[str, NDArray] = {}
     variants: dict[str, list[str]] = {}
     classifier = None
-    for size in range(len(attributes) + 1):
+    for size in range(0 if fallbacks else len(attributes), len(attributes) + 1):
         for subset in combinations(attributes, size):
             chosen = _restrict(table, subset)
             classifier = _train(chosen, labels, parameters, scheme, n_jobs)
             variant = "+".join(("geometry", *subset))
             variants[variant] = list(chosen.names)
             arrays |= {f"{variant}.{key}": array for key, array in classifier.to_arrays().items()}
-    assert classifier is not None  # the empty subset is always trained
+    assert classifier is not None  # the set of all attributes is always trained
     missing = [scheme.classes[label] for label in classifier.missing_classes_]
     if missing:
         logger.warning("No training supervoxel is of %s: the model never gives them", ", ".join(missing))

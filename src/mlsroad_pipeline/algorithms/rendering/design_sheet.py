@@ -95,7 +95,8 @@ def photograph(
     """
     width, height = size
     right, up, back = _axes(azimuth, elevation)
-    shown = mesh.vertices[mesh.vertices[:, 2] > -0.05]
+    # What is let into the ground ends at it; a post has no vertex there.
+    shown = mesh.vertices * [1, 1, 0] + np.maximum(mesh.vertices, 0) * [0, 0, 1]
     x, y = shown @ right, shown @ up
     if span is None:
         span = 1.06 * max(float(np.ptp(y)), float(np.ptp(x)) * height / width)

@@ -5,15 +5,17 @@ from __future__ import annotations
 import base64
 import io
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
+
+if TYPE_CHECKING:  # who has a figure has loaded matplotlib; a report without one does not need it
+    from matplotlib.figure import Figure
 
 
 def cell(value: Any) -> str:
@@ -101,7 +103,7 @@ def data_uri(figure: Figure | NDArray[np.uint8]) -> str:
     DataError
         If a picture is not uint8 (height, width, 3).
     """
-    picture = figure_pixels(figure) if isinstance(figure, Figure) else np.asarray(figure)
+    picture = figure if isinstance(figure, np.ndarray) else figure_pixels(figure)
     if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
         raise DataError(f"a picture must be uint8 of shape (height, width, 3), got {picture.dtype} {picture.shape}")
     buffer = io.BytesIO()

@@ -8,6 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from mlsroad_pipeline.algorithms.simulation.compiled import leaf
+
 STEP = 0.5
 """Spacing of the tabulated centre line, metres."""
 
@@ -20,8 +22,8 @@ class Alignment:
     ----------
     start : float
         Station of the first row, metres; station 0 lies at the local origin.
-    table : ndarray of shape (m, 3), float64
-        x, y (metres) and heading (radians, counter-clockwise from x, continuous) at each station.
+    table : ndarray of shape (m, 5), float64
+        x, y (metres), heading (radians, counter-clockwise from x, continuous), its cosine and its sine at each station.
     """
 
     start: float
@@ -56,7 +58,7 @@ class Alignment:
         zero = -start / STEP
         row = int(zero)
         xy -= xy[row] + (zero - row) * (xy[row + 1] - xy[row])
-        return cls(start, np.column_stack([xy, heading]))
+        return cls(start, np.column_stack([xy, heading, np.cos(heading), np.sin(heading)]))
 
     def place(self, station: ArrayLike, offset: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Turn street coordinates into plane ones.
@@ -99,7 +101,7 @@ class Alignment:
         return _locate(points, self.table, self.start, near)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def interpolate(table: NDArray[np.float64], start: float, s: float) -> tuple[float, float, float]:
     """Return x, y and heading at a station, held at the ends."""
     u = min(max((s - start) / STEP, 0.0), len(table) - 1.000001)
@@ -112,22 +114,29 @@ def interpolate(table: NDArray[np.float64], start: float, s: float) -> tuple[flo
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def locate_one(x: float, y: float, table: NDArray[np.float64], start: float, near: float) -> tuple[float, float]:
-    """Return station and offset of one point by Newton steps along the tangent."""
+@leaf
+def locate_one(
+    x: float, y: float, table: NDArray[np.float64], start: float, near: float, close: float
+) -> tuple[float, float]:
+    """Return station and offset of one point by Newton steps along the tangent, until one is shorter than `close`."""
     s = near
     left = 0.0
     for _ in range(30):
-        cx, cy, heading = interpolate(table, start, s)
-        c, n = np.cos(heading), np.sin(heading)
-        ahead = (x - cx) * c + (y - cy) * n
-        left = (y - cy) * c - (x - cx) * n
+        u = min(max((s - start) / STEP, 0.0), len(table) - 1.000001)
+        k = int(u)
+        f = u - k
+        turn = table[k + 1, 2] - table[k, 2]
+        # Within a step the heading turns by some hundredths: three terms of the series are exact to 1e-10.
+        small = f * turn
+        flat, steep = 1.0 - small * small * (0.5 - small * small / 24.0), small * (1.0 - small * small / 6.0)
+        c, n = table[k, 3] * flat - table[k, 4] * steep, table[k, 4] * flat + table[k, 3] * steep
+        dx = x - table[k, 0] - f * (table[k + 1, 0] - table[k, 0])
+        dy = y - table[k, 1] - f * (table[k + 1, 1] - table[k, 1])
+        ahead, left = dx * c + dy * n, dy * c - dx * n
         # On the inside of a bend a step along the tangent is a longer one along the curve.
-        row = min(max(int((s - start) / STEP), 0), len(table) - 2)
-        curvature = (table[row + 1, 2] - table[row, 2]) / STEP
-        s += ahead / max(1.0 - curvature * left, 0.3)
+        s += ahead / max(1.0 - turn * left / STEP, 0.3)
         # What such a step misses by is its length times the turn within it.
-        if abs(ahead) < 0.01:
+        if abs(ahead) < close:
             break
     return s, left
 
@@ -139,6 +148,6 @@ def _locate(
     s, left = np.empty(len(xy)), np.empty(len(xy))
     guess = near
     for i in range(len(xy)):
-        s[i], left[i] = locate_one(xy[i, 0], xy[i, 1], table, start, guess)
+        s[i], left[i] = locate_one(xy[i, 0], xy[i, 1], table, start, guess, 0.01)
         guess = s[i]
     return s, left

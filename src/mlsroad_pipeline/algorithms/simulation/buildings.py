@@ -6,7 +6,8 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.simulation.facades import Openings, balconies, boxes, shop_front, stairs
 from mlsroad_pipeline.algorithms.simulation.materials import material
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, join, quads
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
+from mlsroad_pipeline.algorithms.simulation.solids import box, quads
 
 _UNDERGROUND = 1.5  # walls go this deep, so that slopes leave no gap
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import pickle
+from collections import deque
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
+from threading import RLock, Thread
 from typing import Any
 from uuid import uuid4
 
-import numpy as np
 from joblib.externals.loky.backend import get_context
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
@@ -22,9 +22,11 @@ from mlsroad_pipeline.algorithms.simulation.blocks import Block, ObjectRecord
 from mlsroad_pipeline.algorithms.simulation.cameras import Image
 from mlsroad_pipeline.algorithms.simulation.stream import SurveyStream
 from mlsroad_pipeline.algorithms.simulation.threads import ahead_of, workers
+from mlsroad_pipeline.algorithms.simulation.wires import SLOTS, Wire, forget, shared_file
 
 _WORTHWHILE = 1_500_000  # pulses and pixels that it takes for another process to be worth its start
 _AHEAD = 4  # results per worker that may wait for the one asked for
+_ENDED = "a process that simulated a part of the survey ended; was there enough memory?"
 _SPARES = 1  # processes that are kept for the next survey
 
 
@@ -79,13 +81,17 @@ class _Bench:
         return stream.scan_span(scene, *part) if kind == "scan" else stream.shoot(scene, part)
 
 
-def _serve(wire: Connection) -> None:
+def _serve(pipe: Connection, path: str) -> None:
     """Do jobs for another process until it hangs up."""
     name, bench = "", None
     with suppress(EOFError, OSError):
-        _send(wire, True)
-        while True:
-            wanted, order, *job = _receive(wire)
+        wire = Wire(pipe, path, 1)
+        wire.send((True, None))
+        jobs: SimpleQueue[Any] = SimpleQueue()
+        # The next job is fetched while one is done.
+        Thread(target=_fetch, args=(wire, jobs), daemon=True).start()
+        while (message := jobs.get()) is not None:
+            wanted, order, *job = message
             try:
                 if bench is None or wanted != name:
                     parameters, length, number, start = order
@@ -94,58 +100,70 @@ def _serve(wire: Connection) -> None:
                 answer = True, bench.do(*job)
             except Exception as error:  # whatever it is, who asked must know
                 answer = False, error
-            _send(wire, answer)
+            wire.send(answer)
 
 
-def _send(wire: Connection, thing: Any) -> None:
-    """Send an object, its arrays as they lie in memory."""
-    buffers: list[pickle.PickleBuffer] = []
-    head = pickle.dumps(thing, protocol=5, buffer_callback=buffers.append)
-    raw = [buffer.raw() for buffer in buffers]
-    wire.send((head, [part.nbytes for part in raw]))
-    for part in raw:
-        if part.nbytes:
-            wire.send_bytes(part)
-
-
-def _receive(wire: Connection) -> Any:
-    head, sizes = wire.recv()
-    buffers = [np.empty(size, np.uint8) for size in sizes]
-    for buffer in buffers:
-        if len(buffer):
-            wire.recv_bytes_into(buffer)
-    return pickle.loads(head, buffers=buffers)
+def _fetch(wire: Wire, jobs: SimpleQueue[Any]) -> None:
+    """Queue what arrives, and None when the other end has hung up."""
+    with suppress(EOFError, OSError):
+        while True:
+            jobs.put(wire.receive())
+    jobs.put(None)
 
 
 class _Worker:
-    """Another process."""
+    """Another process; `SLOTS` jobs may be given to it at a time, so that it never waits for the next one."""
 
     def __init__(self) -> None:
-        self._wire, theirs = Pipe()
+        ours, theirs = Pipe()
+        self._path = shared_file()
+        self._wire = Wire(ours, self._path, 0)
         # A process of this kind does not run the main module again.
-        self._process = get_context("loky").Process(target=_serve, args=(theirs,), daemon=True)
+        self._process = get_context("loky").Process(target=_serve, args=(theirs, self._path), daemon=True)
         self._process.start()
         theirs.close()
-        self._started = False
+        self.lock, self._gone = RLock(), False
+        self._ready: Future[Any] = Future()
+        self._promised = deque([self._ready])
+        self._reader = Thread(target=self._listen, daemon=True)
+        self._reader.start()
 
     def wait(self) -> None:
         """Return once it is ready for work."""
-        if not self._started:
-            self._started = self._answer()
+        self._ready.result()
+        forget(self._path)
 
     def ask(self, *job: Any) -> Any:
         """Have a job done."""
-        _send(self._wire, job)
-        fine, result = self._answer()
-        if not fine:
-            raise result
-        return result
+        return self.order(*job).result()
 
-    def _answer(self) -> Any:
+    def order(self, *job: Any) -> Future[Any]:
+        """Give it a job; they are done in the order given."""
+        promise: Future[Any] = Future()
+        with self.lock:
+            try:
+                if self._gone:
+                    raise EOFError
+                self._promised.append(promise)
+                self._wire.send(job)
+            except (EOFError, OSError) as error:
+                raise DataError(_ENDED) from error
+        return promise
+
+    def _listen(self) -> None:
         try:
-            return _receive(self._wire)
-        except (EOFError, OSError) as error:
-            raise DataError("a process that simulated a part of the survey ended; was there enough memory?") from error
+            while True:
+                fine, result = self._wire.receive()
+                promise = self._promised.popleft()
+                if fine:
+                    promise.set_result(result)
+                else:
+                    promise.set_exception(result)
+        except (EOFError, OSError):
+            with self.lock:
+                self._gone = True
+                for promise in self._promised:
+                    promise.set_exception(DataError(_ENDED))
 
     def is_alive(self) -> bool:
         """Tell whether it still runs."""
@@ -153,8 +171,10 @@ class _Worker:
 
     def end(self) -> None:
         """Let it go."""
-        self._wire.close()
         self._process.terminate()
+        self._reader.join(timeout=5.0)
+        self._wire.close()
+        forget(self._path)
 
 
 class _Elsewhere:
@@ -166,13 +186,14 @@ class _Elsewhere:
         self._known: set[int] = set()
 
     def do(self, number: int, kind: str, part: Any, blocks: Mapping[int, Block]) -> Any:
-        fresh = {k: block for k, block in blocks.items() if k not in self._known}
-        result = self._worker.ask(self._name, self._order, number, kind, part, fresh)
-        if kind == "build":
-            self._known.add(part)
-        else:
-            self._known = {k for k in self._known | set(fresh) if k >= self._stream.near(number)[0]}
-        return result
+        with self._worker.lock:
+            fresh = {k: block for k, block in blocks.items() if k not in self._known}
+            promise = self._worker.order(self._name, self._order, number, kind, part, fresh)
+            if kind == "build":
+                self._known.add(part)
+            else:
+                self._known = {k for k in self._known | set(fresh) if k >= self._stream.near(number)[0]}
+        return promise.result()
 
 
 _SPARE: list[_Worker] = []
@@ -222,7 +243,7 @@ def pieces(stream: SurveyStream) -> Iterator[Piece]:
         street is built once; for each further worker a process is started where the survey is long enough.
     """
     n = stream.n_threads if _is_worthwhile(stream) else 1
-    with _processes(n - 1) as found, workers(2 * n - 1 if n > 1 else 0) as threads:
+    with _processes(n - 1) as found, workers(1 + (1 + SLOTS) * (n - 1) if n > 1 else 0) as threads:
         benches: SimpleQueue[_Bench | _Elsewhere] = SimpleQueue()
         benches.put(_Bench(stream))
         for worker in found:
@@ -234,7 +255,9 @@ def pieces(stream: SurveyStream) -> Iterator[Piece]:
 
 def _join(benches: SimpleQueue[_Bench | _Elsewhere], stream: SurveyStream, worker: _Worker) -> None:
     worker.wait()
-    benches.put(_Elsewhere(stream, worker))
+    bench = _Elsewhere(stream, worker)
+    for _ in range(SLOTS):
+        benches.put(bench)
 
 
 def _jobs(stream: SurveyStream) -> Iterator[_Job]:

@@ -80,6 +80,8 @@ def somewhere(site: Site, label: str, side: int, *, tries: int = 12, design: Des
     for _ in range(tries):
         s, left = float(site.rng.uniform(site.start + 0.5, site.end - 0.5)), _strip(site, side, label)
         yaw = _turned(site, label, left)
+        if site.street.ground.edge([s], [left])[0][0] < 0.05:
+            continue
         # Wide crowns of shrubs may hang over the curb, not into the lane.
         least = 0.05 if label not in _FREE else -0.25
         placed = site.try_add(chosen, s, left, yaw, edge=(least, width + 0.8), tilt=label == "bicycle", mesh=mesh)

@@ -234,7 +234,7 @@ def _oakland() -> ScannerSystem:
     # 1.85 m above the road, from 12 degrees off the nadir upwards, asphalt seen as far as it is free, some 19 m.
     device = Device(
         27e3, 37.5, (0.0, 0.9, 0.05), field=(12.0, 180.0), divergence=0.012, range_noise=0.004, accuracy=0.02,
-        range_step=0.01, min_range=0.5, max_range=80.0, max_returns=1, pulse_length=0.9, sensitivity=-8.0,
+        range_step=0.01, min_range=0.5, max_range=80.0, max_returns=1, pulse_length=0.9, sensitivity=-14.5,
         blooming=0.02,
     )  # fmt: skip
     return ScannerSystem("oakland", (device,), platform=1.8, body=(-2.5, 2.0, -0.85, 0.85))

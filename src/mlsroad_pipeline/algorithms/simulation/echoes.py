@@ -8,7 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.simulation.meshes import GLASS, PAINT, RETRO
+from mlsroad_pipeline.algorithms.simulation.compiled import leaf
+from mlsroad_pipeline.algorithms.simulation.meshes import GLASS, GROUND, PAINT, RETRO
 from mlsroad_pipeline.algorithms.simulation.surfaces import WET, Hits, Surfaces
 
 FULL_SCALE_DB = 50.0
@@ -25,6 +26,9 @@ GLARE_LOSS_DB = 20.0
 
 _WHITE_DB = 38.0  # amplitude of a white surface met squarely 10 m away
 _NEPER = 0.23025850929940458  # ln(10) / 10
+_ROUGHNESS = 0.6  # standard deviation of the slopes of asphalt's grains, gravel and soil, radians
+_ROUGH_A = 1.0 - 0.5 * _ROUGHNESS**2 / (_ROUGHNESS**2 + 0.33)
+_ROUGH_B = 0.45 * _ROUGHNESS**2 / (_ROUGHNESS**2 + 0.09)
 _MOST = 20  # echoes of one pulse before they mix
 
 
@@ -76,37 +80,54 @@ class Slots(NamedTuple):
     n_more: int
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def deviation(range_noise: float, amplitude: float, stretch: float) -> float:
     """Return the standard deviation of a range; see `range_deviation`."""
     return np.sqrt(range_noise * range_noise * (1.0 + np.exp(_NEPER * (14.0 - amplitude))) + stretch * stretch)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def amplitude_of(reflectivity: float, kind: int, cosine: float, distance: float) -> float:
-    """Return the amplitude of a return in decibels: Lambert, the inverse square, gloss and retro-reflection."""
-    slant = np.degrees(np.arccos(min(cosine, 1.0)))
+    """Return the amplitude of a return in decibels: the inverse square, Lambert, gloss and the like."""
     # Closer than some metres the receiver does not see the whole spot.
-    effective = np.sqrt(distance * distance + 16.0)
-    decibels = _WHITE_DB + 10 * np.log10(max(reflectivity * max(cosine, 0.02), 1e-6)) - 20 * np.log10(effective / 10.0)
+    spread = (distance * distance + 16.0) / 100.0
+    seen = backscatter(cosine) if kind == GROUND else max(cosine, 0.02)
+    decibels = _WHITE_DB + 10 * np.log10(max(reflectivity * seen, 1e-6) / spread)
+    if kind == WET:
+        return decibels + _gloss(cosine, 6.0, 8.0) - 20.0 * (1.0 - cosine) ** 2
     if kind == RETRO:
-        decibels += 17.0 * np.exp(-((slant / 35.0) ** 2))
-    elif kind == PAINT:
-        decibels += 9.0 * np.exp(-((slant / 9.0) ** 2)) - 2.0
-    elif kind == GLASS:
-        decibels += 10.0 * np.exp(-((slant / 4.0) ** 2)) - 14.0
-    elif kind == WET:
-        decibels += 8.0 * np.exp(-((slant / 6.0) ** 2)) - 20.0 * (1.0 - cosine) ** 2
+        return decibels + _gloss(cosine, 35.0, 17.0)
+    if kind == PAINT:
+        return decibels + _gloss(cosine, 9.0, 9.0) - 2.0
+    if kind == GLASS:
+        return decibels + _gloss(cosine, 4.0, 10.0) - 14.0
     return decibels
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
+def backscatter(cosine: float) -> float:
+    """Return what rough ground sends back over what a smooth white surface does that is met squarely.
+
+    Oren and Nayar (1994), their qualitative model, with light and eye in one direction: grains turn some of their faces
+    to a beam however low it comes. Lambert's law is a roughness of 0.
+    """
+    return _ROUGH_A * cosine + _ROUGH_B * (1.0 - cosine * cosine)
+
+
+@leaf
+def _gloss(cosine: float, width: float, height: float) -> float:
+    """Return what a lobe of a width in degrees about the normal adds, decibels."""
+    slant = np.degrees(np.arccos(min(cosine, 1.0))) / width
+    return height * np.exp(-slant * slant)
+
+
+@leaf
 def mirrored_share(cosine: float) -> float:
     """Return the share of light that a pane or a film of water mirrors, after Schlick."""
     return 0.06 + 0.94 * (1.0 - cosine) ** 5
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def intensity_of(amplitude: float, distance: float, corrected: bool) -> float:
     """Return the recorded intensity, 0 to 1, of a return: its reflectance, or its amplitude with a soft limit."""
     if corrected:
@@ -140,7 +161,7 @@ def answers(
     return distance, amplitude, tangent
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def _mix(
     count: int, length: float, r: NDArray[np.float64], a: NDArray[np.float64], source: NDArray[np.int64],
     slant: NDArray[np.float64],
@@ -172,7 +193,7 @@ def _mix(
     return kept
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def _strongest(count: int, most: int, r: NDArray, a: NDArray, source: NDArray, slant: NDArray) -> int:
     """Keep the strongest echoes, in place and in order, and return how many they are."""
     while count > most:
@@ -186,7 +207,7 @@ def _strongest(count: int, most: int, r: NDArray, a: NDArray, source: NDArray, s
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def _glare(
     i: int, r: NDArray[np.float32], a: NDArray[np.float32], kind: NDArray[np.uint8],
     receiver: Receiver,
@@ -209,7 +230,7 @@ def _glare(
     return (np.inf, -99.0, -1) if found < 0 else (float(r[found]), best, found)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def _gather(
     i: int, central: tuple[NDArray, NDArray, NDArray], extra: tuple[NDArray, NDArray, NDArray], slots: Slots,
     chance: float, r: NDArray[np.float64], a: NDArray[np.float64], source: NDArray[np.int64],
@@ -235,7 +256,7 @@ def _gather(
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def _detect(
     i: int, count: int, chance: NDArray[np.float32], noise: NDArray[np.float32], receiver: Receiver,
     r: NDArray[np.float64], a: NDArray[np.float64], source: NDArray[np.int64], slant: NDArray[np.float64],
@@ -243,10 +264,13 @@ def _detect(
     """Keep the echoes that are detected, in place and with their noise, and return how many they are."""
     kept = 0
     for k in range(count):
-        row = (i + 7919 * k) % len(chance)
+        row = i if k == 0 else (i + 7919 * k) % len(chance)
         # Detection fails softly around the threshold, and rarely anywhere.
         needed = THRESHOLD_DB + 1.2 * noise[row, 1]
-        if not receiver.min_range < r[k] < receiver.max_range or a[k] < needed or chance[row] * 977.0 % 1.0 < 0.002:
+        if not receiver.min_range < r[k] < receiver.max_range or a[k] < needed:
+            continue
+        lot = chance[row] * 977.0
+        if lot - np.floor(lot) < 0.002:
             continue
         stretch = 0.25 * receiver.divergence * r[k] * slant[k] if receiver.range_noise > 0 else 0.0
         distance = r[k] + deviation(receiver.range_noise, a[k], stretch) * noise[row, 0]

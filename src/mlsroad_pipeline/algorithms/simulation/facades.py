@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.simulation.materials import cloth, material
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, quads
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface
+from mlsroad_pipeline.algorithms.simulation.solids import box, quads
 
 _UNIT = (
     np.array([[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]) / 2

@@ -10,7 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.simulation.alignment import STEP
-from mlsroad_pipeline.algorithms.simulation.junctions import CROWN, HALF_WIDTH, ZEBRA, ZEBRA_HALF, edge_distance
+from mlsroad_pipeline.algorithms.simulation.compiled import leaf
+from mlsroad_pipeline.algorithms.simulation.junctions import (
+    CROWN,
+    HALF_WIDTH,
+    REACH,
+    ZEBRA,
+    ZEBRA_HALF,
+    edge_distance,
+    first_row,
+)
 
 ROAD, LANE_MARKING, PARKING = TAXONOMY["road"], TAXONOMY["lane_marking"], TAXONOMY["parking"]
 SIDEWALK, CURB, MANHOLE = TAXONOMY["sidewalk"], TAXONOMY["curb"], TAXONOMY["manhole"]
@@ -115,13 +124,13 @@ class Ground(NamedTuple):
         return float(self.shape[5] + (lane + 0.5) * self.shape[3])
 
 
-@njit(cache=True, nogil=True)
+@leaf
 def _smooth(x: float) -> float:
     x = min(max(x, 0.0), 1.0)
     return x * x * (3.0 - 2.0 * x)
 
 
-@njit(cache=True, nogil=True)
+@leaf
 def _curb_left(full: float, d: float, t: float, arm: int, curb: float, line: float, ground: Ground) -> float:
     """Return the share of the curb's height that driveways and crossings leave at a distance from the curb line."""
     if arm >= 0 and ground.arms[arm, ZEBRA] > 0:
@@ -131,7 +140,7 @@ def _curb_left(full: float, d: float, t: float, arm: int, curb: float, line: flo
     return 1.0 - (1.0 - min(full, 1.0)) * (1.0 - ramp)
 
 
-@njit(cache=True, nogil=True)
+@leaf
 def ground_height(s: float, left: float, ground: Ground) -> float:
     """Return the height of the ground at one place, metres."""
     u = min(max((s - ground.start) / STEP, 0.0), len(ground.profile) - 1.000001)
@@ -151,7 +160,8 @@ def ground_height(s: float, left: float, ground: Ground) -> float:
         uneven += wave[3] * np.sin(wave[0] * s + wave[1] * left + wave[2])
     if median < a < half - GUTTER - 0.1 or (median == 0 and a < half - GUTTER):
         return z + uneven
-    d, arm, t, q = edge_distance(s, left, ground.section, median, ground.arms)
+    first = first_row(ground.arms, s - REACH, 0)
+    d, arm, t, q = edge_distance(s, left, ground.section, median, ground.arms, first)
     gutter = -_GUTTER_DEPTH * min(max(1.0 + d / GUTTER, 0.0), 1.0) if a > median else 0.0
     if arm == -2:
         full = min(low[1] + f * (high[1] - low[1]), low[2] + f * (high[2] - low[2]))
@@ -184,7 +194,8 @@ def _heights(s: NDArray[np.float64], left: NDArray[np.float64], ground: Ground) 
 def _edges(
     s: NDArray[np.float64], left: NDArray[np.float64], ground: Ground
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    d, arm = np.empty(len(s)), np.empty(len(s), dtype=np.int64)
+    d, arm, first = np.empty(len(s)), np.empty(len(s), dtype=np.int64), 0
     for i in range(len(s)):
-        d[i], arm[i], _, _ = edge_distance(s[i], left[i], ground.section, ground.shape[5], ground.arms)
+        first = first_row(ground.arms, s[i] - REACH, first)
+        d[i], arm[i], _, _ = edge_distance(s[i], left[i], ground.section, ground.shape[5], ground.arms, first)
     return d, arm

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.simulation.compiled import leaf
 
 # Columns of `Ground.arms`.
 STATION, SIDE, HALF_WIDTH, RADIUS, SKEW, CURVATURE, CONTROL, ZEBRA, CROWN = range(9)
@@ -18,9 +21,30 @@ REACH = 45.0
 ZEBRA_HALF = 1.6
 """Half width of the zebra crossing over a side street's mouth, metres."""
 
+LID = 0.6
+"""How far along the street a manhole or a drain can reach from its middle, metres."""
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def first_row(table: NDArray[np.float64], station: float) -> int:
+
+class Nearby(NamedTuple):
+    """Where in the tables of `Ground` to look for what is near a place.
+
+    Parameters
+    ----------
+    arm : int
+        The first side street whose land can reach there.
+    crossing : int
+        The nearest zebra crossing, -1 where there is none.
+    hole : int
+        The first manhole or drain that can.
+    """
+
+    arm: int
+    crossing: int
+    hole: int
+
+
+@leaf
+def first_row(table: NDArray[np.float64], station: float, guess: int) -> int:
     """Return the first row of a table, sorted by its first column, that does not lie before a station.
 
     Parameters
@@ -29,23 +53,49 @@ def first_row(table: NDArray[np.float64], station: float) -> int:
         Stations in column 0, metres.
     station : float
         Metres.
+    guess : int
+        A row to begin the search at; the answer does not depend on it.
 
     Returns
     -------
     int
         From 0 to n.
     """
-    low, high = 0, len(table)
-    while low < high:
-        middle = (low + high) // 2
-        if table[middle, 0] < station:
-            low = middle + 1
-        else:
-            high = middle
-    return low
+    k = min(max(guess, 0), len(table))
+    while k > 0 and table[k - 1, 0] >= station:
+        k -= 1
+    while k < len(table) and table[k, 0] < station:
+        k += 1
+    return k
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
+def nearby(
+    s: float, arms: NDArray[np.float64], crossings: NDArray[np.float64], holes: NDArray[np.float64], last: Nearby
+) -> Nearby:
+    """Return where to look for what is near a station.
+
+    Parameters
+    ----------
+    s : float
+        Station, metres.
+    arms, crossings, holes : ndarray
+        Those of `Ground`, `holes` its `manholes`.
+    last : Nearby
+        The answer for a place near by, or any other; it only saves time.
+
+    Returns
+    -------
+    Nearby
+        Rows.
+    """
+    c = first_row(crossings, s, last.crossing)
+    if c == len(crossings) or (c > 0 and s - crossings[c - 1, 0] < abs(crossings[c, 0] - s)):
+        c -= 1
+    return Nearby(first_row(arms, s - REACH, last.arm), c, first_row(holes, s - LID, last.hole))
+
+
+@leaf
 def rounded(a: float, b: float, radius: float) -> float:
     """Return the lesser of two distances, its level lines rounded to arcs where both are below a radius.
 
@@ -65,7 +115,7 @@ def rounded(a: float, b: float, radius: float) -> float:
     return max(radius, min(a, b)) - np.sqrt(u * u + v * v)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def arm_coordinates(s: float, left: float, half: float, arm: NDArray[np.float64]) -> tuple[float, float]:
     """Return where a place lies along and across a side street, metres.
 
@@ -91,9 +141,9 @@ def arm_coordinates(s: float, left: float, half: float, arm: NDArray[np.float64]
     return t, q / np.sqrt(1.0 + arm[SKEW] ** 2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def edge_distance(
-    s: float, left: float, section: NDArray[np.float64], median: float, arms: NDArray[np.float64]
+    s: float, left: float, section: NDArray[np.float64], median: float, arms: NDArray[np.float64], first: int
 ) -> tuple[float, int, float, float]:
     """Return the distance to the nearest curb line, positive off the carriageway.
 
@@ -107,6 +157,8 @@ def edge_distance(
         Half width of the median, metres; 0 is none.
     arms : ndarray of shape (k, 9), float64
         Side streets, sorted by station.
+    first : int
+        The first of them to look at, as `Nearby` has it.
 
     Returns
     -------
@@ -121,7 +173,6 @@ def edge_distance(
     a = abs(left)
     half = section[side, 0]
     best, which, along, across = a - half, -1, 0.0, 0.0
-    first = first_row(arms, s - REACH)
     inner = median - a
     for k in range(first, len(arms)):
         arm = arms[k]
@@ -143,34 +194,11 @@ def edge_distance(
     return best, which, along, across
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def nearest_crossing(s: float, crossings: NDArray[np.float64]) -> int:
-    """Return the row of the zebra crossing nearest to a station, -1 where there is none.
-
-    Parameters
-    ----------
-    s : float
-        Station, metres.
-    crossings : ndarray of shape (c, 2), float64
-        Sorted by station; see `Ground`.
-
-    Returns
-    -------
-    int
-        The row.
-    """
-    if len(crossings) == 0:
-        return -1
-    k = min(first_row(crossings, s), len(crossings) - 1)
-    if k > 0 and s - crossings[k - 1, 0] < abs(crossings[k, 0] - s):
-        k -= 1
-    return k
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@leaf
 def bay_is_free(
-    s: float, side: int, section: NDArray[np.float64], arms: NDArray[np.float64], crossings: NDArray[np.float64]
-) -> bool:
+    s: float, side: int, section: NDArray[np.float64], arms: NDArray[np.float64], crossings: NDArray[np.float64],
+    near: Nearby,
+) -> bool:  # fmt: skip
     """Tell whether cars may stand at the curb: not within 5 m of a junction, nor at a zebra crossing.
 
     Parameters
@@ -181,6 +209,8 @@ def bay_is_free(
         0 is left.
     section, arms, crossings : ndarray
         See `Ground`.
+    near : Nearby
+        Where to look in them.
 
     Returns
     -------
@@ -189,12 +219,12 @@ def bay_is_free(
     """
     if section[side, 1] == 0:
         return False
-    for k in range(first_row(arms, s - REACH), len(arms)):
+    for k in range(near.arm, len(arms)):
         if arms[k, STATION] > s + REACH:
             break
         if int(arms[k, SIDE]) == side and abs(s - arms[k, STATION]) < arms[k, HALF_WIDTH] + arms[k, RADIUS] + 5.0:
             return False
-    c = nearest_crossing(s, crossings)
+    c = near.crossing
     return c < 0 or abs(s - crossings[c, 0]) >= crossings[c, 1] + 4.0
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.simulation.compiled import leaf
 from mlsroad_pipeline.algorithms.simulation.junctions import (
     CONTROL,
     GIVE_WAY,
@@ -17,9 +17,8 @@ from mlsroad_pipeline.algorithms.simulation.junctions import (
     STATION,
     ZEBRA,
     ZEBRA_HALF,
+    Nearby,
     bay_is_free,
-    first_row,
-    nearest_crossing,
 )
 
 BAY = 5.8
@@ -32,7 +31,7 @@ _LINE = 0.06  # half width of a painted line, metres
 _ARROW = 5.0  # metres
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def _arrow(ahead: float, across: float, turns: int) -> bool:
     """Tell whether an arrow covers a place given from its tail; turns is 0 straight on, 1 left too, -1 right too."""
     if not (0.0 <= ahead <= _ARROW and abs(across) < 0.8):
@@ -49,7 +48,7 @@ def _arrow(ahead: float, across: float, turns: int) -> bool:
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def _side_street(t: float, q: float, row: NDArray[np.float64]) -> bool:
     """Tell whether a place of a side street is painted."""
     half, zebra = row[HALF_WIDTH], row[ZEBRA]
@@ -64,12 +63,12 @@ def _side_street(t: float, q: float, row: NDArray[np.float64]) -> bool:
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@leaf
 def _near_junction(
-    s: float, left: float, arms: NDArray[np.float64], shape: NDArray[np.float64], lane_edge: float
+    s: float, left: float, arms: NDArray[np.float64], shape: NDArray[np.float64], lane_edge: float, first: int
 ) -> int:
     """Return 0 away from junctions, 1 where a side street joins, 2 on an arrow, 3 opposite a side street."""
-    for k in range(first_row(arms, s - REACH), len(arms)):
+    for k in range(first, len(arms)):
         row = arms[k]
         along = s - row[STATION]
         if along > REACH:
@@ -96,12 +95,12 @@ def _near_junction(
     return 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@leaf
 def _at_crossing(
-    s: float, left: float, edge: float, junction: int, crossings: NDArray[np.float64], half: float, median: float
-) -> int:
+    s: float, left: float, edge: float, junction: int, crossings: NDArray[np.float64], half: float, median: float,
+    c: int,
+) -> int:  # fmt: skip
     """Return 1 on the paint of a zebra crossing, of its stop line and of the line before it, 0 between, -1 away."""
-    c = nearest_crossing(s, crossings)
     if c < 0:
         return -1
     a, ahead = abs(left), crossings[c, 0] > s
@@ -116,41 +115,43 @@ def _at_crossing(
     return -1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@leaf
 def _between_lanes(s: float, a: float, edge: float, shape: NDArray[np.float64]) -> bool:
     """Tell whether a place lies on the centre line, on a line between lanes or on that along the median."""
     lane, lanes, median = shape[3], shape[4], shape[5]
-    dashed = (s % 9.0) < 3.0
     if median == 0 and a < _LINE:
-        return bool(dashed or lanes > 1)
+        return bool(lanes > 1 or (s % 9.0) < 3.0)
     if median > 0 and abs(a - median - 0.3) < _LINE:
         return True
     beside = (a - median) / lane
-    inner = dashed and edge < -lane / 2 and beside > 0.5
-    return bool(inner and abs(beside - np.rint(beside)) * lane < _LINE)
+    if edge >= -lane / 2 or beside <= 0.5 or abs(beside - np.rint(beside)) * lane >= _LINE:
+        return False
+    return bool((s % 9.0) < 3.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@leaf
 def _at_the_edge(
     s: float, left: float, edge: float, section: NDArray[np.float64], shape: NDArray[np.float64],
-    arms: NDArray[np.float64], crossings: NDArray[np.float64],
+    arms: NDArray[np.float64], crossings: NDArray[np.float64], near: Nearby,
 ) -> bool:  # fmt: skip
     """Tell whether a place lies on the edge line or on the lines of parking bays."""
     side = 0 if left >= 0 else 1
     if section[side, 1] == 0 or edge < -_LINE:
         return section[side, 1] == 0 and abs(edge + 0.45) < _LINE
-    if not bay_is_free(s, side, section, arms, crossings):
+    if not bay_is_free(s, side, section, arms, crossings, near):
         return False
+    if edge < _LINE:
+        return True
     # Slanted bays are entered forwards: their far ends lie ahead in the direction of traffic.
     slant = shape[6]
     bay = (s + slant * edge * (1 if left >= 0 else -1)) % (SLANTED_BAY if slant > 0 else BAY)
-    return edge < _LINE or bay < 0.1
+    return bay < 0.1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@leaf
 def main_street_marking(
     s: float, left: float, section: NDArray[np.float64], shape: NDArray[np.float64], arms: NDArray[np.float64],
-    crossings: NDArray[np.float64],
+    crossings: NDArray[np.float64], near: Nearby,
 ) -> bool:  # fmt: skip
     """Tell whether a place of the main carriageway is painted.
 
@@ -160,6 +161,8 @@ def main_street_marking(
         Station and offset, metres.
     section, shape, arms, crossings : ndarray
         Those of `Ground`; compiled code is several times faster with arrays than with the whole tuple of them.
+    near : Nearby
+        Where to look in them.
 
     Returns
     -------
@@ -168,21 +171,23 @@ def main_street_marking(
     """
     a, side = abs(left), 0 if left >= 0 else 1
     lane_edge = section[side, 0] - section[side, 1]
-    junction = _near_junction(s, left, arms, shape, lane_edge)
+    junction = _near_junction(s, left, arms, shape, lane_edge, near.arm)
     if junction == 2:
         return True
-    crossing = _at_crossing(s, left, a - lane_edge, junction, crossings, section[side, 0], shape[5])
+    crossing = _at_crossing(
+        s, left, a - lane_edge, junction, crossings, section[side, 0], shape[5], near.crossing
+    )  # fmt: skip
     if crossing >= 0 or junction == 1:
         return crossing == 1
     return _between_lanes(s, a, a - lane_edge, shape) or _at_the_edge(
-        s, left, a - lane_edge, section, shape, arms, crossings
+        s, left, a - lane_edge, section, shape, arms, crossings, near
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@leaf
 def marked(
     s: float, left: float, arm: int, t: float, q: float, section: NDArray[np.float64], shape: NDArray[np.float64],
-    arms: NDArray[np.float64], crossings: NDArray[np.float64],
+    arms: NDArray[np.float64], crossings: NDArray[np.float64], near: Nearby,
 ) -> bool:  # fmt: skip
     """Tell whether a place of the carriageway is painted.
 
@@ -196,6 +201,8 @@ def marked(
         Place along and across that side street, metres.
     section, shape, arms, crossings : ndarray
         Those of `Ground`.
+    near : Nearby
+        Where to look in them.
 
     Returns
     -------
@@ -204,5 +211,5 @@ def marked(
     """
     side = 0 if left >= 0 else 1
     if abs(left) <= section[side, 0]:
-        return main_street_marking(s, left, section, shape, arms, crossings)
+        return main_street_marking(s, left, section, shape, arms, crossings, near)
     return arm >= 0 and _side_street(t, q, arms[arm])

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.simulation.compiled import leaf
 from mlsroad_pipeline.algorithms.simulation.meshes import BARK, BRICK, DIFFUSE, FOLIAGE, GLASS, PAINT, RETRO, Surface
 
 # name: (linear rgb, reflectivity near 1550 nm, spread of tone, kind); reflectivities after common tables of targets.
@@ -156,31 +157,48 @@ def retroreflective(rgb: tuple[float, float, float], label: str, rng: np.random.
     return Surface(TAXONOMY[label], (r, g, b), float(rng.uniform(0.3, 0.8)) * fade, RETRO)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+# Odd numbers that spread the coordinates of lattice points over 64 bits.
+_X, _Y, _Z, _SEED = 0x1E3779B97F4A7C15, 0x2545F4914F6CDD1D, 0x369DEA0F31A53F85, 0x3C6EF372FE94F82A
+_MIX = 0x14D049BB133111EB
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _scrambled(h: int) -> float:
+    """Return a number in [0, 1) from a sum of multiples of lattice coordinates."""
+    h = (h ^ ((h >> 31) & 0x1FFFFFFFF)) * _MIX
+    return ((h >> 40) & 0xFFFFFF) * (1.0 / 16777216.0)
+
+
+@leaf
 def lattice_value(ix: int, iy: int, iz: int) -> float:
     """Return a pseudo-random number in [0, 1) that belongs to a lattice point."""
-    h = (ix * 374761393 + iy * 668265263 + iz * 2147483647 + 1013904223) & 0xFFFFFFFF
-    h = ((h ^ (h >> 13)) * 1274126177) & 0xFFFFFFFF
-    h = ((h ^ (h >> 16)) * 2246822519) & 0xFFFFFFFF
-    return ((h ^ (h >> 15)) & 0xFFFFFF) / 16777216.0
+    return _scrambled(ix * _X + iy * _Y + iz * _Z + _SEED)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
+def plane_noise(x: float, y: float, layer: int) -> float:
+    """Return smooth noise in [0, 1) with unit lattice spacing; every layer is another pattern."""
+    fx, fy = np.floor(x), np.floor(y)
+    u, v = x - fx, y - fy
+    u, v = u * u * (3 - 2 * u), v * v * (3 - 2 * v)
+    h = int(fx) * _X + int(fy) * _Y + layer * _Z + _SEED
+    low, high = _scrambled(h), _scrambled(h + _Y)
+    low += u * (_scrambled(h + _X) - low)
+    high += u * (_scrambled(h + _X + _Y) - high)
+    return low + v * (high - low)
+
+
+@leaf
 def value_noise(x: float, y: float, z: float) -> float:
     """Return smooth noise in [0, 1) with unit lattice spacing."""
-    fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
-    ix, iy, iz = int(fx), int(fy), int(fz)
-    u, v, w = x - fx, y - fy, z - fz
-    u, v, w = u * u * (3 - 2 * u), v * v * (3 - 2 * v), w * w * (3 - 2 * w)
-    total = 0.0
-    for k in range(8):
-        dx, dy, dz = k & 1, (k >> 1) & 1, (k >> 2) & 1
-        weight = (u if dx else 1 - u) * (v if dy else 1 - v) * (w if dz else 1 - w)
-        total += weight * lattice_value(ix + dx, iy + dy, iz + dz)
-    return total
+    fz = np.floor(z)
+    w = z - fz
+    w *= w * (3 - 2 * w)
+    low = plane_noise(x, y, int(fz))
+    return low + w * (plane_noise(x, y, int(fz) + 1) - low)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def texture_tone(kind: int, x: float, y: float, z: float) -> float:
     """Return the factor, about 1, by which a surface of a kind is lighter or darker at a place."""
     if kind == BARK:

@@ -10,6 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation.alignment import interpolate
+from mlsroad_pipeline.algorithms.simulation.compiled import leaf
 from mlsroad_pipeline.algorithms.simulation.ground import Ground, ground_height
 from mlsroad_pipeline.algorithms.simulation.meshes import Mesh
 
@@ -67,7 +68,7 @@ class Mover:
     design: str = ""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def _poses(
     motion: NDArray[np.float64], first: int, centre: NDArray[np.float64], table: NDArray[np.float64], ground: Ground,
     knots: NDArray[np.float64],
@@ -82,7 +83,7 @@ def _poses(
         knots[k, 3] = heading + (np.pi if motion[2] < 0 else 0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def _is_near(knots: NDArray[np.float64], rays: NDArray[np.float32]) -> bool:
     """Tell whether an object ever comes nearer than `FAR` to where some of the rays begin."""
     for i in range(0, len(rays), max(len(rays) // 8, 1)):
@@ -94,8 +95,8 @@ def _is_near(knots: NDArray[np.float64], rays: NDArray[np.float32]) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _bundles(rays: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return, per `_BUNDLE` rays in a row, a cone around them: origin, axis, angle, and how far origins differ."""
-    out = np.empty(((len(rays) + _BUNDLE - 1) // _BUNDLE, 8))
+    """Return origin, axis, cosine and sine of the angle, and spread of origins of cones around `_BUNDLE` rays each."""
+    out = np.empty(((len(rays) + _BUNDLE - 1) // _BUNDLE, 9))
     for b in range(len(out)):
         first, last = b * _BUNDLE, min((b + 1) * _BUNDLE, len(rays))
         for c in range(6):
@@ -113,19 +114,21 @@ def _bundles(rays: NDArray[np.float32]) -> NDArray[np.float64]:
             least, apart = min(least, along), max(apart, gap)
         for c in range(3, 6):
             out[b, c] /= length
-        out[b, 6], out[b, 7] = np.arccos(max(least, -1.0)) + 1e-3, np.sqrt(apart)
+        angle = np.arccos(max(least, -1.0)) + 1e-3
+        out[b, 6], out[b, 7], out[b, 8] = np.cos(angle), np.sin(angle), np.sqrt(apart)
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def _misses(bundle: NDArray[np.float64], pose: NDArray[np.float64], reach: float) -> bool:
     """Tell that no ray of a bundle comes within reach of a place."""
     x, y, z = pose[0] - bundle[0], pose[1] - bundle[1], pose[2] - bundle[2]
-    away, reach = np.sqrt(x * x + y * y + z * z), reach + bundle[7] + _LAG
-    if away <= reach:
+    squared, reach = x * x + y * y + z * z, reach + bundle[8] + _LAG
+    if squared <= reach * reach:
         return False
-    along = (x * bundle[3] + y * bundle[4] + z * bundle[5]) / away
-    return bool(np.arccos(min(max(along, -1.0), 1.0)) > bundle[6] + np.arcsin(reach / away))
+    # The direction to the place is off the axis by more than the cone and the place's own angle together.
+    along = x * bundle[3] + y * bundle[4] + z * bundle[5]
+    return bool(along < bundle[6] * np.sqrt(squared - reach * reach) - bundle[7] * reach)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

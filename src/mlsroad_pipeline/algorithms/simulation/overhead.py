@@ -8,10 +8,11 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.simulation import catalogue
 from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.materials import material
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, rotation_matrix, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, rotation_matrix
 from mlsroad_pipeline.algorithms.simulation.objects import utility_poles
 from mlsroad_pipeline.algorithms.simulation.objects.gantries import gantry
 from mlsroad_pipeline.algorithms.simulation.placement import Placed, Site
+from mlsroad_pipeline.algorithms.simulation.solids import tube
 from mlsroad_pipeline.algorithms.simulation.street import Street, generator
 
 _WOODEN = ("wood_pole", "double_cross_arm_pole", "rack_pole")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mlsroad_pipeline.algorithms.simulation import catalogue
-from mlsroad_pipeline.algorithms.simulation.junctions import bay_is_free
+from mlsroad_pipeline.algorithms.simulation.junctions import Nearby, bay_is_free, nearby
 from mlsroad_pipeline.algorithms.simulation.markings import BAY, SLANTED_BAY
 from mlsroad_pipeline.algorithms.simulation.placement import Site
 
@@ -30,9 +30,10 @@ def park(site: Site) -> None:
             continue
         for k in range(int(np.ceil(site.start / pitch)), int(np.floor(site.end / pitch))):
             free = all(
-                bay_is_free(s, side, ground.section, ground.arms, ground.crossings)
+                bay_is_free(s, side, ground.section, ground.arms, ground.crossings,
+                            nearby(s, ground.arms, ground.crossings, ground.manholes, Nearby(0, 0, 0)))
                 for s in (k * pitch, (k + 1) * pitch)
-            )
+            )  # fmt: skip
             if free and site.rng.random() < site.parameters.parked:
                 _one(site, (k + 0.5) * pitch - way * slant * depth / 2, way * (half - depth / 2), slant, depth)
 

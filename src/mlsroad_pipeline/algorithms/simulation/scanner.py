@@ -8,11 +8,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.simulation.compiled import leaf
 from mlsroad_pipeline.algorithms.simulation.devices import Device
 from mlsroad_pipeline.algorithms.simulation.drive import RATE, Drive
 from mlsroad_pipeline.algorithms.simulation.meshes import rotation_matrix
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
 from mlsroad_pipeline.algorithms.simulation.street import generator
+
+_ANEW = 64  # pulses after which the sine of the angle is computed anew
 
 
 class Pulses(NamedTuple):
@@ -150,7 +153,7 @@ def georeference(
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def pose_matrix(roll: float, pitch: float, yaw: float, turn: NDArray[np.float64]) -> None:
     """Write the rotation Rz(yaw) Ry(pitch) Rx(roll) into a buffer."""
     cr, sr, cp, sp, cy, sy = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw)
@@ -159,7 +162,7 @@ def pose_matrix(roll: float, pitch: float, yaw: float, turn: NDArray[np.float64]
     turn[2, 0], turn[2, 1], turn[2, 2] = -sp, cp * sr, cp * cr
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def pose_between(
     time: float, poses: NDArray[np.float64], knot: int, ends: NDArray[np.float64],
     position: NDArray[np.float64], turn: NDArray[np.float64],
@@ -182,11 +185,13 @@ def pose_between(
     return k
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _hits_body(beam: NDArray[np.float32], lever: NDArray[np.float64], body: NDArray[np.float64]) -> bool:
+@leaf
+def _hits_body(
+    beams: NDArray[np.float32], row: int, lever: NDArray[np.float64], body: NDArray[np.float64]
+) -> bool:  # fmt: skip
     inward, outward = 0.0, 1e9
     for r in range(3):
-        pace = beam[r] if abs(beam[r]) > 1e-9 else 1e-9
+        pace = beams[row, r] if abs(beams[row, r]) > 1e-9 else 1e-9
         a, b = (body[r, 0] - lever[r]) / pace, (body[r, 1] - lever[r]) / pace
         inward, outward = max(inward, min(a, b)), min(outward, max(a, b))
     return inward <= outward
@@ -204,25 +209,31 @@ def _rays(
     position, turn, ends = np.empty(3), np.empty((3, 3)), np.empty((2, 3, 3))
     n_beams = len(elevations)
     cosines, sines = np.cos(elevations), np.sin(elevations)
+    step = 2 * np.pi * profile_rate / pulse_rate
+    cosine, sine, turn_cosine, turn_sine = 1.0, 0.0, np.cos(step), np.sin(step)
     knot, m = -1, 0
     for i in range(first, last):
         time = (i + phase[0]) / pulse_rate
         turns = time * profile_rate + phase[1]
         angle = 2 * np.pi * (turns - np.floor(turns + 0.5))
+        # Turned on from the pulse before, and set anew before rounding adds up.
+        if (i - first) % _ANEW == 0:
+            cosine, sine = np.cos(angle), np.sin(angle)
+        else:
+            cosine, sine = cosine * turn_cosine - sine * turn_sine, sine * turn_cosine + cosine * turn_sine
         if angle < field[0] or angle > field[1]:
             continue
         flat, lift = cosines[i % n_beams], sines[i % n_beams]
-        side, down = flat * np.sin(angle), -flat * np.cos(angle)
-        beam = beams[m]
+        side, down = flat * sine, -flat * cosine
         for r in range(3):
-            beam[r] = mounting[r, 0] * lift + mounting[r, 1] * side + mounting[r, 2] * down
-        if _hits_body(beam, lever, body):
+            beams[m, r] = mounting[r, 0] * lift + mounting[r, 1] * side + mounting[r, 2] * down
+        if _hits_body(beams, m, lever, body):
             continue
         knot = pose_between(time, poses, knot, ends, position, turn)
         for r in range(3):
             start = position[r] + turn[r, 0] * lever[0] + turn[r, 1] * lever[1] + turn[r, 2] * lever[2]
             rays[m, r] = start - centre[r]
-            rays[m, 3 + r] = turn[r, 0] * beam[0] + turn[r, 1] * beam[1] + turn[r, 2] * beam[2]
+            rays[m, 3 + r] = turn[r, 0] * beams[m, 0] + turn[r, 1] * beams[m, 1] + turn[r, 2] * beams[m, 2]
         times[m], angles[m] = time, angle
         m += 1
     return times[:m], angles[:m], beams[:m], rays[:m]

@@ -170,11 +170,12 @@ class RayScene:
                 continue
             answer = part.structure.cast_rays(_tensor(moved), nthreads=self.n_threads)
             t, ids, normals = (answer[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_normals"))
-            keep_nearer(index, t, ids, normals, first, *hits)
+            keep_nearer(index, t, ids, normals, first, (part.box[0], part.box[1]), *hits)
         for k, index, local, yaw in self._toward(rays, times):
             answer = self._moving[k].cast_rays(_tensor(local), nthreads=self.n_threads)
             t, ids, own = (answer[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_normals"))
-            keep_nearer(index, t, ids, turned(own, yaw), self._first_face[len(self._standing) + k], *hits)
+            first = self._first_face[len(self._standing) + k]
+            keep_nearer(index, t, ids, turned(own, yaw), first, (1.0, 0.0), *hits)
         return hits
 
 

@@ -10,6 +10,7 @@ import open3d as o3d
 from numba import njit
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.simulation.compiled import leaf
 from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, join
 
 _SLACK = 0.05  # metres
@@ -22,7 +23,8 @@ class Standing:
     Parameters
     ----------
     structure : open3d.t.geometry.RaycastingScene
-        Its faces, relative to `centre`.
+        Its faces, relative to `centre` and turned so that `box` is upright: along the axes of a street that runs askew
+        of them rays meet fewer boxes of the tree.
     attributes : ndarray of shape (f, 6), float32
         As those of `Mesh`.
     instances : ndarray of shape (f,), int32
@@ -47,7 +49,7 @@ class Soup:
     Parameters
     ----------
     vertices : ndarray of shape (v, 3), float32
-        Relative to `centre`, metres.
+        Relative to `centre`, in the frame of `box`, metres.
     faces : ndarray of shape (f, 3), uint32
         Vertex indices.
     attributes, instances, centre, box
@@ -84,11 +86,13 @@ def gather(
         Their faces.
     """
     whole = join(meshes)
-    vertices = whole.vertices - centre
+    c, n = np.cos(heading), np.sin(heading)
+    x, y, z = (whole.vertices - centre).T
+    vertices = np.stack([c * x + n * y, c * y - n * x, z], axis=1)
     numbers = np.repeat(np.asarray(instances, dtype=np.int32), [len(m.faces) for m in meshes])
     return Soup(
         vertices.astype(np.float32), whole.faces.astype(np.uint32), whole.attributes, numbers, centre,
-        _box(vertices, heading),
+        _box(vertices, c, n),
     )  # fmt: skip
 
 
@@ -140,53 +144,60 @@ def casting_structure(vertices: NDArray, faces: NDArray) -> o3d.t.geometry.Rayca
     return scene
 
 
-def _box(vertices: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
-    c, s = np.cos(heading), np.sin(heading)
+def _box(vertices: NDArray[np.float64], c: float, s: float) -> NDArray[np.float64]:
     if len(vertices) == 0:
         return np.array([c, s, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-    x, y, z = vertices.T
-    bounds = [(axis.min() - _SLACK, axis.max() + _SLACK) for axis in (c * x + s * y, c * y - s * x, z)]
-    return np.array([c, s, *np.ravel(bounds)])
+    return np.array([c, s, *np.stack([vertices.min(axis=0) - _SLACK, vertices.max(axis=0) + _SLACK], axis=1).ravel()])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def entering(
     rays: NDArray[np.float32], limit: NDArray[np.float32], box: NDArray[np.float64], offset: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Return the rays that enter a box before their limit, which they are, and they relative to another centre."""
+    """Return the rays that enter a box before their limit, which they are, and they in the frame of the box."""
     index, moved = np.empty(len(rays), np.int64), np.empty((len(rays), 6), np.float32)
     c, s = box[0], box[1]
-    origin, direction = np.empty(3), np.empty(3)
     n = 0
     for i in range(len(rays)):
         x, y, dx, dy = rays[i, 0] + offset[0], rays[i, 1] + offset[1], rays[i, 3], rays[i, 4]
-        origin[0], origin[1], origin[2] = c * x + s * y, c * y - s * x, rays[i, 2] + offset[2]
-        direction[0], direction[1], direction[2] = c * dx + s * dy, c * dy - s * dx, rays[i, 5]
-        inward, outward = 0.0, float(limit[i])
-        for r in range(3):
-            pace = direction[r] if abs(direction[r]) > 1e-12 else 1e-12
-            a, b = (box[2 + 2 * r] - origin[r]) / pace, (box[3 + 2 * r] - origin[r]) / pace
-            inward, outward = max(inward, min(a, b)), min(outward, max(a, b))
-        if inward > outward:
+        at, pace = c * x + s * y, c * dx + s * dy
+        near, far = _within(at, pace, box[2], box[3], 0.0, limit[i])
+        if near > far:
+            continue
+        aside, drift = c * y - s * x, c * dy - s * dx
+        near, far = _within(aside, drift, box[4], box[5], near, far)
+        up = rays[i, 2] + offset[2]
+        near, far = _within(up, rays[i, 5], box[6], box[7], near, far)
+        if near > far:
             continue
         index[n] = i
-        for r in range(3):
-            moved[n, r] = rays[i, r] + offset[r]
-            moved[n, 3 + r] = rays[i, 3 + r]
+        moved[n, 0], moved[n, 1], moved[n, 2] = at, aside, up
+        moved[n, 3], moved[n, 4], moved[n, 5] = pace, drift, rays[i, 5]
         n += 1
     return index[:n], moved[:n]
+
+
+@leaf
+def _within(at: float, pace: float, low: float, high: float, near: float, far: float) -> tuple[float, float]:
+    """Return from where to where along a ray one of its coordinates lies between two bounds, and so before."""
+    inverse = 1.0 / (pace if abs(pace) > 1e-12 else 1e-12)
+    a, b = (low - at) * inverse, (high - at) * inverse
+    return max(near, min(a, b)), min(far, max(a, b))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def keep_nearer(
     rows: NDArray[np.int64], t: NDArray[np.float32], ids: NDArray[np.uint32], normals: NDArray[np.float32],
-    first: int, distance: NDArray[np.float32], face: NDArray[np.int32], normal: NDArray[np.float32],
+    first: int, frame: tuple[float, float], distance: NDArray[np.float32], face: NDArray[np.int32],
+    normal: NDArray[np.float32],
 ) -> None:  # fmt: skip
-    """Enter answers of some rays where they are nearer than what is known."""
+    """Enter answers of some rays where they are nearer than what is known; `frame` has cosine and sine of theirs."""
+    c, s = frame
     for k in range(len(rows)):
         i = rows[k]
         if t[k] < distance[i]:
             distance[i] = t[k]
             face[i] = first + np.int32(ids[k])
-            for r in range(3):
-                normal[i, r] = normals[k, r]
+            normal[i, 0] = c * normals[k, 0] - s * normals[k, 1]
+            normal[i, 1] = s * normals[k, 0] + c * normals[k, 1]
+            normal[i, 2] = normals[k, 2]

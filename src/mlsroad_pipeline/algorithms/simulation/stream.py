@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 import pandas as pd
-from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
@@ -22,6 +21,7 @@ from mlsroad_pipeline.algorithms.simulation.scanner import draw_calibration, geo
 from mlsroad_pipeline.algorithms.simulation.scene import Mover, RayScene
 from mlsroad_pipeline.algorithms.simulation.standing import Standing, stand
 from mlsroad_pipeline.algorithms.simulation.street import BLOCK, draw_street, generator
+from mlsroad_pipeline.algorithms.simulation.weaving import in_order_of_time
 
 _BEHIND, _AHEAD = 1, 2  # blocks around the vehicle's own that rays can meet
 _PULSES = 262_144  # pulses of one scanner that are cast at once
@@ -215,7 +215,9 @@ class SurveyStream:
         PointCloud
             As `scan` yields them.
         """
-        return self._merged([self._measure(scene, k, start, end) for k in range(len(self._devices))])
+        columns = in_order_of_time([self._measure(scene, k, start, end) for k in range(len(self._devices))])
+        xyz = columns.pop("xyz")
+        return PointCloud(xyz, columns, self.origin, self.crs, "simulated survey")
 
     def _measure(self, scene: RayScene, scanner: int, start: float, end: float) -> dict[str, NDArray]:
         """Return coordinates and columns of one scanner's points between two times."""
@@ -244,15 +246,6 @@ class SurveyStream:
                 np.ones(len(rows), dtype=np.bool_), self.light, np.zeros((len(rows), 3), dtype=np.float32),
             )  # fmt: skip
         return columns
-
-    def _merged(self, parts: list[dict[str, NDArray]]) -> PointCloud:
-        """Return the points of all scanners in the order of time."""
-        columns = parts[0]
-        for part in parts[1:]:
-            places = _places(columns["gps_time"], part["gps_time"])
-            columns = {name: _woven(values, part[name], *places) for name, values in columns.items()}
-        xyz = columns.pop("xyz")
-        return PointCloud(xyz, columns, self.origin, self.crs, "simulated survey")
 
     def photograph(self, number: int, scene: RayScene) -> tuple[list[Image], list[NDArray[np.float32]]]:
         """Take the images that fall into a block.
@@ -303,25 +296,3 @@ class SurveyStream:
             for camera in CAMERAS
         ]  # fmt: skip
         return [image for image, _ in pairs], [depth for _, depth in pairs]
-
-
-@njit(cache=True, nogil=True)
-def _places(first: NDArray[np.float64], second: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return where the rows of two rising sequences go when they are merged; at ties the first leads."""
-    of_first, of_second = np.empty(len(first), np.int64), np.empty(len(second), np.int64)
-    i = j = 0
-    for k in range(len(first) + len(second)):
-        if i == len(first) or (j < len(second) and second[j] < first[i]):
-            of_second[j] = k
-            j += 1
-        else:
-            of_first[i] = k
-            i += 1
-    return of_first, of_second
-
-
-def _woven(first: NDArray, second: NDArray, of_first: NDArray[np.int64], of_second: NDArray[np.int64]) -> NDArray:
-    out = np.empty((len(first) + len(second), *first.shape[1:]), dtype=first.dtype)
-    out[of_first] = first
-    out[of_second] = second
-    return out

@@ -9,13 +9,17 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation.alignment import locate_one
+from mlsroad_pipeline.algorithms.simulation.compiled import leaf
 from mlsroad_pipeline.algorithms.simulation.cover import ground_cover
 from mlsroad_pipeline.algorithms.simulation.ground import GRASS, SOIL, Ground
-from mlsroad_pipeline.algorithms.simulation.materials import lattice_value, texture_tone
+from mlsroad_pipeline.algorithms.simulation.junctions import Nearby, nearby
+from mlsroad_pipeline.algorithms.simulation.materials import plane_noise, texture_tone
 from mlsroad_pipeline.algorithms.simulation.meshes import GROUND, KIND, LABEL, RED
 
 WET = 8
 """Kind of ground under a film of water, beside the kinds of `meshes`: no face has it, places get it."""
+
+_CLOSE = 0.15  # a place that has been shifted by less is known to tenths of a millimetre, metres
 
 _SHARES = np.array([0.0, 0.01, 0.03, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 0.99, 1.0])
 _LEVELS = np.array([0.0, 0.157, 0.209, 0.291, 0.409, 0.5, 0.591, 0.709, 0.791, 0.843, 1.0])
@@ -77,25 +81,13 @@ def water_level(wetness: float) -> float:
     return float(np.interp(wetness, _SHARES, _LEVELS))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@leaf
 def _is_wet(label: int, x: float, y: float, water: float) -> bool:
     """Tell whether a film of water lies on the ground at a place: puddles of some metres on what is paved."""
     if label in (GRASS, SOIL):
         return False
-    coarse = 0.65 * _plane_noise(x * 0.35, y * 0.35)
-    return coarse < water and coarse + 0.35 * _plane_noise(x * 1.3, y * 1.3) < water
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _plane_noise(x: float, y: float) -> float:
-    """Return smooth noise in [0, 1) with unit lattice spacing."""
-    fx, fy = np.floor(x), np.floor(y)
-    ix, iy = int(fx), int(fy)
-    u, v = x - fx, y - fy
-    u, v = u * u * (3 - 2 * u), v * v * (3 - 2 * v)
-    low = (1 - u) * lattice_value(ix, iy, 5) + u * lattice_value(ix + 1, iy, 5)
-    high = (1 - u) * lattice_value(ix, iy + 1, 5) + u * lattice_value(ix + 1, iy + 1, 5)
-    return (1 - v) * low + v * high
+    coarse = 0.65 * plane_noise(x * 0.35, y * 0.35, 5)
+    return coarse < water and coarse + 0.35 * plane_noise(x * 1.3, y * 1.3, 5) < water
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -111,7 +103,7 @@ def resolve_hits(
     relief = np.zeros(n, dtype=np.float32)
     start, section, shape, arms, crossings = ground.start, ground.section, ground.shape, ground.arms, ground.crossings
     holes, verge, lot = ground.manholes, ground.verge, ground.lot
-    guess = near
+    guess, rows = near, Nearby(0, 0, 0)
     for i in range(n):
         if face[i] < 0:
             continue
@@ -120,9 +112,11 @@ def resolve_hits(
         x = centre[0] + rays[i, 0] + distance[i] * rays[i, 3]
         y = centre[1] + rays[i, 1] + distance[i] * rays[i, 4]
         if kind[i] == GROUND:
-            s, left = locate_one(x, y, table, start, guess)
-            guess = s
-            code, tone, relief[i] = ground_cover(s, left, start, section, shape, arms, crossings, holes, verge, lot)
+            s, left = locate_one(x, y, table, start, guess, _CLOSE)
+            guess, rows = s, nearby(s, arms, crossings, holes, rows)
+            code, tone, relief[i] = ground_cover(
+                s, left, start, section, shape, arms, crossings, holes, verge, lot, rows
+            )  # fmt: skip
             label[i] = code
             for c in range(3):
                 rgb[i, c] = min(ground_rgb[code, c] * tone, 1.0)

@@ -116,7 +116,7 @@ def cut_files(
     plan : SurveyPlan
         The files.
     files : SceneCollection
-        Their numbers of points.
+        Their numbers of points and constant columns.
     corridors : SceneCollection
         What each drive is cut along.
     ingest : IngestParameters
@@ -131,6 +131,9 @@ def cut_files(
         if "note" in corridor:
             logger.info("%s: %s", drive, corridor["note"])
     info = files.load_all("info")
+    for file in plan.files:
+        for name in info[file.key]["constant"].tolist():
+            logger.warning("%s: %s is the same in all points and is not used", file.source.name, name)
     return {
         cut.key: SceneTask(
             read_and_cut,

@@ -14,7 +14,6 @@ from mlsroad_pipeline.algorithms.quality_storage import quality_table
 from mlsroad_pipeline.algorithms.rendering.report import build_report
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.survey_labelling import object_rules, output_codes
-from mlsroad_pipeline.datasets.geopackage_dataset import RoadInventory
 from mlsroad_pipeline.datasets.label_results import (
     attribute_warnings,
     inventory_of,
@@ -23,6 +22,7 @@ from mlsroad_pipeline.datasets.label_results import (
 )
 from mlsroad_pipeline.datasets.label_work import label_pieces, write_file
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
+from mlsroad_pipeline.datasets.road_inventory import RoadInventory
 from mlsroad_pipeline.datasets.scene_planning import plan_drive
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
@@ -132,7 +132,7 @@ def make_inventory(
     results: SceneCollection,
     model: SourceFile,
     parameters: LabelParameters,
-) -> RoadInventory:
+) -> tuple[RoadInventory, RoadInventory]:
     """Join the objects of all scenes.
 
     Parameters
@@ -152,11 +152,12 @@ def make_inventory(
 
     Returns
     -------
-    RoadInventory
-        The inventory.
+    inventory, inventory_table : RoadInventory
+        The inventory, for the GeoPackage and the GeoParquet file.
     """
-    rules = object_rules(open_model(model.path), parameters.inventory)
-    return inventory_of(plan, files, corridors, results, rules)
+    bundle = open_model(model.path)
+    found = inventory_of(plan, files, corridors, results, object_rules(bundle, parameters.inventory), bundle)
+    return found, found
 
 
 def write_labelled_files(

@@ -75,7 +75,7 @@ def _reporting() -> list[Node]:
                 "label_model",
                 "params:label",
             ],
-            outputs="label_inventory",
+            outputs=["label_inventory", "label_inventory_table"],
             name="make_inventory",
         ),
         Node(

@@ -9,10 +9,11 @@ from references_objects import DESIGNS, POLES, STREAMS, areas, built, section_mi
 from mlsroad_pipeline.algorithms.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.simulation.materials import material
-from mlsroad_pipeline.algorithms.simulation.meshes import RED, join, rotation_matrix, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import RED, join, rotation_matrix
 from mlsroad_pipeline.algorithms.simulation.objects import utility_poles
 from mlsroad_pipeline.algorithms.simulation.objects.dimensions import Measures, measure, sign_plates, tilt
 from mlsroad_pipeline.algorithms.simulation.objects.sign_plates import SHAPES, sign_plate
+from mlsroad_pipeline.algorithms.simulation.solids import tube
 
 
 @pytest.mark.parametrize("name", [d.name for d in utility_poles.DESIGNS])

@@ -31,7 +31,7 @@ BUDGET = {
 }  # fmt: skip
 # Lowest and largest height, and largest width, metres: the outer ends of the sources that the modules name.
 SIZES = {
-    "round_tree": (5.5, 14, 12), "small_round_tree": (3.7, 7.6, 6.6), "columnar_tree": (6.5, 15.5, 7),
+    "round_tree": (5.5, 14, 12), "mature_tree": (12, 21.5, 14.5), "small_round_tree": (3.7, 7.6, 6.6), "columnar_tree": (6.5, 15.5, 7),
     "vase_tree": (6.5, 15, 13), "pyramidal_tree": (6.3, 15, 10), "weeping_tree": (4.4, 11, 12),
     "multi_stem_tree": (3.7, 9, 9.3), "flowering_tree": (3.7, 9, 9), "young_staked_tree": (2.3, 5, 3),
     "bare_tree": (5.5, 14, 12), "spruce": (4.2, 15, 7.6), "pine": (5.8, 15, 11.5), "cedar": (6.3, 15, 13),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from references_simulator import enclosed_volume
 
-from mlsroad_pipeline.algorithms.simulation.meshes import Surface, box, polygon, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Surface
 from mlsroad_pipeline.algorithms.simulation.objects.parts import (
     fan,
     grid_skin,
@@ -16,6 +16,7 @@ from mlsroad_pipeline.algorithms.simulation.objects.parts import (
     rounded,
     tinted,
 )
+from mlsroad_pipeline.algorithms.simulation.solids import box, polygon, tube
 
 GREY, RED = Surface(77, (0.5, 0.5, 0.5), 0.5), Surface(42, (0.6, 0.1, 0.1), 0.7)
 

@@ -17,8 +17,9 @@ from mlsroad_pipeline.algorithms.simulation.batches import Floats, blades, tubes
 from mlsroad_pipeline.algorithms.simulation.bodies import SHANK, THIGH, draw_build
 from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.materials import car_paint, material
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, join
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.riding import Contacts, helmeted, seat_rider
+from mlsroad_pipeline.algorithms.simulation.solids import box
 
 
 class _Frame(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mlsroad_pipeline.algorithms.simulation.materials import SIGN_RED, SIGN_WHITE, SIGN_YELLOW, material
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, ellipsoid, join, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.objects.parts import (
     UNDERGROUND,
     lathe,
@@ -17,6 +17,7 @@ from mlsroad_pipeline.algorithms.simulation.objects.parts import (
     rounded,
     tinted,
 )
+from mlsroad_pipeline.algorithms.simulation.solids import box, ellipsoid, tube
 
 _LIDS = ((0.03, 0.16, 0.06), (0.03, 0.08, 0.3), (0.55, 0.42, 0.03), (0.25, 0.13, 0.05), (0.05, 0.05, 0.055))
 

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.objects.parts import fan, grid_skin
+from mlsroad_pipeline.algorithms.simulation.solids import tube
 
 Spans = Sequence[tuple[float, float]]
 Knots = Sequence[tuple[float, float]]

@@ -1,7 +1,7 @@
-"""Broadleaf trees: round, columnar, vase-shaped, weeping, of several stems, young with stakes, bare in winter.
+"""Broadleaf trees: round, mature, columnar, vase-shaped, weeping, of several stems, young with stakes, bare in winter.
 
-Measures after common tables of street trees: 6 to 15 m high, crowns of 3 to 11 m, stems of 0.1 to 0.6 m at breast
-height, the first limb above 1.8 m where people walk below.
+Measures after common tables of street trees: 6 to 15 m high, mature ones to 20, crowns of 3 to 12 m, stems of 0.1 to
+0.6 m at breast height, the first limb above 1.8 m where people walk below.
 """
 
 from __future__ import annotations
@@ -21,6 +21,10 @@ from mlsroad_pipeline.algorithms.simulation.plant_materials import bark, foliage
 _ROUND = Habit(
     height=(6.0, 13.0), width=(0.52, 0.78), clear=(0.2, 0.32), profile=(0.5, 0.5), leader=(0.35, 0.6),
     rise=(0.35, 0.95), girth=(18, 26), limbs=(9, 13), droop=(0.0, 0.3), density=(0.8, 1.5), clump=(0.2, 0.36),
+)  # fmt: skip
+_MATURE = replace(
+    _ROUND, height=(13.0, 20.0), width=(0.42, 0.6), clear=(0.16, 0.28), profile=(0.45, 0.5), leader=(0.6, 0.85),
+    limbs=(12, 16), density=(0.7, 1.2), clump=(0.25, 0.42),
 )  # fmt: skip
 _COLUMNAR = replace(
     _ROUND, height=(7.0, 15.0), width=(0.2, 0.32), clear=(0.1, 0.2), profile=(0.3, 0.4), leader=(0.85, 0.95),
@@ -95,6 +99,7 @@ _ROUND_SMALL = replace(_ROUND, height=(4.0, 7.0), clear=(0.26, 0.4), clump=(0.16
 
 DESIGNS: tuple[Design, ...] = (
     Design("round_tree", "tree", partial(_tree, habit=_ROUND), 0.9, 4.0),
+    Design("mature_tree", "tree", partial(_tree, habit=_MATURE), 0.9, 3.0),
     Design("small_round_tree", "tree", partial(_tree, habit=_ROUND_SMALL), 0.7, 3.0),
     Design("columnar_tree", "tree", partial(_tree, habit=_COLUMNAR), 0.9, 1.5),
     Design("vase_tree", "tree", partial(_tree, habit=_VASE), 0.9, 2.0),

@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.simulation.materials import (
     material,
     retroreflective,
 )  # fmt: skip
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, join, polygon, quads, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.objects.parts import (
     UNDERGROUND,
     grid_skin,
@@ -30,6 +30,7 @@ from mlsroad_pipeline.algorithms.simulation.objects.parts import (
     rounded,
     tinted,
 )
+from mlsroad_pipeline.algorithms.simulation.solids import box, polygon, quads, tube
 
 _COLOURS = (SIGN_BLUE, SIGN_GREEN, SIGN_RED, SIGN_WHITE, SIGN_YELLOW)
 

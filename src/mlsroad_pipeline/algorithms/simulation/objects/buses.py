@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from mlsroad_pipeline.algorithms.simulation.materials import car_paint, cloth, material
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, join, quads, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.objects.bodywork import Body, pillars, rails, skin
 from mlsroad_pipeline.algorithms.simulation.objects.parts import loft, tinted
 from mlsroad_pipeline.algorithms.simulation.objects.vehicle_parts import (
@@ -17,6 +17,7 @@ from mlsroad_pipeline.algorithms.simulation.objects.vehicle_parts import (
     steering_wheel,
     wheels,
 )
+from mlsroad_pipeline.algorithms.simulation.solids import box, quads, tube
 
 _LABEL = "bus"
 

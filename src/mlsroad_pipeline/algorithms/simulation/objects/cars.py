@@ -14,7 +14,7 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.materials import car_paint, cloth, material
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, join, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.objects.bodywork import Body, pillars, rails, skin
 from mlsroad_pipeline.algorithms.simulation.objects.parts import loft, rounded, tinted
 from mlsroad_pipeline.algorithms.simulation.objects.vehicle_parts import (
@@ -24,6 +24,7 @@ from mlsroad_pipeline.algorithms.simulation.objects.vehicle_parts import (
     steering_wheel,
     wheels,
 )
+from mlsroad_pipeline.algorithms.simulation.solids import box, tube
 
 Range = tuple[float, float]
 

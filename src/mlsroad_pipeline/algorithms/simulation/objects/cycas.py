@@ -14,8 +14,9 @@ from mlsroad_pipeline.algorithms.simulation.batches import Floats, tubes
 from mlsroad_pipeline.algorithms.simulation.crowns import UNDERGROUND
 from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.fronds import Feather, boots, feathers
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, ellipsoid, join
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.plant_materials import bark, foliage
+from mlsroad_pipeline.algorithms.simulation.solids import ellipsoid
 
 _GOLDEN = 2.39996
 

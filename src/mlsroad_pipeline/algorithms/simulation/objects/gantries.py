@@ -9,9 +9,10 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.materials import SIGN_BLUE, SIGN_GREEN, material
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, join, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.objects.parts import UNDERGROUND, lathe
 from mlsroad_pipeline.algorithms.simulation.objects.sign_plates import board
+from mlsroad_pipeline.algorithms.simulation.solids import box, tube
 
 
 def _beam(rng: np.random.Generator, x: tuple[float, float], level: float, metal: Surface) -> list[Mesh]:

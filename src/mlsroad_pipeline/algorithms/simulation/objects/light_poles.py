@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.materials import cloth, material
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, ellipsoid, join, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.objects.masts import arm, ballast, banner, luminaire, mast, metal
 from mlsroad_pipeline.algorithms.simulation.objects.parts import UNDERGROUND, lathe, leaned, tinted
 from mlsroad_pipeline.algorithms.simulation.objects.sign_plates import sign_plate
+from mlsroad_pipeline.algorithms.simulation.solids import box, ellipsoid, tube
 
 
 def _shaft(rng: np.random.Generator, low: float, high: float) -> tuple[list[Mesh], float, float, Surface]:

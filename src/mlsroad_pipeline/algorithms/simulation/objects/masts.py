@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mlsroad_pipeline.algorithms.simulation.materials import material
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, ellipsoid, join, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.objects.parts import UNDERGROUND, lathe, loft, tinted
+from mlsroad_pipeline.algorithms.simulation.solids import box, ellipsoid, tube
 
 
 def metal(label: str, rng: np.random.Generator) -> Surface:

@@ -15,9 +15,10 @@ from mlsroad_pipeline.algorithms.simulation.batches import tubes
 from mlsroad_pipeline.algorithms.simulation.bodies import capsules, draw_build
 from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.materials import car_paint, material
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, ellipsoid, join
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.objects.bicycles import wheel
 from mlsroad_pipeline.algorithms.simulation.riding import Contacts, helmeted, seat_rider
+from mlsroad_pipeline.algorithms.simulation.solids import box, ellipsoid
 
 _LABEL = "motorcycle"
 

@@ -15,8 +15,9 @@ from mlsroad_pipeline.algorithms.simulation.batches import Floats, scatter, tube
 from mlsroad_pipeline.algorithms.simulation.crowns import UNDERGROUND
 from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.fronds import Feather, boots, fans, feathers
-from mlsroad_pipeline.algorithms.simulation.meshes import DIFFUSE, Mesh, Surface, ellipsoid, join
+from mlsroad_pipeline.algorithms.simulation.meshes import DIFFUSE, Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.plant_materials import bark, foliage
+from mlsroad_pipeline.algorithms.simulation.solids import ellipsoid
 
 _GOLDEN = 2.39996
 

@@ -9,14 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY
-from mlsroad_pipeline.algorithms.simulation.meshes import (
-    DIFFUSE,
-    Mesh,
-    Surface,
-    join,
-    plate,
-    rotation_matrix,
-)
+from mlsroad_pipeline.algorithms.simulation.meshes import DIFFUSE, Mesh, Surface, join, rotation_matrix
+from mlsroad_pipeline.algorithms.simulation.solids import plate
 
 UNDERGROUND = 0.3
 """How far masts and feet reach below the ground, so that a sloping street leaves no gap, metres."""

@@ -29,7 +29,8 @@ from mlsroad_pipeline.algorithms.simulation.bodies import (
 )
 from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.materials import cloth, material
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, box, join
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, join
+from mlsroad_pipeline.algorithms.simulation.solids import box
 
 _SIDES = np.array([-1.0, 1.0])  # right, left
 Angles = tuple[Floats, Floats, Floats, Floats]

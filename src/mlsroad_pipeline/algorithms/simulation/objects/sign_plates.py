@@ -17,8 +17,9 @@ from mlsroad_pipeline.algorithms.simulation.materials import (
     material,
     retroreflective,
 )  # fmt: skip
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join, polygon, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.objects.parts import panel, rectangle, rounded, tinted
+from mlsroad_pipeline.algorithms.simulation.solids import polygon, tube
 
 SHAPES = ("round", "triangle", "yield", "square", "rectangle", "octagon", "diamond", "arrow")
 

@@ -18,7 +18,7 @@ from mlsroad_pipeline.algorithms.simulation.materials import (
     material,
     retroreflective,
 )
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, box, join, leaves, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, join
 from mlsroad_pipeline.algorithms.simulation.objects import bins
 from mlsroad_pipeline.algorithms.simulation.objects.parts import (
     UNDERGROUND,
@@ -30,6 +30,7 @@ from mlsroad_pipeline.algorithms.simulation.objects.parts import (
     rounded,
     tinted,
 )
+from mlsroad_pipeline.algorithms.simulation.solids import box, leaves, tube
 
 
 def _bench(rng: np.random.Generator) -> Mesh:

@@ -12,10 +12,11 @@ import numpy as np
 from mlsroad_pipeline.algorithms.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.materials import SIGN_WHITE, SIGN_YELLOW, retroreflective
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, join, polygon, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.objects.masts import arm, luminaire, mast, metal
 from mlsroad_pipeline.algorithms.simulation.objects.parts import grid_skin, leaned, panel, rectangle, tinted
 from mlsroad_pipeline.algorithms.simulation.objects.sign_plates import sign_plate
+from mlsroad_pipeline.algorithms.simulation.solids import box, polygon, tube
 
 _COLOURS = ((0.4, 0.04, 0.03), (0.45, 0.3, 0.03), (0.04, 0.35, 0.12))
 

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.simulation.materials import (
     material,
     retroreflective,
 )
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, join, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.objects.parts import (
     UNDERGROUND,
     lathe,
@@ -26,6 +26,7 @@ from mlsroad_pipeline.algorithms.simulation.objects.parts import (
     without_slivers,
 )
 from mlsroad_pipeline.algorithms.simulation.objects.sign_plates import BOARD_COLOURS, board, sign_plate
+from mlsroad_pipeline.algorithms.simulation.solids import box, tube
 
 
 def _post(rng: np.random.Generator, height: float, metal: Surface, y: float = 0.0) -> tuple[list[Mesh], float]:

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.simulation.materials import (
     material,
     retroreflective,
 )  # fmt: skip
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, box, join, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, join
 from mlsroad_pipeline.algorithms.simulation.objects.bodywork import Body, rails, skin
 from mlsroad_pipeline.algorithms.simulation.objects.parts import loft, rounded, tinted
 from mlsroad_pipeline.algorithms.simulation.objects.vehicle_parts import (
@@ -25,6 +25,7 @@ from mlsroad_pipeline.algorithms.simulation.objects.vehicle_parts import (
     steering_wheel,
     wheel,
 )
+from mlsroad_pipeline.algorithms.simulation.solids import box, tube
 
 _LABEL = "truck"
 

@@ -15,10 +15,11 @@ from mlsroad_pipeline.algorithms.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.materials import material
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, join, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.objects.masts import arm, luminaire
 from mlsroad_pipeline.algorithms.simulation.objects.parts import UNDERGROUND, lathe, leaned, tinted
 from mlsroad_pipeline.algorithms.simulation.objects.sign_plates import sign_plate
+from mlsroad_pipeline.algorithms.simulation.solids import box, tube
 
 WIRES = 6
 """Wires that every pole holds: four conductors, a bundle of low voltage, a telephone cable."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.simulation.design import Design
 from mlsroad_pipeline.algorithms.simulation.materials import car_paint, material
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, join, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.objects import buses, trucks
 from mlsroad_pipeline.algorithms.simulation.objects.bodywork import Body, pillars, rails, skin
 from mlsroad_pipeline.algorithms.simulation.objects.parts import loft, rounded, tinted
@@ -21,6 +21,7 @@ from mlsroad_pipeline.algorithms.simulation.objects.vehicle_parts import (
     steering_wheel,
     wheels,
 )
+from mlsroad_pipeline.algorithms.simulation.solids import box, tube
 
 
 def _dark(label: str, rng: np.random.Generator) -> Surface:

@@ -14,9 +14,10 @@ from mlsroad_pipeline.algorithms.simulation.materials import (
     material,
     retroreflective,
 )  # fmt: skip
-from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, box, ellipsoid, join, tube
+from mlsroad_pipeline.algorithms.simulation.meshes import Mesh, Surface, join
 from mlsroad_pipeline.algorithms.simulation.objects.bodywork import Body
 from mlsroad_pipeline.algorithms.simulation.objects.parts import lathe, tinted
+from mlsroad_pipeline.algorithms.simulation.solids import box, ellipsoid, tube
 
 
 def wheel(rng: np.random.Generator, radius: float, width: float, tyre: Surface, rim: Surface) -> Mesh:

@@ -1,0 +1,148 @@
+"""How far the measures of the inventory are from the truth, on simulated streets.
+
+    python benchmarks/inventory_accuracy.py [--preset demo] [--kinds town ring_road suburb] [--seeds 3 4] [--csv FILE]
+        [--model FOLDER]
+
+Two figures for every measure: of objects whose points are known (the error of measuring alone), and of the inventory of
+the whole street, whose points have their true classes and are made into objects by `extract_objects`. Heights are above
+the ground that the ground filter finds. Moving objects and those with too few points for an inventory are left out.
+With `--model`, the folder of a trained labeller, also of the inventory that its labels give.
+Prints tables and a JSON line; `--csv` writes all figures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from mlsroad_pipeline.algorithms.classes import TAXONOMY, TAXONOMY_NAMES
+from mlsroad_pipeline.algorithms.inventory import SceneObjects, extract_objects, measure_points, merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory_accuracy import (
+    kinds_of_truth,
+    match_to_truth,
+    measurement_errors,
+    summarise_errors,
+)
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, load_bundle
+from mlsroad_pipeline.algorithms.object_rules import KIND_OF_CLASS, ObjectRule
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.simulation import PRESETS, simulate_survey
+from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
+from mlsroad_pipeline.algorithms.survey_labelling import label_new_scene, object_rules, output_codes
+
+# Stem and crown of a tree are one class, all else is found class by class.
+MEMBERS = {name: ("trunk", "tree") if name == "tree" else (name,) for name in KIND_OF_CLASS if name != "trunk"}
+RULES = {
+    name: ObjectRule.of_kind(KIND_OF_CLASS[name], tuple(TAXONOMY[member] for member in members))
+    for name, members in MEMBERS.items()
+}
+
+
+def errors_of_known(
+    cloud: PointCloud, origin: np.ndarray, height: np.ndarray, truth: pd.DataFrame
+) -> tuple[pd.DataFrame, float]:
+    """Measure every true object from its own points; return the errors and the time that measuring took."""
+    label = cloud["label"]
+    mine = np.flatnonzero(np.isin(cloud["instance"], truth["instance"]) & np.isfinite(height))
+    mine = mine[np.argsort(cloud["instance"][mine], kind="stable")]
+    first, last = (np.searchsorted(cloud["instance"][mine], truth["instance"], side=s) for s in ("left", "right"))
+    rows, kept, spent = [], [], 0.0
+    for row, (a, b, code) in enumerate(zip(first, last, truth["label"], strict=True)):
+        rule = RULES[TAXONOMY_NAMES[code]]
+        points = mine[a:b][np.isin(label[mine[a:b]], rule.labels)]
+        if len(points) < rule.min_points:
+            continue
+        start = time.process_time()
+        found = measure_points(cloud.xyz[points], rule, height_above_ground=height[points], origin=origin)
+        spent += time.process_time() - start
+        rows.append({**found, "kind": rule.kind})
+        kept.append(row)
+    return measurement_errors(pd.DataFrame(rows), truth.iloc[kept]), spent
+
+
+def errors_of_found(
+    cloud: PointCloud, origin: np.ndarray, height: np.ndarray, truth: pd.DataFrame
+) -> tuple[pd.DataFrame, int, int]:
+    """Make the inventory from true classes; return the errors of what it has, its size and that of the truth."""
+    known = np.isfinite(height)
+    piece = extract_objects(
+        cloud.xyz[known],
+        cloud["label"][known],
+        np.ones(known.sum()),
+        classes=RULES,
+        origin=origin,
+        height_above_ground=height[known],
+    )
+    objects = merge_across_scenes([piece], classes=RULES)
+    found, true = match_to_truth(objects, truth)
+    return measurement_errors(objects.iloc[found], truth.iloc[true]), len(objects), len(truth)
+
+
+def errors_of_labelled(cloud: PointCloud, bundle: ModelBundle, truth: pd.DataFrame) -> tuple[pd.DataFrame, int]:
+    """Make the inventory as `label` does; return the errors of what it has, and its size."""
+    n = len(cloud)
+    scene = cloud.with_columns(core=np.ones(n, bool), file=np.zeros(n, np.int32), row=np.arange(n))
+    rules = object_rules(bundle, {})
+    codes = output_codes(bundle, "asprs", {})
+    part = label_new_scene(scene, bundle, codes=codes, rules=rules, ground=GroundParameters(), name="street")
+    piece = SceneObjects("street", part["objects"], part["fragments"])
+    objects = merge_across_scenes([piece], classes=rules)
+    found, true = match_to_truth(objects, truth)
+    return measurement_errors(objects.iloc[found], truth.iloc[true]), len(objects)
+
+
+def main() -> None:
+    """Simulate, measure, compare, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--preset", default="demo", choices=list(PRESETS))
+    parser.add_argument("--kinds", nargs="+", default=["town", "ring_road", "suburb"], choices=list(STREETS))
+    parser.add_argument("--seeds", type=int, nargs="+", default=[3, 4])
+    parser.add_argument("--csv")
+    parser.add_argument("--model")
+    options = parser.parse_args()
+    parts: dict[str, list[pd.DataFrame]] = {"own points": [], "inventory": []}
+    bundle = None if options.model is None else load_bundle(options.model)
+    labelled = 0
+    measured, spent, n_found, n_true = 0, 0.0, 0, 0
+    for kind in options.kinds:
+        for seed in options.seeds:
+            parameters = replace(PRESETS[options.preset], seed=seed, street=STREETS[kind], with_images=False)
+            survey = simulate_survey(parameters, n_threads=os.cpu_count() or 1)
+            height = find_ground(survey.cloud, GroundParameters())["height"]
+            truth = kinds_of_truth(survey.objects, KIND_OF_CLASS)
+            own, seconds = errors_of_known(survey.cloud, survey.origin, height, truth)
+            found, there, expected = errors_of_found(survey.cloud, survey.origin, height, truth)
+            parts["own points"].append(own)
+            parts["inventory"].append(found)
+            if bundle is not None:
+                predicted, size = errors_of_labelled(survey.cloud, bundle, truth)
+                parts.setdefault("labelled", []).append(predicted)
+                labelled += size
+            bundle = None if options.model is None else load_bundle(options.model)
+    labelled = 0
+    measured, spent, n_found, n_true = measured + len(own), spent + seconds, n_found + there, n_true + expected
+    tables = [summarise_errors(pd.concat(errors)).assign(of=name) for name, errors in parts.items()]
+    table = pd.concat(tables)[["of", "class", "measure", "unit", "n", "bias", "median", "quantile_90"]]
+    print(table.round(3).to_string(index=False))
+    if options.csv:
+        table.to_csv(options.csv, index=False)
+    every = pd.concat(parts["own points"])
+    row = {
+        "stage": "inventory_accuracy", "preset": options.preset, "streets": options.kinds, "seeds": options.seeds,
+        "measured": measured, "milliseconds_per_object": 1e3 * spent / measured,
+        "in_inventory": n_found, "true_objects": n_true, "matched": sum(map(len, parts["inventory"])),
+        "in_labelled": labelled, "matched_labelled": sum(map(len, parts.get("labelled", []))),
+        **{f"median_{name}": float(every[name].abs().median()) for name in ("base", "height", "tilt", "heading")},
+    }  # fmt: skip
+    print(json.dumps(row))
+
+
+if __name__ == "__main__":
+    main()

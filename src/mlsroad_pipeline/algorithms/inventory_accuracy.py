@@ -1,0 +1,166 @@
+"""How far the measures of an inventory are from the truth of a simulated survey."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.classes import TAXONOMY_NAMES
+from mlsroad_pipeline.algorithms.exceptions import DataError
+
+UNITS = {
+    "base": "m", "elevation": "m", "height": "m", "tilt": "deg", "lean_azimuth": "deg", "panel_bottom": "m",
+    "panel_centre": "m", "panel_height": "m", "panel_width": "m", "facing": "deg", "heading": "deg", "length": "m",
+    "width": "m",
+}  # fmt: skip
+"""Measures that are compared, and their units."""
+
+LEAST_LEAN = 1.0
+"""The true tilt from which the direction of lean is compared, degrees."""
+
+
+def place_of(truth: pd.DataFrame) -> np.ndarray:
+    """Return where an inventory should have true objects.
+
+    Parameters
+    ----------
+    truth : DataFrame
+        The simulator's table of objects, with `kind`.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 2)
+        The middle of the box of a vehicle, the base of everything else, metres.
+    """
+    vehicle = (truth["kind"] == "vehicle").to_numpy()[:, None]
+    return np.where(vehicle, truth[["box_x", "box_y"]].to_numpy(), truth[["x", "y"]].to_numpy())
+
+
+def match_to_truth(objects: pd.DataFrame, truth: pd.DataFrame, *, reach: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Pair found and true objects of a kind, nearest first, each at most once.
+
+    Parameters
+    ----------
+    objects : DataFrame
+        An inventory: columns `kind`, `x`, `y`.
+    truth : DataFrame
+        The simulator's table of objects, with `kind`.
+    reach : float, default 1.0
+        The farthest that two of a pair may lie apart in plan, metres.
+
+    Returns
+    -------
+    found, true : ndarray of int64, shape (m,)
+        Rows of the pairs in the one and the other.
+    """
+    where, expected = objects[["x", "y"]].to_numpy(), place_of(truth)
+    pairs = []
+    for kind in sorted(set(objects["kind"]) & set(truth["kind"])):
+        a, b = np.flatnonzero(objects["kind"] == kind), np.flatnonzero(truth["kind"] == kind)
+        near = cKDTree(where[a]).sparse_distance_matrix(cKDTree(expected[b]), reach, output_type="coo_matrix")
+        pairs += list(zip(near.data, a[near.row], b[near.col], strict=True))
+    used_a: set[int] = set()
+    used_b: set[int] = set()
+    chosen = []
+    for _, a, b in sorted(pairs):
+        if a not in used_a and b not in used_b:
+            used_a.add(a)
+            used_b.add(b)
+            chosen.append((a, b))
+    rows = np.array(sorted(chosen), dtype=np.int64).reshape(-1, 2)
+    return rows[:, 0], rows[:, 1]
+
+
+def _turn(found: pd.Series, true: pd.Series, circle: float | np.ndarray) -> np.ndarray:
+    """Return the smaller angle from true to found, directions being the same after a circle."""
+    return (found.to_numpy() - true.to_numpy() + circle / 2) % circle - circle / 2
+
+
+def measurement_errors(found: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
+    """Compare measures with the truth, object by object.
+
+    Parameters
+    ----------
+    found : DataFrame
+        Measured objects: the columns that `object_measures.measure` gives, and `kind`.
+    truth : DataFrame
+        The true ones, row by row: the simulator's table of objects, with `kind`.
+
+    Returns
+    -------
+    DataFrame
+        `class` (of the taxonomy), `design` and the columns of `UNITS`: found less true, NaN where one of both is not
+        known. `base` is the distance in plan. The heading of a vehicle is compared modulo 180 degrees, and so is the
+        facing of a panel whose side is not known; the direction of lean where the truth leans by `LEAST_LEAN`.
+
+    Raises
+    ------
+    DataError
+        If the tables have different lengths.
+    """
+    if len(found) != len(truth):
+        raise DataError(f"{len(found)} measured objects cannot be compared with {len(truth)} true ones")
+    truth = truth.set_axis(found.index)
+    errors = pd.DataFrame({"class": [TAXONOMY_NAMES[code] for code in truth["label"]], "design": truth["design"]})
+    errors = errors.set_axis(found.index)
+    errors["base"] = np.hypot(*(found[["x", "y"]].to_numpy() - place_of(truth)).T)
+    errors["elevation"] = found["z"] - truth["z"]
+    for name in ("height", "tilt", "panel_bottom", "panel_centre", "panel_height", "panel_width", "length", "width"):
+        errors[name] = found[name] - truth[name]
+    leans = (truth["tilt"] >= LEAST_LEAN).to_numpy()
+    errors["lean_azimuth"] = np.where(leans, _turn(found["lean_azimuth"], truth["lean_azimuth"], 360.0), np.nan)
+    two_sided = (truth["design"] == "street_name_sign").to_numpy()
+    circle = np.where((found["facing_from"] == "unknown").to_numpy() | two_sided, 180.0, 360.0)
+    errors["facing"] = _turn(found["facing"], truth["panel_azimuth"], circle)
+    errors["heading"] = _turn(found["heading"], 90.0 - np.degrees(truth["heading"]), 180.0)
+    vehicle = (found["kind"] == "vehicle").to_numpy()
+    errors.loc[~vehicle, ["heading", "length", "width"]] = np.nan
+    return errors[["class", "design", *UNITS]]
+
+
+def summarise_errors(errors: pd.DataFrame) -> pd.DataFrame:
+    """Summarise errors by class and measure.
+
+    Parameters
+    ----------
+    errors : DataFrame
+        What `measurement_errors` gives.
+
+    Returns
+    -------
+    DataFrame
+        One row per class and measure that was compared: `class`, `measure`, `unit`, `n`, `bias` (the median of the
+        errors), `median` and `quantile_90` of their sizes.
+    """
+    rows = []
+    for name, group in errors.groupby("class", sort=True):
+        for measure, unit in UNITS.items():
+            values = group[measure].dropna().to_numpy()
+            if len(values):
+                size = np.abs(values)
+                rows.append(
+                    (name, measure, unit, len(values), np.median(values), np.median(size), np.quantile(size, 0.9))
+                )
+    return pd.DataFrame(rows, columns=["class", "measure", "unit", "n", "bias", "median", "quantile_90"])
+
+
+def kinds_of_truth(truth: pd.DataFrame, kinds: Mapping[str, str]) -> pd.DataFrame:
+    """Keep the true objects that an inventory can hold, and say their kinds.
+
+    Parameters
+    ----------
+    truth : DataFrame
+        The simulator's table of objects.
+    kinds : mapping of str to str
+        Taxonomy class to kind, such as `object_rules.KIND_OF_CLASS`.
+
+    Returns
+    -------
+    DataFrame
+        The rows that stand still and have a kind, with a column `kind`.
+    """
+    kind = truth["label"].map(lambda code: kinds.get(TAXONOMY_NAMES[code]))
+    return truth.assign(kind=kind)[kind.notna() & ~truth["moving"].astype(bool)].reset_index(drop=True)

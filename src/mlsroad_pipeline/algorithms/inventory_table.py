@@ -1,0 +1,187 @@
+"""The table of road objects: its columns with their units, and what is known once all objects are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.object_measures import MEASURES
+from mlsroad_pipeline.algorithms.trajectory import Trajectory
+
+
+class Field(NamedTuple):
+    """A column of the inventory.
+
+    Parameters
+    ----------
+    dtype : str
+        Type of its values.
+    alias : str
+        What a map's user reads, with the unit.
+    description : str
+        What it is, in one sentence.
+    """
+
+    dtype: str
+    alias: str
+    description: str
+
+
+FIELDS: dict[str, Field] = {
+    "object_id": Field("int64", "Object", "Number of the object, from 1, by class and place."),
+    "class": Field("str", "Class", "Class of the scheme that the survey was labelled in."),
+    "kind": Field("str", "Kind", "What is measured of it: pole, sign, vehicle or tree."),
+    "score": Field("float64", "Score", "Mean confidence of its points, 0 to 1."),
+    "x": Field("float64", "Easting [m]", "Base point, first coordinate of the survey's reference system."),
+    "y": Field("float64", "Northing [m]", "Base point, second coordinate of the survey's reference system."),
+    "z": Field("float64", "Base elevation [m]", "Elevation of the ground at the base point, else of its lowest part."),
+    "height": Field("float64", "Height [m]", "Top above the base."),
+    "width": Field(
+        "float64", "Width [m]", "Longer side of its box in plan; of a vehicle the shorter, without mirrors."
+    ),
+    "length": Field("float64", "Length [m]", "Longer side of a vehicle's box."),
+    "heading": Field(
+        "float64", "Heading [deg]", "Direction of a vehicle's length, clockwise from grid north, 0 to 180."
+    ),
+    "tilt": Field("float64", "Tilt [deg]", "Angle between the axis of a pole or post and the vertical."),
+    "lean_azimuth": Field(
+        "float64", "Leans towards [deg]", "Where its top leans, clockwise from grid north, 0 to 360."
+    ),
+    "diameter": Field("float64", "Diameter [m]", "Of a round pole's shaft, or of a trunk at breast height."),
+    "crown_diameter": Field("float64", "Crown diameter [m]", "Of the circle with the area of a tree's footprint."),
+    "panel_bottom": Field("float64", "Panel lower edge [m]", "Lower edge of a sign's panel above the base."),
+    "panel_centre": Field("float64", "Panel middle [m]", "Middle of a sign's panel above the base."),
+    "panel_height": Field("float64", "Panel height [m]", "Vertical size of a sign's panel."),
+    "panel_width": Field("float64", "Panel width [m]", "Horizontal size of a sign's panel."),
+    "facing": Field("float64", "Facing [deg]", "Where a sign's front looks, clockwise from grid north, 0 to 360."),
+    "facing_from": Field(
+        "str", "Front known from", "What told a sign's front: post, pole or unknown (facing below 180)."
+    ),
+    "clearance": Field("float64", "Clearance [m]", "Its lowest part above the ground."),
+    "visible_share": Field("float64", "Visible share", "How much of its height or outline has points, 0 to 1."),
+    "station": Field("float64", "Station [m]", "Way along the trajectory to the place beside the object."),
+    "offset": Field("float64", "Offset [m]", "Distance from the trajectory, positive to the right."),
+    "pole_id": Field("int64", "On pole", "Number of the pole that a sign hangs on, 0 where there is none."),
+    "point_count": Field("int64", "Points", "Number of its points."),
+    "scene": Field("str", "Scene", "Scene that holds its base."),
+    "method": Field("str", "Method", "Method that found it."),
+    "model_version": Field("str", "Model", "Registered model and version of the method."),
+    "footprint": Field("str", "Footprint (WKT)", "Convex hull of its points in plan, empty where that is no area."),
+}
+"""Columns of an object table in their order; docs/inventory.md says more."""
+
+OBJECT_FIELDS = {name: field.dtype for name, field in FIELDS.items()}
+"""Columns of an object table and their types."""
+
+_DECIMALS = {
+    **dict.fromkeys((*MEASURES, "station", "offset"), 3),
+    **dict.fromkeys(("heading", "tilt", "lean_azimuth", "facing", "visible_share"), 2),
+    "score": 4,
+}
+_LINK_DISTANCE = 0.75  # between a pole's axis at its base and the edge of a sign that it carries, metres
+_LEAST_STANDOFF = 0.03  # a panel that is nearer to its pole's axis may face either way, metres
+
+
+def empty_table(fields: Mapping[str, str]) -> pd.DataFrame:
+    """Return a table of no rows with typed columns.
+
+    Parameters
+    ----------
+    fields : mapping of str to str
+        Column name to dtype, such as `OBJECT_FIELDS`.
+
+    Returns
+    -------
+    DataFrame
+        The columns in order, without rows.
+    """
+    return pd.DataFrame({name: pd.Series(dtype=dtype) for name, dtype in fields.items()})
+
+
+def object_table(rows: Sequence[Mapping[str, float | int | str]]) -> pd.DataFrame:
+    """Make a table of measured objects, of which nothing but their own measures is known yet.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        What `object_measures.measure` gives, with `class`, `kind` and the scene's name.
+
+    Returns
+    -------
+    DataFrame
+        Columns of `OBJECT_FIELDS`.
+    """
+    if not rows:
+        return empty_table(OBJECT_FIELDS)
+    unknown: dict[str, Any] = {
+        "object_id": 0,
+        "pole_id": 0,
+        "station": np.nan,
+        "offset": np.nan,
+        "method": "",
+        "model_version": "",
+    }
+    return pd.DataFrame(list(rows)).assign(**unknown)[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
+
+
+def finish_table(objects: pd.DataFrame, classes: Sequence[str], trajectory: Trajectory | None) -> pd.DataFrame:
+    """Place objects along the way, round, sort, number and link them.
+
+    A sign is linked to the nearest pole that it may hang on: within 0.75 m of the sign's edge in plan and not ending
+    below it. A panel without a post of its own faces away from that pole.
+
+    Parameters
+    ----------
+    objects : DataFrame
+        All objects of a drive: columns of `OBJECT_FIELDS`.
+    classes : sequence of str
+        Class names in the order that objects are sorted by.
+    trajectory : Trajectory or None
+        The path, for station and offset.
+
+    Returns
+    -------
+    DataFrame
+        Columns of `OBJECT_FIELDS`, numbered from 1.
+    """
+    table = objects.copy()
+    if trajectory is not None and len(table):
+        table["station"], table["offset"] = trajectory.locate(table[["x", "y", "z"]].to_numpy())
+    table = table.round(_DECIMALS)
+    rank = table["class"].map({name: i for i, name in enumerate(classes)})
+    by = ["rank", "station", "x", "y", "z", "point_count"]
+    table = table.assign(rank=rank).sort_values(by, kind="stable").drop(columns="rank").reset_index(drop=True)
+    table["object_id"] = np.arange(1, len(table) + 1)
+    return _link_signs(table)[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
+
+
+def _link_signs(table: pd.DataFrame) -> pd.DataFrame:
+    """Link signs to the poles that they may hang on, which also tell the side that a panel without a post faces."""
+    poles, signs = table[table["kind"] == "pole"], table[table["kind"] == "sign"]
+    if poles.empty or signs.empty:
+        return table
+    tree = cKDTree(poles[["x", "y"]].to_numpy())
+    low, height, number = (poles[name].to_numpy() for name in ("z", "height", "object_id"))
+    lean = np.tan(np.radians(poles["tilt"].fillna(0.0).to_numpy()))
+    where = np.radians(poles["lean_azimuth"].fillna(0.0).to_numpy())
+    way = np.column_stack([np.sin(where), np.cos(where)]) * lean[:, None]
+    linked, facing, told = (table[name].to_numpy().copy() for name in ("pole_id", "facing", "facing_from"))
+    columns = ["x", "y", "z", "height", "width", "clearance", "panel_centre"]
+    for row, (x, y, z, tall, width, clearance, centre) in zip(signs.index, signs[columns].to_numpy(), strict=True):
+        near = np.array(tree.query_ball_point([x, y], _LINK_DISTANCE + width / 2, return_sorted=True), dtype=np.int64)
+        bottom = z + np.nan_to_num(clearance)
+        near = near[(low[near] + height[near] >= bottom - _LINK_DISTANCE) & (low[near] <= z + tall)]
+        if not len(near):
+            continue
+        pole = near[np.argmin(np.hypot(tree.data[near, 0] - x, tree.data[near, 1] - y))]
+        linked[row] = number[pole]
+        turn = np.radians(facing[row])
+        out = np.array([x, y]) - tree.data[pole] - way[pole] * (z + centre - low[pole])
+        standoff = float(out @ [np.sin(turn), np.cos(turn)])
+        if told[row] == "unknown" and _LEAST_STANDOFF <= abs(standoff) <= _LINK_DISTANCE:
+            facing[row], told[row] = facing[row] if standoff > 0 else (facing[row] + 180.0) % 360.0, "pole"
+    return table.assign(pole_id=linked, facing=facing, facing_from=told)

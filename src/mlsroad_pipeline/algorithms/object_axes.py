@@ -1,0 +1,185 @@
+"""Axes of poles and posts: a line through the middle of the shaft."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+_SLICE = 0.25  # height of the slices whose medians an axis is fitted to, metres
+_BAND = 0.06  # how far a slice's median may lie from the axis, metres
+_SHAFT = 0.25  # how far the points of a shaft may lie from the first estimate of its axis, metres
+_TUKEY = 4.685  # deviations beyond which a slice has no weight: 95 % efficient for normal errors
+_LEAST_SPREAD = 0.003  # metres; slices are not trusted better than this
+
+
+@dataclass(frozen=True)
+class Axis:
+    """The axis of a shaft.
+
+    Parameters
+    ----------
+    foot : ndarray of float64, shape (2,)
+        x and y at z = 0, metres.
+    slope : ndarray of float64, shape (2,)
+        Change of x and y per metre of z.
+    share : float
+        Share of the slices of 0.25 m between bottom and top that it passes.
+    error : float
+        Standard error of the slope, metres per metre.
+    """
+
+    foot: NDArray[np.float64]
+    slope: NDArray[np.float64]
+    share: float
+    error: float
+
+    def at(self, z: float) -> NDArray[np.float64]:
+        """Return x and y at a height."""
+        return self.foot + self.slope * z
+
+    @property
+    def tilt(self) -> float:
+        """Angle to the vertical, degrees."""
+        return float(np.degrees(np.arctan(np.hypot(*self.slope))))
+
+    @property
+    def direction(self) -> float:
+        """Where it leans, degrees clockwise from north, 0 to 360."""
+        return float(np.degrees(np.arctan2(self.slope[0], self.slope[1])) % 360.0)
+
+    def distance(self, xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the horizontal distances of points from it."""
+        return np.hypot(*(xyz[:, :2] - self.foot - self.slope * xyz[:, 2:]).T)
+
+
+def fit_axis(xyz: NDArray[np.float64]) -> Axis | None:
+    """Fit the axis of a pole, blind to arms, signs and lamps on it.
+
+    The medians of slices of 0.25 m are taken; of all lines through two of them the one that most are near is kept: each
+    counts by 1 - (d / 0.06 m)^2, nothing beyond that. The medians are then taken anew from the points within 0.25 m of
+    it, and the line is refined on those that it passes by least squares with Tukey's weights.
+
+    Parameters
+    ----------
+    xyz : ndarray of float64, shape (k, 3)
+        Points, metres.
+
+    Returns
+    -------
+    Axis or None
+        None with fewer than three slices on a line.
+    """
+    if len(xyz) < 3:
+        return None
+    centre = xyz.mean(axis=0)
+    local = xyz - centre
+    order = np.argsort(local[:, 2], kind="stable")
+    found = _fit_line(local[order])
+    if found[6] < 3:
+        return None
+    slope = found[2:4].copy()
+    foot = found[:2] + centre[:2] - slope * centre[2]
+    return Axis(foot, slope, share=float(found[6] / found[5]), error=float(found[4]))
+
+
+@njit(cache=True)
+def _medians(xyz: NDArray[np.float64], line: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
+    """Return the median points of slices, from points within reach of a line (x0, y0, dx, dy); z ascending."""
+    low = xyz[0, 2]
+    result = np.empty((int((xyz[-1, 2] - low) / _SLICE) + 1, 3))
+    chosen = np.empty((len(xyz), 3))
+    count, slices, current = 0, 0, 0
+    for i in range(len(xyz) + 1):
+        number = int((xyz[i, 2] - low) / _SLICE) if i < len(xyz) else -1
+        if number != current:
+            if count:
+                for axis in range(3):
+                    result[slices, axis] = np.median(chosen[:count, axis])
+                slices += 1
+            count, current = 0, number
+        if i < len(xyz):
+            x, y = line[0] + line[2] * xyz[i, 2], line[1] + line[3] * xyz[i, 2]
+            if np.hypot(xyz[i, 0] - x, xyz[i, 1] - y) <= reach:
+                chosen[count] = xyz[i]
+                count += 1
+    return result[:slices]
+
+
+@njit(cache=True)
+def _passing(medians: NDArray[np.float64], line: NDArray[np.float64]) -> NDArray[np.float64]:
+    away = np.empty(len(medians))
+    for i in range(len(medians)):
+        z = medians[i, 2]
+        away[i] = np.hypot(medians[i, 0] - line[0] - line[2] * z, medians[i, 1] - line[1] - line[3] * z)
+    return away
+
+
+@njit(cache=True)
+def _best_pair(medians: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the line through two medians that most pass near: each counts by 1 - (distance / band)^2."""
+    best = np.zeros(4)
+    most = 0.0
+    for a in range(len(medians)):
+        for b in range(a + 1, len(medians)):
+            rise = medians[b, 2] - medians[a, 2]
+            if rise < 0.5 * _SLICE:
+                continue
+            dx, dy = (medians[b, 0] - medians[a, 0]) / rise, (medians[b, 1] - medians[a, 1]) / rise
+            x, y = medians[a, 0] - dx * medians[a, 2], medians[a, 1] - dy * medians[a, 2]
+            total = 0.0
+            for i in range(len(medians)):
+                z = medians[i, 2]
+                square = (medians[i, 0] - x - dx * z) ** 2 + (medians[i, 1] - y - dy * z) ** 2
+                total += max(0.0, 1.0 - square / _BAND**2)
+            if total > most:
+                most = total
+                best[:] = x, y, dx, dy
+    return best
+
+
+@njit(cache=True)
+def _weighted_line(medians: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return x0, y0, dx, dy and the standard error of dx and dy."""
+    total = weight.sum()
+    middle = np.zeros(3)
+    for axis in range(3):
+        middle[axis] = (weight * medians[:, axis]).sum() / total
+    z = medians[:, 2] - middle[2]
+    spread = (weight * z * z).sum()
+    result = np.zeros(5)
+    for axis in range(2):
+        slope = (weight * z * (medians[:, axis] - middle[axis])).sum() / spread
+        result[axis], result[2 + axis] = middle[axis] - slope * middle[2], slope
+    away = _passing(medians, result)
+    result[4] = np.sqrt((weight * away * away).sum() / 2 / max(total - 2.0, 1.0) / spread)
+    return result
+
+
+@njit(cache=True)
+def _fit_line(xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return x0, y0, dx, dy, the slope's error, the number of slices and how many of them lie on the line."""
+    result = np.zeros(7)
+    whole = _medians(xyz, np.zeros(4), np.inf)
+    result[5] = int((xyz[-1, 2] - xyz[0, 2]) / _SLICE) + 1
+    if len(whole) < 3:
+        return result
+    medians = _medians(xyz, _best_pair(whole), _SHAFT)
+    line = _best_pair(medians)
+    away = _passing(medians, line)
+    chosen = medians[away <= _BAND]
+    result[6] = len(chosen)
+    if len(chosen) < 3:
+        return result
+    weight = np.ones(len(chosen))
+    for _ in range(5):
+        fitted = _weighted_line(chosen, weight)
+        away = _passing(chosen, fitted)
+        scale = _TUKEY * max(1.4826 * np.median(away), _LEAST_SPREAD)
+        weight = np.maximum(1.0 - (away / scale) ** 2, 0.0) ** 2
+        if (weight > 0).sum() < 3:
+            break
+    result[:5] = fitted
+    return result

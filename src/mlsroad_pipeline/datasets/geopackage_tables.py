@@ -1,0 +1,75 @@
+"""Tables of a GeoPackage that tell a GIS how to show its layers: names of fields, and styles."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Mapping
+from contextlib import closing
+from pathlib import Path
+
+from mlsroad_pipeline.algorithms.inventory_table import FIELDS
+
+_SCHEMA_EXTENSION = """
+CREATE TABLE gpkg_data_columns (
+  table_name TEXT NOT NULL, column_name TEXT NOT NULL, name TEXT, title TEXT, description TEXT, mime_type TEXT,
+  constraint_name TEXT, CONSTRAINT pk_gdc PRIMARY KEY (table_name, column_name),
+  CONSTRAINT gdc_tn UNIQUE (table_name, name));
+CREATE TABLE gpkg_data_column_constraints (
+  constraint_name TEXT NOT NULL, constraint_type TEXT NOT NULL, value TEXT, min NUMERIC, min_is_inclusive BOOLEAN,
+  max NUMERIC, max_is_inclusive BOOLEAN, description TEXT,
+  CONSTRAINT gdcc_ntv UNIQUE (constraint_name, constraint_type, value));
+CREATE TABLE IF NOT EXISTS gpkg_extensions (
+  table_name TEXT, column_name TEXT, extension_name TEXT NOT NULL, definition TEXT NOT NULL, scope TEXT NOT NULL,
+  CONSTRAINT ge_tce UNIQUE (table_name, column_name, extension_name));
+"""
+_EXTENSION = ("gpkg_schema", "http://www.geopackage.org/spec121/#extension_schema", "read-write")
+
+# As QGIS makes it, with whose names a layer's style is found.
+_LAYER_STYLES = """
+CREATE TABLE layer_styles (
+  id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, f_table_catalog TEXT(256), f_table_schema TEXT(256),
+  f_table_name TEXT(256), f_geometry_column TEXT(256), styleName TEXT(30), styleQML TEXT, styleSLD TEXT,
+  useAsDefault BOOLEAN, description TEXT, owner TEXT(30), ui TEXT(30), update_time DATETIME);
+"""
+
+
+def add_tables(path: Path, styles: Mapping[str, str], *, date: str) -> None:
+    """Add the names of fields (extension "Schema") and the styles of layers (QGIS) to a GeoPackage.
+
+    Parameters
+    ----------
+    path : Path
+        The GeoPackage, without such tables.
+    styles : mapping of str to str
+        Layer to its style as QML. Layers that are not there are left out.
+    date : str
+        Time of the last change to write, as ISO 8601 in UTC.
+    """
+    with closing(sqlite3.connect(path)) as base, base:
+        layers = dict(base.execute("SELECT table_name, column_name FROM gpkg_geometry_columns").fetchall())
+        base.executescript(_SCHEMA_EXTENSION)
+        for table in ("gpkg_data_columns", "gpkg_data_column_constraints"):
+            base.execute("INSERT INTO gpkg_extensions VALUES (?, NULL, ?, ?, ?)", (table, *_EXTENSION))
+        for layer in layers:
+            # The pragma's argument cannot be bound; layers are named by this package.
+            names = [row[1] for row in base.execute(f'PRAGMA table_info("{layer}")')]
+            rows = [(layer, n, FIELDS[n].alias, FIELDS[n].alias, FIELDS[n].description) for n in names if n in FIELDS]
+            base.executemany(
+                "INSERT INTO gpkg_data_columns (table_name, column_name, name, title, description)"
+                " VALUES (?, ?, ?, ?, ?)",
+                rows,
+            )
+        base.executescript(_LAYER_STYLES)
+        for layer, style in styles.items():
+            if layer in layers:
+                base.execute(
+                    "INSERT INTO layer_styles (f_table_catalog, f_table_schema, f_table_name, f_geometry_column,"
+                    " styleName, styleQML, styleSLD, useAsDefault, description, owner, ui, update_time)"
+                    " VALUES ('', '', ?, ?, ?, ?, '', 1, 'Road inventory', '', NULL, ?)",
+                    (layer, layers[layer], layer, style, date),
+                )
+        base.execute(
+            "INSERT INTO gpkg_contents (table_name, data_type, identifier, description, last_change, srs_id)"
+            " VALUES ('layer_styles', 'attributes', 'layer_styles', '', ?, 0)",
+            (date,),
+        )

@@ -1,0 +1,181 @@
+"""Styles of the inventory's layers for QGIS 3 (QML)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from xml.etree import ElementTree as XML
+
+from mlsroad_pipeline.algorithms.inventory_table import FIELDS
+
+COLOURS = {"pole": "70,70,80", "sign": "214,40,40", "tree": "60,140,60", "vehicle": "40,100,190"}
+"""Colour of each kind of object, red, green and blue."""
+
+_LABEL_SCALE = 1500  # labels are drawn at this scale and larger
+
+Properties = Mapping[str, str]
+
+
+def _option(parent: XML.Element, name: str, value: str = "", kind: str = "QString") -> XML.Element:
+    attributes = {"name": name, "type": kind} | ({} if kind == "Map" else {"value": value})
+    return XML.SubElement(parent, "Option", attributes)
+
+
+def _symbol_layer(parent: XML.Element, class_name: str, properties: Properties, expressions: Properties) -> None:
+    """Add a layer of a symbol; QGIS 3 of any version reads its properties as `prop`."""
+    layer = XML.SubElement(parent, "layer", {"class": class_name, "enabled": "1", "pass": "0", "locked": "0"})
+    for key, value in properties.items():
+        XML.SubElement(layer, "prop", k=key, v=value)
+    bound = XML.SubElement(XML.SubElement(layer, "data_defined_properties"), "Option", type="Map")
+    _option(bound, "name")
+    entries = _option(bound, "properties", kind="Map")
+    for key, expression in expressions.items():
+        entry = _option(entries, key, kind="Map")
+        _option(entry, "active", "true", "bool")
+        _option(entry, "expression", expression)
+        _option(entry, "type", "3", "int")
+    _option(bound, "type", "collection")
+
+
+def _symbol(parent: XML.Element, kind: str, name: str, layers: Sequence[tuple[str, Properties, Properties]]) -> None:
+    symbol = XML.SubElement(
+        parent, "symbol", {"type": kind, "name": name, "alpha": "1", "clip_to_extent": "1", "force_rhr": "0"}
+    )
+    for class_name, properties, expressions in layers:
+        _symbol_layer(symbol, class_name, properties, expressions)
+
+
+def _marker(shape: str, colour: str, size: float, *, unit: str = "MM", outline: str = "255,255,255,255") -> Properties:
+    return {
+        "name": shape, "color": f"{colour},255" if colour.count(",") == 2 else colour, "size": f"{size:g}",
+        "size_unit": unit, "outline_color": outline, "outline_width": "0.2", "outline_width_unit": "MM",
+        "outline_style": "solid", "angle": "0", "scale_method": "diameter", "vertical_anchor_point": "1",
+        "horizontal_anchor_point": "1",
+    }  # fmt: skip
+
+
+def _fill(colour: str, outline: str, width: float, *, style: str = "solid") -> Properties:
+    return {
+        "color": colour, "style": style, "outline_color": outline, "outline_width": f"{width:g}",
+        "outline_width_unit": "MM", "outline_style": "solid", "joinstyle": "miter",
+    }  # fmt: skip
+
+
+_Symbols = Sequence[tuple[str, Properties, Properties]]
+
+_POLE: _Symbols = (
+    ("SimpleMarker", _marker("circle", COLOURS["pole"], 2.2), {}),
+    (
+        "SimpleMarker",
+        {**_marker("arrow", "230,120,0", 6.0), "vertical_anchor_point": "2"},
+        {"angle": 'coalesce("lean_azimuth", 0)', "enabled": 'coalesce("tilt", 0) >= 1 and "lean_azimuth" is not null'},
+    ),
+)
+_SIGN: _Symbols = (
+    # The triangle points to where the sign looks.
+    ("SimpleMarker", _marker("triangle", COLOURS["sign"], 3.2), {"angle": 'coalesce("facing", 0)'}),
+)
+_TREE: _Symbols = (
+    (
+        "SimpleMarker",
+        _marker("circle", f"{COLOURS['tree']},90", 3.0, unit="MapUnit", outline=f"{COLOURS['tree']},255"),
+        {"size": 'coalesce("crown_diameter", "width")'},
+    ),
+    ("SimpleMarker", _marker("circle", "110,75,40", 1.2), {}),
+)
+_VEHICLE: _Symbols = (("SimpleFill", _fill(f"{COLOURS['vehicle']},120", f"{COLOURS['vehicle']},255", 0.3), {}),)
+_FOOTPRINT: _Symbols = (("SimpleFill", _fill("0,0,0,0", "90,90,90,255", 0.2, style="no"), {}),)
+_TRAJECTORY: _Symbols = (
+    (
+        "SimpleLine",
+        {"line_color": "130,60,160,255", "line_width": "0.5", "line_width_unit": "MM", "line_style": "dash",
+         "capstyle": "round", "joinstyle": "round"},
+        {},
+    ),
+)  # fmt: skip
+
+_SINGLE = {
+    "poles": ("marker", _POLE),
+    "signs": ("marker", _SIGN),
+    "trees": ("marker", _TREE),
+    "vehicles": ("fill", _VEHICLE),
+    "footprints": ("fill", _FOOTPRINT),
+    "trajectory": ("line", _TRAJECTORY),
+}
+
+_LABELS = {
+    "poles": """format_number("height", 1) || ' m' || if("tilt" >= 1, '\n' || format_number("tilt", 1) || '°', '')""",
+    "signs": """coalesce(format_number("panel_bottom", 1) || ' m', '')""",
+    "trees": """format_number("height", 1) || ' m'""",
+    "vehicles": """format_number("length", 1) || ' × ' || format_number("width", 1) || ' m'""",
+}
+
+LAYERS = ("objects", *_SINGLE)
+"""Layers that there are styles for."""
+
+
+def _renderer(root: XML.Element, layer: str) -> None:
+    single = layer in _SINGLE
+    renderer = XML.SubElement(
+        root, "renderer-v2",
+        {"type": "singleSymbol" if single else "categorizedSymbol", "symbollevels": "0", "enableorderby": "0",
+         "forceraster": "0"},
+    )  # fmt: skip
+    if single:
+        kind, symbols = _SINGLE[layer]
+        _symbol(XML.SubElement(renderer, "symbols"), kind, "0", symbols)
+        return
+    renderer.set("attr", "kind")
+    categories = XML.SubElement(renderer, "categories")
+    symbols_element = XML.SubElement(renderer, "symbols")
+    for number, (name, colour) in enumerate(COLOURS.items()):
+        XML.SubElement(categories, "category", value=name, symbol=str(number), label=f"{name}s", render="true")
+        _symbol(symbols_element, "marker", str(number), [("SimpleMarker", _marker("circle", colour, 2.4), {})])
+
+
+def _labels(root: XML.Element, expression: str) -> None:
+    labeling = XML.SubElement(root, "labeling", type="simple")
+    settings = XML.SubElement(labeling, "settings", calloutType="simple")
+    style = XML.SubElement(
+        settings, "text-style",
+        {"fieldName": expression, "isExpression": "1", "fontFamily": "Sans", "fontSize": "7", "fontSizeUnit": "Point",
+         "textColor": "40,40,40,255", "textOpacity": "1", "namedStyle": "Regular", "multilineHeight": "1"},
+    )  # fmt: skip
+    buffer = {"bufferDraw": "1", "bufferSize": "0.7", "bufferSizeUnits": "MM", "bufferColor": "255,255,255,255"}
+    XML.SubElement(style, "text-buffer", {**buffer, "bufferOpacity": "1"})
+    XML.SubElement(settings, "text-format", multilineAlign="3")
+    XML.SubElement(settings, "placement", {"placement": "6", "dist": "1", "distUnits": "MM", "priority": "5"})
+    XML.SubElement(
+        settings, "rendering",
+        {"drawLabels": "1", "scaleVisibility": "1", "scaleMin": "1", "scaleMax": str(_LABEL_SCALE), "obstacle": "1"},
+    )  # fmt: skip
+
+
+def qml(layer: str) -> str:
+    """Return the style of a layer.
+
+    Poles are dots, with an arrow to where they lean from 1 degree on; signs point to where they look; trees are as
+    large as their crowns; vehicles are their boxes. Labels appear from 1:1,500 on. Attribute tables show the columns
+    by their names with units.
+
+    Parameters
+    ----------
+    layer : str
+        One of `LAYERS`.
+
+    Returns
+    -------
+    str
+        A QML document.
+    """
+    categories = "Symbology|Labeling|Fields"
+    root = XML.Element("qgis", version="3.22.0", styleCategories=categories, labelsEnabled=str(int(layer in _LABELS)))
+    _renderer(root, layer)
+    if layer in _LABELS:
+        _labels(root, _LABELS[layer])
+    if layer != "trajectory":
+        aliases = XML.SubElement(root, "aliases")
+        for name, field in FIELDS.items():
+            XML.SubElement(aliases, "alias", field=name, name=field.alias)
+    XML.indent(root)
+    doctype = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
+    return doctype + XML.tostring(root, encoding="unicode") + "\n"

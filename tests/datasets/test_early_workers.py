@@ -1,0 +1,58 @@
+"""Workers of `label` that start with the command: for which commands, and that the stages get them, warm."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from mlsroad_pipeline.datasets.early_workers import start_early, wanted
+from mlsroad_pipeline.datasets.execution import Execution
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["/venv/bin/kedro", "run", "--pipeline=label"], Execution()),
+        (["python -m kedro", "run", "--pipeline", "label", "--env=oakland"], Execution()),
+        (["/site/mlsroad_pipeline/__main__.py", "-p", "label"], Execution()),
+        (["kedro", "run", "--pipelines=label", "--params=a=1,execution.n_workers=3"], Execution(n_workers=3)),
+        (["kedro", "run", "--pipeline=label", "--params=execution.n_workers=0"], Execution()),
+        (["kedro", "run", "--pipeline=label", "--params=execution.backend=threading"], None),
+        (["kedro", "run", "--pipeline=labels"], None),
+        (["kedro", "run", "--params=label.survey=label"], None),
+        (["kedro", "catalog", "list", "--pipeline=label"], None),
+        (["/venv/bin/pytest", "run", "--pipeline=label"], None),
+        (["kedro", "run"], None),
+        ([], None),
+    ],
+)
+def test_only_label_with_processes_starts_them(arguments, expected):
+    assert wanted(arguments) == expected
+
+
+def test_other_commands_start_nothing():
+    assert start_early(["kedro", "run"]) is None
+
+
+SCRIPT = """
+import os, sys
+from mlsroad_pipeline.datasets.backends import _processes
+from mlsroad_pipeline.datasets.early_workers import start_early
+
+def loaded(number):
+    return os.getpid(), "mlsroad_pipeline.datasets.label_warm_up" in sys.modules
+
+thread = start_early(["kedro", "run", "--pipeline=label", "--params=execution.n_workers=2"])
+assert "mlsroad_pipeline.datasets.label_warm_up" not in sys.modules
+thread.join()
+found = list(_processes(range(4), 2, loaded))
+print(os.getpid() not in {pid for pid, _ in found}, all(warm for _, warm in found))
+"""
+
+
+def test_stages_get_the_workers_that_were_started_early():
+    found = subprocess.run(
+        [sys.executable, "-c", SCRIPT], capture_output=True, text=True, env=dict(os.environ), check=False, timeout=300
+    )
+    assert found.stdout.split() == ["True", "True"], found.stderr
