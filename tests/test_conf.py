@@ -24,6 +24,9 @@ from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme, Coding
 from mlsroad_pipeline.algorithms.detection import DetectionParameters
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters
+from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
+from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters, TrainingParameters
 from mlsroad_pipeline.algorithms.ingest import IngestParameters, OutlierParameters
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
@@ -48,7 +51,9 @@ TYPED = {
     "visual_words": VisualWordsParameters,
     "detrended_forest": ForestParameters,
     "features": FeatureParameters,
+    "fusion": FusionParameters,
     "ground_removal": GroundParameters,
+    "image_labels": ImageLabelsParameters,
     "ingest": IngestParameters,
     "inspect": InspectParameters,
     "label": LabelParameters,
@@ -129,7 +134,9 @@ def test_values_are_the_defaults_of_the_code(group):
             assert base(group)[field.name] == as_yaml(default), field.name
 
 
-@pytest.mark.parametrize("kind", [*TYPED.values(), OutlierParameters], ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize(
+    "kind", [*TYPED.values(), OutlierParameters, PoolParameters, TrainingParameters], ids=lambda kind: kind.__name__
+)
 def test_documented_defaults_are_the_defaults_of_the_code(kind):
     fields = {field.name: default_of(field) for field in dataclasses.fields(kind)}
     documented = {name: entry.type for entry in ClassDoc(kind)["Parameters"] for name in entry.name.split(", ")}
@@ -157,7 +164,7 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
             catalog.load(name)
     # what stages exchange is stored, so that a run can be resumed; only plans stay in memory
     in_memory = {n for n in names if type(catalog.get(n)).__name__ == "MemoryDataset" and not n.startswith("params:")}
-    assert in_memory == {"survey_plan", "label_plan", "luo2016_study.plan", "yu2016_study.plan"}
+    assert in_memory == {"image_labels.drives", "survey_plan", "label_plan", "luo2016_study.plan", "yu2016_study.plan"}
 
 
 def paths_below_data(env, catalog):

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.mapped_arrays import map_arrays
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
@@ -172,6 +173,36 @@ def missing_attributes(bundle: ModelBundle, columns: Collection[str]) -> list[st
         Those that are missing, such as ``["rgb"]``; a model without ``attributes`` misses nothing.
     """
     return [name for name in bundle.metadata.get("attributes", ()) if name not in columns]
+
+
+def bundle_scheme(bundle: ModelBundle) -> ClassScheme:
+    """Return the class scheme that a model was trained on.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model.
+
+    Returns
+    -------
+    ClassScheme
+        The scheme.
+
+    Raises
+    ------
+    ParameterError
+        If the model does not say its scheme.
+    """
+    stored = bundle.metadata.get("scheme")
+    if stored is None:
+        raise ParameterError(f"model {bundle.slug!r} has no class scheme in its metadata: it cannot label a survey")
+    return ClassScheme(
+        stored["name"],
+        tuple(stored["classes"]),
+        tuple(tuple(group) for group in stored["members"]),
+        tuple(stored["ignored"]),
+        tuple(stored["asprs"]),
+    )
 
 
 def label_cloud(bundle: ModelBundle, cloud: PointCloud) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
