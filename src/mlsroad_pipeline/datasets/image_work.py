@@ -106,7 +106,7 @@ class LabelledImages(Sequence[tuple[NDArray[np.uint8], NDArray[np.int16]]]):
         """Return the number of images."""
         return len(self._images)
 
-    def __getitem__(self, index):  # type: ignore[no-untyped-def]
+    def __getitem__(self, index: Any) -> Any:
         """Return an image and its labels."""
         image = self._images[index]
         codes = image.load_labels(self._folder)
