@@ -14,11 +14,13 @@ from numpydoc.docscrape import ClassDoc
 from references_wiring import REPOSITORY, joined, last_line, make_project, session_of
 
 from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import BottomUpTopDownParameters
+from mlsroad_pipeline.algorithms.baselines.descriptor_machine import DescriptorParameters
 from mlsroad_pipeline.algorithms.baselines.hough_forest import HoughForestParameters
 from mlsroad_pipeline.algorithms.baselines.max_margin_training import MarginParameters
 from mlsroad_pipeline.algorithms.baselines.object_matching import ObjectMatchingParameters
 from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForestParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvmParameters
+from mlsroad_pipeline.algorithms.baselines.pointnet_parameters import PointNetParameters
 from mlsroad_pipeline.algorithms.baselines.shape_based import ShapeParameters
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme, Coding
 from mlsroad_pipeline.algorithms.detection import DetectionParameters
@@ -28,10 +30,12 @@ from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters, TrainingParameters
 from mlsroad_pipeline.algorithms.ingest import IngestParameters, OutlierParameters
+from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.algorithms.patches import PatchParameters
+from mlsroad_pipeline.algorithms.recognisers import RecognitionParameters
 from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.studies.luo2016_parameters import StudyParameters
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters as Yu2016StudyParameters
@@ -48,6 +52,13 @@ TYPED = {
     "object_matching": ObjectMatchingParameters,
     "detection": DetectionParameters,
     "segmentation": SegmentationParameters,
+    "recognition": RecognitionParameters,
+    "jointnet": JointNetParameters,
+    "jointnet_printed": JointNetParameters,
+    "spin_image": DescriptorParameters,
+    "shot": DescriptorParameters,
+    "hierarchy_descriptor": DescriptorParameters,
+    "pointnet": PointNetParameters,
     "visual_words": VisualWordsParameters,
     "detrended_forest": ForestParameters,
     "features": FeatureParameters,
@@ -69,8 +80,8 @@ TYPED = {
     "supervoxelise": SupervoxelParameters,
     "survey": SurveyParameters,
 }
-CONFIGURED = {"luo2016_study", "yu2016_study", "survey"}
-"""Groups whose values are those of the embedded survey and not the defaults of the code."""
+CONFIGURED = {"jointnet_printed", "luo2016_study", "yu2016_study", "survey"}
+"""Groups whose values are those of the embedded survey or of a paper and not the defaults of the code."""
 TREES = {"classes", "simulation"}
 """Groups that are read by functions of their own."""
 
@@ -146,7 +157,7 @@ def test_documented_defaults_are_the_defaults_of_the_code(kind):
         if told:
             assert ast.literal_eval(told[1]) == fields[name], name
         elif "optional" in text:
-            assert name in ("evaluation_scheme", "model", "trajectory"), name  # None, or said in words
+            assert name in ("evaluation_scheme", "folds", "model", "trajectory"), name  # None, or said in words
         else:
             assert fields[name] is dataclasses.MISSING or isinstance(fields[name], dict), name
 
@@ -162,9 +173,11 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
         assert catalog.get(name) is not None, name
         if name.startswith("params:"):
             catalog.load(name)
-    # what stages exchange is stored, so that a run can be resumed; only plans stay in memory
+    # what stages exchange is stored, so that a run can be resumed; only plans, and what merely joins
+    # stored scenes, stay in memory
     in_memory = {n for n in names if type(catalog.get(n)).__name__ == "MemoryDataset" and not n.startswith("params:")}
-    assert in_memory == {"image_labels.drives", "survey_plan", "label_plan", "luo2016_study.plan", "yu2016_study.plan"}
+    plans = {"survey_plan", "label_plan", "luo2016_study.plan", "yu2016_study.plan"}
+    assert in_memory == {*plans, "image_labels.drives", "patch_training"}
 
 
 def paths_below_data(env, catalog):

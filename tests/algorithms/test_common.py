@@ -13,6 +13,7 @@ from scipy.sparse import csr_array
 from sklearn.metrics import adjusted_rand_score
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.features.accumulation_images import compute_images
 from mlsroad_pipeline.algorithms.features.eigen import compute_eigen_features
 from mlsroad_pipeline.algorithms.features.fpfh import compute_fpfh
 from mlsroad_pipeline.algorithms.features.spin_image import compute_spin_images
@@ -128,6 +129,10 @@ def _two_step(xyz):
     return (segment_two_step(xyz, gps_time=across, scanner=np.zeros(len(xyz), np.uint8)),)
 
 
+def _images(xyz, **options):
+    return tuple(images.reshape(1, -1) for images in compute_images([xyz], **options))
+
+
 def _features(xyz):
     """Features of supervoxels that are cells of a metre; cells that touch are neighbours."""
     low = xyz.min(axis=0) if len(xyz) else np.zeros(3)
@@ -173,6 +178,7 @@ KERNELS = {
     "compute_eigen_features of k": Kernel(_nearest_eigen, threads=True),
     "compute_fpfh": Kernel(_fpfh, threads=True),
     "compute_spin_images": Kernel(_spin, threads=True),
+    "compute_images": Kernel(_images, threads=True, turn=None, minimum=1),
     "cluster": Kernel(partial(lambda xyz: (cluster(xyz, tolerance=0.3),)), partition=True),
     # By the spacing of this road all of it would be one cluster, with many cuts that are as good as each other.
     "segment": Kernel(

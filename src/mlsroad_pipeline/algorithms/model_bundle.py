@@ -247,3 +247,26 @@ def label_cloud(bundle: ModelBundle, cloud: PointCloud) -> tuple[NDArray[np.int1
             f"model {bundle.slug!r} gave labels {labels.min()}..{labels.max()} of {len(bundle.classes)} classes"
         )
     return labels.astype(np.int16), confidence.astype(np.float32)
+
+
+def refuse_points(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.integer], NDArray[np.floating]]:
+    """Refuse points alone: the entry point of models that need the images of a survey too.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points.
+    bundle : ModelBundle
+        The model.
+
+    Returns
+    -------
+    labels, confidence : ndarray
+        Never.
+
+    Raises
+    ------
+    ParameterError
+        Always.
+    """
+    raise ParameterError(f"{cloud.source}: model {bundle.slug!r} needs images, and points alone are given")

@@ -11,9 +11,8 @@ from mlsroad_pipeline.algorithms.fusion.labeller import (
     divide_scenes,
     fit,
     fuse_scene,
-    label_cloud,
 )
-from mlsroad_pipeline.algorithms.model_bundle import load_bundle, save_bundle
+from mlsroad_pipeline.algorithms.model_bundle import label_cloud, load_bundle, save_bundle
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 
 SCHEME = ClassScheme("two", ("a", "b"), (("road",), ("building",)), (), (11, 6))
@@ -94,5 +93,5 @@ def test_other_cameras_and_points_alone_are_refused(rng):
     scene, features, images, _, _ = planted(rng, 100)
     with pytest.raises(DataError, match="expected labels of 2 labellers"):
         fuse_scene(features, {"probabilities": images["probabilities"][:, :1]}, model)
-    with pytest.raises(ParameterError, match="'fusion' fuses labels of points and images"):
-        label_cloud(scene, model)
+    with pytest.raises(ParameterError, match="'fusion' needs images"):
+        label_cloud(model, scene)

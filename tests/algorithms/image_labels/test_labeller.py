@@ -9,7 +9,7 @@ from mlsroad_pipeline.algorithms.image_labels import labeller
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.pspnet_training import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
-from mlsroad_pipeline.algorithms.model_bundle import load_bundle, save_bundle
+from mlsroad_pipeline.algorithms.model_bundle import label_cloud, load_bundle, save_bundle
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 
 SCHEME = ClassScheme("two", ("a", "b"), (("road",), ("building",)), (), (11, 6))
@@ -106,8 +106,8 @@ def test_model_outlives_its_files(model, tmp_path):
 
 
 def test_points_alone_and_wrong_parameters_are_refused(model):
-    with pytest.raises(ParameterError, match="'image_labels' labels points through images"):
-        labeller.label_cloud(cloud(wall(8.0, (-1, 1))), model)
+    with pytest.raises(ParameterError, match="'image_labels' needs images"):
+        label_cloud(model, cloud(wall(8.0, (-1, 1))))
     with pytest.raises(ParameterError, match=r"reach.*-1"):
         ImageLabelsParameters(reach=-1)
     with pytest.raises(ParameterError, match="calibration must be a name, got ''"):

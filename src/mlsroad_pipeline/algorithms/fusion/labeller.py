@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 
 SLUG = "fusion"
-ENTRY_POINT = "mlsroad_pipeline.algorithms.fusion.labeller:label_cloud"
+ENTRY_POINT = "mlsroad_pipeline.algorithms.model_bundle:refuse_points"
 
 
 @dataclass(frozen=True)
@@ -208,28 +208,3 @@ def fuse_scene(
         "feature_label": features["label"].astype(np.int16),
         "seen": found.images != IGNORE,
     }
-
-
-def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Refuse: points alone cannot be labelled by a fusion with images.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points.
-    bundle : ModelBundle
-        A model of `fit`.
-
-    Returns
-    -------
-    labels, confidence : ndarray
-        Never.
-
-    Raises
-    ------
-    ParameterError
-        Always; `fuse_scene` takes what both methods say.
-    """
-    raise ParameterError(
-        f"{cloud.source}: model {bundle.slug!r} fuses labels of points and images, and points alone are given"
-    )

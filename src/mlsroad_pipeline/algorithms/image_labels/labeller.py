@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.cityscapes import image_classes, point_probabilities
 from mlsroad_pipeline.algorithms.image_labels.labelling import SegmentedImage, label_through_images
@@ -25,7 +24,7 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import inliers
 
 SLUG = "image_labels"
-ENTRY_POINT = "mlsroad_pipeline.algorithms.image_labels.labeller:label_cloud"
+ENTRY_POINT = "mlsroad_pipeline.algorithms.model_bundle:refuse_points"
 
 View = tuple[str, Camera, Callable[[], NDArray[np.uint8]]]
 """Which of the survey's cameras took an image, its calibration and pose, and what reads the picture."""
@@ -155,28 +154,3 @@ def _segmented(views: Iterable[View], network: PSPNet, scheme: ClassScheme) -> I
         given = segment_image(network, read())
         flat = point_probabilities(given.reshape(-1, len(classes)), classes, scheme)
         yield group, camera, flat.reshape(camera.height, camera.width, len(scheme))
-
-
-def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Refuse: points without images cannot be labelled through images.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points.
-    bundle : ModelBundle
-        A model of `fit`.
-
-    Returns
-    -------
-    labels, confidence : ndarray
-        Never.
-
-    Raises
-    ------
-    ParameterError
-        Always; `label_scene` takes points and images.
-    """
-    raise ParameterError(
-        f"{cloud.source}: model {bundle.slug!r} labels points through images, and points alone are given"
-    )

@@ -35,8 +35,10 @@ class TrainingParameters:
         Of that polynomial.
     warm_up : int, default 30
         Steps in which the rate rises to its start.
-    momentum, weight_decay : float, default 0.9 and 0.0001
+    momentum : float, default 0.9
         Of the stochastic gradient descent.
+    weight_decay : float, default 0.0001
+        Of the stochastic gradient descent; larger keeps the weights smaller.
     auxiliary_weight : float, default 0.4
         Weight of the auxiliary head's loss.
     dropout : float, default 0.1

@@ -17,17 +17,15 @@ from mlsroad_pipeline.algorithms.detection import (
 )
 from mlsroad_pipeline.algorithms.evaluation import (
     count_scene,
-    count_seen_scene,
     find_scheme,
     given_classes,
     scene_figures,
     score_figures,
     scores_table,
-    seen_scores_table,
-    seen_share,
     sum_by_split,
 )
 from mlsroad_pipeline.algorithms.rendering.detection_figures import precision_recall_figure
+from mlsroad_pipeline.algorithms.visible_evaluation import count_seen_scene, seen_scores_table, seen_share
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
