@@ -22,7 +22,8 @@ METHODS = ["image_labels", "fusion"]
 def project(tmp_path_factory):
     """Run both pipelines on what the whole comparison has stored, in a folder of their own."""
     folder = tmp_path_factory.mktemp("images")
-    shutil.copytree(shared_run(tmp_path_factory), folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("ml*"))
+    tracked = shutil.ignore_patterns("mlflow.db", "mlartifacts", "mlruns")
+    shutil.copytree(shared_run(tmp_path_factory), folder, dirs_exist_ok=True, ignore=tracked)
     with session_of(folder, **TINY) as session:
         session.run(pipeline_names=METHODS)
     return folder
