@@ -1,17 +1,20 @@
 """Labels through images and their fusion, from a tiny survey to scores and registered models."""
 
-import json
 import logging
 import shutil
 
 import numpy as np
 import pandas as pd
 import pytest
-from references_wiring import TINY, joined, label, make_project, run, session_of, shared_run
+from references_wiring import TINY, label, run, session_of, shared_run
 
 from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.exceptions import ReadError
 from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion
+from mlsroad_pipeline.algorithms.ingest import IngestParameters
+from mlsroad_pipeline.datasets.image_work import LabelledImages, images_of_drives
 from mlsroad_pipeline.datasets.model_registry_dataset import load_registered_bundle
+from mlsroad_pipeline.datasets.survey_plan import SurveyParameters, plan_comparison
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -114,29 +117,38 @@ def test_a_second_run_finds_everything_valid_and_registers_nothing_new(project, 
     assert "Unchanged: mlsroad-image_labels version 1" in told and "no camera sees" in told
 
 
-def test_survey_without_images_is_named(project, tmp_path):
-    survey = tmp_path / "survey"
+def copied(project, folder, *, drives):
+    """Copy the points of both drives and the images of some."""
     for path in (project / "data/01_raw").rglob("*.laz"):
-        (survey / path.parent.name).mkdir(parents=True)
-        shutil.copy(path, survey / path.parent.name)
-    bare = make_project(tmp_path)
-    given = joined(TINY, {"simulation": {"enabled": False}, "survey": {"root": str(survey)}})
-    run(bare, "ingest", **given)
-    with pytest.raises(Exception, match=r"need images: no drive of the survey has a calibration\.json"):
-        run(bare, "image_labels", **given)
+        if path.parent.name in drives:
+            shutil.copytree(path.parent, folder / path.parent.name)
+        else:
+            (folder / path.parent.name).mkdir(parents=True)
+            shutil.copy(path, folder / path.parent.name)
+    splits = {"train": "train/*.laz", "test": "test/*.laz"}
+    return plan_comparison(SurveyParameters(str(folder), splits, "tomic2019"), IngestParameters(), {"taxonomy": None})
 
 
-def test_calibration_that_loses_a_picture_is_named(project, tmp_path):
-    root = next((project / "data/01_raw").rglob("calibration.json")).parents[1]
-    shutil.copytree(root, tmp_path / "survey")
-    path = tmp_path / "survey/train/calibration.json"
-    name = json.loads(path.read_text())["images"][0]["name"]
-    (path.parent / f"images/{name}.png").unlink()
-    bare = make_project(tmp_path)
-    given = joined(TINY, {"simulation": {"enabled": False}, "survey": {"root": str(tmp_path / "survey")}})
-    run(bare, "ingest", **given)
-    with pytest.raises(Exception, match=rf"{name}.*no such picture"):
-        run(bare, "image_labels", **given)
+def test_drives_without_images_are_named(project, tmp_path, caplog):
+    with pytest.raises(ReadError, match=r"need images: no drive of the survey has a calibration\.json.*bare/"):
+        images_of_drives(copied(project, tmp_path / "bare", drives=[]), "calibration.json")
+    with pytest.raises(ReadError, match=r"no training drive of the survey"):
+        images_of_drives(copied(project, tmp_path / "test", drives=["test"]), "calibration.json")
+    found = images_of_drives(copied(project, tmp_path / "train", drives=["train"]), "calibration.json")
+    assert list(found) == ["train.train"] and "no camera sees: test.test" in caplog.text
+
+
+def test_picture_and_labels_that_are_lost_are_named(project, stored, tmp_path):
+    plan = copied(project, tmp_path / "survey", drives=["train"])
+    drives = list(images_of_drives(plan, "calibration.json").values())
+    samples = LabelledImages(drives, "labels", stored[2][0])
+    image, labels = samples[0]
+    assert image.shape == (180, 240, 3) and labels.shape == (180, 240) and len(samples) == len(drives[0].images)
+    for kind, broken in (("images", 0), ("labels", 1)):
+        name = drives[0].images[broken].name
+        (tmp_path / f"survey/train/{kind}/{name}.png").unlink()
+        with pytest.raises(ReadError, match=rf"{kind}/{name}\.png: no such picture"):
+            samples[broken]
 
 
 @pytest.mark.parametrize("method", METHODS)
