@@ -44,6 +44,8 @@ TINY: dict[str, Any] = {
     "patch_graph_mrf": {"smoothness": [0.2], "colour_decay": [10.0]},
     "max_margin_markov": {"n_rounds": 3, "fit_rows": 2000},
     "shape_based": {"n_trees": 10},
+    "image_labels": {"network": {"n_steps": 12, "batch_size": 2, "crop": 65}},
+    "fusion": {"pool": {"n_points": 500}},
     "execution": {"backend": "sequential"},
 }
 """Parameters with which the whole comparison takes seconds."""
