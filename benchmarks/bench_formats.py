@@ -16,19 +16,24 @@ from collections.abc import Callable
 from pathlib import Path
 
 import laspy
+import lazrs
 import numpy as np
 
 from mlsroad_pipeline.datasets.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.datasets.formats.las import LasFormat
-from mlsroad_pipeline.datasets.formats.las_header import read_header
+from mlsroad_pipeline.datasets.formats.las_header import LASZIP, RECORD_SIZES, LasHeader, read_header
+from mlsroad_pipeline.datasets.formats.las_records import RecordReader
+from mlsroad_pipeline.datasets.formats.las_writer import RecordWriter
 from mlsroad_pipeline.datasets.formats.ply import PlyFormat
 from mlsroad_pipeline.datasets.formats.registry import get_format
 from mlsroad_pipeline.datasets.formats.text import TextFormat
+from mlsroad_pipeline.datasets.inspect_work import inspect_file
 from mlsroad_pipeline.datasets.labelled_writer import write_labelled
 
 CHUNK = 1_000_000
 REPEATS = 3
 TEXT_POINTS = 1_000_000
+RECORDS = 2_000_000
 
 
 def read_by_ranges(path: Path, options: ReadOptions) -> int:
@@ -46,6 +51,47 @@ def read_with_laspy(path: Path, parallel: bool) -> int:
             columns = [np.array(points[name]) for name in points.point_format.dimension_names]
             count += len(scaled) if columns else 0
     return count
+
+
+def unpack_with_lazrs(path: Path) -> int:
+    """Decompress alone: what no reader can beat."""
+    header = read_header(path)
+    record = header.find(LASZIP)
+    assert record is not None
+    with path.open("rb") as stream:
+        stream.seek(header.point_offset)
+        selection = lazrs.DecompressionSelection(lazrs.SELECTIVE_DECOMPRESS_ALL)
+        reader = lazrs.ParLasZipDecompressor(stream, record.data, selection)
+        for start in range(0, header.n_points, CHUNK):
+            reader.decompress_many(bytearray(min(CHUNK, header.n_points - start) * header.record_size))
+    return header.n_points
+
+
+def unpack_records(path: Path) -> int:
+    header = read_header(path)
+    with RecordReader(path, header, n_threads=2) as reader:
+        return sum(len(reader.read(start, start + CHUNK)) for start in range(0, header.n_points, CHUNK))
+
+
+def pack_with_lazrs(records: np.ndarray, path: Path, header: LasHeader) -> int:
+    record = lazrs.LazVlr.new_for_compression(
+        header.point_format, header.record_size - RECORD_SIZES[header.point_format]
+    )
+    with path.open("w+b") as stream:
+        writer = lazrs.ParLasZipCompressor(stream, record)
+        for start in range(0, len(records), CHUNK):
+            writer.compress_many(np.frombuffer(records[start : start + CHUNK], np.uint8))
+        writer.done()
+    return len(records)
+
+
+def pack_records_as_laz(records: np.ndarray, path: Path, header: LasHeader) -> int:
+    with path.open("w+b") as stream:
+        writer = RecordWriter(stream, header, compress=True, n_threads=2)
+        for start in range(0, len(records), CHUNK):
+            writer.write(records[start : start + CHUNK])
+        writer.close()
+    return len(records)
 
 
 def relabel_with_laspy(source: Path, target: Path, parallel: bool) -> int:
@@ -96,6 +142,20 @@ def main() -> None:
     n_points = read_header(laz).n_points
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
+        header = read_header(laz)
+        with RecordReader(laz, header, n_threads=2) as reader:
+            records = reader.read(0, RECORDS)
+        measure(
+            {
+                "LAZ to records, 2 threads": lambda: unpack_records(laz),
+                "LAZ to records, 2 threads, lazrs alone": lambda: unpack_with_lazrs(laz),
+                "records to LAZ, 2 threads": lambda: pack_records_as_laz(records, out / "r.laz", header),
+                "records to LAZ, 2 threads, lazrs alone": lambda: pack_with_lazrs(records, out / "r.bin", header),
+                "inspect": lambda: inspect_file(*(str(laz), laz.name), options=ReadOptions(), max_gap=1.0).facts[
+                    "n_points"
+                ],
+            }
+        )
         label = {
             t: lambda t=t: len(write_labelled(laz, out / "a.laz", labels_of, n_threads=t)) * n_points for t in (1, 2)
         }
@@ -119,6 +179,7 @@ def main() -> None:
         PlyFormat().write(out / "a.ply", cloud, WriteOptions())
         measure(
             {
+                "read text, 2 threads": lambda: read_by_ranges(out / "a.txt", ReadOptions(n_threads=2)),
                 "read text": lambda: read_by_ranges(out / "a.txt", ReadOptions()),
                 "read text, numpy.loadtxt": lambda: len(np.loadtxt(out / "a.txt", skiprows=1)),
                 "read PLY": lambda: read_by_ranges(out / "a.ply", ReadOptions()),

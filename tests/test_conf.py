@@ -14,24 +14,30 @@ from numpydoc.docscrape import ClassDoc
 from references_wiring import REPOSITORY, joined, last_line, make_project, session_of
 
 from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import BottomUpTopDownParameters
+from mlsroad_pipeline.algorithms.baselines.descriptor_machine import DescriptorParameters
 from mlsroad_pipeline.algorithms.baselines.hough_forest import HoughForestParameters
 from mlsroad_pipeline.algorithms.baselines.max_margin_training import MarginParameters
 from mlsroad_pipeline.algorithms.baselines.object_matching import ObjectMatchingParameters
 from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForestParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvmParameters
+from mlsroad_pipeline.algorithms.baselines.pointnet_parameters import PointNetParameters
 from mlsroad_pipeline.algorithms.baselines.shape_based import ShapeParameters
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme, Coding
 from mlsroad_pipeline.algorithms.detection import DetectionParameters
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.ingest import IngestParameters, OutlierParameters
+from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.algorithms.patches import PatchParameters
+from mlsroad_pipeline.algorithms.recognisers import RecognitionParameters
 from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.studies.luo2016_parameters import StudyParameters
+from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters as Yu2016StudyParameters
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
+from mlsroad_pipeline.datasets.inspect_work import InspectParameters
 from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
 from mlsroad_pipeline.datasets.survey_plan import LabelParameters, SurveyParameters, plan_comparison, plan_labelling
 
@@ -43,13 +49,22 @@ TYPED = {
     "object_matching": ObjectMatchingParameters,
     "detection": DetectionParameters,
     "segmentation": SegmentationParameters,
+    "recognition": RecognitionParameters,
+    "jointnet": JointNetParameters,
+    "jointnet_printed": JointNetParameters,
+    "spin_image": DescriptorParameters,
+    "shot": DescriptorParameters,
+    "hierarchy_descriptor": DescriptorParameters,
+    "pointnet": PointNetParameters,
     "visual_words": VisualWordsParameters,
     "detrended_forest": ForestParameters,
     "features": FeatureParameters,
     "ground_removal": GroundParameters,
     "ingest": IngestParameters,
+    "inspect": InspectParameters,
     "label": LabelParameters,
     "luo2016_study": StudyParameters,
+    "yu2016_study": Yu2016StudyParameters,
     "max_margin_markov": MarginParameters,
     "patch_forest": PatchForestParameters,
     "patch_graph": PatchGraphParameters,
@@ -60,8 +75,8 @@ TYPED = {
     "supervoxelise": SupervoxelParameters,
     "survey": SurveyParameters,
 }
-CONFIGURED = {"luo2016_study", "survey"}
-"""Groups whose values are those of the embedded survey and not the defaults of the code."""
+CONFIGURED = {"jointnet_printed", "luo2016_study", "yu2016_study", "survey"}
+"""Groups whose values are those of the embedded survey or of a paper and not the defaults of the code."""
 TREES = {"classes", "simulation"}
 """Groups that are read by functions of their own."""
 
@@ -110,13 +125,19 @@ def test_keys_are_the_fields_of_the_dataclass(group):
     }
 
 
+def as_yaml(value):
+    """Turn tuples into lists, nested ones too: YAML knows lists alone."""
+    if isinstance(value, (list, tuple)):
+        return [as_yaml(entry) for entry in value]
+    return {key: as_yaml(entry) for key, entry in value.items()} if isinstance(value, dict) else value
+
+
 @pytest.mark.parametrize("group", sorted(set(TYPED) - CONFIGURED))
 def test_values_are_the_defaults_of_the_code(group):
     for field in dataclasses.fields(TYPED[group]):
         default = default_of(field)
         if default is not dataclasses.MISSING:
-            default = list(default) if isinstance(default, tuple) else default  # YAML knows lists alone
-            assert base(group)[field.name] == default, field.name
+            assert base(group)[field.name] == as_yaml(default), field.name
 
 
 @pytest.mark.parametrize("kind", [*TYPED.values(), OutlierParameters], ids=lambda kind: kind.__name__)
@@ -129,7 +150,7 @@ def test_documented_defaults_are_the_defaults_of_the_code(kind):
         if told:
             assert ast.literal_eval(told[1]) == fields[name], name
         elif "optional" in text:
-            assert name in ("evaluation_scheme", "model", "trajectory"), name  # None, or said in words
+            assert name in ("evaluation_scheme", "folds", "model", "trajectory"), name  # None, or said in words
         else:
             assert fields[name] is dataclasses.MISSING or isinstance(fields[name], dict), name
 
@@ -147,7 +168,7 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
             catalog.load(name)
     # what stages exchange is stored, so that a run can be resumed; only plans stay in memory
     in_memory = {n for n in names if type(catalog.get(n)).__name__ == "MemoryDataset" and not n.startswith("params:")}
-    assert in_memory == {"survey_plan", "label_plan", "luo2016_study.plan"}
+    assert in_memory == {"survey_plan", "label_plan", "luo2016_study.plan", "yu2016_study.plan"}
 
 
 def paths_below_data(env, catalog):

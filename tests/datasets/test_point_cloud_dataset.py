@@ -45,5 +45,5 @@ def test_errors_name_file_and_value(tmp_path):
         make_catalog(tmp_path / "a.las", load_args={"colour": 1}).load("cloud")
     with pytest.raises(DatasetError, match=r"a\.las does not exist"):
         make_catalog(tmp_path / "a.las").load("cloud")
-    with pytest.raises(DatasetError, match=r"a\.pcd: no format with this extension \(known: .*\.laz"):
-        make_catalog(tmp_path / "a.pcd").save("cloud", PointCloud(np.zeros((1, 3))))
+    with pytest.raises(DatasetError, match=r"a\.dwg: no format with this extension \(known: .*\.laz"):
+        make_catalog(tmp_path / "a.dwg").save("cloud", PointCloud(np.zeros((1, 3))))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from typing import Any
+from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -240,3 +241,63 @@ def train_object_detector(
         "trained_on": dict(trained_on),
     }
     return ModelBundle(slug, arrays, metadata)
+
+
+class Trainer(Protocol):
+    """Trains a model on the objects that the training scenes own; the model does not depend on the threads."""
+
+    def __call__(
+        self,
+        parts: Mapping[str, Description],
+        labels: Mapping[str, Mapping[str, NDArray]],
+        *,
+        parameters: Any,
+        stages: DetectionStages,
+        detection: DetectionParameters,
+        scheme: ClassScheme,
+        trained_on: Mapping[str, Any],
+        n_threads: int = 1,
+    ) -> ModelBundle:
+        """Train; see `train_object_detector` for what is given."""
+        ...
+
+
+def make_trainer(
+    fit: Callable[..., tuple[TrainedDetector, dict[str, Any]]], *, slug: str, entry_point: str, uses_intensity: bool
+) -> Trainer:
+    """Return the function that trains models of a method.
+
+    Parameters
+    ----------
+    fit : callable
+        Trains one variant on parts, classes and whether intensities count, with the keywords ``parameters``,
+        ``n_classes`` and ``n_threads``.
+    slug, entry_point : str
+        The method, and the function that labels with its models.
+    uses_intensity : bool
+        Whether the method looks at intensities.
+
+    Returns
+    -------
+    Trainer
+        The function.
+    """
+
+    def train(
+        parts: Mapping[str, Description],
+        labels: Mapping[str, Mapping[str, NDArray]],
+        *,
+        parameters: Any,
+        stages: DetectionStages,
+        detection: DetectionParameters,
+        scheme: ClassScheme,
+        trained_on: Mapping[str, Any],
+        n_threads: int = 1,
+    ) -> ModelBundle:
+        given = {"parameters": parameters, "n_classes": len(detection.classes), "n_threads": n_threads}
+        return train_object_detector(
+            parts, labels, partial(fit, **given), slug=slug, entry_point=entry_point, parameters=parameters,
+            uses_intensity=uses_intensity, stages=stages, detection=detection, scheme=scheme, trained_on=trained_on,
+        )  # fmt: skip
+
+    return train

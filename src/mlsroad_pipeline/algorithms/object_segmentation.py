@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +16,10 @@ from mlsroad_pipeline.algorithms.metrics.instances import InstanceScores, find_o
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import inliers
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, cluster_points, segment
+from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
+from mlsroad_pipeline.algorithms.segmentation.two_step import TwoStepParameters, segment_two_step
+from mlsroad_pipeline.algorithms.segmentation.yang_dong import YangDongParameters, segment_yang_dong
 from mlsroad_pipeline.algorithms.validation import check_positive
 
 OBJECT_TOLERANCE = 0.3
@@ -33,17 +36,25 @@ SEGMENTATION_SCORES = (
 """What `segmentation_table` tells, in its order."""
 
 
+METHODS = ("normalized_cut", "normalized_cut_geometry", "euclidean", "yang_dong", "two_step")
+"""Names of the segmentations."""
+
+
 @dataclass(frozen=True)
 class SegmentationParameters:
     """How off-ground points become objects.
 
     Parameters
     ----------
-    method : {"normalized_cut", "normalized_cut_geometry", "euclidean"}, default "normalized_cut"
-        Yu et al. 2016's extended normalised cut with intensity where the survey has it, the same without, or
-        Euclidean clusters alone.
+    method : str, default "normalized_cut"
+        One of `METHODS`: Yu et al. 2016's extended normalised cut with intensity where the survey has it, the same
+        without, Euclidean clusters alone, or the methods of Yang and Dong 2013 and of Zhou et al. 2014.
     normalized_cut : NormalizedCutParameters or mapping
-        Parameters of the cuts; the clusters take its tolerance.
+        Parameters of the cuts; the clusters alone take its distances.
+    yang_dong : YangDongParameters or mapping
+        Parameters of the shape-based segmentation.
+    two_step : TwoStepParameters or mapping
+        Parameters of the segmentation along and across scan lines.
     min_points : int, default 10
         Smaller objects are left out.
 
@@ -53,18 +64,21 @@ class SegmentationParameters:
         If the method is unknown or a number is not positive.
     """
 
-    method: Literal["normalized_cut", "normalized_cut_geometry", "euclidean"] = "normalized_cut"
+    method: str = "normalized_cut"
     normalized_cut: NormalizedCutParameters = field(default_factory=NormalizedCutParameters)
+    yang_dong: YangDongParameters = field(default_factory=YangDongParameters)
+    two_step: TwoStepParameters = field(default_factory=TwoStepParameters)
     min_points: int = 10
 
     def __post_init__(self) -> None:
-        if isinstance(self.normalized_cut, Mapping):
-            object.__setattr__(self, "normalized_cut", NormalizedCutParameters(**self.normalized_cut))
-        if self.method not in ("normalized_cut", "normalized_cut_geometry", "euclidean"):
-            raise ParameterError(
-                f"segmentation.method must be 'normalized_cut', 'normalized_cut_geometry' or 'euclidean', got "
-                f"{self.method!r}"
-            )
+        kinds = {
+            "normalized_cut": NormalizedCutParameters, "yang_dong": YangDongParameters, "two_step": TwoStepParameters
+        }  # fmt: skip
+        for name, kind in kinds.items():
+            if isinstance(getattr(self, name), Mapping):
+                object.__setattr__(self, name, kind(**getattr(self, name)))
+        if self.method not in METHODS:
+            raise ParameterError(f"segmentation.method must be one of {', '.join(METHODS)}, got {self.method!r}")
         check_positive(self.min_points, "segmentation.min_points")
 
 
@@ -91,22 +105,35 @@ def segment_scene(
     ------
     DataError
         If a coordinate is not finite.
+    MissingColumnError
+        If the method takes the order of the scan and the scene lacks `gps_time` or `scanner`.
     """
     rows = np.flatnonzero(inliers(scene) & ~ground["ground"])
     xyz = np.ascontiguousarray(scene.xyz[rows], dtype=np.float64)
     objects = np.full(len(scene), -1, dtype=np.int32)
-    if parameters.method == "euclidean":
-        found = cluster(xyz, tolerance=parameters.normalized_cut.tolerance, min_points=parameters.min_points)
-    else:
-        with_intensity = parameters.method == "normalized_cut" and "intensity" in scene
-        found = segment(
-            xyz,
-            intensity=scene["intensity"][rows] if with_intensity else None,
-            parameters=parameters.normalized_cut,
-            min_points=parameters.min_points,
-        )
-    objects[rows] = found
+    objects[rows] = _segment(scene, rows, xyz, parameters)
     return {"objects": objects}
+
+
+def _segment(
+    scene: PointCloud, rows: NDArray[np.int64], xyz: NDArray[np.float64], parameters: SegmentationParameters
+) -> NDArray[np.int32]:
+    method, min_points = parameters.method, parameters.min_points
+    if method == "yang_dong":
+        return segment_yang_dong(xyz, parameters=parameters.yang_dong, min_points=min_points)
+    if method == "two_step":
+        return segment_two_step(
+            xyz,
+            gps_time=scene["gps_time"][rows],
+            scanner=scene["scanner"][rows],
+            parameters=parameters.two_step,
+            min_points=min_points,
+        )
+    cuts = parameters.normalized_cut
+    if method == "euclidean":
+        return number_objects(cluster_points(xyz, cuts).astype(np.int64), min_points)
+    intensity = scene["intensity"][rows] if method == "normalized_cut" and "intensity" in scene else None
+    return segment(xyz, intensity=intensity, parameters=cuts, min_points=min_points)
 
 
 def reference_objects(scene: PointCloud, scheme: ClassScheme) -> tuple[NDArray[np.int32], NDArray[np.int16]]:

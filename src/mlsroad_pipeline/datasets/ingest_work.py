@@ -24,6 +24,7 @@ from mlsroad_pipeline.algorithms.quality_storage import chunk_to_arrays
 from mlsroad_pipeline.algorithms.trajectory_estimation import trajectory_from_windows
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
 from mlsroad_pipeline.datasets.formats.registry import get_format
+from mlsroad_pipeline.datasets.sbet import coverage_note, in_weeks_of
 from mlsroad_pipeline.datasets.time_windows import read_time_windows
 from mlsroad_pipeline.datasets.trajectory_dataset import read_trajectory
 
@@ -144,10 +145,21 @@ def find_corridor(
     ReadError
         If the trajectory cannot be read.
     DataError
-        If the trajectory has no length, or a coordinate is not finite.
+        If the trajectory has no length, a coordinate is not finite, or the files have different coordinate reference
+        systems.
     """
+    other = next((sample for sample in samples if sample.crs != samples[0].crs), None)
+    if other is not None:
+        raise DataError(
+            f"{samples[0].source} and {other.source} have different coordinate reference systems; "
+            "set read.reproject, or take them apart"
+        )
     if trajectory is not None:
-        return corridor_to_arrays(read_trajectory(trajectory))
+        path = read_trajectory(trajectory, crs=samples[0].crs if samples else None)
+        times = _times_of(samples)
+        path = in_weeks_of(path, *times)
+        note = coverage_note(path, *times)
+        return {**corridor_to_arrays(path), **({"note": np.array(note)} if note else {})}
     if not along:
         return corridor_to_arrays(None)
     stretches = [part for part in windows if len(part)]
@@ -159,6 +171,12 @@ def find_corridor(
         note = f"{error}; cut along the main axis of the points"
         return {**corridor_to_arrays(axis_of_samples(samples)), "note": np.array(note)}
     return {**corridor_to_arrays(found), "note": np.array(f"{found.source}: {found.length:.0f} m of trajectory")}
+
+
+def _times_of(samples: Sequence[PointCloud]) -> tuple[float, float]:
+    times = [sample["gps_time"][np.isfinite(sample["gps_time"])] for sample in samples if "gps_time" in sample]
+    joined = np.concatenate(times) if times else np.empty(0)
+    return (float(joined.min()), float(joined.max())) if len(joined) else (np.nan, np.nan)
 
 
 def read_and_cut(

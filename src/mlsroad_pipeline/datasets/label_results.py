@@ -28,6 +28,8 @@ from mlsroad_pipeline.algorithms.rendering.report_sections import (
 )
 from mlsroad_pipeline.algorithms.survey_labelling import bundle_scheme, join_inventories
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
+from mlsroad_pipeline.datasets.formats.coloured_ply import coloured_path
+from mlsroad_pipeline.datasets.formats.copc import copc_path
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
 from mlsroad_pipeline.datasets.road_inventory import RoadInventory
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
@@ -118,6 +120,10 @@ class PlannedOutput:
         First and last row of the file in each of them.
     had_classes : bool or None
         Whether a LAS file has classes other than 0, where that is known.
+    copc : bool, default False
+        Whether a cloud-optimised copy is written beside the LAZ.
+    coloured_ply : bool, default False
+        Whether a PLY in the colours of the classes is written beside the LAZ.
     """
 
     file: PlannedFile
@@ -125,11 +131,14 @@ class PlannedOutput:
     scenes: Deferred
     rows: NDArray[np.int64]
     had_classes: bool | None
+    copc: bool = False
+    coloured_ply: bool = False
 
     @property
     def written(self) -> tuple[str, ...]:
         """Files that must be there for the output to count as written."""
-        return (self.target,)
+        copies = [copc_path(self.target)] * self.copc + [coloured_path(self.target)] * self.coloured_ply
+        return (self.target, *copies)
 
     def parameters(self, options: ReadOptions) -> dict[str, Any]:
         """Return the parameters of `label_work.write_file`."""
@@ -140,6 +149,8 @@ class PlannedOutput:
             "options": options,
             "n_threads": WRITING_THREADS,
             "had_classes": self.had_classes,
+            "copc": self.copc,
+            "coloured_ply": self.coloured_ply,
         }
 
 
@@ -149,7 +160,7 @@ def _had_classes(file: PlannedFile, classes: Mapping[str, Mapping[str, NDArray]]
 
 
 def planned_outputs(
-    plan: SurveyPlan, pieces: SceneCollection, results: SceneCollection, folder: str
+    plan: SurveyPlan, pieces: SceneCollection, results: SceneCollection, folder: str, **copies: bool
 ) -> list[PlannedOutput]:
     """Plan what is written where; subfolders are mirrored.
 
@@ -163,6 +174,8 @@ def planned_outputs(
         What the scenes found.
     folder : str
         The folder for the results.
+    **copies : bool
+        Which copies are written, too: `copc`, `coloured_ply`.
 
     Returns
     -------
@@ -182,7 +195,8 @@ def planned_outputs(
     for file in plan.files:
         name = PurePosixPath(file.source.name)
         stem = name.name[: -len(".gz")] if name.name.lower().endswith(".gz") else name.name
-        target = str(Path(folder) / name.parent / f"{PurePosixPath(stem).stem}.laz")
+        stem = PurePosixPath(stem).stem.removesuffix(".copc")  # the result is in the survey's order, not an octree's
+        target = str(Path(folder) / name.parent / f"{stem}.laz")
         if target in taken:
             raise ParameterError(f"{taken[target]} and {file.source.name} would both be written to {target}")
         taken[target] = file.source.name
@@ -200,6 +214,7 @@ def planned_outputs(
                 Deferred(tuple(chosen)),
                 np.array(rows, dtype=np.int64).reshape(-1, 2),
                 _had_classes(file, classes),
+                **copies,
             )
         )
     return outputs

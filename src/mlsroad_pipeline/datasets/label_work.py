@@ -16,6 +16,8 @@ from mlsroad_pipeline.algorithms.object_rules import ObjectRule
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.survey_labelling import label_new_scene
 from mlsroad_pipeline.algorithms.tiling import SceneSpan
+from mlsroad_pipeline.datasets.formats.coloured_ply import coloured_path, write_coloured_ply
+from mlsroad_pipeline.datasets.formats.copc import copc_path, write_copc
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
 from mlsroad_pipeline.datasets.labelled_writer import write_labelled
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
@@ -152,6 +154,8 @@ def write_file(
     options: ReadOptions,
     n_threads: int,
     had_classes: bool | None,
+    copc: bool = False,
+    coloured_ply: bool = False,
 ) -> dict[str, NDArray]:
     """Write a file of a survey with the labels of its points.
 
@@ -173,6 +177,10 @@ def write_file(
         Threads for decompressing and compressing.
     had_classes : bool or None
         Whether a LAS file has classes other than 0, where that is known.
+    copc : bool, default False
+        Whether a cloud-optimised copy is written beside the LAZ.
+    coloured_ply : bool, default False
+        Whether a PLY in the colours of the classes is written beside the LAZ.
 
     Returns
     -------
@@ -189,4 +197,10 @@ def write_file(
     Path(target).parent.mkdir(parents=True, exist_ok=True)
     labels = SceneLabels(scenes, rows, file, path)
     written = write_labelled(path, target, labels, options=options, n_threads=n_threads, had_classes=had_classes)
+    if copc:
+        write_copc(target, copc_path(target), n_threads=n_threads)
+        written.append(Path(copc_path(target)))
+    if coloured_ply:
+        write_coloured_ply(target, coloured_path(target))
+        written.append(Path(coloured_path(target)))
     return {"files": np.array([str(item) for item in written])}

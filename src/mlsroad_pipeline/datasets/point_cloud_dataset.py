@@ -14,7 +14,7 @@ from mlsroad_pipeline.datasets.formats.registry import format_of_name, get_forma
 
 
 class PointCloudDataset(AbstractDataset[PointCloud, PointCloud]):
-    """Loads and saves a `PointCloud` as LAS, LAZ, PLY, text or KITTI, by the file's content and name.
+    """Loads and saves a `PointCloud` in any format of the registry, by the file's content and name.
 
     What was read from LAS or LAZ is saved with that file's header, scale, offset and records (see `WriteOptions`).
 

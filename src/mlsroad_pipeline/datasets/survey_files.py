@@ -17,8 +17,8 @@ from mlsroad_pipeline.datasets.survey import find_surveys, resolve_splits
 
 logger = logging.getLogger(__name__)
 
-TABLES = "text"
-"""Name of the format whose files may be something else than points."""
+TABLES = ("text", "Parquet", "NPZ")
+"""Names of the formats whose files may be something else than points."""
 
 
 @dataclass(frozen=True)
@@ -142,10 +142,10 @@ class Survey:
 
 
 def _without_tables(paths: Sequence[Path], trajectory: str | None) -> list[Path]:
-    """Leave out text files that lie in a folder with files of another format."""
-    text = {path for path in paths if getattr(format_of_name(path), "name", None) == TABLES}
-    clouds = {path.parent for path in paths if path not in text}
-    beside = [path for path in paths if path in text and path.parent in clouds]
+    """Leave out tables that lie in a folder with files of another format."""
+    tables = {path for path in paths if getattr(format_of_name(path), "name", None) in TABLES}
+    clouds = {path.parent for path in paths if path not in tables}
+    beside = [path for path in paths if path in tables and path.parent in clouds]
     named = [str(path) for path in beside if path.name != trajectory]
     if named:
         logger.warning("Left out, for they lie beside point clouds of another format: %s", ", ".join(named))

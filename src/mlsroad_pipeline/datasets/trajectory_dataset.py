@@ -13,6 +13,7 @@ from kedro.io import AbstractDataset
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
+from mlsroad_pipeline.datasets.sbet import is_sbet, read_sbet
 
 _NAMES = {
     "time": ("time", "gps_time", "gpstime", "timestamp", "t", "seconds", "sow"),
@@ -23,8 +24,8 @@ _NAMES = {
 _COMMENTS = ("#", "%", "//")
 
 
-def read_trajectory(path: str | Path, *, columns: Sequence[str] | None = None) -> Trajectory:
-    """Read the path of a survey vehicle from a text file.
+def read_trajectory(path: str | Path, *, columns: Sequence[str] | None = None, crs: str | None = None) -> Trajectory:
+    """Read the path of a survey vehicle from a text file, or from SBET, which is known by its content.
 
     Values are separated by commas, semicolons, tabs or blanks. Lines that begin with ``#``, ``%`` or ``//`` are
     comments. A first line of names is recognised, in any case and with units in brackets or after the name
@@ -37,6 +38,8 @@ def read_trajectory(path: str | Path, *, columns: Sequence[str] | None = None) -
     columns : sequence of str, optional
         What the file's columns are, from the left: ``time``, ``x``, ``y`` and ``z``, and any other word for what is not
         wanted. ``time`` may be missing: the rows are then in the order of travel. Replaces the line of names.
+    crs : str, optional
+        Coordinate reference system of the survey as WKT: SBET needs it, text is taken to be in it.
 
     Returns
     -------
@@ -54,7 +57,12 @@ def read_trajectory(path: str | Path, *, columns: Sequence[str] | None = None) -
     source = Path(path)
     if not source.is_file():
         raise ReadError(f"{source}: no such trajectory file")
-    lines = [(i, line.strip()) for i, line in enumerate(source.read_text(encoding="utf-8-sig").splitlines(), start=1)]
+    if is_sbet(source):
+        return read_sbet(source, crs=crs)
+    lines = [
+        (i, line.strip())
+        for i, line in enumerate(source.read_text(encoding="utf-8-sig", errors="replace").splitlines(), start=1)
+    ]
     rows = [(i, _split(line)) for i, line in lines if line and not line.startswith(_COMMENTS)]
     if not rows:
         raise ReadError(f"{source}: no positions in the file")

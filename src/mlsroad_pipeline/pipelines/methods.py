@@ -15,3 +15,17 @@ LABELLERS = (
 DETECTORS = ("visual_words", "hough_forest", "object_matching", "bottom_up_top_down")
 """Slugs of the methods that detect objects; each has a pipeline of its name that writes ``<slug>.model`` and
 ``<slug>.detections``."""
+
+RECOGNISERS = (
+    "jointnet",
+    "jointnet_printed",
+    "hssi_net",
+    "vqai_net",
+    "vaai_net",
+    "spin_image",
+    "shot",
+    "hierarchy_descriptor",
+    "pointnet",
+)
+"""Slugs of the methods that recognise objects; each has a pipeline of its name that writes ``<slug>.model`` and
+``<slug>.recognitions``."""

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 from references_simulator import brown_conrady, nearest_image_colour
 
+from mlsroad_pipeline.algorithms.lenses import distort, undistort
 from mlsroad_pipeline.algorithms.simulation.cameras import (
     CAMERAS,
     DISTORTION,
@@ -12,7 +13,6 @@ from mlsroad_pipeline.algorithms.simulation.cameras import (
     take_image,
 )
 from mlsroad_pipeline.algorithms.simulation.colouring import colour_points, spread_colours
-from mlsroad_pipeline.algorithms.simulation.lenses import distort, undistort
 from mlsroad_pipeline.algorithms.simulation.meshes import Surface
 from mlsroad_pipeline.algorithms.simulation.scene import RayScene
 from mlsroad_pipeline.algorithms.simulation.solids import box

@@ -111,20 +111,20 @@ def test_beams_without_return_are_left_out(tmp_path, rng, caplog):
     points = rng.random((40, 4)).astype("<f4")
     points[[0, 7, 8, 39], :3] = np.nan
     path = tmp_path / "a.pcd"
-    path.write_bytes(head("x y z i", "4 4 4 4", "F F F F", "1 1 1 1", 40, "binary", (10, 4)) + points.tobytes())
+    path.write_bytes(head("x y z a", "4 4 4 4", "F F F F", "1 1 1 1", 40, "binary", (10, 4)) + points.tobytes())
     kept = points[~np.isnan(points[:, 0])]
     with caplog.at_level("INFO"):
         cloud = PCD.read(path, DEFAULT)
     assert "4 of 40 points are NaN, beams without return" in caplog.text
     np.testing.assert_array_equal(cloud.xyz, kept[:, :3].astype(np.float64))
     assert PCD.info(path, DEFAULT).n_points == 36
-    np.testing.assert_array_equal(PCD.read(path, DEFAULT, start=5, stop=8)["i"], kept[5:8, 3])
+    np.testing.assert_array_equal(PCD.read(path, DEFAULT, start=5, stop=8)["a"], kept[5:8, 3])
     points[3, 1] = np.inf
-    path.write_bytes(head("x y z i", "4 4 4 4", "F F F F", "1 1 1 1", 40, "binary") + points.tobytes())
+    path.write_bytes(head("x y z a", "4 4 4 4", "F F F F", "1 1 1 1", 40, "binary") + points.tobytes())
     with pytest.raises(DataError, match=r"1 points with NaN or infinite coordinates"):
         PCD.read(path, DEFAULT)
     points[:, :3] = np.nan
-    path.write_bytes(head("x y z i", "4 4 4 4", "F F F F", "1 1 1 1", 40, "binary") + points.tobytes())
+    path.write_bytes(head("x y z a", "4 4 4 4", "F F F F", "1 1 1 1", 40, "binary") + points.tobytes())
     assert len(PCD.read(path, DEFAULT)) == 0
 
 

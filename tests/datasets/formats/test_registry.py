@@ -21,6 +21,8 @@ def test_by_name_and_content(tmp_path, rng):
     scan.write_bytes(np.zeros(4, "<f4").tobytes())
     assert [get_format(p).name for p in (las, text, ply, scan)] == ["LAS", "text", "PLY", "KITTI"]
     assert get_format(las.rename(tmp_path / "no_extension")).name == "LAS"
+    (tmp_path / "points.dat").write_text("# a street\nx;y;z;name\n1,5;2;3;a\n4;5;6;b\n")
+    assert get_format(tmp_path / "points.dat").name == "text"
     assert format_of_name("x/Y.CSV.GZ").name == "text"
     assert format_of_name("x.dwg") is None
     assert {".las", ".laz", ".ply", ".txt.gz", ".bin"} <= set(known_extensions())
@@ -35,7 +37,7 @@ def test_by_name_and_content(tmp_path, rng):
         ("a.laz", b"1 2 3\n4 5 6\n", r"a\.laz is named as LAS, but holds something that begins with b'1 2 3"),
         ("a.csv", b"\x1f\x8b\x08\x00", r"a\.csv is named as text, but holds gzip"),
         ("a.bin", b"# .PCD v0.7\n", r"a\.bin is named as KITTI, but holds PCD"),
-        ("a.dat", b"1 2 3\n", r"a\.dat is of no known format: .*known extensions: .*\.laz"),
+        ("a.dat", b"one two three\n", r"a\.dat is of no known format: .*known extensions: .*\.laz"),
         ("a.las", b"", r"a\.las is empty \(0 bytes\)"),
     ],
 )

@@ -109,7 +109,7 @@ def test_taken_names_are_kept_aside(tmp_path):
         ("1 b 3\n4 5 6\n", r"a\.txt, line 1: neither numbers nor names: '1 b 3'"),
         ("x,y,z\n1,2,3,4\n", r"a\.txt, line 1: 3 names for 4 values"),
         ("x,y,y\n1,2,3\n", r"a\.txt, line 1: a name stands twice"),
-        ("easting,y,z\n1,2,3\n", r"a\.txt has no column 'x' \(columns: easting, y, z\)"),
+        ("rechts,y,z\n1,2,3\n", r"a\.txt has no column 'x' \(columns: rechts, y, z\)"),
     ],
 )
 def test_bad_rows(tmp_path, text, message):

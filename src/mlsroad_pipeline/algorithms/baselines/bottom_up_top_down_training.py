@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,18 +15,15 @@ from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import (
     class_shares,
     overlaps,
 )
-from mlsroad_pipeline.algorithms.classes import ClassScheme
-from mlsroad_pipeline.algorithms.detection import DetectionParameters, best_threshold
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.detection import best_threshold
 from mlsroad_pipeline.algorithms.object_detector_training import (
     choose_queries,
+    make_trainer,
     sample_objects,
     select_objects,
-    train_object_detector,
 )
 from mlsroad_pipeline.algorithms.object_detectors import (
     Description,
-    DetectionStages,
     object_bounds,
 )
 
@@ -35,6 +31,7 @@ from mlsroad_pipeline.algorithms.object_detectors import (
 def fit_bottom_up_top_down(
     parts: Description,
     labels: NDArray[np.int16],
+    _intensity: bool = False,
     *,
     parameters: BottomUpTopDownParameters,
     n_classes: int,
@@ -48,6 +45,8 @@ def fit_bottom_up_top_down(
         Surfaces of the training objects.
     labels : ndarray of int16, shape (n,)
         Class of each object, -1 for others.
+    _intensity : bool, default False
+        Not used: the descriptors know of shape alone.
     parameters : BottomUpTopDownParameters
         Parameters.
     n_classes : int
@@ -120,54 +119,7 @@ def _choose_models(
     return best
 
 
-def train_bottom_up_top_down(
-    parts: Mapping[str, Description],
-    labels: Mapping[str, Mapping[str, NDArray]],
-    *,
-    parameters: BottomUpTopDownParameters,
-    stages: DetectionStages,
-    detection: DetectionParameters,
-    scheme: ClassScheme,
-    trained_on: Mapping[str, Any],
-    n_threads: int = 1,
-) -> ModelBundle:
-    """Train a model on the objects that the training scenes own.
-
-    Parameters
-    ----------
-    parts : mapping of str to mapping
-        What `describe_surfaces` gave for each training scene.
-    labels : mapping of str to mapping
-        What `object_classes` gave for each of them.
-    parameters : BottomUpTopDownParameters
-        Parameters of the method.
-    stages : DetectionStages
-        How the scenes were prepared.
-    detection : DetectionParameters
-        The wanted classes.
-    scheme : ClassScheme
-        The classes.
-    trained_on : mapping
-        What the metadata say of the training data; JSON values.
-    n_threads : int, default 1
-        Threads; the model does not depend on it.
-
-    Returns
-    -------
-    ModelBundle
-        The model.
-
-    Raises
-    ------
-    DataError
-        If there are no training scenes.
-    """
-    n = len(detection.classes)
-
-    def fit(joined: Description, truth: NDArray[np.int16], _: bool) -> tuple[BottomUpTopDown, dict[str, Any]]:
-        return fit_bottom_up_top_down(joined, truth, parameters=parameters, n_classes=n, n_threads=n_threads)
-
-    return train_object_detector(
-        parts, labels, fit, slug=SLUG, entry_point=ENTRY_POINT, parameters=parameters,
-        uses_intensity=False, stages=stages, detection=detection, scheme=scheme, trained_on=trained_on,
-    )  # fmt: skip
+train_bottom_up_top_down = make_trainer(
+    fit_bottom_up_top_down, slug=SLUG, entry_point=ENTRY_POINT, uses_intensity=False
+)
+"""Trains a model; see `object_detector_training.Trainer`."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,18 +14,15 @@ from mlsroad_pipeline.algorithms.baselines.object_matching import (
     ObjectMatchingParameters,
     likeness,
 )
-from mlsroad_pipeline.algorithms.classes import ClassScheme
-from mlsroad_pipeline.algorithms.detection import DetectionParameters, best_threshold
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.detection import best_threshold
 from mlsroad_pipeline.algorithms.object_detector_training import (
     choose_queries,
+    make_trainer,
     sample_objects,
     select_objects,
-    train_object_detector,
 )
 from mlsroad_pipeline.algorithms.object_detectors import (
     Description,
-    DetectionStages,
     object_bounds,
 )
 
@@ -93,54 +89,5 @@ def fit_object_matching(
     return matcher, {"prototypes": [len(c) for c in chosen], "f_scores": reached}
 
 
-def train_object_matching(
-    parts: Mapping[str, Description],
-    labels: Mapping[str, Mapping[str, NDArray]],
-    *,
-    parameters: ObjectMatchingParameters,
-    stages: DetectionStages,
-    detection: DetectionParameters,
-    scheme: ClassScheme,
-    trained_on: Mapping[str, Any],
-    n_threads: int = 1,
-) -> ModelBundle:
-    """Train a model on the objects that the training scenes own.
-
-    Parameters
-    ----------
-    parts : mapping of str to mapping
-        What `describe_parts` gave for each training scene.
-    labels : mapping of str to mapping
-        What `object_classes` gave for each of them.
-    parameters : ObjectMatchingParameters
-        Parameters of the method.
-    stages : DetectionStages
-        How the scenes were prepared.
-    detection : DetectionParameters
-        The wanted classes.
-    scheme : ClassScheme
-        The classes.
-    trained_on : mapping
-        What the metadata say of the training data; JSON values.
-    n_threads : int, default 1
-        Threads; the model does not depend on it.
-
-    Returns
-    -------
-    ModelBundle
-        The model.
-
-    Raises
-    ------
-    DataError
-        If there are no training scenes.
-    """
-    n = len(detection.classes)
-
-    def fit(joined: Description, truth: NDArray[np.int16], intensity: bool) -> tuple[ObjectMatcher, dict[str, Any]]:
-        return fit_object_matching(joined, truth, intensity, parameters=parameters, n_classes=n, n_threads=n_threads)
-
-    return train_object_detector(
-        parts, labels, fit, slug=SLUG, entry_point=ENTRY_POINT, parameters=parameters,
-        uses_intensity=True, stages=stages, detection=detection, scheme=scheme, trained_on=trained_on,
-    )  # fmt: skip
+train_object_matching = make_trainer(fit_object_matching, slug=SLUG, entry_point=ENTRY_POINT, uses_intensity=True)
+"""Trains a model; see `object_detector_training.Trainer`."""

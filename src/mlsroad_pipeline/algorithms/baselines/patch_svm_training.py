@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import logging
 import warnings
-from dataclasses import asdict, dataclass
-from itertools import combinations, product
-from typing import Any
+from dataclasses import asdict
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
-from sklearn.metrics import f1_score
 from sklearn.model_selection import StratifiedGroupKFold
-from sklearn.svm import SVC
 
-from mlsroad_pipeline.algorithms.baselines.kernel_machine import KernelMachine
-from mlsroad_pipeline.algorithms.baselines.pairwise import fit_sigmoid
+from mlsroad_pipeline.algorithms.baselines.kernel_machine_training import (
+    Choice,
+    choose_machine,
+    fit_machine,
+    standardise,
+)
 from mlsroad_pipeline.algorithms.baselines.patch_svm import ENTRY_POINT, SLUG, PatchSvm, PatchSvmParameters
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
@@ -25,23 +24,6 @@ from mlsroad_pipeline.algorithms.patch_training import PatchTraining, bundle_mod
 from mlsroad_pipeline.algorithms.patches import Patches
 
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Choice:
-    """What cross-validation chose.
-
-    Attributes
-    ----------
-    cost, gamma : float
-        The parameters.
-    mean_f1 : float
-        Mean F1 over the classes on held-out patches.
-    """
-
-    cost: float
-    gamma: float
-    mean_f1: float
 
 
 def fit_patch_svm(
@@ -90,21 +72,21 @@ def fit_patch_svm(
         raise DataError(f"{SLUG} needs patches of at least two classes, got class {int(trained[0])} alone")
     small = draw_training_patches(patches, parameters.cv_per_class, seed=parameters.seed)
     folds = _folds(small, parameters)
+    if not folds:
+        raise DataError(f"{SLUG}: no fold of the training scenes has patches of two classes to learn from")
     machines = {}
     choice: Choice | None = None
     for variant in reversed(variants_of(sample)):
         features = patch_features(sample, variant)
-        shift = features.mean(axis=0)
-        spread = features.std(axis=0)
-        scale = np.where(spread > 0, spread, 1).astype(np.float32)
+        shift, scale = standardise(features)
         held_out = (patch_features(small, variant) - shift) / scale
         if choice is None:
-            choice = _choose(held_out, small.label, folds, parameters, n_jobs)
-        decisions = _decide_held_out(held_out, small.label, folds, trained, choice.cost, choice.gamma)
-        model = SVC(C=choice.cost, gamma=choice.gamma, decision_function_shape="ovo", cache_size=500)
-        model.fit((features - shift) / scale, sample.label)
-        sigmoids = _sigmoids(decisions, small.label, trained)
-        machines[variant] = KernelMachine.from_svc(model, shift, scale, sigmoids)
+            choice = choose_machine(
+                held_out, small.label, folds, costs=parameters.costs, gammas=parameters.gammas, n_jobs=n_jobs
+            )
+        machines[variant] = fit_machine(
+            features, sample.label, choice, held_out=held_out, held_out_labels=small.label, folds=folds
+        )
     assert choice is not None  # there is at least one variant
     return PatchSvm(n_classes, trained, machines), choice
 
@@ -171,80 +153,3 @@ def _folds(patches: Patches, parameters: PatchSvmParameters) -> list[tuple[NDArr
         parts = list(splitter.split(groups, frequent, groups))
     found = [(train, test) for train, test in parts if len(train) and len(test)]
     return [fold for fold in found if len(np.unique(patches.label[fold[0]])) > 1]
-
-
-def _decide_held_out(
-    features: NDArray[np.float32],
-    labels: NDArray[np.int16],
-    folds: list[tuple[NDArray, NDArray]],
-    trained: NDArray[np.int64],
-    cost: float,
-    gamma: float,
-) -> NDArray[np.float64]:
-    """Return the decisions of all pairs on held-out patches, NaN for pairs that a fold's machine does not know."""
-    pairs = {pair: k for k, pair in enumerate(combinations(trained.tolist(), 2))}
-    out = np.full((len(features), len(pairs)), np.nan)
-    for train, test in folds:
-        model = SVC(C=cost, gamma=gamma, decision_function_shape="ovo", cache_size=200)
-        model.fit(features[train], labels[train])
-        found = model.decision_function(features[test])
-        known = model.classes_.tolist()
-        if len(known) == 2:
-            found = -found[:, None]  # scikit-learn's sign for two classes
-        columns = np.array([pairs[pair] for pair in combinations(known, 2)])
-        out[np.ix_(test, columns)] = found
-    return out
-
-
-def _vote(decisions: NDArray[np.float64], trained: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the class with most won pairs, of equal ones the lowest."""
-    votes = np.zeros((len(decisions), len(trained)), np.int64)
-    for k, (i, j) in enumerate(combinations(range(len(trained)), 2)):
-        votes[:, i] += decisions[:, k] > 0
-        votes[:, j] += decisions[:, k] <= 0
-    return trained[votes.argmax(axis=1)]
-
-
-def _score(
-    features: NDArray[np.float32],
-    labels: NDArray[np.int16],
-    folds: list[tuple[NDArray, NDArray]],
-    cost: float,
-    gamma: float,
-) -> float:
-    trained = np.unique(labels).astype(np.int64)
-    decisions = _decide_held_out(features, labels, folds, trained, cost, gamma)
-    tested = np.concatenate([test for _, test in folds])
-    found = _vote(decisions[tested], trained)
-    return float(f1_score(labels[tested], found, average="macro", zero_division=0))
-
-
-def _choose(
-    features: NDArray[np.float32],
-    labels: NDArray[np.int16],
-    folds: list[tuple[NDArray, NDArray]],
-    parameters: PatchSvmParameters,
-    n_jobs: int,
-) -> Choice:
-    if not folds:
-        raise DataError(f"{SLUG}: no fold of the training scenes has patches of two classes to learn from")
-    grid: list[tuple[float, float]] = list(product(sorted(parameters.costs), sorted(parameters.gammas)))
-    run: Any = delayed(_score)
-    scores = Parallel(n_jobs=n_jobs, prefer="threads")(run(features, labels, folds, c, g) for c, g in grid)
-    best = int(np.argmax(scores))
-    return Choice(*grid[best], scores[best])
-
-
-def _sigmoids(
-    decisions: NDArray[np.float64], labels: NDArray[np.int16], trained: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    pairs = list(combinations(trained.tolist(), 2))
-    samples = []
-    for k, (i, j) in enumerate(pairs):
-        rows = np.isfinite(decisions[:, k]) & ((labels == i) | (labels == j))
-        samples.append((decisions[rows, k], labels[rows] == i))
-    usable = [first.any() and not first.all() for _, first in samples]
-    pooled = [sample for sample, good in zip(samples, usable, strict=True) if good] or samples
-    shared = fit_sigmoid(np.concatenate([s[0] for s in pooled]), np.concatenate([s[1] for s in pooled]))
-    fitted = [fit_sigmoid(*sample) if good else shared for sample, good in zip(samples, usable, strict=True)]
-    return np.array(fitted, dtype=np.float64)

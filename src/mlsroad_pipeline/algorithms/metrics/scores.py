@@ -21,8 +21,9 @@ ALL = "all"
 
 CLASS_METRICS = ("precision", "recall", "f1", "iou")
 OVERALL_METRICS = ("overall_accuracy", "kappa", "mean_f1", "mean_iou")
+RECOGNITION_METRICS = (*OVERALL_METRICS, "weighted_f1")
 DETECTION_METRICS = ("precision", "recall", "quality", "f_score", "tp", "fp", "fn")
-METRICS = tuple(dict.fromkeys((*CLASS_METRICS, *OVERALL_METRICS, *DETECTION_METRICS)))
+METRICS = tuple(dict.fromkeys((*CLASS_METRICS, *RECOGNITION_METRICS, *DETECTION_METRICS)))
 """Every metric that a table may hold: of labellings, recognitions and detections."""
 
 _ILLEGAL = re.compile(r"[^\w.\- /]")
@@ -79,6 +80,40 @@ def labelling_scores(
     if ALL in classes:
         raise DataError(f"no class may be called {ALL!r}: it stands for all classes together")
     return check_scores(pd.DataFrame(rows, columns=list(COLUMNS)))
+
+
+def recognition_scores(matrix: NDArray[np.integer], *, method: str, split: str, classes: Sequence[str]) -> pd.DataFrame:
+    """Turn a confusion matrix of objects into the table of scores of one method on one split.
+
+    Parameters
+    ----------
+    matrix : ndarray of int, shape (C, C + 1) or (C, C)
+        A matrix of `confusion_matrix`, one count per object.
+    method : str
+        The method's slug.
+    split : str
+        The split's name.
+    classes : sequence of str, length C
+        Class names in label order.
+
+    Returns
+    -------
+    DataFrame
+        What `labelling_scores` gives, and of class ``"all"`` ``weighted_f1``: the mean of the classes' F1, weighted by
+        their support, which is what is published for the Sydney Urban Objects (Maturana and Scherer 2015).
+
+    Raises
+    ------
+    DataError
+        As `labelling_scores`.
+    """
+    table = labelling_scores(matrix, method=method, split=split, classes=classes)
+    figures = scores(matrix)
+    seen = figures.support > 0
+    total = int(figures.support.sum())
+    mean = float(np.average(figures.f1[seen], weights=figures.support[seen])) if total else float("nan")
+    row = pd.DataFrame([(method, split, ALL, "weighted_f1", mean, total)], columns=list(COLUMNS))
+    return check_scores(pd.concat([table, row], ignore_index=True))
 
 
 def _of_given(figures: LabellingScores, classes: Sequence[str], given: Sequence[str]) -> LabellingScores:

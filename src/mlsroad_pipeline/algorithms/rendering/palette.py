@@ -109,6 +109,29 @@ def taxonomy_palette() -> NDArray[np.uint8]:
     return table
 
 
+LAS_CODES = {
+    **{2: "grass", 3: "brushwood", 4: "hedge", 5: "tree", 6: "building", 11: "road", 14: "wire", 17: "bridge"},
+    **{64: "utility_pole", 65: "traffic_sign", 66: "car", 67: "bin", 68: "wall", 69: "bicycle", 70: "person"},
+}
+"""The taxonomy class whose colour a LAS class code takes: standard codes, and the private ones that results have."""
+
+
+def las_palette() -> NDArray[np.uint8]:
+    """Return the colour of every LAS class code.
+
+    Returns
+    -------
+    ndarray of uint8, shape (256, 3)
+        Row: class code; codes below 64 without a class are `IGNORED_COLOUR`, other private codes have a colour each.
+    """
+    table = np.empty((256, 3), dtype=np.uint8)
+    table[:64] = IGNORED_COLOUR
+    table[64:] = [_spread(code) for code in range(64, 256)]
+    for code, name in LAS_CODES.items():
+        table[code] = hex_to_rgb(COLOURS[name])
+    return table
+
+
 def _spread(index: int) -> Colour:
     """Return the colour of the index-th class that the taxonomy does not know: hues by the golden angle."""
     hue, level = (0.58 + index * 0.61803398875) % 1.0, (0.72, 0.5, 0.9)[index % 3]

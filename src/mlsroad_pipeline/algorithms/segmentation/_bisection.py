@@ -268,6 +268,34 @@ def best_split(
 
 
 @njit(cache=True, nogil=True)
+def smoothness(y: NDArray[np.float64], mass: NDArray[np.float64], n_bins: int) -> float:
+    """Return how evenly the eigenvector's values are spread: the emptiest bin of their histogram over the fullest.
+
+    Parameters
+    ----------
+    y : ndarray of shape (c,), float64
+        Values of the nodes.
+    mass : ndarray of shape (c,), float64
+        Voxels per node.
+    n_bins : int
+        Bins between the least and the greatest value.
+
+    Returns
+    -------
+    float
+        In [0, 1]: near 0 where the values fall into two heaps with a gap between them, larger where they go over into
+        each other and no place to cut is better than the next.
+    """
+    low, high = y.min(), y.max()
+    bins = np.zeros(n_bins)
+    if not high > low:
+        return 1.0
+    for i in range(len(y)):
+        bins[min(int((y[i] - low) / (high - low) * n_bins), n_bins - 1)] += mass[i]
+    return bins.min() / bins.max()
+
+
+@njit(cache=True, nogil=True)
 def extend(
     places: NDArray[np.float64],
     members: NDArray[np.int64],
@@ -307,5 +335,12 @@ def extend(
             w = mass[c] * weight(places[members[k]], nodes[c], scale, max_squared)
             above += w * y[c]
             below += w
-        out[k] = above / (below * eigenvalue)
+        if below > 0.0:
+            out[k] = above / (below * eigenvalue)
+            continue
+        nearest = np.inf  # beyond the reach of every node
+        for c in range(len(nodes)):
+            away = ((places[members[k], :3] - nodes[c, :3]) ** 2).sum()
+            if away < nearest:
+                nearest, out[k] = away, y[c]
     return out

@@ -18,11 +18,14 @@ from mlsroad_pipeline.algorithms.segmentation._bisection import (
     gather,
     node_weights,
     second_eigenvector,
+    smoothness,
 )
-from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
+from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
+from mlsroad_pipeline.algorithms.segmentation.spacing import cluster_by_spacing
 from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
 from mlsroad_pipeline.algorithms.voxels.grid import build_voxel_grid
 
+_BINS = 12  # of the histogram of an eigenvector's values
 _LEAST_EIGENVALUE = 1e-3  # below, nodes are no longer joined at all and the extension has no meaning
 
 
@@ -34,6 +37,12 @@ class NormalizedCutParameters:
     ----------
     tolerance : float, default 0.15
         The clustering distance d_c of the paper, metres. Larger joins more into one cluster.
+    spacing_factor : float, default 1.5
+        Where points lie farther apart, the clustering distance is this times their spacing; 0 keeps to `tolerance`
+        as the paper does. Larger joins sparse objects, and what stands close to them.
+    max_tolerance : float, default 0.5
+        The longest clustering distance that spacing leads to, metres; at `tolerance` and below spacing changes
+        nothing.
     voxel_size : float, default 0.1
         The voxels' edge w_s, metres.
     sigma_h, sigma_v : float, default 2.0, 10.0
@@ -47,6 +56,9 @@ class NormalizedCutParameters:
         A group is left whole where the least normalised cut is above this; 0 to 2. Larger cuts more. Not in the paper.
     min_voxels : int, default 20
         No part is made smaller than this. Not in the paper.
+    max_smoothness : float, default 0.15
+        A group is left whole where the values of its eigenvector are spread more evenly than this: the emptiest bin of
+        their histogram over the fullest (Shi and Malik 2000). 1 never stops; smaller cuts less.
     max_nodes : int, default 256
         Size of the graph that a cut is found on; more follows the voxels more closely, and time grows with its square.
 
@@ -57,6 +69,8 @@ class NormalizedCutParameters:
     """
 
     tolerance: float = 0.15
+    spacing_factor: float = 1.5
+    max_tolerance: float = 0.5
     voxel_size: float = 0.1
     sigma_h: float = 2.0
     sigma_v: float = 10.0
@@ -64,13 +78,26 @@ class NormalizedCutParameters:
     max_distance: float = 5.0
     max_cut: float = 0.5
     min_voxels: int = 20
+    max_smoothness: float = 0.15
     max_nodes: int = 256
 
     def __post_init__(self) -> None:
-        for name in ("tolerance", "voxel_size", "sigma_h", "sigma_v", "sigma_i", "max_distance", "min_voxels"):
+        for name in (
+            "tolerance",
+            "max_tolerance",
+            "voxel_size",
+            "sigma_h",
+            "sigma_v",
+            "sigma_i",
+            "max_distance",
+            "min_voxels",
+        ):
             check_positive(getattr(self, name), name)
         if not 0 <= self.max_cut <= 2:
             raise ParameterError(f"max_cut must be between 0 and 2, got {self.max_cut!r}")
+        for name in ("spacing_factor", "max_smoothness"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise ParameterError(f"{name} must be at least 0, got {getattr(self, name)!r}")
         if self.max_nodes < 8:
             raise ParameterError(f"max_nodes must be at least 8, got {self.max_nodes!r}")
 
@@ -117,7 +144,7 @@ def segment(
         raise ParameterError(f"min_points must be at least 1, got {min_points!r}")
     if len(points) == 0:
         return np.zeros(0, dtype=np.int32)
-    clusters = cluster(points, tolerance=parameters.tolerance)
+    clusters = cluster_points(points, parameters)
     grid = build_voxel_grid(points, voxel_size=parameters.voxel_size)
     voxel = _cluster_voxels(clusters, grid.voxel_of_point)
     places, of_voxel = _places(points - grid.origin, values, voxel, clusters)
@@ -126,9 +153,32 @@ def segment(
     scale = 1.0 / np.square([parameters.sigma_h, parameters.sigma_v, parameters.sigma_i])
     parts = _cut_clusters(
         places, order, starts, scale, parameters.max_distance**2, parameters.voxel_size, parameters.max_cut,
-        parameters.min_voxels, parameters.max_nodes,
+        parameters.max_smoothness, parameters.min_voxels, parameters.max_nodes,
     )  # fmt: skip
-    return _numbered(parts[voxel], min_points)
+    return number_objects(parts[voxel], min_points)
+
+
+def cluster_points(xyz: ArrayLike, parameters: NormalizedCutParameters) -> NDArray[np.int32]:
+    """Cluster points as is done before they are cut.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Coordinates without the ground, metres.
+    parameters : NormalizedCutParameters
+        Distances.
+
+    Returns
+    -------
+    ndarray of int32, shape (n,)
+        Clusters, numbered by their first points.
+    """
+    return cluster_by_spacing(
+        xyz,
+        tolerance=parameters.tolerance,
+        spacing_factor=parameters.spacing_factor,
+        max_tolerance=parameters.max_tolerance,
+    )
 
 
 def _checked_intensity(intensity: ArrayLike, n_points: int) -> NDArray[np.float64]:
@@ -185,6 +235,7 @@ def _cut_clusters(
     max_squared: float,
     voxel_size: float,
     max_cut: float,
+    max_smoothness: float,
     min_voxels: int,
     max_nodes: int,
 ) -> NDArray[np.int64]:
@@ -196,7 +247,17 @@ def _cut_clusters(
         while len(stack) > 0:
             first, stop = stack.pop()
             members = order[first:stop].copy()
-            side = _bisect(places, members, scale, max_squared, voxel_size, max_cut, min_voxels, max_nodes)
+            side = _bisect(
+                places,
+                members,
+                scale,
+                max_squared,
+                voxel_size,
+                max_cut,
+                max_smoothness,
+                min_voxels,
+                max_nodes,
+            )
             n_left = np.int64(side.sum())
             if n_left == 0:
                 parts[members] = n_parts
@@ -223,6 +284,7 @@ def _bisect(
     max_squared: float,
     voxel_size: float,
     max_cut: float,
+    max_smoothness: float,
     min_voxels: int,
     max_nodes: int,
 ) -> NDArray[np.bool_]:
@@ -230,42 +292,38 @@ def _bisect(
     whole = np.zeros(len(members), np.bool_)
     if len(members) < 2 * min_voxels:
         return whole
-    nodes, mass = gather(places, members, voxel_size, max_nodes)
-    if len(nodes) < 2:
-        return whole
-    weights = node_weights(nodes, mass, scale, max_squared)
-    degree = weights.sum(axis=1)
-    y, eigenvalue = second_eigenvector(weights, degree, nodes[:, 0] - nodes[:, 0].mean() + 0.7 * nodes[:, 1])
-    if eigenvalue < _LEAST_EIGENVALUE:
-        return whole
-    threshold, cut = best_split(weights, degree, mass, y, float(min_voxels))
-    if not cut <= max_cut:
-        return whole
-    values = y if len(nodes) == len(members) else extend(
-        places, members, nodes, mass, y, eigenvalue, scale, max_squared
-    )  # fmt: skip
+    values, threshold = _cut_values(
+        places, members, scale, max_squared, voxel_size, max_cut, max_smoothness, min_voxels, max_nodes
+    )
     side = values <= threshold
     n_left = side.sum()
-    if n_left < min_voxels or len(members) - n_left < min_voxels:
-        return whole
-    return side
+    return side if min(n_left, len(members) - n_left) >= min_voxels else whole
 
 
 @njit(cache=True, nogil=True)
-def _numbered(parts: NDArray[np.int64], min_points: int) -> NDArray[np.int32]:
-    counts = np.zeros(parts.max() + 1, np.int64)
-    for part in parts:
-        counts[part] += 1
-    number = np.full(len(counts), -1, np.int32)
-    out = np.empty(len(parts), np.int32)
-    n_objects = 0
-    for i in range(len(parts)):
-        part = parts[i]
-        if counts[part] < min_points:
-            out[i] = -1
-            continue
-        if number[part] < 0:
-            number[part] = n_objects
-            n_objects += 1
-        out[i] = number[part]
-    return out
+def _cut_values(
+    places: NDArray[np.float64],
+    members: NDArray[np.int64],
+    scale: NDArray[np.float64],
+    max_squared: float,
+    voxel_size: float,
+    max_cut: float,
+    max_smoothness: float,
+    min_voxels: int,
+    max_nodes: int,
+) -> tuple[NDArray[np.float64], float]:
+    """Return the eigenvector's value of each voxel and the value to cut at, NaN where there is no cut to make."""
+    nodes, mass = gather(places, members, voxel_size, max_nodes)
+    if len(nodes) < 2:
+        return np.zeros(len(members)), np.nan
+    weights = node_weights(nodes, mass, scale, max_squared)
+    degree = weights.sum(axis=1)
+    y, eigenvalue = second_eigenvector(weights, degree, nodes[:, 0] - nodes[:, 0].mean() + 0.7 * nodes[:, 1])
+    if eigenvalue < _LEAST_EIGENVALUE or smoothness(y, mass, _BINS) > max_smoothness:
+        return np.zeros(len(members)), np.nan
+    threshold, cut = best_split(weights, degree, mass, y, float(min_voxels))
+    if not cut <= max_cut:
+        return np.zeros(len(members)), np.nan
+    if len(nodes) == len(members):
+        return y, threshold
+    return extend(places, members, nodes, mass, y, eigenvalue, scale, max_squared), threshold

@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.lenses import undistort
 from mlsroad_pipeline.algorithms.simulation.drive import RATE, Drive
-from mlsroad_pipeline.algorithms.simulation.lenses import undistort
 from mlsroad_pipeline.algorithms.simulation.lighting import Light, expose, radiance
 from mlsroad_pipeline.algorithms.simulation.meshes import rotation_matrix
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters

@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.lenses import distort_one, trusted_radius
 from mlsroad_pipeline.algorithms.simulation.cameras import Image
-from mlsroad_pipeline.algorithms.simulation.lenses import distort_one, trusted_radius
 
 _TRIES = 24  # images that are tried for one point's colour
 _DEPTH_SLACK = 0.06  # metres, and 1 % of the depth

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -41,7 +41,9 @@ Street = Mapping[str, Any]
 Value = TypeVar("Value")
 
 
-def make_street(*, simulation: SimulationParameters, ground: GroundParameters) -> PointCloud:
+def make_street(
+    *, simulation: SimulationParameters, ground: GroundParameters, columns: Sequence[str] = ("rgb", "label")
+) -> PointCloud:
     """Simulate a survey, find its ground and leave out what lies before its start and behind its end.
 
     Rays reach far beyond both ends, where no scene of the paper has points.
@@ -52,16 +54,18 @@ def make_street(*, simulation: SimulationParameters, ground: GroundParameters) -
         The survey.
     ground : GroundParameters
         The ground filter.
+    columns : sequence of str, default ("rgb", "label")
+        What is kept of the survey.
 
     Returns
     -------
     PointCloud
-        Points with the columns `rgb`, `label`, `ground` and `height`.
+        Points with these columns, `ground` and `height`.
     """
     survey = simulate_survey(simulation, n_threads=1)
     cloud = survey.cloud
     found = find_ground(cloud, ground)
-    kept = {name: cloud[name] for name in ("rgb", "label")}
+    kept = {name: cloud[name] for name in columns}
     whole = PointCloud(cloud.xyz, {**kept, **found}, cloud.origin, cloud.crs, f"street of seed {simulation.seed}")
     path = Trajectory.from_positions(survey.trajectory[["x", "y", "z"]], survey.trajectory["gps_time"])
     station, _ = path.locate(cloud.xyz, origin=cloud.origin)

@@ -35,7 +35,7 @@ def intensity_divisor(dtype: np.dtype, rule: str | float, maximum: Callable[[], 
     greatest = maximum()
     if rule == "dtype":
         greatest = next((full for full in (1.0, 255.0, 65535.0) if greatest <= full), greatest)
-    return greatest if greatest > 0 else 1.0
+    return greatest if 0 < greatest < np.inf else 1.0
 
 
 def scale_intensity(values: NDArray, divisor: float, *, source: Path) -> NDArray[np.float32]:
@@ -60,10 +60,12 @@ def scale_intensity(values: NDArray, divisor: float, *, source: Path) -> NDArray
     DataError
         If one falls outside [0, 1].
     """
-    scaled = (values / divisor).astype(np.float32)
-    if len(scaled) and not (np.nanmin(scaled) >= 0 and np.nanmax(scaled) <= 1) and not np.isnan(scaled).all():
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below
+        scaled = (values / divisor).astype(np.float32)
+    low, high = np.fmin.reduce(scaled, initial=np.nan), np.fmax.reduce(scaled, initial=np.nan)  # NaN where all are
+    if low < 0 or high > 1:
         raise DataError(
-            f"{source}: intensities {values.min()} to {values.max()} divided by {divisor:g} leave [0, 1]; "
+            f"{source}: intensities {low * divisor:g} to {high * divisor:g} divided by {divisor:g} leave [0, 1]; "
             "set intensity_scale"
         )
     return scaled
@@ -102,7 +104,7 @@ def join_colours(parts: Sequence[NDArray], shift: int, *, source: Path) -> NDArr
     return rgb
 
 
-def float_colours(values: NDArray, greatest: float) -> NDArray[np.int64]:
+def float_colours(values: NDArray, greatest: float, *, source: Path) -> NDArray[np.int64]:
     """Turn colours stored as floats into integers of 8 or 16 bits.
 
     Parameters
@@ -111,12 +113,22 @@ def float_colours(values: NDArray, greatest: float) -> NDArray[np.int64]:
         One colour, in [0, 1], [0, 255] or [0, 65535].
     greatest : float
         The greatest colour value of the whole file, which tells the three apart.
+    source : Path
+        What the message calls the file.
 
     Returns
     -------
     ndarray of shape (n,), int64
         The colour in 0 to 255.
+
+    Raises
+    ------
+    DataError
+        If a colour is no number or outside 0 to 65535.
     """
+    wrong = values[~((values >= 0) & (values <= 65535))]
+    if len(wrong):
+        raise DataError(f"{source}: colour value {wrong[0]!r} is outside 0 to 65535")
     if greatest <= 1.0:
         return np.rint(values * 255.0).astype(np.int64)
     return np.rint(values).astype(np.int64) >> (0 if greatest <= 255.0 else 8)
@@ -146,7 +158,8 @@ def integer_labels(values: NDArray, name: str, *, source: Path) -> NDArray:
     """
     if np.issubdtype(values.dtype, np.integer):
         return values
-    whole = values.astype(np.int32) if np.isfinite(values).all() else np.zeros(len(values), dtype=np.int32)
+    with np.errstate(invalid="ignore"):  # what does not fit is not what it was, and is refused below
+        whole = values.astype(np.int32)
     if not np.array_equal(whole, values):
         row = int(np.flatnonzero(whole != values)[0])
         raise DataError(f"{source}: column {name!r} holds {values[row]!r}, which is not a whole number")

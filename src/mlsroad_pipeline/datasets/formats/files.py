@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
+
+logger = logging.getLogger(__name__)
 
 FileKey = tuple[str, int, int]
 """Path, size and time of modification: what is remembered about a file holds as long as these stay."""
@@ -61,6 +65,20 @@ def file_key(path: Path) -> FileKey:
     """
     status = path.stat()
     return str(path), status.st_size, status.st_mtime_ns
+
+
+@lru_cache(maxsize=4096)
+def log_once(source: str, text: str) -> None:
+    """Log what was found out about a file, the first time that it is.
+
+    Parameters
+    ----------
+    source : str
+        The file.
+    text : str
+        What was found.
+    """
+    logger.info("%s: %s", source, text)
 
 
 @contextmanager

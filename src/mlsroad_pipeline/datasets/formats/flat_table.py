@@ -60,15 +60,24 @@ def flat_cloud(
     DataError
         If a coordinate is NaN or infinite, or a value outside its domain.
     """
-    corner = [float(first[name][0]) if len(first[name]) else 0.0 for name in COORDINATES]
-    origin = origin_near(np.array(corner) * options.metres)
-    xyz = np.empty((len(raw["x"]), 3))
-    for axis, name in enumerate(COORDINATES):
-        np.multiply(raw[name], options.metres, out=xyz[:, axis], dtype=np.float64)
-    check_finite(xyz, source=source, start=start)
-    xyz -= origin
-    columns = {name: values for name, values in raw.items() if name not in COORDINATES}
-    return standard_cloud(columns, xyz, options=options, source=source, origin=origin, crs=crs, maximum=maximum)
+    with np.errstate(invalid="ignore", over="ignore"):  # signalling NaN and overflows are refused by value
+        corner = [float(first[name][0]) if len(first[name]) else 0.0 for name in COORDINATES]
+        origin = origin_near(np.array(corner) * options.metres)
+        xyz = np.empty((len(raw["x"]), 3))
+        for axis, name in enumerate(COORDINATES):
+            np.multiply(raw[name], options.metres, out=xyz[:, axis], dtype=np.float64)
+        check_finite(xyz, source=source, start=start)
+        xyz -= origin
+        columns = {name: values for name, values in raw.items() if name not in COORDINATES}
+        return standard_cloud(
+            *(columns, xyz),
+            options=options,
+            source=source,
+            origin=origin,
+            crs=crs,
+            anchor=np.array(corner) * options.metres,
+            maximum=maximum,
+        )
 
 
 def scalar_columns(cloud: PointCloud, metres: float) -> dict[str, NDArray]:

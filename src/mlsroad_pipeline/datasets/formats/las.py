@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -12,8 +13,9 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.copc import SUFFIX, is_copc, without_copc, write_copc
 from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, check_file, clip_range, file_key
-from mlsroad_pipeline.datasets.formats.las_crs import read_crs
+from mlsroad_pipeline.datasets.formats.las_crs import read_crs, with_crs_of
 from mlsroad_pipeline.datasets.formats.las_dimensions import dimension, dimension_names, file_origin, local_xyz
 from mlsroad_pipeline.datasets.formats.las_header import read_header
 from mlsroad_pipeline.datasets.formats.las_layout import header_like, new_header, pack_records
@@ -70,11 +72,12 @@ class LasFormat(PointFormat):
         header = read_header(path)
         sample = self.read(path, options, start=0, stop=0)
         columns = {name: values.dtype for name, values in sample.columns.items()}
-        bounds = header.bounds * options.metres if header.n_points else None
+        bounds = header.bounds * options.metres if header.n_points and options.reproject is None else None
         details = {
             "version": f"1.{header.minor}",
             "point_format": header.point_format,
             "compressed": header.compressed,
+            "cloud_optimised": is_copc(header),
             "scale": header.scale,
             "offset": header.offset,
             "created": (header.integer("H", 92), header.integer("H", 90)),
@@ -131,11 +134,12 @@ class LasFormat(PointFormat):
             source=path,
             origin=origin,
             crs=read_crs(header),
+            anchor=header.bounds[0] * options.metres if header.n_points else origin,
             maximum=lambda given: file_maximum(file_key(path), tuple(names[name] for name in given)),
         )
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
-        """Write a cloud as LAS or, where the path ends in ``.laz``, as LAZ.
+        """Write a cloud as LAS or, where the path ends in ``.laz``, as LAZ; ``.copc.laz`` is cloud-optimised.
 
         With a file to be like, its header, records, scale, offset and layout are used, and columns that it lacks become
         extra dimensions; without one, a LAS 1.4 header is made and every column is kept.
@@ -157,8 +161,16 @@ class LasFormat(PointFormat):
             If the file to be like cannot be read.
         """
         path = Path(path)
+        if path.name.lower().endswith(SUFFIX):
+            with tempfile.TemporaryDirectory(dir=_folder(path)) as folder:
+                plain = Path(folder) / "points.las"
+                self.write(plain, cloud, options)
+                write_copc(plain, path, n_threads=options.n_threads)
+            return
         like = _template(cloud, options)
         header = new_header(cloud, options) if like is None else header_like(like, cloud)
+        if like is not None:
+            header = without_copc(with_crs_of(header, cloud, path))
         eight_bit = like is not None and "red" in dimension_names(header) and colour_bits(file_key(like)) == 8
         with atomic_file(path) as stream:
             compress = path.suffix.lower() == ".laz"
@@ -167,6 +179,11 @@ class LasFormat(PointFormat):
                 part = cloud.select(np.arange(begin, min(begin + CHUNK, len(cloud))))
                 writer.write(pack_records(part, header, metres=options.metres, eight_bit_colours=eight_bit))
             writer.close()
+
+
+def _folder(path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path.parent
 
 
 def _template(cloud: PointCloud, options: WriteOptions) -> Path | None:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pyproj
 
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.datasets.formats.crs import sidecar_crs
 from mlsroad_pipeline.datasets.formats.las_header import WKT_BIT, LasHeader
 from mlsroad_pipeline.datasets.formats.las_vlr import Vlr
 
@@ -56,6 +60,39 @@ def _geotiff_wkt(data: bytes) -> str | None:
     except pyproj.exceptions.CRSError:
         return None  # a code that PROJ does not know; the keys themselves stay in the file
     return str(crs.to_wkt())
+
+
+def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path) -> LasHeader:
+    """Give another file's header the system of a cloud, where the two differ.
+
+    Parameters
+    ----------
+    header : LasHeader
+        The header to write.
+    cloud : PointCloud
+        The points.
+    path : Path
+        The file to write, for messages.
+
+    Returns
+    -------
+    LasHeader
+        The header; the same where the cloud has no system or that of the header.
+
+    Raises
+    ------
+    DataError
+        If the header's version cannot hold WKT and states another system.
+    """
+    stated = read_crs(header)
+    if cloud.crs is None or cloud.crs == stated or cloud.crs == sidecar_crs(Path(cloud.source)):
+        return header
+    if header.minor >= 4:
+        return with_wkt(header, cloud.crs)
+    raise DataError(
+        f"{path}: the LAS 1.{header.minor} header of {cloud.source} states another coordinate reference system than "
+        "the points have; write with like: none"
+    )
 
 
 def with_wkt(header: LasHeader, crs: str | None) -> LasHeader:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Self
+from typing import Self
 
 import lazrs
 import numpy as np
@@ -14,9 +13,9 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
 from mlsroad_pipeline.datasets.formats.files import clip_range
+from mlsroad_pipeline.datasets.formats.las_chunks import VariableChunks, check_chunk_table, check_layers
 from mlsroad_pipeline.datasets.formats.las_header import (
     LASZIP,
-    RECORD_SIZES,
     LasHeader,
 )
 
@@ -72,6 +71,7 @@ class RecordReader:
         self._stream = path.open("rb")
         self._position = 0
         self._decompressor = None
+        self._octree: VariableChunks | None = None
         try:
             if header.compressed and header.n_points:
                 self._decompressor = self._open_laz(n_threads, select)
@@ -111,6 +111,8 @@ class RecordReader:
         buffer = bytearray((stop - start) * self.header.record_size)
         if not buffer:
             return np.empty(0, dtype=self.dtype)
+        if self._octree is not None:
+            return self._octree.read(start, stop).view(self.dtype)
         if self._decompressor is None:
             self._stream.seek(self.header.point_offset + start * self.header.record_size)
             if self._stream.readinto(buffer) != len(buffer):
@@ -121,6 +123,7 @@ class RecordReader:
 
     def _decompress(self, buffer: bytearray, start: int, stop: int) -> None:
         assert self._decompressor is not None
+        self._check_layers(start, stop)
         try:
             if start != self._position:
                 self._decompressor.seek(start)
@@ -130,6 +133,16 @@ class RecordReader:
             rows = f"rows {start} to {stop - 1}"
             raise ReadError(f"{self.path} is damaged or truncated within {rows}: {error}") from error
         self._position = stop
+
+    def _check_layers(self, start: int, stop: int) -> None:
+        """Look at the chunks of a range before they are decompressed, each once."""
+        here = self._stream.tell()
+        for number in range(start // self._chunk_size, -(-stop // self._chunk_size)):
+            if number in self._unchecked:
+                _, n_bytes = self._unchecked.pop(number)
+                n_points = min(self._chunk_size, self.header.n_points - number * self._chunk_size)
+                check_layers(self._stream, self.header, (int(self._begins[number]), n_bytes, n_points), self.path)
+        self._stream.seek(here)
 
     def _check_size(self) -> None:
         header, size = self.header, self.path.stat().st_size
@@ -149,58 +162,13 @@ class RecordReader:
                     f"{self.path} is damaged: its LASzip record describes points of {laz.item_size()} bytes, "
                     f"its header of {expected}"
                 )
-            check_chunk_table(self._stream, self.header, laz, self.path)
+            chunks = check_chunk_table(self._stream, self.header, laz, self.path)
+            if laz.uses_variable_size_chunks():
+                self._octree = VariableChunks(self._stream, self.header, self.path, vlr.data, chunks, select)
+            self._chunk_size, self._unchecked = laz.chunk_size(), dict(enumerate(chunks))
+            self._begins = self.header.point_offset + 8 + np.cumsum([0, *(n_bytes for _, n_bytes in chunks)])
             self._stream.seek(self.header.point_offset)
             kind = lazrs.ParLasZipDecompressor if n_threads > 1 else lazrs.LasZipDecompressor
             return kind(self._stream, vlr.data, lazrs.DecompressionSelection(select))
         except lazrs.LazrsError as error:
             raise ReadError(f"{self.path} is damaged: {error}") from error
-
-
-def check_chunk_table(stream: BinaryIO, header: LasHeader, laz: lazrs.LazVlr, path: Path) -> None:
-    """Refuse a chunk table that cannot be true, before the decompressor believes it.
-
-    Parameters
-    ----------
-    stream : binary stream
-        The file.
-    header : LasHeader
-        Its header.
-    laz : lazrs.LazVlr
-        Its LASzip record.
-    path : Path
-        What messages call it.
-
-    Raises
-    ------
-    ReadError
-        If the table lies outside the file or disagrees with the number of points or the size of the file.
-    """
-    size = stream.seek(0, 2)
-    begin = header.point_offset
-    if begin + 8 > size:
-        raise ReadError(f"{path} is truncated: it ends at byte {size}, its points begin at {begin}")
-    stream.seek(begin)
-    table = struct.unpack("<q", stream.read(8))[0]
-    if table == -1:  # a writer that could not seek back states it at the end
-        stream.seek(size - 8)
-        table = struct.unpack("<q", stream.read(8))[0]
-    if not begin + 8 <= table <= size - 8:
-        raise ReadError(f"{path} is truncated: its chunk table would be at byte {table}, and it has {size} bytes")
-    stream.seek(table)
-    n_chunks = struct.unpack("<II", stream.read(8))[1]
-    smallest = RECORD_SIZES[header.point_format]  # a chunk begins with one uncompressed point
-    if n_chunks > (table - begin) // smallest:
-        raise ReadError(f"{path} is damaged: {n_chunks} chunks in {table - begin} bytes of points")
-    stream.seek(begin)
-    chunks = lazrs.read_chunk_table(stream, laz)
-    n_bytes = sum(b for _, b in chunks)
-    if laz.uses_variable_size_chunks():
-        fits = sum(n for n, _ in chunks) == header.n_points
-    else:
-        fits = len(chunks) == -(-header.n_points // laz.chunk_size())
-    if not fits or begin + 8 + n_bytes > table:
-        raise ReadError(
-            f"{path} is damaged: {len(chunks)} chunks of {n_bytes} bytes for {header.n_points} points "
-            f"in {table - begin - 8} bytes"
-        )

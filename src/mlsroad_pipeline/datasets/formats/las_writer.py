@@ -73,8 +73,23 @@ class RecordWriter:
         """
         if not len(records):
             return
+        self.count_only(records)
         if self._compressor is not None and self.header.point_format in WAVEFORM_FORMATS:
             self._check_channel(records)
+        data = np.frombuffer(records, dtype=np.uint8)
+        if self._compressor is None:
+            self._stream.write(data.data)
+        else:
+            self._compressor.compress_many(data)
+
+    def count_only(self, records: NDArray) -> None:
+        """Take records into counts and bounds without writing them.
+
+        Parameters
+        ----------
+        records : structured ndarray of shape (n,)
+            Records of the header's layout, at least one.
+        """
         for axis, name in enumerate("XYZ"):
             self._low[axis] = min(self._low[axis], int(records[name].min()))
             self._high[axis] = max(self._high[axis], int(records[name].max()))
@@ -82,11 +97,6 @@ class RecordWriter:
         bits = np.bincount(records["bit_fields"], minlength=256)
         self._returns += np.bincount(np.arange(256) & mask, weights=bits, minlength=16).astype(np.int64)
         self.count += len(records)
-        data = np.frombuffer(records, dtype=np.uint8)
-        if self._compressor is None:
-            self._stream.write(data.data)
-        else:
-            self._compressor.compress_many(data)
 
     def _check_channel(self, records: NDArray) -> None:
         channels = np.unique(records["classification_flags"] & CHANNEL_BITS)
@@ -112,18 +122,37 @@ class RecordWriter:
         for vlr in self.header.evlrs:
             self._stream.write(vlr.pack(extended=True))
         self._stream.seek(0)
-        self._stream.write(pack_header(self._finished(end)))
+        self._stream.write(pack_header(self.finished_header(self.header, end)))
         self._stream.seek(0, 2)
 
-    def _finished(self, end: int) -> LasHeader:
-        header = self.header
+    def finished_header(self, header: LasHeader, end: int) -> LasHeader:
+        """Return a header with the counts, bounds and returns of the records so far.
+
+        Parameters
+        ----------
+        header : LasHeader
+            The header.
+        end : int
+            Where the extended records begin.
+
+        Returns
+        -------
+        LasHeader
+            The header, right.
+
+        Raises
+        ------
+        DataError
+            If there are more points than the version can count.
+        """
         empty = self.count == 0
         scaled = (np.stack([self._high, self._low], axis=1) * header.scale[:, None]) + header.offset[:, None]
         bounds = np.zeros(6) if empty else np.sort(scaled, axis=1)[:, ::-1].ravel()
         stated = header.bounds[::-1].T.ravel()
         if (np.abs(stated - bounds) <= np.repeat(np.abs(header.scale), 2) / 2).all():
             bounds = stated  # the same, but for how the first writer rounded
-        legacy = header.point_format < 6 and self.count < 2**32
+        new_only = header.minor >= 4 and not header.integer("I", 107) and header.integer("Q", 247) > 0
+        legacy = header.point_format < 6 and self.count < 2**32 and not new_only  # as the first writer had it
         if header.minor < 4 and not legacy:
             raise DataError(f"LAS 1.{header.minor} cannot hold {self.count} points; write point format 6 or above")
         by_return = self._returns[1:]
@@ -135,13 +164,14 @@ class RecordWriter:
             changes.append(("QI", 235, (end if header.evlrs else 0, len(header.evlrs))))
             changes.append(("Q15Q", 247, (self.count, *by_return)))
         if header.minor >= 3:
-            changes.append(("Q", 227, self._waveform_start(end)))
+            changes.append(("Q", 227, _waveform_start(header, end)))
         return header.patched(*changes)
 
-    def _waveform_start(self, end: int) -> int:
-        position = end
-        for vlr in self.header.evlrs:
-            if vlr.key == (b"LASF_Spec", 65535):
-                return position
-            position += 60 + len(vlr.data)
-        return 0
+
+def _waveform_start(header: LasHeader, end: int) -> int:
+    position = end
+    for vlr in header.evlrs:
+        if vlr.key == (b"LASF_Spec", 65535):
+            return position
+        position += 60 + len(vlr.data)
+    return 0

@@ -20,8 +20,10 @@ from mlsroad_pipeline.datasets.formats.flat_table import join_rows, number_text
 from mlsroad_pipeline.datasets.formats.kitti import label_path
 from mlsroad_pipeline.datasets.formats.ply import PlyFormat, vertex_rows
 from mlsroad_pipeline.datasets.formats.ply_header import PlyHeader, read_ply_header
-from mlsroad_pipeline.datasets.formats.text import TextFormat, open_table
-from mlsroad_pipeline.datasets.formats.text_rows import WHITESPACE, TextRows
+from mlsroad_pipeline.datasets.formats.text import TextFormat
+from mlsroad_pipeline.datasets.formats.text_layout import open_table
+from mlsroad_pipeline.datasets.formats.text_rows import TextRows
+from mlsroad_pipeline.datasets.formats.text_values import WHITESPACE
 
 CLASS, CONFIDENCE = "classification", "confidence"
 BLOCK = 1 << 24

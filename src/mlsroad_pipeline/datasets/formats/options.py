@@ -70,6 +70,8 @@ class ReadOptions:
         What the codes of the `label` column mean; they become taxonomy codes, uint8. Without one they stay as they are.
     delimiter : str, optional
         Text: one character, or ``"whitespace"`` for any run of blanks. None finds it from the first rows.
+    decimal : {".", ","}, optional
+        Text: what stands before a fraction. None finds it from the first rows.
     header : bool, optional
         Text: whether a row of names precedes the points. None finds it from the first row.
     comment : str, default "#"
@@ -79,8 +81,14 @@ class ReadOptions:
         1, 255 and 65535 that holds the file's maximum, else by it. ``"max"``: the file's maximum. Or a number.
     rgb_bits : {8, 16}, optional
         Depth of colours in fields of 16 bits. None decides from a sample spread over the file.
+    time_scale : float, default 1.0
+        Seconds in one unit of the file's times: 1e-6 where they are microseconds.
+    time_offset : float, default 0.0
+        Seconds added to the scaled times: the start of the GPS week, say, where they count from it.
     crs : str, optional
         Coordinate reference system as WKT or as an authority's code ("EPSG:28992"), in place of the file's.
+    reproject : str, optional
+        Coordinate reference system that the coordinates are turned into, as WKT or as a code; None leaves them.
     only : sequence of str, optional
         The columns to read besides the coordinates; None reads all.
     n_threads : int, default 1
@@ -97,11 +105,15 @@ class ReadOptions:
     units: str | float = "metre"
     coding: Any = None
     delimiter: str | None = None
+    decimal: str | None = None
     header: bool | None = None
     comment: str = "#"
     intensity_scale: str | float = "dtype"
     rgb_bits: int | None = None
+    time_scale: float = 1.0
+    time_offset: float = 0.0
     crs: str | None = None
+    reproject: str | None = None
     only: tuple[str, ...] | None = None
     n_threads: int = 1
 
@@ -113,6 +125,8 @@ class ReadOptions:
             object.__setattr__(self, "only", (self.only,) if isinstance(self.only, str) else tuple(self.only))
         if self.delimiter is not None and self.delimiter != "whitespace" and len(self.delimiter) != 1:
             raise ParameterError(f"delimiter must be one character or 'whitespace', got {self.delimiter!r}")
+        if self.decimal not in (None, ".", ",") or (self.decimal is not None and self.decimal == self.delimiter):
+            raise ParameterError(f"decimal must be '.' or ',' and differ from the delimiter, got {self.decimal!r}")
         if not self.comment:
             raise ParameterError("comment must not be empty, got ''")
         scale = self.intensity_scale
@@ -120,6 +134,11 @@ class ReadOptions:
             raise ParameterError(f"intensity_scale must be 'dtype', 'max' or a finite number > 0, got {scale!r}")
         if self.rgb_bits not in (None, 8, 16):
             raise ParameterError(f"rgb_bits must be 8, 16 or None, got {self.rgb_bits!r}")
+        if not np.isfinite([self.time_scale, self.time_offset]).all() or self.time_scale <= 0:
+            raise ParameterError(
+                f"time_scale must be a finite number > 0 and time_offset finite, got {self.time_scale!r}, "
+                f"{self.time_offset!r}"
+            )
         if self.n_threads < 1:
             raise ParameterError(f"n_threads must be at least 1, got {self.n_threads!r}")
 

@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.crs import write_sidecar
 from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, file_key
 from mlsroad_pipeline.datasets.formats.flat_table import scalar_columns
 from mlsroad_pipeline.datasets.formats.lzf import unpack
 from mlsroad_pipeline.datasets.formats.pcd_header import PcdField, PcdHeader, read_pcd_header
 from mlsroad_pipeline.datasets.formats.standard_columns import COLOURS, COORDINATES, NEAR
 from mlsroad_pipeline.datasets.formats.tables import PointTable, TableFormat, with_points_only
-from mlsroad_pipeline.datasets.formats.text_rows import WHITESPACE, TextBytes, TextRows, index_rows, parse_rows
+from mlsroad_pipeline.datasets.formats.text_rows import TextBytes, TextRows, index_rows
+from mlsroad_pipeline.datasets.formats.text_values import WHITESPACE, RowForm, parse_rows
 
 PACKED_COLOURS = ("rgb", "rgba")
 """Fields of four bytes that hold blue, green, red and, in the last, alpha."""
@@ -74,7 +76,7 @@ class PcdFormat(TableFormat):
         path : Path
             The file to write.
         cloud : PointCloud
-            The points; PCD holds no CRS.
+            The points; their CRS goes into a ``.prj`` beside the file.
         options : WriteOptions
             Its units.
 
@@ -104,6 +106,7 @@ class PcdFormat(TableFormat):
                 for name in names:
                     records[name] = columns[name]
                 stream.write(records.tobytes())
+        write_sidecar(Path(path), cloud.crs)
 
 
 def _record_type(cloud: PointCloud, options: WriteOptions, path: Path) -> np.dtype:
@@ -230,7 +233,9 @@ class _Parsed:
             rows = self._rows
             line = rows.first_line + start
             data = rows.read(start, stop)
-            parsed = parse_rows(data, self._width, WHITESPACE, path=rows.path, first_line=line, threads=self._threads)
+            parsed = parse_rows(
+                data, RowForm(self._width, WHITESPACE), path=rows.path, first_line=line, threads=self._threads
+            )
             last = self._last = ((start, stop), parsed)
         return last[1]
 

@@ -19,7 +19,8 @@ from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, check_
 from mlsroad_pipeline.datasets.formats.flat_table import flat_cloud, scalar_columns
 from mlsroad_pipeline.datasets.formats.ply_header import TYPES, PlyHeader, read_ply_header
 from mlsroad_pipeline.datasets.formats.standard_columns import resolve_columns
-from mlsroad_pipeline.datasets.formats.text_rows import WHITESPACE, TextBytes, TextRows, index_rows, parse_rows
+from mlsroad_pipeline.datasets.formats.text_rows import TextBytes, TextRows, index_rows
+from mlsroad_pipeline.datasets.formats.text_values import WHITESPACE, RowForm, parse_rows
 
 CHUNK = 1_000_000
 PLAIN = "".join(sorted(set(string.printable) - set("%" + string.whitespace))) + " "
@@ -181,9 +182,8 @@ def read_vertices(path: Path, header: PlyHeader, start: int, stop: int) -> Mappi
     dtype = vertex.dtype(header.order)
     if header.encoding == "ascii":
         rows = vertex_rows(path, header)
-        columns = parse_rows(
-            *(rows.read(start, stop), len(dtype.names or ()), WHITESPACE), path=path, first_line=rows.first_line + start
-        )
+        form = RowForm(len(dtype.names or ()), WHITESPACE)
+        columns = parse_rows(rows.read(start, stop), form, path=path, first_line=rows.first_line + start)
         named = zip(vertex.properties.items(), columns, strict=True)
         return {name: _typed(values, np.dtype(kind), name, path) for (name, kind), values in named}
     size, needed = path.stat().st_size - header.begin, vertex.count * dtype.itemsize

@@ -147,8 +147,10 @@ def _parsed(text: bytes, path: Path) -> PlyHeader:
                     encoding = kind
                 case ["comment", *_]:
                     comments.append(line.strip()[8:])
-                case ["element", name, count]:
+                case ["element", name, count] if count.isascii() and count.isdigit():
                     elements.append(PlyElement(name, int(count)))
+                case ["element", *_]:
+                    raise ValueError
                 case ["property", "list", _, _, name]:
                     elements[-1].properties[name] = None
                 case ["property", kind, name]:

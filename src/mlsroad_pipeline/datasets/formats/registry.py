@@ -6,21 +6,26 @@ from pathlib import Path
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
 from mlsroad_pipeline.datasets.formats.base import PointFormat
+from mlsroad_pipeline.datasets.formats.e57 import E57Format
 from mlsroad_pipeline.datasets.formats.files import check_file
 from mlsroad_pipeline.datasets.formats.kitti import KittiFormat
 from mlsroad_pipeline.datasets.formats.las import LasFormat
+from mlsroad_pipeline.datasets.formats.npz import NpzFormat
+from mlsroad_pipeline.datasets.formats.parquet import ParquetFormat
 from mlsroad_pipeline.datasets.formats.pcd import PcdFormat
 from mlsroad_pipeline.datasets.formats.ply import PlyFormat
 from mlsroad_pipeline.datasets.formats.sydney import SydneyFormat
 from mlsroad_pipeline.datasets.formats.text import TextFormat
+from mlsroad_pipeline.datasets.formats.text_layout import looks_like_table
 
 FORMATS: tuple[PointFormat, ...] = (
     *(LasFormat(), PlyFormat(), PcdFormat(), TextFormat()),
-    *(KittiFormat(), SydneyFormat()),
+    *(KittiFormat(), SydneyFormat(), E57Format()),
+    *(ParquetFormat(), NpzFormat()),
 )
 """All formats; a new one is one module and one entry here."""
 
-FOREIGN = {b"ASTM-E57": "E57", b"PK\x03\x04": "ZIP", b"\x1f\x8b": "gzip", b"\x89PNG": "PNG"}
+FOREIGN = {b"PK\x03\x04": "ZIP", b"\x1f\x8b": "gzip", b"\x89PNG": "PNG", b"\xff\xfe": "UTF-16 text"}
 """Signatures of what is not read as it stands, so that messages can name it."""
 
 
@@ -80,6 +85,8 @@ def get_format(path: str | Path) -> PointFormat:
         return named
     if held is not None and (named is None or path.name.lower().endswith(held.extensions)):
         return held
+    if held is None and named is None and not _foreign(head, path) and looks_like_table(path):
+        return next(entry for entry in FORMATS if isinstance(entry, TextFormat))
     content = held.name if held is not None else _foreign(head, path) or f"something that begins with {head[:8]!r}"
     if named is None:
         known = ", ".join(known_extensions())

@@ -6,10 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import pyproj
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, MissingColumnError, ParameterError
+from mlsroad_pipeline.algorithms.exceptions import DataError, MissingColumnError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import ReadOptions
 from mlsroad_pipeline.datasets.formats.column_values import (
@@ -19,18 +18,20 @@ from mlsroad_pipeline.datasets.formats.column_values import (
     join_colours,
     scale_intensity,
 )
+from mlsroad_pipeline.datasets.formats.crs import parse_crs, reproject, sidecar_crs
+from mlsroad_pipeline.datasets.formats.files import log_once
 
 COORDINATES = ("x", "y", "z")
 COLOURS = ("red", "green", "blue")
 ALIASES: dict[str, tuple[str, ...]] = {
-    "x": ("//x", "px"),
-    "y": ("py",),
-    "z": ("pz",),
+    "x": ("//x", "px", "easting", "east", "x[m]", "x(m)", "x_m"),
+    "y": ("py", "northing", "north", "y[m]", "y(m)", "y_m"),
+    "z": ("pz", "elevation", "height", "altitude", "z[m]", "z(m)", "z_m"),
     "red": ("r", "diffuse_red"),
     "green": ("g", "diffuse_green"),
     "blue": ("b", "diffuse_blue"),
-    "intensity": ("scalar_intensity", "reflectance"),
-    "gps_time": ("scalar_gpstime", "gpstime", "timestamp"),
+    "intensity": ("scalar_intensity", "reflectance", "amplitude", "i"),
+    "gps_time": ("scalar_gpstime", "gpstime", "timestamp", "gps time", "gps_seconds"),
     "label": ("scalar_label", "semantic"),
 }
 """Standard name to what other programs call it, in lower case."""
@@ -64,11 +65,16 @@ def resolve_columns(file_names: Sequence[str], options: ReadOptions, source: Pat
     """
     chosen = _mapped(file_names, options, source)
     taken = set(chosen.values())
+    exact = {name.lower() for name in file_names}
     for name in file_names:
         if name in taken:
             continue
         lower = name.lower()
-        standard = next((key for key, other in ALIASES.items() if lower == key or lower in other), name)
+        standard = lower if lower in ALIASES else name
+        meant = next((key for key, other in ALIASES.items() if lower in other), None)
+        if meant is not None and meant not in exact and meant not in chosen:
+            standard = meant
+            log_once(str(source), f"column {name!r} is taken for {meant}")
         chosen[f"file_{name}" if standard in chosen else standard] = name
     for name in COORDINATES:
         if name not in chosen:
@@ -157,6 +163,7 @@ def standard_cloud(
     source: Path,
     origin: NDArray[np.float64],
     crs: str | None,
+    anchor: NDArray[np.float64],
     maximum: Callable[[Sequence[str]], float],
 ) -> PointCloud:
     """Build a point cloud from columns of a range of a file.
@@ -174,7 +181,9 @@ def standard_cloud(
     origin : ndarray of shape (3,)
         World coordinates of the local zero.
     crs : str or None
-        The file's own CRS as WKT; the options' one goes before it.
+        The file's own CRS as WKT; the options' one goes before it, that of a sidecar after it.
+    anchor : ndarray of shape (3,)
+        World coordinates of some point of the file, the same for all ranges: a reprojected cloud's origin is near it.
     maximum : callable
         Takes given names, returns the greatest value of these columns over the whole file.
 
@@ -199,37 +208,20 @@ def standard_cloud(
         parts = [columns.pop(name) for name in COLOURS]
         if np.issubdtype(parts[0].dtype, np.floating):
             greatest = maximum(COLOURS)
-            columns["rgb"] = join_colours([float_colours(p, greatest) for p in parts], 0, source=source)
+            columns["rgb"] = join_colours([float_colours(p, greatest, source=source) for p in parts], 0, source=source)
         else:
             shift = 8 if parts[0].dtype.itemsize == 2 and options.rgb_bits != 8 else 0
             columns["rgb"] = join_colours(parts, shift, source=source)
+    if "gps_time" in columns and (options.time_scale != 1.0 or options.time_offset):
+        columns["gps_time"] = columns["gps_time"].astype(np.float64) * options.time_scale + options.time_offset
     for name in INTEGER_COLUMNS:
         if name in columns:
             columns[name] = integer_labels(columns[name], name, source=source)
     if options.coding is not None and "label" in columns:
         columns["label"] = options.coding.encode(columns["label"], source=str(source))
-    return PointCloud(xyz, columns, origin, parse_crs(options.crs) if options.crs else crs, str(source))
-
-
-def parse_crs(crs: str) -> str:
-    """Return a coordinate reference system as WKT.
-
-    Parameters
-    ----------
-    crs : str
-        WKT, PROJ or an authority's code.
-
-    Returns
-    -------
-    str
-        Its WKT.
-
-    Raises
-    ------
-    ParameterError
-        If it cannot be understood.
-    """
-    try:
-        return str(pyproj.CRS.from_user_input(crs).to_wkt())
-    except pyproj.exceptions.CRSError as error:
-        raise ParameterError(f"crs {crs!r} is not a coordinate reference system: {error}") from error
+    system = parse_crs(options.crs) if options.crs else crs or sidecar_crs(source)
+    if options.reproject is None:
+        return PointCloud(xyz, columns, origin, system, str(source))
+    near = origin_near(reproject(anchor[None], system, options.reproject, name=source)[0][0])
+    moved, system = reproject(xyz + origin, system, options.reproject, name=source)
+    return PointCloud(moved - near, columns, near, system, str(source))

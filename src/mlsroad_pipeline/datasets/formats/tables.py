@@ -51,7 +51,13 @@ class PointTable:
 
 
 class TableFormat(PointFormat):
-    """A format whose files are tables; a subclass opens and writes them."""
+    """A format whose files are tables; a subclass opens and writes them.
+
+    Attributes
+    ----------
+    name, extensions, signatures
+        See `PointFormat`.
+    """
 
     @abstractmethod
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:

@@ -3,74 +3,36 @@
 from __future__ import annotations
 
 import gzip
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import ReadError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.crs import write_sidecar
 from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, check_file, clip_range, file_key
 from mlsroad_pipeline.datasets.formats.flat_table import flat_cloud, write_columns
 from mlsroad_pipeline.datasets.formats.standard_columns import resolve_columns
-from mlsroad_pipeline.datasets.formats.text_rows import (
-    WHITESPACE,
-    TextBytes,
-    TextRows,
-    index_rows,
-    is_number,
-    parse_rows,
-    split_row,
-)
-
-DELIMITERS = (";", ",", "\t")
-LAYOUTS = {".xyz_label_conf": ("x", "y", "z", "label", "confidence")}
-"""Columns of files without a row of names whose extension tells them (Oakland 3-D)."""
+from mlsroad_pipeline.datasets.formats.text_layout import TextTable, open_table
+from mlsroad_pipeline.datasets.formats.text_values import parse_rows
 
 CHUNK = 1_000_000
-HEAD = 1 << 20
-
-
-@dataclass(frozen=True)
-class TextTable:
-    """A text file's rows and what was found out about them.
-
-    Parameters
-    ----------
-    rows : TextRows
-        Where the rows are.
-    names : tuple of str
-        Names of the columns: of the file, or else `LAYOUTS` or x, y, z, column_3, ...
-    delimiter : str
-        What stands between two values, or `WHITESPACE` for any run of blanks.
-    head : bytes
-        The lines before the first row: comments, and the names if there are any.
-    has_names : bool
-        Whether the file has a row of names.
-    """
-
-    rows: TextRows
-    names: tuple[str, ...]
-    delimiter: str
-    head: bytes
-    has_names: bool
 
 
 class TextFormat(PointFormat):
     """Reader and writer of text tables.
 
-    Without a row of names the columns are x, y, z, column_3, column_4 and so on, from 0. All values are float64, but
-    `label` and `instance` int32, `rgb` uint8 and `intensity` float32.
+    Without a row of names the columns are x, y, z, column_3, column_4 and so on, from 0; colours among them are found
+    by their values (`text_layout`). Columns of words are left out. All values are float64, but `label` and `instance`
+    int32, `rgb` uint8 and `intensity` float32.
     """
 
     name = "text"
     extensions: tuple[str, ...] = (
-        *(".txt", ".xyz", ".csv", ".asc", ".xyz_label_conf"),
-        *(".txt.gz", ".xyz.gz", ".csv.gz", ".asc.gz", ".xyz_label_conf.gz"),
+        *(".txt", ".xyz", ".csv", ".asc", ".pts", ".xyz_label_conf"),
+        *(".txt.gz", ".xyz.gz", ".csv.gz", ".asc.gz", ".pts.gz", ".xyz_label_conf.gz"),
     )
     signatures: tuple[bytes, ...] = ()
 
@@ -100,7 +62,7 @@ class TextFormat(PointFormat):
         table = open_table(path, options)
         first = self.read(path, options, start=0, stop=1)
         columns = {name: values.dtype for name, values in first.columns.items()}
-        details = {"delimiter": table.delimiter, "names": table.names}
+        details = {"delimiter": table.delimiter, "decimal": table.form.decimal, "names": table.names}
         return FileInfo(path, self.name, table.rows.n_rows, columns, first.origin, first.crs, None, details)
 
     def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
@@ -132,7 +94,9 @@ class TextFormat(PointFormat):
         path = check_file(path)
         table = open_table(path, options)
         start, stop = clip_range(start, stop, table.rows.n_rows)
-        names = resolve_columns(table.names, options, path)
+        if table.guess and not options.columns:
+            options = replace(options, columns=table.guess)
+        names = resolve_columns(table.numeric_names, options, path)
         raw = _columns(table, start, stop, options.n_threads > 1)
         first = _columns(table, 0, 1, False)
         return flat_cloud(
@@ -168,94 +132,14 @@ class TextFormat(PointFormat):
                 out.write(write_columns(part, options, with_names=begin == 0))
             if packed is not None:
                 packed.close()
+        write_sidecar(Path(path), cloud.crs)
 
 
 def _columns(table: TextTable, start: int, stop: int, threads: bool) -> dict[str, NDArray[np.float64]]:
     data = table.rows.read(start, stop)
     line = table.rows.first_line + start
-    parsed = parse_rows(data, len(table.names), table.delimiter, path=table.rows.path, first_line=line, threads=threads)
-    return dict(zip(table.names, parsed, strict=True))
-
-
-def open_table(path: Path, options: ReadOptions) -> TextTable:
-    """Find a text file's delimiter, names and rows.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    options : ReadOptions
-        Its `delimiter`, `header` and `comment`.
-
-    Returns
-    -------
-    TextTable
-        What was found; remembered as long as the file does not change.
-
-    Raises
-    ------
-    ReadError
-        If there is no row.
-    """
-    return _open_table(file_key(path), options.delimiter, options.header, options.comment)
-
-
-@lru_cache(maxsize=4)
-def _open_table(key: FileKey, delimiter: str | None, header: bool | None, comment: str) -> TextTable:
-    path = Path(key[0])
-    text = TextBytes(path)
-    lines = text.read(HEAD).splitlines(keepends=True)
-    n_head = next((i for i, line in enumerate(lines) if line.strip() and not _is_comment(line, comment)), len(lines))
-    if n_head == len(lines):
-        raise ReadError(f"{path} has no rows of points")
-    sample = [
-        line.decode("utf-8-sig", "replace").rstrip("\r\n") for line in lines[n_head : n_head + 20] if line.strip()
-    ]
-    found = delimiter or _sniffed(sample[-1] if len(sample) < 3 else sample[1])
-    first = split_row(sample[0].lstrip("/"), found)
-    has_names = header if header is not None else not all(is_number(value) for value in first)
-    if header is None and has_names and sum(is_number(value) for value in first) > 0:
-        raise ReadError(f"{path}, line {n_head + 1}: neither numbers nor names: {sample[0]!r}")
-    if has_names and n_head + 1 == len(lines):
-        raise ReadError(f"{path} has no rows of points")
-    row_line = n_head + int(has_names)
-    begin = sum(len(line) for line in lines[:row_line])
-    if n_head == 0 and not has_names and lines[0].startswith(b"\xef\xbb\xbf"):
-        begin = 3
-    width = len(split_row(sample[int(has_names and len(sample) > 1)], found))
-    names = _names(first, width, path, n_head + 1) if has_names else _default_names(path, width)
-    rows = index_rows(path, text, begin, row_line + 1)
-    return TextTable(rows, names, found, b"".join(lines[:row_line]), has_names)
-
-
-def _is_comment(line: bytes, comment: str) -> bool:
-    return line.lstrip(b"\xef\xbb\xbf \t").startswith(comment.encode())
-
-
-def _sniffed(row: str) -> str:
-    found = next((d for d in DELIMITERS if d in row.strip()), None)
-    if found is not None:
-        return found
-    return WHITESPACE if "  " in row or row != row.strip() else " "
-
-
-def _names(values: Sequence[str], width: int, path: Path, line: int) -> tuple[str, ...]:
-    names = tuple(value.strip('"') for value in values)
-    if len(names) != width:
-        raise ReadError(f"{path}, line {line}: {len(names)} names for {width} values")
-    if len(set(names)) < len(names):
-        raise ReadError(f"{path}, line {line}: a name stands twice: {', '.join(names)}")
-    return names
-
-
-def _default_names(path: Path, width: int) -> tuple[str, ...]:
-    name = path.name.lower().removesuffix(".gz")
-    known = next((layout for e, layout in LAYOUTS.items() if name.endswith(e) and len(layout) == width), ())
-    if known:
-        return known
-    if width < 3:
-        raise ReadError(f"{path} has {width} values a row; x, y and z are the least")
-    return ("x", "y", "z", *(f"column_{i}" for i in range(3, width)))
+    parsed = parse_rows(data, table.form, path=table.rows.path, first_line=line, threads=threads)
+    return dict(zip(table.numeric_names, parsed, strict=True))
 
 
 def file_maximum(table: TextTable, names: tuple[str, ...]) -> float:

@@ -1,10 +1,9 @@
-"""Rows of numbers in text files: found by range, parsed fast, and named by line when they are wrong."""
+"""Rows of text files, plain or gzip, found by range."""
 
 from __future__ import annotations
 
 import gzip
 import os
-import re
 import shutil
 import tempfile
 import weakref
@@ -13,8 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
@@ -23,9 +20,6 @@ STRIDE = 50_000
 """The position of every so-manieth row is remembered."""
 
 BLOCK = 1 << 24
-PARSE_BLOCK = 1 << 22
-WHITESPACE = "whitespace"
-MISSING = ("", "nan", "NaN", "NAN", "null", "NA")
 
 
 class TextBytes:
@@ -183,115 +177,3 @@ def _end_of_text(text: TextBytes, begin: int) -> int:
             return at + (line_end + 1 if line_end >= 0 else len(tail))
         end = at
     return begin
-
-
-def parse_rows(
-    data: bytes, width: int, delimiter: str, *, path: Path, first_line: int, threads: bool = False
-) -> list[NDArray[np.float64]]:
-    """Parse rows of numbers.
-
-    Parameters
-    ----------
-    data : bytes
-        Whole rows.
-    width : int
-        Numbers per row.
-    delimiter : str
-        One character, or ``"whitespace"`` for any run of blanks.
-    path : Path
-        What messages call the file.
-    first_line : int
-        Line number of the first row.
-    threads : bool, default False
-        Whether the parser may use all processors.
-
-    Returns
-    -------
-    list of ndarray of shape (n,), float64
-        The columns; an empty or "nan" value is NaN.
-
-    Raises
-    ------
-    ReadError
-        If a row has another number of values or one is not a number; the message gives file, line and content.
-    """
-    if not data:
-        return [np.empty(0) for _ in range(width)]
-    n_rows = data.count(b"\n") + (not data.endswith(b"\n"))
-    try:
-        columns = _parse(data, width, delimiter, threads)
-    except pa.ArrowInvalid as error:
-        if delimiter not in (" ", "\t"):
-            raise _explained(data, width, delimiter, path=path, first_line=first_line, reason=str(error)) from error
-        return parse_rows(data, width, WHITESPACE, path=path, first_line=first_line, threads=threads)
-    if len(columns[0]) != n_rows:  # the parser skips blank lines
-        reason = f"{len(columns[0])} of {n_rows} rows hold numbers"
-        raise _explained(data, width, delimiter, path=path, first_line=first_line, reason=reason)
-    return columns
-
-
-def _parse(data: bytes, width: int, delimiter: str, threads: bool) -> list[NDArray[np.float64]]:
-    if delimiter == WHITESPACE:
-        data = re.sub(rb"(?m)^ +| +(?=\r?$)", b"", re.sub(rb"[ \t]+", b" ", data))
-    names = [str(i) for i in range(width)]
-    table = pa.csv.read_csv(
-        pa.BufferReader(data),
-        read_options=pa.csv.ReadOptions(column_names=names, use_threads=threads, block_size=PARSE_BLOCK),
-        parse_options=pa.csv.ParseOptions(delimiter=" " if delimiter == WHITESPACE else delimiter, quote_char=False),
-        convert_options=pa.csv.ConvertOptions(column_types=dict.fromkeys(names, pa.float64()), null_values=MISSING),
-    )
-    return [column.to_numpy() for column in table.columns]
-
-
-def split_row(line: str, delimiter: str) -> list[str]:
-    """Return the values of one row as text.
-
-    Parameters
-    ----------
-    line : str
-        The row.
-    delimiter : str
-        One character, or ``"whitespace"``.
-
-    Returns
-    -------
-    list of str
-        The values, blanks around them removed.
-    """
-    if delimiter in (WHITESPACE, " ", "\t"):
-        return line.split()
-    return [value.strip() for value in line.strip().split(delimiter)]
-
-
-def is_number(text: str) -> bool:
-    """Tell whether a value is a number or stands for a missing one.
-
-    Parameters
-    ----------
-    text : str
-        The value.
-
-    Returns
-    -------
-    bool
-        True for what `parse_rows` accepts.
-    """
-    if text in MISSING:
-        return True
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return "_" not in text
-
-
-def _explained(data: bytes, width: int, delimiter: str, *, path: Path, first_line: int, reason: str) -> ReadError:
-    for number, line in enumerate(data.decode("utf-8", "replace").splitlines(), start=first_line):
-        values = split_row(line, delimiter)
-        shown = line if len(line) <= 100 else line[:97] + "..."
-        if len(values) != width:
-            return ReadError(f"{path}, line {number}: {len(values)} values instead of {width}: {shown!r}")
-        wrong = next((value for value in values if not is_number(value)), None)
-        if wrong is not None:
-            return ReadError(f"{path}, line {number}: {wrong!r} is not a number: {shown!r}")
-    return ReadError(f"{path}, lines from {first_line}: {reason}")

@@ -1,12 +1,11 @@
 """Wiring of the bottom-up and top-down descriptors."""
 
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.bottom_up_top_down.nodes import (
-    describe_objects_of_bottom_up_top_down,
-    detect_by_bottom_up_top_down,
-    train_bottom_up_top_down,
-)
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import BottomUpTopDownParameters
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down_training import train_bottom_up_top_down
+from mlsroad_pipeline.algorithms.baselines.oriented_points import describe_surfaces
+from mlsroad_pipeline.pipelines.detector import create_detector_pipeline
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -22,34 +21,10 @@ def create_pipeline(**_: object) -> Pipeline:
     Pipeline
         ``scenes``, ``objects`` and ``object_classes`` to ``bottom_up_top_down.model`` and its ``detections``.
     """
-    return Pipeline(
-        [
-            Node(
-                describe_objects_of_bottom_up_top_down,
-                inputs=["scenes", "objects", "params:bottom_up_top_down"],
-                outputs="bottom_up_top_down.parts",
-                name="describe_objects_of_bottom_up_top_down",
-            ),
-            Node(
-                train_bottom_up_top_down,
-                inputs=[
-                    "bottom_up_top_down.parts",
-                    "object_classes",
-                    "params:bottom_up_top_down",
-                    "params:ground_removal",
-                    "params:segmentation",
-                    "params:detection",
-                    "params:survey",
-                    "params:classes",
-                ],
-                outputs=["bottom_up_top_down.model", "bottom_up_top_down.registered_model"],
-                name="train_bottom_up_top_down",
-            ),
-            Node(
-                detect_by_bottom_up_top_down,
-                inputs=["bottom_up_top_down.parts", "bottom_up_top_down.model"],
-                outputs="bottom_up_top_down.detections",
-                name="detect_by_bottom_up_top_down",
-            ),
-        ]
+    return create_detector_pipeline(
+        "bottom_up_top_down",
+        parameters=BottomUpTopDownParameters,
+        describe=describe_surfaces,
+        described_by="surfaces",
+        train=train_bottom_up_top_down,
     )

@@ -1,12 +1,11 @@
 """Wiring of the Hough forest."""
 
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.hough_forest.nodes import (
-    describe_objects_of_hough_forest,
-    detect_by_hough_forest,
-    train_hough_forest,
-)
+from mlsroad_pipeline.algorithms.baselines.hough_forest import HoughForestParameters
+from mlsroad_pipeline.algorithms.baselines.hough_forest_training import train_hough_forest
+from mlsroad_pipeline.algorithms.baselines.object_parts import describe_parts
+from mlsroad_pipeline.pipelines.detector import create_detector_pipeline
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -22,34 +21,10 @@ def create_pipeline(**_: object) -> Pipeline:
     Pipeline
         ``scenes``, ``objects`` and ``object_classes`` to ``hough_forest.model`` and ``hough_forest.detections``.
     """
-    return Pipeline(
-        [
-            Node(
-                describe_objects_of_hough_forest,
-                inputs=["scenes", "objects", "params:hough_forest"],
-                outputs="hough_forest.parts",
-                name="describe_objects_of_hough_forest",
-            ),
-            Node(
-                train_hough_forest,
-                inputs=[
-                    "hough_forest.parts",
-                    "object_classes",
-                    "params:hough_forest",
-                    "params:ground_removal",
-                    "params:segmentation",
-                    "params:detection",
-                    "params:survey",
-                    "params:classes",
-                ],
-                outputs=["hough_forest.model", "hough_forest.registered_model"],
-                name="train_hough_forest",
-            ),
-            Node(
-                detect_by_hough_forest,
-                inputs=["hough_forest.parts", "hough_forest.model"],
-                outputs="hough_forest.detections",
-                name="detect_by_hough_forest",
-            ),
-        ]
+    return create_detector_pipeline(
+        "hough_forest",
+        parameters=HoughForestParameters,
+        describe=describe_parts,
+        described_by="regions",
+        train=train_hough_forest,
     )

@@ -1,33 +1,35 @@
 """A survey looked at before anything is done with it."""
 
 import logging
+from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.quality_storage import quality_reports
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.survey_plan import SurveyPlan
+from mlsroad_pipeline.datasets.inspect_report import survey_facts, survey_page, survey_warnings
+from mlsroad_pipeline.datasets.inspect_work import InspectParameters, inspect_survey
+from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
 
 logger = logging.getLogger(__name__)
 
 
-def warn_of_quality(plan: SurveyPlan, pieces: SceneCollection) -> pd.DataFrame:
-    """Log what is wrong with each file, and list it.
+def inspect_files(parameters: InspectParameters, survey: SurveyParameters) -> tuple[dict[str, Any], str, pd.DataFrame]:
+    """Look through the files of a survey, log what is wrong with each, and report.
 
     Parameters
     ----------
-    plan : SurveyPlan
-        The files.
-    pieces : SceneCollection
-        Their ranges, inspected.
+    parameters : InspectParameters
+        The survey to inspect.
+    survey : SurveyParameters
+        The survey of the comparison, inspected where no other is named.
 
     Returns
     -------
-    DataFrame
-        Columns ``file`` and ``warning``.
+    tuple of dict, str and DataFrame
+        All figures as plain data, the page, and the warnings (columns ``file`` and ``warning``).
     """
-    reports = quality_reports({f.source.name: f.key for f in plan.files}, pieces.load_all("quality"))
-    found = [(name, warning) for name, report in reports.items() for warning in report.warnings()]
-    for name, warning in found:
-        logger.warning("%s: %s", name, warning)
-    return pd.DataFrame(found, columns=["file", "warning"])
+    root = parameters.survey or str(survey.root)
+    files, unread = inspect_survey(parameters, root=root, read=parameters.read if parameters.survey else survey.read)
+    warnings = survey_warnings(files, unread)
+    for row in warnings.itertuples():
+        logger.warning("%s: %s", row.file, row.warning)
+    return survey_facts(root, files, warnings), survey_page(root, files, warnings), warnings

@@ -2,12 +2,11 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.pipelines.ingest.pipeline import create_pipeline as create_ingest
-from mlsroad_pipeline.pipelines.inspect.nodes import warn_of_quality
+from mlsroad_pipeline.pipelines.inspect.nodes import inspect_files
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: a survey's files to their quality and to warnings.
+    """Return the pipeline: a survey's files to a report on their quality, and to warnings.
 
     Parameters
     ----------
@@ -17,7 +16,15 @@ def create_pipeline(**_: object) -> Pipeline:
     Returns
     -------
     Pipeline
-        ``simulate`` and ``ingest``, and ``survey_warnings``.
+        ``inspect.survey`` to ``inspection``, ``inspection_report`` and ``survey_warnings``.
     """
-    warn = Node(warn_of_quality, inputs=["survey_plan", "pieces"], outputs="survey_warnings", name="warn_of_quality")
-    return create_ingest() + Pipeline([warn])
+    return Pipeline(
+        [
+            Node(
+                inspect_files,
+                inputs=["params:inspect", "params:survey"],
+                outputs=["inspection", "inspection_report", "survey_warnings"],
+                name="inspect_files",
+            )
+        ]
+    )

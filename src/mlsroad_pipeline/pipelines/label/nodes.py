@@ -181,6 +181,7 @@ def write_labelled_files(
     dict of str to SceneTask
         One task per file.
     """
+    copies = {"copc": parameters.copc, "coloured_ply": parameters.coloured_ply}
     return {
         output.file.key: SceneTask(
             write_file,
@@ -188,7 +189,7 @@ def write_labelled_files(
             output.parameters(plan.options),
             outputs=output.written,
         )
-        for output in planned_outputs(plan, pieces, results, str(parameters.output))
+        for output in planned_outputs(plan, pieces, results, str(parameters.output), **copies)
     }
 
 

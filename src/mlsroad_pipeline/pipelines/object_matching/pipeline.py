@@ -1,12 +1,11 @@
 """Wiring of the object matching."""
 
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.object_matching.nodes import (
-    describe_objects_of_object_matching,
-    detect_by_object_matching,
-    train_object_matching,
-)
+from mlsroad_pipeline.algorithms.baselines.object_matching import ObjectMatchingParameters
+from mlsroad_pipeline.algorithms.baselines.object_matching_training import train_object_matching
+from mlsroad_pipeline.algorithms.baselines.object_parts import describe_parts
+from mlsroad_pipeline.pipelines.detector import create_detector_pipeline
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -22,34 +21,10 @@ def create_pipeline(**_: object) -> Pipeline:
     Pipeline
         ``scenes``, ``objects`` and ``object_classes`` to ``object_matching.model`` and ``object_matching.detections``.
     """
-    return Pipeline(
-        [
-            Node(
-                describe_objects_of_object_matching,
-                inputs=["scenes", "objects", "params:object_matching"],
-                outputs="object_matching.parts",
-                name="describe_objects_of_object_matching",
-            ),
-            Node(
-                train_object_matching,
-                inputs=[
-                    "object_matching.parts",
-                    "object_classes",
-                    "params:object_matching",
-                    "params:ground_removal",
-                    "params:segmentation",
-                    "params:detection",
-                    "params:survey",
-                    "params:classes",
-                ],
-                outputs=["object_matching.model", "object_matching.registered_model"],
-                name="train_object_matching",
-            ),
-            Node(
-                detect_by_object_matching,
-                inputs=["object_matching.parts", "object_matching.model"],
-                outputs="object_matching.detections",
-                name="detect_by_object_matching",
-            ),
-        ]
+    return create_detector_pipeline(
+        "object_matching",
+        parameters=ObjectMatchingParameters,
+        describe=describe_parts,
+        described_by="regions",
+        train=train_object_matching,
     )

@@ -1,12 +1,10 @@
 """Wiring of the visual words."""
 
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.visual_words.nodes import (
-    describe_objects_of_scenes,
-    detect_objects_of_scenes,
-    train_visual_words,
-)
+from mlsroad_pipeline.algorithms.visual_words.labeller import describe_objects
+from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters, train_detector
+from mlsroad_pipeline.pipelines.detector import create_detector_pipeline
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -22,34 +20,11 @@ def create_pipeline(**_: object) -> Pipeline:
     Pipeline
         ``scenes``, ``objects`` and ``object_classes`` to ``visual_words.model`` and ``visual_words.detections``.
     """
-    return Pipeline(
-        [
-            Node(
-                describe_objects_of_scenes,
-                inputs=["scenes", "objects", "params:visual_words"],
-                outputs="visual_words.groups",
-                name="describe_objects_of_scenes",
-            ),
-            Node(
-                train_visual_words,
-                inputs=[
-                    "visual_words.groups",
-                    "object_classes",
-                    "params:visual_words",
-                    "params:ground_removal",
-                    "params:segmentation",
-                    "params:detection",
-                    "params:survey",
-                    "params:classes",
-                ],
-                outputs=["visual_words.model", "visual_words.registered_model"],
-                name="train_visual_words",
-            ),
-            Node(
-                detect_objects_of_scenes,
-                inputs=["visual_words.groups", "visual_words.model"],
-                outputs="visual_words.detections",
-                name="detect_objects_of_scenes",
-            ),
-        ]
+    return create_detector_pipeline(
+        "visual_words",
+        parameters=VisualWordsParameters,
+        describe=describe_objects,
+        described_by="groups",
+        train=train_detector,
+        parts="groups",
     )

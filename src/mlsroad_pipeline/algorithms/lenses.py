@@ -110,3 +110,22 @@ def trusted_radius(k: NDArray[np.float64], distortion: NDArray[np.float64], widt
     u, v = np.meshgrid([-0.5, width - 0.5], [-0.5, height - 0.5])
     corners = np.column_stack([(u.ravel() - k[0, 2]) / k[0, 0], (v.ravel() - k[1, 2]) / k[1, 1]])
     return float(_MARGIN * (undistort(corners, distortion) ** 2).sum(axis=1).max())
+
+
+def fold_radius(distortion: NDArray[np.float64]) -> float:
+    """Return the radius in the ideal plane up to which a lens keeps the order of places along a ray from its centre.
+
+    Parameters
+    ----------
+    distortion : ndarray of shape (5,), float64
+        As for `distort`.
+
+    Returns
+    -------
+    float
+        The least r > 0 at which d/dr (r + k1 r^3 + k2 r^5 + k3 r^7) is 0; beyond it the polynomial puts places back
+        into the image that are not in it. Infinite where there is none.
+    """
+    roots = np.roots([7 * distortion[4], 5 * distortion[1], 3 * distortion[0], 1.0])
+    squares = roots.real[(np.abs(roots.imag) < 1e-9 * np.maximum(np.abs(roots.real), 1e-300)) & (roots.real > 0)]
+    return float(np.sqrt(squares.min())) if len(squares) else float("inf")

@@ -1,0 +1,111 @@
+"""Recognisers on the Sydney Urban Objects: each fold by what the others teach, over seeds, with time.
+
+    python benchmarks/sydney_recognition.py FOLDER --methods jointnet spin_image --seeds 1 2 3 --jobs 2
+
+`--inner` scores settings without the fold that is tested: of each pair of folds the first teaches and the second is
+recognised.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from dataclasses import replace
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from joblib import Parallel, delayed
+from sklearn.metrics import f1_score
+
+from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.recognisers import METHODS, VIEW_OF, _import, make_recogniser
+from mlsroad_pipeline.algorithms.recognition import ObjectSet
+from mlsroad_pipeline.datasets.object_files import find_folds, listed_files, read_fold
+
+CONF = Path(__file__).resolve().parents[1] / "conf/base"
+
+
+def configured(name: str) -> dict[str, Any]:
+    return yaml.safe_load((CONF / f"parameters_{name}.yml").read_text(encoding="utf-8"))[name]
+
+
+def parameters_of(slug: str, seed: int, changes: dict[str, Any]) -> Any:
+    def join(old: Any, new: Any) -> Any:
+        return {**old, **{k: join(old[k], v) for k, v in new.items()}} if isinstance(old, dict) else new
+
+    found = _import(METHODS[slug][1])(**join(configured("jointnet" if slug in VIEW_OF else slug), changes))
+    return replace(found, training=replace(found.training, seed=seed)) if hasattr(found, "training") else replace(
+        found, seed=seed
+    )  # fmt: skip
+
+
+def score(
+    slug: str, seed: int, changes: dict[str, Any], train: ObjectSet, test: ObjectSet
+) -> tuple[float, float, float]:
+    start = time.process_time()
+    found = make_recogniser(slug, parameters_of(slug, seed, changes))
+    found.fit(train.objects, train.label, intensities=train.intensities)
+    middle = time.process_time()
+    scores = found.predict_proba(test.objects, intensities=test.intensities)
+    predicted = found.classes_[scores.argmax(axis=1)]
+    figure = f1_score(test.label, predicted, average="weighted", zero_division=0)
+    return float(figure), middle - start, time.process_time() - middle
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder")
+    parser.add_argument("--methods", nargs="+", default=["jointnet"])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1, 2, 3])
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--runs", nargs="+", help="only these of the runs, such as fold2")
+    parser.add_argument("--inner", action="store_true")
+    parser.add_argument("--changes", type=json.loads, default={})
+    options = parser.parse_args()
+    scheme = find_scheme(configured("classes")["schemes"], "sydney14")
+    folds = {
+        name: ObjectSet.from_arrays(read_fold(str(path), [str(f) for f in listed_files(path)], scheme=scheme))
+        for name, path in find_folds(options.folder, "folds/fold*.txt").items()
+    }
+    if options.inner:
+        runs = {f"{a} to {b}": (folds[a], folds[b]) for a, b in permutations(folds, 2)}
+    else:
+        runs = {b: (ObjectSet.join([s for a, s in folds.items() if a != b]), folds[b]) for b in folds}
+    runs = {name: pair for name, pair in runs.items() if options.runs is None or name in options.runs}
+    for slug in options.methods:
+        start = time.perf_counter()
+        plan = [(seed, name) for seed in options.seeds for name in runs]
+        work = Parallel(n_jobs=options.jobs, return_as="generator")(
+            delayed(score)(slug, seed, options.changes, *runs[name]) for seed, name in plan
+        )
+        found = []
+        for (seed, name), result in zip(plan, work, strict=True):
+            found.append(result)
+            print(
+                f"{slug} seed {seed} {name}: {result[0]:.4f}, trained in {result[1]:.1f} s", file=sys.stderr, flush=True
+            )
+        figures = np.array([f for f, _, _ in found]).reshape(len(options.seeds), len(runs))
+        means = figures.mean(axis=1)
+        line = {
+            "method": slug,
+            "changes": options.changes,
+            "weighted_f1": round(float(means.mean()), 4),
+            "of_seeds": np.round(means, 4).tolist(),
+            "of_runs": dict(zip(runs, np.round(figures.mean(axis=0), 4).tolist(), strict=True)),
+            "wall_s": round(time.perf_counter() - start, 1),
+            "train_cpu_s_per_seed": round(sum(t for _, t, _ in found) / len(options.seeds), 1),
+            "recognise_ms_per_object": round(
+                1000 * sum(t for _, _, t in found) / (len(options.seeds) * sum(len(test) for _, test in runs.values())),
+                3,
+            ),
+        }
+        print(json.dumps(line), flush=True)
+
+
+if __name__ == "__main__":
+    main()

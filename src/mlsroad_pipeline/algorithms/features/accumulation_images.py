@@ -1,0 +1,256 @@
+"""Accumulation images: an object seen along the horizon and from above, whole and in four slices (Luo et al. 2019)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.cell_grid import run_in_chunks
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.validation import check_column, check_xyz
+
+N_PARTS = 5
+"""Images of each kind: the object as a whole, and its four slices of equal height from the lowest up."""
+
+_SLICES = N_PARTS - 1
+
+Images = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
+
+
+def join_objects(objects: Sequence[ArrayLike]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Join objects into one array of points.
+
+    Parameters
+    ----------
+    objects : sequence of array-like of shape (n_i, 3)
+        Points of each object, metres.
+
+    Returns
+    -------
+    xyz : ndarray of float64, shape (n, 3)
+        The points, object by object.
+    indptr : ndarray of int64, shape (objects + 1,)
+        Where the points of each object begin.
+
+    Raises
+    ------
+    DataError
+        If an object has no points, is not (n, 3), or has a coordinate that is NaN or infinite; the message gives its
+        place.
+    """
+    arrays = [check_xyz(points, minimum=1, name=f"object {i}") for i, points in enumerate(objects)]
+    indptr = np.zeros(len(arrays) + 1, dtype=np.int64)
+    np.cumsum([len(points) for points in arrays], out=indptr[1:])
+    xyz = np.concatenate(arrays, dtype=np.float64) if arrays else np.zeros((0, 3))
+    return xyz, indptr
+
+
+def compute_images(
+    objects: Sequence[ArrayLike],
+    *,
+    sizes: tuple[int, int, int] = (16, 8, 16),
+    isotropic: bool = False,
+    relative: bool = True,
+    weights: Sequence[ArrayLike] | None = None,
+    n_threads: int = 1,
+) -> Images:
+    """Describe objects by HSSI, VQAI and VAAI, each of the whole object and of its four slices (Luo et al. 2019, 3.2).
+
+    An object is moved and scaled to x, y in [-1, 1] and z in [0, 2]. A slice is a quarter of this height, stretched to
+    [0, 2] again. HSSI counts points by their height (row) and their distance from the vertical axis (column),
+    equations 3 and 4, read as row = floor((beta + 1) / k1) with beta = z - 1. VQAI counts points by x (row) and y
+    (column), equations 5 and 6. VAAI sums there the cosine between the vertical and the line from (0, 0, -1) to the
+    point, equations 7 to 9, with the square root that equation 7 lacks.
+
+    Parameters
+    ----------
+    objects : sequence of array-like of shape (n_i, 3)
+        Points of each object in metres, z up, n_i at least 1.
+    sizes : tuple of int, default (16, 8, 16)
+        Rows and columns of HSSI, VQAI and VAAI (the paper's sizes). More show finer detail, and more noise.
+    isotropic : bool, default False
+        Whether one factor scales all three axes, so that the largest extent fills its range and proportions are kept.
+        The paper scales each axis by itself.
+    relative : bool, default True
+        Whether sums are divided by the number of points of the object, so that near and far objects look alike; the
+        slices of VQAI then add up to the whole. The paper does not divide.
+    weights : sequence of array-like of shape (n_i,), optional
+        What each point counts for, such as its intensity; 1 by default.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
+
+    Returns
+    -------
+    hssi, vqai, vaai : ndarray of float32, shape (objects, 5, size, size)
+        The images: the whole object, then its slices from the lowest up. An axis without extent maps to its middle;
+        objects of one point, or of points that are all alike, are therefore one cell of the whole and of the third
+        slice.
+
+    Raises
+    ------
+    DataError
+        If an object has no points, is not (n, 3), or has a coordinate that is NaN or infinite, or there is not one
+        finite weight per point.
+    ParameterError
+        If a size or `n_threads` is below 1.
+    """
+    xyz, indptr = join_objects(objects)
+    each = np.ones(len(xyz)) if weights is None else join_values(weights, indptr, "weights")
+    if relative:
+        counts = np.diff(indptr)
+        each = each / np.repeat(counts, counts)
+    return draw_images(xyz, indptr, each, sizes=sizes, isotropic=isotropic, n_threads=n_threads)
+
+
+def join_values(values: Sequence[ArrayLike], indptr: NDArray[np.int64], name: str) -> NDArray[np.float64]:
+    """Join one value per point of objects into one array.
+
+    Parameters
+    ----------
+    values : sequence of array-like of shape (n_i,)
+        Values of each object's points.
+    indptr : ndarray of int64, shape (objects + 1,)
+        Where the points of each object begin.
+    name : str
+        What the message calls the values.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        The values.
+
+    Raises
+    ------
+    DataError
+        If there is not one finite value per point; the message gives the object's place.
+    """
+    if len(values) != len(indptr) - 1:
+        raise DataError(f"{name} are given for {len(values)} of {len(indptr) - 1} objects")
+    arrays = [
+        check_column(v, int(n), f"{name} of object {i}")
+        for i, (v, n) in enumerate(zip(values, np.diff(indptr), strict=True))
+    ]
+    joined = np.concatenate(arrays, dtype=np.float64) if arrays else np.zeros(0)
+    if not np.isfinite(joined).all():
+        row = int(np.flatnonzero(~np.isfinite(joined))[0])
+        raise DataError(f"{name} of object {int(np.searchsorted(indptr, row, side='right')) - 1} has {joined[row]}")
+    return joined
+
+
+def draw_images(
+    xyz: NDArray[np.float64],
+    indptr: NDArray[np.int64],
+    weights: NDArray[np.float64],
+    *,
+    sizes: tuple[int, int, int],
+    isotropic: bool,
+    n_threads: int = 1,
+) -> Images:
+    """Draw the images of objects that were joined and checked, as `compute_images` does.
+
+    Parameters
+    ----------
+    xyz : ndarray of float64, shape (n, 3)
+        Finite points, object by object.
+    indptr : ndarray of int64, shape (objects + 1,)
+        Where the points of each object begin.
+    weights : ndarray of float64, shape (n,)
+        What each point counts for.
+    sizes : tuple of int
+        Rows and columns of HSSI, VQAI and VAAI.
+    isotropic : bool
+        Whether one factor scales all three axes.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
+
+    Returns
+    -------
+    hssi, vqai, vaai : ndarray of float32, shape (objects, 5, size, size)
+        The images.
+
+    Raises
+    ------
+    ParameterError
+        If a size or `n_threads` is below 1.
+    """
+    if len(sizes) != 3 or min(sizes) < 1:
+        raise ParameterError(f"sizes must be three numbers of at least 1, got {sizes!r}")
+    n = len(indptr) - 1
+    hssi, vqai, vaai = (np.zeros((n, N_PARTS, size, size), dtype=np.float32) for size in sizes)
+
+    def draw(first: int, last: int) -> None:
+        _draw(xyz, indptr, weights, hssi, vqai, vaai, isotropic, first, last)
+
+    run_in_chunks(draw, n, n_threads=n_threads)
+    return hssi, vqai, vaai
+
+
+@njit(cache=True, nogil=True)
+def _scale(
+    xyz: NDArray[np.float64], first: int, last: int, isotropic: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the middle of the bounding box and the factor of each axis that takes it to [-1, 1]."""
+    middle, factor = np.empty(3), np.empty(3)
+    widest = 0.0
+    for axis in range(3):
+        low = high = xyz[first, axis]
+        for i in range(first + 1, last):
+            low, high = min(low, xyz[i, axis]), max(high, xyz[i, axis])
+        middle[axis] = 0.5 * (low + high)
+        factor[axis] = 2.0 / (high - low) if high > low else 0.0
+        widest = max(widest, high - low)
+    if isotropic and widest > 0.0:
+        factor[:] = 2.0 / widest
+    return middle, factor
+
+
+@njit(cache=True, nogil=True)
+def _draw(
+    xyz: NDArray[np.float64],
+    indptr: NDArray[np.int64],
+    weights: NDArray[np.float64],
+    hssi: NDArray[np.float32],
+    vqai: NDArray[np.float32],
+    vaai: NDArray[np.float32],
+    isotropic: bool,
+    begin: int,
+    end: int,
+) -> None:
+    n_h, n_q, n_a = hssi.shape[2], vqai.shape[2], vaai.shape[2]
+    spin, count, angle = np.zeros((N_PARTS, n_h * n_h)), np.zeros((N_PARTS, n_q * n_q)), np.zeros((N_PARTS, n_a * n_a))
+    for k in range(begin, end):
+        first, last = indptr[k], indptr[k + 1]
+        middle, factor = _scale(xyz, first, last, isotropic)
+        spin[:], count[:], angle[:] = 0.0, 0.0, 0.0
+        for i in range(first, last):
+            weight = weights[i]
+            x = (xyz[i, 0] - middle[0]) * factor[0]
+            y = (xyz[i, 1] - middle[1]) * factor[1]
+            z = (xyz[i, 2] - middle[2]) * factor[2] + 1.0
+            part = min(int(z * 0.5 * _SLICES), _SLICES - 1)
+            within = (z - part * (2.0 / _SLICES)) * _SLICES
+            flat = x * x + y * y
+            column = min(int(np.sqrt(flat) * 0.5 * n_h), n_h - 1)
+            spin[0, min(int(z * 0.5 * n_h), n_h - 1) * n_h + column] += weight
+            spin[1 + part, min(int(within * 0.5 * n_h), n_h - 1) * n_h + column] += weight
+            at = min(int((x + 1.0) * 0.5 * n_q), n_q - 1) * n_q + min(int((y + 1.0) * 0.5 * n_q), n_q - 1)
+            count[0, at] += weight
+            count[1 + part, at] += weight
+            at = min(int((x + 1.0) * 0.5 * n_a), n_a - 1) * n_a + min(int((y + 1.0) * 0.5 * n_a), n_a - 1)
+            angle[0, at] += weight * (z + 1.0) / np.sqrt((z + 1.0) ** 2 + flat)
+            angle[1 + part, at] += weight * (within + 1.0) / np.sqrt((within + 1.0) ** 2 + flat)
+        for part in range(N_PARTS):
+            _store(spin[part], hssi[k, part])
+            _store(count[part], vqai[k, part])
+            _store(angle[part], vaai[k, part])
+
+
+@njit(cache=True, nogil=True)
+def _store(sums: NDArray[np.float64], image: NDArray[np.float32]) -> None:
+    size = image.shape[0]
+    for row in range(size):
+        for column in range(size):
+            image[row, column] = sums[row * size + column]

@@ -1,0 +1,95 @@
+"""Layers of an object: how it spreads at each height."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.features.accumulation_images import join_objects
+
+N_FEATURES = 10
+"""Numbers per layer."""
+
+
+def describe_layers(objects: Sequence[ArrayLike], *, n_layers: int = 10) -> NDArray[np.float32]:
+    """Cut objects into layers of equal height and describe each layer.
+
+    Parameters
+    ----------
+    objects : sequence of array-like of shape (n_i, 3)
+        Points of each object, metres, z up.
+    n_layers : int, default 10
+        Number of layers: 100 numbers in all, as in Luo et al. 2019, Table 4.
+
+    Returns
+    -------
+    ndarray of float32, shape (objects, 10 * n_layers)
+        From the lowest layer up: the share of the object's points; extents along and across the horizontal direction in
+        which the object spreads most; standard deviations in these two; distances of the layer's middle from the
+        object's in these two; mean and greatest distance from the object's vertical axis; standard deviation of the
+        height. Metres; an empty layer is all 0.
+
+    Raises
+    ------
+    DataError
+        If an object has no points or is not finite.
+    ParameterError
+        If `n_layers` is below 1.
+    """
+    if n_layers < 1:
+        raise ParameterError(f"n_layers must be at least 1, got {n_layers!r}")
+    xyz, indptr = join_objects(objects)
+    out = np.zeros((len(objects), n_layers, N_FEATURES))
+    _describe(xyz, indptr, out)
+    return out.reshape(len(objects), -1).astype(np.float32)
+
+
+@njit(cache=True, nogil=True)
+def _describe(xyz: NDArray[np.float64], indptr: NDArray[np.int64], out: NDArray[np.float64]) -> None:
+    n_layers = out.shape[1]
+    sums = np.empty((n_layers, 12))  # count, sums of a, b, z, r, squares of a, b, z, then extremes of a and b
+    for k in range(len(out)):
+        part = xyz[indptr[k] : indptr[k + 1]]
+        n = len(part)
+        base = part[0].copy()  # sums about a point of its own keep the digits
+        mx, my = (part[:, 0] - base[0]).mean(), (part[:, 1] - base[1]).mean()
+        dx, dy = part[:, 0] - base[0] - mx, part[:, 1] - base[1] - my
+        angle = 0.5 * np.arctan2(2.0 * (dx * dy).sum(), (dx * dx).sum() - (dy * dy).sum())
+        ux, uy = np.cos(angle), np.sin(angle)
+        low, height = part[:, 2].min(), part[:, 2].max() - part[:, 2].min()
+        sums[:] = 0.0
+        sums[:, 8], sums[:, 10] = np.inf, np.inf
+        sums[:, 9], sums[:, 11] = -np.inf, -np.inf
+        greatest = np.zeros(n_layers)
+        for i in range(n):
+            a, b, z = dx[i] * ux + dy[i] * uy, dy[i] * ux - dx[i] * uy, part[i, 2] - low
+            layer = min(int(z / height * n_layers), n_layers - 1) if height > 0.0 else 0
+            r = np.sqrt(a * a + b * b)
+            s = sums[layer]
+            s[0] += 1.0
+            s[1] += a
+            s[2] += b
+            s[3] += z
+            s[4] += r
+            s[5] += a * a
+            s[6] += b * b
+            s[7] += z * z
+            s[8], s[9] = min(s[8], a), max(s[9], a)
+            s[10], s[11] = min(s[10], b), max(s[11], b)
+            greatest[layer] = max(greatest[layer], r)
+        for layer in range(n_layers):
+            s, o = sums[layer], out[k, layer]
+            c = s[0]
+            if c == 0.0:
+                continue
+            o[0] = c / n
+            o[1], o[2] = s[9] - s[8], s[11] - s[10]
+            o[3] = np.sqrt(max(s[5] / c - (s[1] / c) ** 2, 0.0))
+            o[4] = np.sqrt(max(s[6] / c - (s[2] / c) ** 2, 0.0))
+            o[5], o[6] = abs(s[1] / c), abs(s[2] / c)
+            o[7], o[8] = s[4] / c, greatest[layer]
+            o[9] = np.sqrt(max(s[7] / c - (s[3] / c) ** 2, 0.0))

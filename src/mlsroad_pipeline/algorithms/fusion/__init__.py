@@ -1,0 +1,1 @@
+"""Labels of several labellers made into one."""

@@ -1,0 +1,1 @@
+"""Points labelled through images: cameras, projection, visibility."""

@@ -1,0 +1,149 @@
+"""The kernels of a depth buffer for points: discs, and gaps between them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+_LARGEST = 12.0  # cells that a disc's radius has at most; bounds the work for points close to the camera
+_STEPS = np.array([1, 2, 4, 7, 12, 20], dtype=np.int64)  # cells at which the sides of a gap are looked for
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nearest_discs(
+    u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32],
+    focal: float, spacing: float, width: int, height: int,
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:  # fmt: skip
+    """Return which point's disc is the nearest in each cell, and how deep it is.
+
+    Parameters
+    ----------
+    u, v : ndarray of shape (n,), float32
+        Places in cells; integers are the cells' centres.
+    z : ndarray of shape (n,), float32
+        Depths above 0, metres.
+    focal : float
+        Focal length in cells.
+    spacing : float
+        Diameter of a disc, metres.
+    width, height : int
+        Size of the buffer, cells.
+
+    Returns
+    -------
+    index : ndarray of shape (height, width), int32
+        Row of the point, -1 where there is none.
+    depth : ndarray of shape (height, width), float32
+        Its depth, metres; infinite where there is none.
+    """
+    depth = np.full((height, width), np.float32(np.inf))
+    index = np.full((height, width), np.int32(-1))
+    for i in range(len(z)):
+        radius = np.float32(min(0.5 * spacing * focal / z[i], _LARGEST))
+        left, right = max(int(np.ceil(u[i] - radius)), 0), min(int(np.floor(u[i] + radius)), width - 1)
+        top, bottom = max(int(np.ceil(v[i] - radius)), 0), min(int(np.floor(v[i] + radius)), height - 1)
+        if right < left:  # a disc smaller than a cell takes the cell that it is in
+            left = right = _cell(u[i], width)
+        if bottom < top:
+            top = bottom = _cell(v[i], height)
+        for y in range(top, bottom + 1):
+            for x in range(left, right + 1):
+                if z[i] < depth[y, x]:
+                    if radius > 1 and (x - u[i]) ** 2 + (y - v[i]) ** 2 > radius * radius:
+                        continue
+                    depth[y, x], index[y, x] = z[i], i
+    return index, depth
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def behind_discs(
+    u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], index: NDArray[np.int32],
+    depth: NDArray[np.float32], focal: float, slack: float, relative: float, angle: float,
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Return which points lie behind the disc that their cell shows.
+
+    Parameters
+    ----------
+    u, v, z : ndarray of shape (n,), float32
+        As for `nearest_discs`.
+    index, depth : ndarray of shape (height, width)
+        What `nearest_discs` gave.
+    focal : float
+        Focal length in cells.
+    slack, relative : float
+        How much farther a point of the same surface may be, metres and share of its depth.
+    angle : float
+        Least angle between the line of sight and a surface, radians: along it no surface hides itself.
+
+    Returns
+    -------
+    ndarray of shape (n,), bool
+        True where the point is hidden.
+    """
+    height, width = index.shape
+    hidden = np.zeros(len(z), dtype=np.bool_)
+    for i in range(len(z)):
+        y, x = _cell(v[i], height), _cell(u[i], width)
+        if depth[y, x] < z[i] - slack - relative * z[i]:
+            hidden[i] = _beside(u, v, z, index[y, x], i, focal, angle, np.inf)
+    return hidden
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def hide_in_gaps(
+    u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], index: NDArray[np.int32],
+    depth: NDArray[np.float32], focal: float, gap: float, slack: float, relative: float, angle: float, sides: int,
+    hidden: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Hide points that are seen through gaps: what is nearer stands at both sides along several directions.
+
+    Parameters
+    ----------
+    u, v, z, index, depth, focal, slack, relative, angle : as for `behind_discs`
+        What the discs show.
+    gap : float
+        How far aside the sides of a gap may be, metres at their own depth.
+    sides : int
+        Along how many of four directions, 45 degrees apart, both sides must be nearer.
+    hidden : ndarray of shape (n,), bool
+        Changed in place.
+    """
+    height, width = index.shape
+    for i in range(len(z)):
+        if hidden[i]:
+            continue
+        x, y, limit = _cell(u[i], width), _cell(v[i], height), z[i] - slack - relative * z[i]
+        closed = 0
+        for k in range(4):
+            dx, dy = (1, 1, 0, -1)[k], (0, 1, 1, 1)[k]
+            for sign in (-1, 1):
+                found = False
+                for step in _STEPS:
+                    column, row = x + sign * step * dx, y + sign * step * dy
+                    if not (0 <= column < width and 0 <= row < height):
+                        break
+                    if depth[row, column] < limit and _beside(u, v, z, index[row, column], i, focal, angle, gap):
+                        found = True
+                        break
+                if not found:
+                    break
+                closed += sign == 1
+            if closed >= sides or closed + 3 - k < sides:
+                break
+        hidden[i] = closed >= sides
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _cell(place: float, size: int) -> int:
+    return min(max(int(np.floor(place + np.float32(0.5))), 0), size - 1)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _beside(
+    u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], q: int, i: int,
+    focal: float, angle: float, reach: float,
+) -> bool:  # fmt: skip
+    """Tell whether a nearer point q is beside the line of sight of point i, not farther down a slope."""
+    aside = np.sqrt((u[i] - u[q]) ** 2 + (v[i] - v[q]) ** 2) * z[q] / focal
+    return aside <= reach and aside < (z[i] - z[q]) * angle

@@ -1,0 +1,111 @@
+"""Labels and confidences of points, per camera, from segmented images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.classes import IGNORE
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.image_labels.camera import Camera
+from mlsroad_pipeline.algorithms.image_labels.projection import project_points, sample_image
+from mlsroad_pipeline.algorithms.image_labels.visibility import DepthBuffer, HiddenPointRemoval, visible_points
+from mlsroad_pipeline.algorithms.validation import check_xyz
+
+SegmentedImage = tuple[str, Camera, NDArray[np.float32]]
+"""Which of the survey's cameras took an image, its calibration and pose, and its probabilities (height, width, c)."""
+
+
+@dataclass(frozen=True)
+class ImageLabels:
+    """What the images of a survey say of its points, each of the survey's cameras by itself.
+
+    Parameters
+    ----------
+    groups : tuple of str
+        Names of the cameras.
+    probabilities : ndarray of shape (groups, n, classes), float32
+        Class probabilities by each camera's images; NaN where none of them sees the point.
+    n_images : ndarray of shape (groups, n), int16
+        How many of its images see the point: the redundancy.
+    """
+
+    groups: tuple[str, ...]
+    probabilities: NDArray[np.float32]
+    n_images: NDArray[np.int16]
+
+    @property
+    def labels(self) -> NDArray[np.int16]:
+        """The most probable class by each camera, of shape (groups, n); -1 where it does not see the point."""
+        best = np.nan_to_num(self.probabilities).argmax(axis=2)
+        return np.where(self.n_images > 0, best, IGNORE).astype(np.int16)
+
+    @property
+    def confidence(self) -> NDArray[np.float32]:
+        """The probability of that class, of shape (groups, n); 0 where the camera does not see the point."""
+        return np.nan_to_num(self.probabilities).max(axis=2)
+
+    def pooled(self) -> NDArray[np.float32]:
+        """Return the mean over the images of all cameras.
+
+        Returns
+        -------
+        ndarray of shape (n, classes), float32
+            Class probabilities; NaN where no image sees the point.
+        """
+        total = np.einsum("gnc,gn->nc", np.nan_to_num(self.probabilities), self.n_images.astype(np.float32))
+        count = self.n_images.sum(axis=0, dtype=np.float32)[:, None]
+        return np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
+
+
+def label_through_images(
+    xyz: ArrayLike, images: Iterable[SegmentedImage], *, groups: Sequence[str], n_classes: int,
+    visibility: DepthBuffer | HiddenPointRemoval | None = None,
+) -> ImageLabels:  # fmt: skip
+    """Give points the classes of the pixels that show them.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points, metres, in the frame that the poses refer to: all that may hide something.
+    images : iterable of (str, Camera, ndarray)
+        Segmented images, taken one after the other, so that they need not be in memory together.
+    groups : sequence of str
+        Names of the survey's cameras.
+    n_classes : int
+        Number of classes.
+    visibility : DepthBuffer or HiddenPointRemoval, optional
+        How hidden points are found; see `visible_points`.
+
+    Returns
+    -------
+    ImageLabels
+        Means of the probabilities over the images of each camera.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3) or not finite, an image is of a camera that `groups` does not name, or its
+        probabilities do not have its camera's size and the number of classes.
+    """
+    points = check_xyz(xyz)
+    total = np.zeros((len(groups), len(points), n_classes), dtype=np.float32)
+    count = np.zeros((len(groups), len(points)), dtype=np.int16)
+    for group, camera, probabilities in images:
+        if group not in groups:
+            raise DataError(f"an image is of camera {group!r}, the survey's cameras are {list(groups)}")
+        expected = (camera.height, camera.width, n_classes)
+        if probabilities.shape != expected:
+            raise DataError(f"probabilities of an image must have shape {expected}, got {probabilities.shape}")
+        seen = visible_points(points, camera, method=visibility)
+        rows = np.flatnonzero(seen)
+        pixels, _, _ = project_points(points[rows], camera)
+        k = list(groups).index(group)
+        total[k, rows] += sample_image(probabilities, pixels, np.ones(len(rows), dtype=np.bool_))
+        count[k, rows] += 1
+    shown = count[:, :, None]
+    mean = np.divide(total, shown, out=np.full_like(total, np.nan), where=shown > 0)
+    return ImageLabels(tuple(groups), mean, count)

@@ -1,0 +1,187 @@
+"""Time-stamped poses of a vehicle, and poses between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTrack:
+    """Where a vehicle was and which way it looked. Build it with `from_angles` or `from_quaternions`.
+
+    Parameters
+    ----------
+    time : ndarray of shape (m,), float64
+        Seconds, strictly increasing.
+    xyz : ndarray of shape (m, 3), float64
+        Places, world metres.
+    rotation : scipy.spatial.transform.Rotation
+        m rotations from the vehicle's axes (x forward, y left, z up) to the world's.
+    max_gap : float, default 1.0
+        Longest time between two poses that is bridged, seconds.
+    source : str
+        What messages call the poses, as a rule the file's path.
+    """
+
+    time: NDArray[np.float64]
+    xyz: NDArray[np.float64]
+    rotation: Rotation
+    max_gap: float = 1.0
+    source: str = field(default="poses")
+
+    @classmethod
+    def from_angles(
+        cls, time: ArrayLike, xyz: ArrayLike, angles: ArrayLike, *, max_gap: float = 1.0, source: str = "poses"
+    ) -> PoseTrack:
+        """Build a track from roll, pitch and heading.
+
+        Parameters
+        ----------
+        time : array-like of shape (m,)
+            Seconds, in any order; of poses at one time the first is kept.
+        xyz : array-like of shape (m, 3)
+            World coordinates, metres.
+        angles : array-like of shape (m, 3)
+            Roll (positive left side up), pitch (positive nose down) and heading (counter-clockwise from east),
+            radians: the vehicle's axes are Rz(heading) Ry(pitch) Rx(roll).
+        max_gap : float, default 1.0
+            Longest time between two poses that is bridged, seconds.
+        source : str, default "poses"
+            What messages call the poses.
+
+        Returns
+        -------
+        PoseTrack
+            The track.
+
+        Raises
+        ------
+        DataError
+            If lengths differ, a value is not finite, or there are fewer than two times.
+        ParameterError
+            If `max_gap` is not positive.
+        """
+        given = check_xyz(angles, name=f"{source}: angles").astype(np.float64)
+        return cls._build(time, xyz, Rotation.from_euler("xyz", given), max_gap, source)
+
+    @classmethod
+    def from_quaternions(
+        cls, time: ArrayLike, xyz: ArrayLike, quaternions: ArrayLike, *, max_gap: float = 1.0, source: str = "poses"
+    ) -> PoseTrack:
+        """Build a track from quaternions.
+
+        Parameters
+        ----------
+        time : array-like of shape (m,)
+            Seconds, in any order; of poses at one time the first is kept.
+        xyz : array-like of shape (m, 3)
+            World coordinates, metres.
+        quaternions : array-like of shape (m, 4)
+            w, x, y, z of the rotation from the vehicle's axes to the world's; need not be normalised.
+        max_gap : float, default 1.0
+            Longest time between two poses that is bridged, seconds.
+        source : str, default "poses"
+            What messages call the poses.
+
+        Returns
+        -------
+        PoseTrack
+            The track.
+
+        Raises
+        ------
+        DataError
+            If lengths differ, a value is not finite, a quaternion is 0, or there are fewer than two times.
+        ParameterError
+            If `max_gap` is not positive.
+        """
+        return cls._build(time, xyz, rotation_of(quaternions, source=source), max_gap, source)
+
+    @classmethod
+    def _build(cls, time: ArrayLike, xyz: ArrayLike, rotation: Rotation, max_gap: float, source: str) -> PoseTrack:
+        places = check_xyz(xyz, name=f"{source}: positions").astype(np.float64)
+        seconds = check_column(time, len(places), f"{source}: time").astype(np.float64)
+        if len(rotation) != len(places):
+            raise DataError(f"{source}: {len(places)} positions but {len(rotation)} rotations")
+        if not np.isfinite(seconds).all():
+            row = int(np.flatnonzero(~np.isfinite(seconds))[0])
+            raise DataError(f"{source}: time at row {row} is {seconds[row]}")
+        seconds, first = np.unique(seconds, return_index=True)
+        if len(seconds) < 2:
+            raise DataError(f"{source}: needs poses at two times at least, got {len(seconds)}")
+        return cls(seconds, places[first], rotation[first], check_positive(max_gap, "max_gap"), source)
+
+    def at(self, time: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Interpolate poses: places linearly, rotations along the shortest turn (slerp).
+
+        Parameters
+        ----------
+        time : array-like of shape (k,)
+            Seconds.
+
+        Returns
+        -------
+        rotation : ndarray of shape (k, 3, 3), float64
+            From the vehicle's axes to the world's.
+        xyz : ndarray of shape (k, 3), float64
+            Places, world metres.
+
+        Raises
+        ------
+        DataError
+            If a time lies outside the track, or between poses that are farther apart than `max_gap`.
+        """
+        when = np.atleast_1d(np.asarray(time, dtype=np.float64))
+        outside = ~((when >= self.time[0]) & (when <= self.time[-1]))
+        if outside.any():
+            raise DataError(
+                f"{self.source}: {int(outside.sum())} of {len(when)} times lie outside the poses, which cover "
+                f"{self.time[0]:.3f} to {self.time[-1]:.3f} s; the first is {when[outside][0]:.3f} s"
+            )
+        after = np.clip(np.searchsorted(self.time, when), 1, len(self.time) - 1)
+        wide = (self.time[after] - self.time[after - 1] > self.max_gap) & ~np.isin(when, self.time)
+        if wide.any():
+            k = int(after[wide][0])
+            raise DataError(
+                f"{self.source}: no poses between {self.time[k - 1]:.3f} and {self.time[k]:.3f} s, a gap longer than "
+                f"{self.max_gap:g} s, in which {int(wide.sum())} of {len(when)} times lie"
+            )
+        places = np.column_stack([np.interp(when, self.time, self.xyz[:, axis]) for axis in range(3)])
+        return Slerp(self.time, self.rotation)(when).as_matrix(), places
+
+
+def rotation_of(quaternions: ArrayLike, *, source: str = "poses") -> Rotation:
+    """Return rotations of quaternions w, x, y, z.
+
+    Parameters
+    ----------
+    quaternions : array-like of shape (m, 4)
+        Need not be normalised.
+    source : str, default "poses"
+        What messages call them.
+
+    Returns
+    -------
+    scipy.spatial.transform.Rotation
+        m rotations.
+
+    Raises
+    ------
+    DataError
+        If the shape is wrong, a value is not finite or a quaternion is 0.
+    """
+    given = np.asarray(quaternions, dtype=np.float64)
+    if given.ndim != 2 or given.shape[1] != 4:
+        raise DataError(f"{source}: quaternions must have shape (m, 4), got {given.shape}")
+    bad = ~(np.isfinite(given).all(axis=1) & (np.abs(given) > 0).any(axis=1))
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        raise DataError(f"{source}: quaternion at row {row} is {given[row].tolist()}, no rotation")
+    return Rotation.from_quat(given, scalar_first=True)

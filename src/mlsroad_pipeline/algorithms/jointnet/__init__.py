@@ -1,0 +1,1 @@
+"""JointNet: objects recognised by fused accumulation images (Luo et al. 2019)."""

@@ -1,0 +1,195 @@
+"""What the network sees of objects: images and measures, and their changes while it is trained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.features.accumulation_images import Images, draw_images
+from mlsroad_pipeline.algorithms.jointnet.measures import measure_objects
+from mlsroad_pipeline.algorithms.jointnet.parameters import (
+    N_INTENSITY,
+    N_MEASURES,
+    VIEWS,
+    AugmentationParameters,
+    InputParameters,
+)
+
+_FEW = 8
+"""An object keeps all of its points where fewer than these would be left."""
+
+
+@dataclass(frozen=True)
+class Points:
+    """Objects as flat arrays.
+
+    Attributes
+    ----------
+    xyz : ndarray of float64, shape (n, 3)
+        Points, object by object, metres.
+    indptr : ndarray of int64, shape (objects + 1,)
+        Where the points of each object begin.
+    intensity : ndarray of float64, shape (n,)
+        Intensity of each point; anything where it is not known.
+    known : ndarray of bool, shape (objects,)
+        Objects whose intensity is known.
+    """
+
+    xyz: NDArray[np.float64]
+    indptr: NDArray[np.int64]
+    intensity: NDArray[np.float64]
+    known: NDArray[np.bool_]
+
+    @property
+    def owner(self) -> NDArray[np.int64]:
+        """Return the object of each point."""
+        return np.repeat(np.arange(len(self.indptr) - 1), np.diff(self.indptr))
+
+    def turned(self, angle: NDArray[np.float64] | float) -> Points:
+        """Turn objects about the vertical.
+
+        Parameters
+        ----------
+        angle : ndarray of float64, shape (objects,), or float
+            Angles in radians.
+
+        Returns
+        -------
+        Points
+            The turned objects.
+        """
+        each = np.broadcast_to(angle, (len(self.indptr) - 1,))[self.owner]
+        low = self.xyz[self.indptr[:-1]][self.owner]  # turning about a point of its own keeps the digits
+        x, y, z = (self.xyz - low).T
+        cos, sin = np.cos(each), np.sin(each)
+        return replace(self, xyz=np.column_stack([x * cos - y * sin, x * sin + y * cos, z]))
+
+    def kept(self, keep: NDArray[np.bool_]) -> Points:
+        """Leave points out, but of no object so many that hardly any are left.
+
+        Parameters
+        ----------
+        keep : ndarray of bool, shape (n,)
+            Points that stay.
+
+        Returns
+        -------
+        Points
+            The thinned objects.
+        """
+        left = np.add.reduceat(keep.astype(np.int64), self.indptr[:-1])
+        keep = keep | (left < _FEW)[self.owner]
+        counts = np.add.reduceat(keep.astype(np.int64), self.indptr[:-1])
+        indptr = np.append(0, np.cumsum(counts)).astype(np.int64)
+        return Points(self.xyz[keep], indptr, self.intensity[keep], self.known)
+
+
+def augment(points: Points, parameters: AugmentationParameters, rng: np.random.Generator) -> Points:
+    """Change objects as another scan of another such object might.
+
+    Parameters
+    ----------
+    points : Points
+        The objects.
+    parameters : AugmentationParameters
+        By how much.
+    rng : Generator
+        Source of all draws.
+
+    Returns
+    -------
+    Points
+        The changed objects.
+    """
+    p, n = parameters, len(points.indptr) - 1
+    if p.rotate:
+        points = points.turned(rng.uniform(0, 2 * np.pi, n))
+        mirror = rng.choice([-1.0, 1.0], n)[points.owner]
+        points = replace(points, xyz=points.xyz * np.column_stack([np.ones_like(mirror), mirror, np.ones_like(mirror)]))
+    if p.drop:
+        points = points.kept(rng.random(len(points.xyz)) < rng.uniform(1 - p.drop, 1, n)[points.owner])
+    if p.occlude:
+        points = points.kept(_seen(points, p.occlude, rng))
+    if p.outliers:
+        points = _with_outliers(points, p.outliers, rng)
+    low, high = _bounds(points)
+    if p.scale:
+        factor = rng.uniform(1 - p.scale, 1 + p.scale, (n, 3))
+        points = replace(points, xyz=points.xyz * factor[points.owner])
+    if p.noise:
+        size = 0.5 * (high - low) * rng.uniform(0, p.noise, (n, 1))
+        points = replace(points, xyz=points.xyz + rng.normal(size=points.xyz.shape) * size[points.owner])
+    if p.hide_intensity:
+        points = replace(points, known=points.known & (rng.random(n) >= p.hide_intensity))
+    return points
+
+
+def _bounds(points: Points) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    starts = points.indptr[:-1]
+    return np.minimum.reduceat(points.xyz, starts), np.maximum.reduceat(points.xyz, starts)
+
+
+def _seen(points: Points, most: float, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Return the points before a plane that cuts off the far end in some direction, of half of the objects."""
+    n = len(points.indptr) - 1
+    direction = rng.normal(size=(n, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    along = (points.xyz * direction[points.owner]).sum(axis=1)
+    low, high = (f.reduceat(along, points.indptr[:-1]) for f in (np.minimum, np.maximum))
+    share = rng.uniform(0, most, n) * (rng.random(n) < 0.5)
+    return along <= (high - share * (high - low))[points.owner]
+
+
+def _with_outliers(points: Points, most: float, rng: np.random.Generator) -> Points:
+    """Move some points to anywhere in the bounding box."""
+    low, high = _bounds(points)
+    away = rng.random(len(points.xyz)) < rng.uniform(0, most, len(low))[points.owner]
+    anywhere = low[points.owner] + rng.random(points.xyz.shape) * (high - low)[points.owner]
+    return replace(points, xyz=np.where(away[:, None], anywhere, points.xyz))
+
+
+def encode(points: Points, parameters: InputParameters) -> tuple[dict[str, NDArray[np.float32]], NDArray[np.float32]]:
+    """Turn objects into what the network takes.
+
+    Parameters
+    ----------
+    points : Points
+        The objects.
+    parameters : InputParameters
+        What is seen of them.
+
+    Returns
+    -------
+    images : dict of str to ndarray of float32, shape (objects, 5, channels, size, size)
+        View to its images. Counts are shares of the object's points times the number of cells over 4, so that they are
+        of the order of 1 whatever the size, or their square roots.
+    measures : ndarray of float32, shape (objects, `N_MEASURES` or 0)
+        Sizes in metres.
+    """
+    counts = np.diff(points.indptr)
+    sizes = (int(parameters.sizes[0]), int(parameters.sizes[1]), int(parameters.sizes[2]))
+    weight = 1.0 / np.repeat(counts, counts)
+
+    def draw(weights: NDArray[np.float64]) -> Images:
+        return draw_images(points.xyz, points.indptr, weights, sizes=sizes, isotropic=parameters.isotropic)
+
+    shares = dict(zip(VIEWS, draw(weight), strict=True))
+    value = np.where(points.known[points.owner], points.intensity, 0.0)
+    bright = dict(zip(VIEWS, draw(weight * value), strict=True)) if parameters.intensity else {}
+    images = {}
+    for view in parameters.views:
+        share = shares[view] * np.float32(shares[view].shape[-1] ** 2 / 4)
+        channels = [np.sqrt(share) if parameters.compress else share]
+        if parameters.intensity:
+            channels.append(bright[view] / np.maximum(shares[view], np.float32(1e-9)))
+        images[view] = np.stack(channels, axis=2)
+    found = np.zeros((len(counts), N_MEASURES if parameters.measures else 0), dtype=np.float32)
+    if parameters.measures:
+        measure_objects(points.xyz, points.indptr, value, found)
+        if parameters.intensity:
+            found[:, -1] = points.known
+        else:
+            found[:, -N_INTENSITY:] = 0.0
+    return images, found

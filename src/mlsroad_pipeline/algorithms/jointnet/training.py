@@ -1,0 +1,300 @@
+"""Training of JointNet: stochastic gradient descent that can be stopped and resumed, and gives the same bytes again."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from tqdm import tqdm
+
+from mlsroad_pipeline.algorithms.exceptions import ReadError
+from mlsroad_pipeline.algorithms.jointnet.inputs import Points, augment, encode
+from mlsroad_pipeline.algorithms.jointnet.network import JointNet
+from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters, TrainingParameters
+from mlsroad_pipeline.algorithms.torch_training import find_device, learning_rate, reproducible
+
+HALVE_EVERY = 20
+"""Epochs after which the schedule "halving" halves the rate (luo2019, training details)."""
+
+SETTLE = 4
+"""Passes over the training objects after the last epoch, which batch normalisation takes its statistics from."""
+
+_SETTLE_BATCH = 128
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Trained:
+    """One trained network and how it came about.
+
+    Attributes
+    ----------
+    network : JointNet
+        The network, in evaluation mode.
+    history : list of dict
+        Per epoch ``loss`` and, with held-out objects, ``validation_loss``.
+    """
+
+    network: JointNet
+    history: list[dict[str, float]]
+
+
+def scheduled_rate(step: int, n_steps: int, epoch: int, p: TrainingParameters) -> float:
+    """Return the rate of a step.
+
+    Parameters
+    ----------
+    step, n_steps : int
+        The step, from 0, and how many there are.
+    epoch : int
+        The epoch, from 0.
+    p : TrainingParameters
+        The schedule.
+
+    Returns
+    -------
+    float
+        The rate.
+    """
+    if p.schedule == "halving":
+        return p.learning_rate * float(0.5 ** (epoch // HALVE_EVERY))
+    return learning_rate(step, n_steps, p.learning_rate)
+
+
+def to_tensors(
+    images: dict[str, NDArray[np.float32]], measures: NDArray[np.float32], device: torch.device
+) -> tuple[dict[str, Tensor], Tensor]:
+    """Move what `encode` gave to a device.
+
+    Parameters
+    ----------
+    images : dict of str to ndarray
+        Images of each view.
+    measures : ndarray
+        Measures.
+    device : torch.device
+        The device.
+
+    Returns
+    -------
+    images, measures : dict of str to Tensor, Tensor
+        The same there.
+    """
+    return {view: torch.from_numpy(v).to(device) for view, v in images.items()}, torch.from_numpy(measures).to(device)
+
+
+def train_network(
+    points: Points,
+    target: NDArray[np.int64],
+    *,
+    n_classes: int,
+    parameters: JointNetParameters,
+    member: int = 0,
+    checkpoint: Path | None = None,
+    progress: bool = False,
+) -> Trained:
+    """Train one network.
+
+    Parameters
+    ----------
+    points : Points
+        The training objects.
+    target : ndarray of int64, shape (objects,)
+        Their classes from 0.
+    n_classes : int
+        Classes.
+    parameters : JointNetParameters
+        What it sees, its layers, how it is trained.
+    member : int, default 0
+        Which of several networks it is: its start and its draws depend on it.
+    checkpoint : Path, optional
+        A file that is written after every tenth epoch; where it is there already, training goes on from it and ends
+        as if it had never stopped.
+    progress : bool, default False
+        Whether a bar shows how far it is.
+
+    Returns
+    -------
+    Trained
+        The network, and its losses.
+
+    Raises
+    ------
+    ReadError
+        If the checkpoint is damaged or of another training.
+    ParameterError
+        If a GPU is asked for and there is none.
+    """
+    run = _Run(points, target, n_classes, parameters, member)
+    if checkpoint is not None and checkpoint.exists():
+        run.restore(checkpoint)
+    p = parameters.training
+    epochs = range(len(run.history), p.epochs)
+    for epoch in tqdm(epochs, desc=f"network {member + 1} of {p.n_members}", unit="epoch", disable=not progress):
+        if run.since_best >= p.patience and run.best is not None:
+            break
+        run.pass_once(epoch)
+        if checkpoint is not None and (epoch % 10 == 9 or epoch == p.epochs - 1):
+            run.store(checkpoint)
+    return run.result()
+
+
+class _Run:
+    """The state of one training: everything that a checkpoint holds."""
+
+    def __init__(
+        self, points: Points, target: NDArray[np.int64], n_classes: int, parameters: JointNetParameters, member: int
+    ) -> None:
+        self.parameters, self.member = parameters, member
+        p = parameters.training
+        self.device = find_device(p.device)
+        held = _held_out(target, p)
+        self.train, self.held = _take(points, np.flatnonzero(~held)), _take(points, np.flatnonzero(held))
+        self.target = torch.from_numpy(target[~held]).to(self.device)
+        self.held_target = torch.from_numpy(target[held]).to(self.device)
+        with reproducible(self._seed(0)):
+            self.network = JointNet(parameters, n_classes)
+        self._scale_measures()
+        self.network.to(self.device)
+        self.optimizer = torch.optim.SGD(
+            self.network.parameters(), lr=p.learning_rate, momentum=p.momentum, weight_decay=p.weight_decay
+        )
+        self.loss = nn.CrossEntropyLoss(label_smoothing=p.label_smoothing)  # the softmax that equation 11 leaves out
+        self.history: list[dict[str, float]] = []
+        self.best: dict[str, Tensor] | None = None
+        self.since_best = 0
+
+    def _scale_measures(self) -> None:
+        """Let the network bring measures to mean 0 and spread 1, and whether intensity is known to -1 or 1."""
+        measures = torch.from_numpy(encode(self.train, self.parameters.inputs)[1])
+        if measures.shape[1]:
+            self.network.shift.copy_(measures.mean(dim=0))
+            self.network.scale.copy_(measures.std(dim=0, correction=0).clamp(min=0.05))
+            self.network.shift[-1], self.network.scale[-1] = 0.5, 0.5
+
+    def _seed(self, epoch: int) -> int:
+        return int(np.random.SeedSequence([self.parameters.training.seed, self.member, epoch]).generate_state(1)[0])
+
+    def pass_once(self, epoch: int) -> None:
+        """Go through the training objects once; all draws depend on the seed, the network and the epoch alone."""
+        p = self.parameters.training
+        rng = np.random.default_rng(self._seed(epoch + 1))
+        images, measures = to_tensors(
+            *encode(augment(self.train, p.augmentation, rng), self.parameters.inputs), self.device
+        )
+        batches = [b for b in torch.from_numpy(rng.permutation(len(self.target))).split(p.batch_size) if len(b) > 1]
+        total = 0.0
+        with reproducible(self._seed(epoch + 1)):
+            self.network.train()
+            for i, rows in enumerate(batches):
+                chosen = rows.to(self.device)
+                rate = scheduled_rate(epoch * len(batches) + i, p.epochs * len(batches), epoch, p)
+                for group in self.optimizer.param_groups:
+                    group["lr"] = rate
+                self.optimizer.zero_grad()
+                mixed = p.mixed_precision and self.device.type == "cuda"
+                with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=mixed):
+                    scores = self.network({view: v[chosen] for view, v in images.items()}, measures[chosen])
+                loss = torch.stack([self.loss(head.float(), self.target[chosen]) for head in scores]).sum()
+                loss.backward()
+                self.optimizer.step()
+                total += float(loss.detach()) * len(rows)
+        self.history.append({"loss": total / max(sum(len(b) for b in batches), 1)})
+        if len(self.held_target):
+            self._validate()
+
+    def _validate(self) -> None:
+        self.network.eval()
+        with reproducible(0), torch.no_grad():
+            found = self.network(*to_tensors(*encode(self.held, self.parameters.inputs), self.device))
+            log_probability = torch.log(torch.softmax(found, dim=2).mean(dim=0).clamp(min=1e-12))
+            loss = float(nn.functional.nll_loss(log_probability, self.held_target))
+        self.history[-1]["validation_loss"] = loss
+        before = [entry["validation_loss"] for entry in self.history[:-1]]
+        self.since_best += 1
+        if not before or loss < min(before):
+            self.best = {name: value.detach().clone() for name, value in self.network.state_dict().items()}
+            self.since_best = 0
+
+    def _identity(self) -> str:
+        return repr((asdict(self.parameters), self.member, len(self.train.xyz), self.target.tolist()))
+
+    def store(self, path: Path) -> None:
+        """Write the state, whole or not at all."""
+        state: dict[str, Any] = {
+            "identity": self._identity(),
+            "network": self.network.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "history": self.history,
+            "best": self.best,
+            "since_best": self.since_best,
+        }
+        path.parent.mkdir(parents=True, exist_ok=True)
+        fresh = path.with_name(f".{path.name}.part")
+        torch.save(state, fresh)
+        fresh.replace(path)
+
+    def restore(self, path: Path) -> None:
+        """Take the state of a checkpoint; nothing in it is run as code."""
+        try:
+            state = torch.load(path, map_location=self.device, weights_only=True)
+            identity = state["identity"]
+        except Exception as error:  # damaged archives raise errors of many kinds
+            raise ReadError(f"{path}: the checkpoint is damaged: {error}") from error
+        if identity != self._identity():
+            raise ReadError(f"{path} is a checkpoint of another training; remove it, or train with the same objects")
+        self.network.load_state_dict(state["network"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.history, self.best, self.since_best = state["history"], state["best"], state["since_best"]
+        logger.info("%s: training goes on after epoch %d", path, len(self.history))
+
+    def _settle(self) -> None:
+        """Take means and variances of batch normalisation from whole passes; running ones follow few batches.
+
+        Wu and Johnson 2021, "Rethinking 'Batch' in BatchNorm", section 3.
+        """
+        norms = [module for module in self.network.modules() if isinstance(module, nn.BatchNorm2d)]
+        if not norms:
+            return
+        for norm in norms:
+            norm.reset_running_stats()
+            norm.momentum = None  # the plain mean over all batches
+        p = self.parameters.training
+        rng = np.random.default_rng(self._seed(p.epochs + 1))
+        self.network.train()
+        with reproducible(self._seed(p.epochs + 1)), torch.no_grad():
+            for _ in range(SETTLE):
+                changed = augment(self.train, p.augmentation, rng)
+                images, measures = to_tensors(*encode(changed, self.parameters.inputs), self.device)
+                for rows in torch.from_numpy(rng.permutation(len(self.target))).to(self.device).split(_SETTLE_BATCH):
+                    self.network({view: v[rows] for view, v in images.items()}, measures[rows])
+
+    def result(self) -> Trained:
+        """Return the network of the best epoch or, without held-out objects, of the last."""
+        if self.best is not None:
+            self.network.load_state_dict(self.best)
+        self._settle()
+        return Trained(self.network.eval(), self.history)
+
+
+def _held_out(target: NDArray[np.int64], p: TrainingParameters) -> NDArray[np.bool_]:
+    """Draw the same share of every class that has at least two objects."""
+    held = np.zeros(len(target), dtype=np.bool_)
+    rng = np.random.default_rng(p.seed)
+    for label in np.unique(target):
+        rows = rng.permutation(np.flatnonzero(target == label))
+        held[rows[: min(round(p.validation * len(rows)), len(rows) - 1)]] = True
+    return held
+
+
+def _take(points: Points, rows: NDArray[np.int64]) -> Points:
+    chosen = np.isin(points.owner, rows)
+    indptr = np.append(0, np.cumsum(np.diff(points.indptr)[rows])).astype(np.int64)
+    return Points(points.xyz[chosen], indptr, points.intensity[chosen], points.known[rows])

@@ -1,0 +1,146 @@
+"""Two-step segmentation of ordered scans: along each scan line, then across lines (after Zhou et al. 2014).
+
+Yu et al. 2016 compare their segmentation with it (section V-B). The article, "A fast and accurate segmentation method
+for ordered LiDAR point cloud of large-scale scenes", was not at hand; the documentation says what is a reading.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.graphs import connected_components
+from mlsroad_pipeline.algorithms.neighbors import radius_neighbors
+from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
+from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
+
+_BATCH = 200_000  # places whose neighbours are listed at a time
+
+
+@dataclass(frozen=True)
+class TwoStepParameters:
+    """How runs of a scan line are made and joined.
+
+    Parameters
+    ----------
+    along : float, default 0.3
+        The longest step between consecutive returns of a run, metres. Larger runs bridge gaps and join neighbours.
+    across : float, default 0.3
+        Distance within which places of two runs touch, metres.
+    contact : float, default 0.25
+        Share of the places of the shorter run that must touch the other for the two to be joined, 0 to 1. Larger keeps
+        objects apart that touch with their edges.
+    voxel_size : float, default 0.1
+        A run is thinned to one place per voxel of this edge, metres.
+
+    Raises
+    ------
+    ParameterError
+        If a length is not positive or `contact` is not in [0, 1].
+    """
+
+    along: float = 0.3
+    across: float = 0.3
+    contact: float = 0.25
+    voxel_size: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in ("along", "across", "voxel_size"):
+            check_positive(getattr(self, name), f"two_step.{name}")
+        if not 0 <= self.contact <= 1:
+            raise ParameterError(f"two_step.contact must be between 0 and 1, got {self.contact!r}")
+
+
+def segment_two_step(
+    xyz: ArrayLike,
+    *,
+    gps_time: ArrayLike,
+    scanner: ArrayLike,
+    parameters: TwoStepParameters = TwoStepParameters(),
+    min_points: int = 1,
+) -> NDArray[np.int32]:
+    """Segment off-ground points into objects along and across scan lines.
+
+    Returns of one scanner that follow each other in time with short steps are a run. Two runs are joined when a share
+    of the shorter one lies beside the other.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Coordinates without the ground, metres.
+    gps_time : array-like of shape (n,)
+        When each point was measured, seconds.
+    scanner : array-like of shape (n,), integer
+        Which scanner measured it.
+    parameters : TwoStepParameters
+        See there.
+    min_points : int, default 1
+        Objects with fewer points are labelled -1.
+
+    Returns
+    -------
+    ndarray of int32, shape (n,)
+        Objects 0, 1, ... numbered by their first points; -1 below `min_points`.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3) or not finite, or a column has another length.
+    ParameterError
+        If `min_points` is below 1.
+    """
+    points = check_xyz(xyz).astype(np.float64, copy=False)
+    times = check_column(gps_time, len(points), "gps_time")
+    devices = check_column(scanner, len(points), "scanner")
+    if len(points) == 0:
+        return number_objects(np.zeros(0, np.int64), min_points)
+    runs = _runs(points, times, devices, parameters.along)
+    places, of_run = _thinned(points, runs, parameters.voxel_size)
+    pairs = _touching(places, of_run, parameters)
+    joined = connected_components(pairs, n_nodes=int(runs.max()) + 1)
+    return number_objects(joined[runs].astype(np.int64), min_points)
+
+
+def _runs(points: NDArray[np.float64], times: NDArray, devices: NDArray, along: float) -> NDArray[np.int64]:
+    """Number the runs: returns of a scanner in time whose steps are short; those of one pulse by their place."""
+    order = np.lexsort((points[:, 2], points[:, 1], points[:, 0], times, devices))
+    step = np.linalg.norm(np.diff(points[order], axis=0), axis=1)
+    new = np.concatenate([[True], (step > along) | (np.diff(devices[order]) != 0)])
+    runs = np.empty(len(points), np.int64)
+    runs[order] = np.cumsum(new) - 1
+    return runs
+
+
+def _thinned(
+    points: NDArray[np.float64], runs: NDArray[np.int64], size: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the mean places of each run in the voxels that it passes, and the run of each."""
+    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
+    order = np.lexsort((points[:, 2], points[:, 1], points[:, 0], cells[:, 2], cells[:, 1], cells[:, 0], runs))
+    key = np.column_stack([runs, cells])[order]
+    starts = np.flatnonzero(np.concatenate([[True], (np.diff(key, axis=0) != 0).any(axis=1)]))
+    counts = np.diff(np.append(starts, len(points)))
+    return np.add.reduceat(points[order], starts, axis=0) / counts[:, None], key[starts, 0]
+
+
+def _touching(places: NDArray[np.float64], of_run: NDArray[np.int64], parameters: TwoStepParameters) -> NDArray:
+    """Return the pairs of runs of which a large enough share lies side by side."""
+    n_runs = int(of_run.max()) + 1
+    found = []
+    for first in range(0, len(places), _BATCH):
+        some = places[first : first + _BATCH]
+        indices, indptr = radius_neighbors(places, radius=parameters.across, queries=some)
+        here = np.repeat(np.arange(first, first + len(some)), np.diff(indptr))
+        other = of_run[indices]
+        apart = other != of_run[here]
+        found.append(np.unique(here[apart] * n_runs + other[apart]))  # a place touches a run once
+    touch = np.concatenate(found)
+    pairs, count = np.unique(of_run[touch // n_runs] * n_runs + touch % n_runs, return_counts=True)
+    a, b = pairs // n_runs, pairs % n_runs
+    size = np.bincount(of_run, minlength=n_runs)
+    # Of two equally long runs either may be the one that is judged.
+    good = (size[a] <= size[b]) & (count >= parameters.contact * size[a])
+    return np.column_stack([a[good], b[good]])

@@ -1,0 +1,134 @@
+"""What the study of Yu et al. 2016 runs: its scales, its surveys, and the settings of its figure 12."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+
+WORDS = "visual_words"
+DETECTORS = ("hough_forest", "object_matching", "bottom_up_top_down", WORDS)
+"""The detectors in the order of the paper's Table V."""
+
+CUT = "normalized_cut"
+SEGMENTATIONS = ("yang_dong", "two_step", "normalized_cut_geometry", CUT)
+"""The segmentations in the order of the paper's Figure 11."""
+
+
+@dataclass(frozen=True)
+class StudySurvey:
+    """Streets of one kind, which stand for a survey of the paper.
+
+    Parameters
+    ----------
+    survey : mapping
+        ``preset`` and changes of `SimulationParameters`, without the seed.
+    train, test : sequence of int
+        Seeds of the streets to learn from, and of those to be scored on; no street is in both.
+
+    Raises
+    ------
+    ParameterError
+        If a list is empty, a street is in both, or the survey names a seed.
+    """
+
+    survey: Mapping[str, Any]
+    train: Sequence[int]
+    test: Sequence[int]
+
+    def __post_init__(self) -> None:
+        both = sorted(set(self.train) & set(self.test))
+        if not self.train or not self.test or both or len(set(self.test)) < len(self.test):
+            raise ParameterError(
+                f"yu2016_study: training and test streets must be different and some of each, got {list(self.train)} "
+                f"and {list(self.test)}"
+            )
+        if "seed" in self.survey:
+            raise ParameterError("yu2016_study: the seeds of the streets stand in train and test")
+
+
+@dataclass(frozen=True)
+class StudyScale:
+    """How large the study is.
+
+    Parameters
+    ----------
+    surveys : mapping of str to StudySurvey or mapping
+        Name of the survey; ``RRS`` and ``SPP`` have the paper's figures beside them.
+    patterns : sequence of str
+        Patterns of feature regions (Figure 12a), see `RegionParameters`.
+    words_per_group : sequence of float
+        Sizes of the vocabulary (Figure 12b), as words per training group.
+    group_sizes : sequence of int
+        Neighbours k in a contextual group (Figure 12c).
+    methods : mapping
+        Slug to changes of the method's parameters at this scale.
+    """
+
+    surveys: Mapping[str, Any]
+    patterns: Sequence[str]
+    words_per_group: Sequence[float]
+    group_sizes: Sequence[int]
+    methods: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        made = {name: s if isinstance(s, StudySurvey) else StudySurvey(**s) for name, s in self.surveys.items()}
+        if not made:
+            raise ParameterError("yu2016_study: a scale must name at least one survey")
+        object.__setattr__(self, "surveys", made)
+
+    def settings(self) -> dict[str, dict[str, Any]]:
+        """Return the settings of Figure 12: name to changes of the parameters of the visual words."""
+        found: dict[str, dict[str, Any]] = {f"pattern={p}": {"regions": {"pattern": p}} for p in self.patterns}
+        found |= {
+            f"words_per_group={w:g}": {"vocabulary": {"n_words": None, "groups_per_word": 1.0 / w}}
+            for w in self.words_per_group
+        }
+        return found | {f"k={k}": {"k": int(k)} for k in self.group_sizes}
+
+
+@dataclass(frozen=True)
+class StudyParameters:
+    """The study of Yu et al. 2016.
+
+    Parameters
+    ----------
+    scale : str
+        Which of `scales` is run.
+    scales : mapping
+        Name to the fields of `StudyScale`.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such scale, or its fields are not those of `StudyScale`.
+    """
+
+    scale: str
+    scales: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        if self.scale not in self.scales:
+            raise ParameterError(f"yu2016_study.scale {self.scale!r} is unknown (scales: {', '.join(self.scales)})")
+        self.chosen_scale()
+
+    def chosen_scale(self) -> StudyScale:
+        """Return the scale that is run.
+
+        Returns
+        -------
+        StudyScale
+            The scale.
+
+        Raises
+        ------
+        ParameterError
+            If a field is unknown or missing.
+        """
+        given = dict(self.scales[self.scale])
+        known = {entry.name for entry in fields(StudyScale)}
+        if set(given) != known:
+            raise ParameterError(f"yu2016_study.scales.{self.scale} must have {sorted(known)}, got {sorted(given)}")
+        return StudyScale(**given)

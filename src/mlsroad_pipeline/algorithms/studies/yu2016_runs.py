@@ -1,0 +1,230 @@
+"""What the workers of the study of Yu et al. 2016 do: make a street, segment it, describe objects, train and detect."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.baselines import bottom_up_top_down, hough_forest, object_matching
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down_training import train_bottom_up_top_down
+from mlsroad_pipeline.algorithms.baselines.hough_forest_training import train_hough_forest
+from mlsroad_pipeline.algorithms.baselines.object_matching_training import train_object_matching
+from mlsroad_pipeline.algorithms.baselines.object_parts import describe_parts
+from mlsroad_pipeline.algorithms.baselines.oriented_points import describe_surfaces
+from mlsroad_pipeline.algorithms.classes import ClassScheme
+from mlsroad_pipeline.algorithms.detection import DetectionParameters, count_detections_of_scene, object_classes
+from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps, score_segmentation
+from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
+from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, segment_scene
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
+from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
+from mlsroad_pipeline.algorithms.studies.luo2016_runs import make_street
+from mlsroad_pipeline.algorithms.visual_words import labeller
+from mlsroad_pipeline.algorithms.visual_words.training import train_detector
+
+TOUCHING = 0.15
+"""Objects closer than this touch, metres: the clustering distance of the paper."""
+
+_DESCRIBE: Mapping[str, Any] = {
+    "hough_forest": (describe_parts, "regions"),
+    "object_matching": (describe_parts, "regions"),
+    "bottom_up_top_down": (describe_surfaces, "surfaces"),
+    "visual_words": (labeller.describe_objects, "groups"),
+}
+_TRAIN: Mapping[str, Any] = {
+    "hough_forest": train_hough_forest,
+    "object_matching": train_object_matching,
+    "bottom_up_top_down": train_bottom_up_top_down,
+    "visual_words": train_detector,
+}
+_DETECT: Mapping[str, Any] = {
+    module.SLUG: module.detect_scene for module in (labeller, hough_forest, object_matching, bottom_up_top_down)
+}
+
+
+def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -> dict[str, Any]:
+    """Simulate a street that is a scene of its own, and time the search for its ground.
+
+    Parameters
+    ----------
+    simulation : SimulationParameters
+        The survey.
+    ground : GroundParameters
+        The ground filter.
+
+    Returns
+    -------
+    dict
+        ``points``: a cloud with `ground` and what the stages need; ``facts``: ``seconds`` of the ground filter and
+        number of ``points``.
+    """
+    columns = ("intensity", "gps_time", "scanner", "label", "instance")
+    street = make_street(simulation=simulation, ground=ground, columns=columns)
+    cloud = replace(street, columns={**street.columns, "core": np.ones(len(street), dtype=np.bool_)})
+    start = time.process_time()
+    find_ground(cloud, ground)
+    facts = {"seconds": np.array(time.process_time() - start), "points": np.array(len(cloud))}
+    return {"points": cloud, "facts": facts}
+
+
+def segment_street(
+    points: PointCloud, *, parameters: SegmentationParameters, scheme: ClassScheme, detection: DetectionParameters
+) -> dict[str, Any]:
+    """Segment a street and score the objects against its instances.
+
+    Parameters
+    ----------
+    points : PointCloud
+        What `make_survey` gave.
+    parameters : SegmentationParameters
+        The method and its parameters.
+    scheme : ClassScheme
+        The classes.
+    detection : DetectionParameters
+        The wanted classes, and the smallest reference object.
+
+    Returns
+    -------
+    dict
+        ``objects``, what `segment_scene` gave; ``scores``: figures of `score_segmentation`, ``touching`` and
+        ``weighted_touching``: coverage of the instances that touch another, ``wanted``: share of the instances of the
+        wanted classes that are found with an IoU of `detection.iou_threshold`, ``seconds``.
+    """
+    start = time.process_time()
+    objects = segment_scene(points, {"ground": points["ground"]}, parameters)
+    seconds = time.process_time() - start
+    found, least = objects["objects"], detection.min_points
+    figures = {name: np.array(value) for name, value in asdict(
+        score_segmentation(points["instance"], found, min_points=least)).items()}  # fmt: skip
+    pairs = find_overlaps(points["instance"], found)
+    best = np.zeros(len(pairs.instances))
+    np.maximum.at(best, pairs.instance, pairs.iou)
+    large = pairs.instance_sizes >= least
+    touching = touching_instances(points, pairs.instances, least) & large
+    weights = pairs.instance_sizes[touching]
+    first = np.unique(points["instance"], return_index=True)
+    label = scheme.encode(points["label"], source=points.source)[first[1][np.searchsorted(first[0], pairs.instances)]]
+    wanted = large & np.isin(label, detection.labels_in(scheme))
+    extra = {
+        "touching": best[touching].mean() if touching.any() else np.nan,
+        "weighted_touching": best[touching] @ weights / weights.sum() if touching.any() else np.nan,
+        "wanted": (best[wanted] >= detection.iou_threshold).mean() if wanted.any() else np.nan,
+        "seconds": seconds,
+    }
+    return {"objects": objects, "scores": {**figures, **{name: np.array(value) for name, value in extra.items()}}}
+
+
+def touching_instances(points: PointCloud, names: NDArray[np.int64], min_points: int) -> NDArray[np.bool_]:
+    """Tell which instances share a Euclidean cluster with another one.
+
+    Parameters
+    ----------
+    points : PointCloud
+        A street with `ground` and `instance`.
+    names : ndarray of int64
+        The instances.
+    min_points : int
+        Points that an instance must have in a cluster to count in it.
+
+    Returns
+    -------
+    ndarray of bool
+        One flag per instance.
+    """
+    off = np.flatnonzero(~points["ground"])
+    together = cluster(np.ascontiguousarray(points.xyz[off], dtype=np.float64), tolerance=TOUCHING)
+    pairs = find_overlaps(points["instance"][off], together)
+    there = pairs.shared >= min_points
+    crowded = np.bincount(pairs.segment[there], minlength=len(pairs.segments)) > 1
+    return np.isin(names, pairs.instances[pairs.instance[there & crowded[pairs.segment]]])
+
+
+def describe_street(
+    points: PointCloud, objects: Mapping[str, NDArray], *, method: str, parameters: Any
+) -> dict[str, Any]:
+    """Describe the objects of a street as a detector does.
+
+    Parameters
+    ----------
+    points : PointCloud
+        What `make_survey` gave.
+    objects : mapping
+        What `segment_scene` gave.
+    method : str
+        The detector.
+    parameters : dataclass
+        Its parameters.
+
+    Returns
+    -------
+    dict
+        ``parts``, and ``facts`` with the ``seconds``.
+    """
+    describe, described_by = _DESCRIBE[method]
+    start = time.process_time()
+    parts = describe(points, objects, parameters=getattr(parameters, described_by))
+    return {"parts": parts, "facts": {"seconds": np.array(time.process_time() - start)}}
+
+
+def train_and_detect(
+    train: Mapping[str, Mapping[str, Any]],
+    test: Mapping[str, Mapping[str, Any]],
+    *,
+    method: str,
+    parameters: Any,
+    stages: DetectionStages,
+    detection: DetectionParameters,
+    scheme: ClassScheme,
+) -> dict[str, dict[str, NDArray]]:
+    """Train a detector on streets and compare its detections in others with what is there.
+
+    Parameters
+    ----------
+    train, test : mapping of str to mapping
+        Street to its ``points``, ``objects`` and ``parts``.
+    method : str
+        The detector.
+    parameters : dataclass
+        Its parameters.
+    stages : DetectionStages
+        How the streets were prepared.
+    detection : DetectionParameters
+        The wanted classes.
+    scheme : ClassScheme
+        The classes.
+
+    Returns
+    -------
+    dict
+        Test street to what `count_detections_of_scene` gave, with the ``seconds`` of the detection; ``facts``:
+        ``train_seconds``, ``examples`` (training objects of each class) and ``thresholds``.
+    """
+    judge: dict[str, Any] = {"scheme": scheme, "parameters": detection}
+    labels = {key: object_classes(given["points"], given["objects"], **judge) for key, given in train.items()}
+    start = time.process_time()
+    bundle = _TRAIN[method](
+        {key: given["parts"] for key, given in train.items()}, labels, parameters=parameters, stages=stages,
+        detection=detection, scheme=scheme, trained_on={"streets": len(train)},
+    )  # fmt: skip
+    own = np.concatenate([found["label"][found["own"]] for found in labels.values()])
+    learned = next(iter(bundle.metadata["learned"].values()))["thresholds"]
+    facts = {
+        "train_seconds": np.array(time.process_time() - start),
+        "examples": np.bincount(own[own >= 0], minlength=len(detection.classes)),
+        "thresholds": np.array([learned.get(name, np.inf) for name in detection.classes]),
+    }
+    results = {"facts": facts}
+    for key, given in test.items():
+        start = time.process_time()
+        found = _DETECT[method](given["parts"], bundle)
+        seconds = np.array(time.process_time() - start)
+        counts = count_detections_of_scene(given["points"], given["objects"], found, **judge)
+        results[key] = {**counts, "seconds": seconds}
+    return results

@@ -1,0 +1,134 @@
+"""Coordinate reference systems of files: options, sidecars, and reprojection on request. None is ever guessed."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pyproj
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, file_key, log_once
+
+SIDECAR = ".prj"
+LARGEST = 1 << 20
+
+
+def parse_crs(crs: str) -> str:
+    """Return a coordinate reference system as WKT.
+
+    Parameters
+    ----------
+    crs : str
+        WKT, PROJ or an authority's code.
+
+    Returns
+    -------
+    str
+        Its WKT.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be understood.
+    """
+    try:
+        return str(pyproj.CRS.from_user_input(crs).to_wkt())
+    except pyproj.exceptions.CRSError as error:
+        raise ParameterError(f"crs {crs!r} is not a coordinate reference system: {error}") from error
+
+
+def _stem(path: Path) -> str:
+    name = path.name.removesuffix(".gz")
+    return name.rpartition(".")[0] or name
+
+
+def sidecar_crs(path: Path) -> str | None:
+    """Return the CRS of the ``.prj`` file beside a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file, ``street.xyz.gz`` say; its sidecar is ``street.prj``.
+
+    Returns
+    -------
+    str or None
+        Its WKT; None without a sidecar, or where PROJ does not understand it, which the log says.
+    """
+    beside = next((p for e in (SIDECAR, SIDECAR.upper()) if (p := path.with_name(_stem(path) + e)).is_file()), None)
+    return None if beside is None else _sidecar(file_key(beside))
+
+
+@lru_cache(maxsize=64)
+def _sidecar(key: FileKey) -> str | None:
+    with Path(key[0]).open("rb") as stream:
+        text = stream.read(LARGEST).decode("utf-8-sig", "replace").strip()
+    try:
+        crs = str(pyproj.CRS.from_user_input(text).to_wkt())
+    except pyproj.exceptions.CRSError:
+        log_once(key[0], f"holds no coordinate reference system that PROJ knows: {text[:60]!r}")
+        return None
+    log_once(key[0], f"gives the coordinate reference system {pyproj.CRS.from_wkt(crs).name}")
+    return crs
+
+
+def write_sidecar(path: Path, crs: str | None) -> None:
+    """Write a CRS beside a file whose format holds none.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    crs : str or None
+        WKT; None writes nothing.
+    """
+    if crs:
+        with atomic_file(path.with_name(_stem(path) + SIDECAR)) as stream:
+            stream.write(crs.encode() + b"\n")
+
+
+def reproject(
+    world: NDArray[np.float64], source: str | None, target: str, *, name: Path
+) -> tuple[NDArray[np.float64], str]:
+    """Turn coordinates of one system into those of another.
+
+    Parameters
+    ----------
+    world : ndarray of shape (n, 3)
+        World coordinates: easting, northing and height in metres, or longitude, latitude in degrees and height.
+    source : str or None
+        Their system as WKT.
+    target : str
+        The wanted system: WKT or a code.
+    name : Path
+        What messages call the file.
+
+    Returns
+    -------
+    xyz : ndarray of shape (n, 3), float64
+        The coordinates; heights change where both systems have them.
+    crs : str
+        The target as WKT.
+
+    Raises
+    ------
+    DataError
+        If the file states no system, or a point lies where the target is not defined.
+    """
+    wkt = parse_crs(target)
+    if source is None:
+        raise DataError(f"{name} states no coordinate reference system to reproject from; set crs")
+    try:
+        x, y, z = world.T
+        moved = np.stack(_transformer(source, wkt).transform(x, y, z, errcheck=True), axis=1)
+    except pyproj.exceptions.ProjError as error:
+        raise DataError(f"{name} cannot be reprojected to {target}: {error}") from error
+    return moved, wkt
+
+
+@lru_cache(maxsize=16)
+def _transformer(source: str, target: str) -> pyproj.Transformer:
+    return pyproj.Transformer.from_crs(source, target, always_xy=True)

@@ -1,0 +1,203 @@
+"""The images of a survey with their cameras, read when they are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from kedro.io import AbstractDataset
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image as Picture
+from PIL import UnidentifiedImageError
+
+from mlsroad_pipeline.algorithms.exceptions import ReadError
+from mlsroad_pipeline.algorithms.image_labels.camera import Camera
+
+
+@dataclass(frozen=True)
+class PosedImage:
+    """An image that lies in a file, and its camera.
+
+    Parameters
+    ----------
+    name : str
+        Unique in the survey.
+    group : str
+        Which of the survey's cameras took it, such as ``front_left``.
+    time : float
+        GPS seconds; NaN where it is not known.
+    camera : Camera
+        Calibration and pose, for points in world coordinates less `SurveyImages.origin`.
+    path : Path
+        The picture.
+    """
+
+    name: str
+    group: str
+    time: float
+    camera: Camera
+    path: Path
+
+    def load(self) -> NDArray[np.uint8]:
+        """Read the picture.
+
+        Returns
+        -------
+        ndarray of shape (height, width, 3), uint8
+            Red, green and blue.
+
+        Raises
+        ------
+        ReadError
+            If the file is missing, no picture, or of another size than the camera's images.
+        """
+        array: NDArray[np.uint8] = np.asarray(_open(self.path, self.camera, self.name).convert("RGB"), dtype=np.uint8)
+        return array
+
+    def load_labels(self, folder: str) -> NDArray[np.uint8]:
+        """Read the label image that lies beside the pictures.
+
+        Parameters
+        ----------
+        folder : str
+            Name of its folder, beside that of the pictures; the file's name is the same.
+
+        Returns
+        -------
+        ndarray of shape (height, width), uint8
+            Taxonomy codes.
+
+        Raises
+        ------
+        ReadError
+            As `load`.
+        """
+        path = self.path.parent.parent / folder / f"{self.path.stem}.png"
+        labels: NDArray[np.uint8] = np.asarray(_open(path, self.camera, self.name)).astype(np.uint8)
+        return labels
+
+
+def _open(path: Path, camera: Camera, name: str) -> Picture.Image:
+    if not path.is_file():
+        raise ReadError(f"{path}: no such picture (image {name!r})")
+    try:
+        picture = Picture.open(path)
+        picture.load()
+    except (UnidentifiedImageError, OSError) as error:
+        raise ReadError(f"{path}: cannot be read as a picture: {error}") from error
+    if picture.size != (camera.width, camera.height):
+        wide, high = picture.size
+        raise ReadError(
+            f"{path}: the picture has {wide} x {high} pixels, its camera is calibrated for "
+            f"{camera.width} x {camera.height}"
+        )
+    return picture
+
+
+@dataclass(frozen=True)
+class SurveyImages(Sequence[PosedImage]):
+    """All images of a survey, in the order of time.
+
+    Parameters
+    ----------
+    images : tuple of PosedImage
+        Empty where the survey has no images.
+    origin : ndarray of shape (3,), float64
+        World coordinates that the cameras' poses are relative to, metres.
+    source : str
+        The file that describes them.
+    """
+
+    images: tuple[PosedImage, ...]
+    origin: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    source: str = "survey without images"
+
+    def __len__(self) -> int:
+        """Return the number of images."""
+        return len(self.images)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Return an image, or a tuple of them for a slice."""
+        return self.images[index]
+
+    def __iter__(self) -> Iterator[PosedImage]:
+        """Yield the images."""
+        return iter(self.images)
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Names of the cameras, in the order of the alphabet."""
+        return tuple(sorted({image.group for image in self.images}))
+
+    def relative_to(self, origin: ArrayLike) -> SurveyImages:
+        """Return the images with cameras for points relative to another origin.
+
+        Parameters
+        ----------
+        origin : array-like of shape (3,)
+            World coordinates of the points' zero, metres, such as `PointCloud.origin`.
+
+        Returns
+        -------
+        SurveyImages
+            The same images.
+        """
+        zero = np.asarray(origin, dtype=np.float64)
+        moved = tuple(
+            PosedImage(i.name, i.group, i.time, i.camera.shifted(zero - self.origin), i.path) for i in self.images
+        )
+        return SurveyImages(moved, zero, self.source)
+
+
+class SurveyImagesDataset(AbstractDataset[SurveyImages, SurveyImages]):
+    """The images of a survey; the pictures stay in their files until they are asked for.
+
+    Parameters
+    ----------
+    filepath : str
+        What describes the cameras; see `camera_files.read_images`.
+    images : str, optional
+        Folder of the pictures; ``images`` beside the file by default.
+    trajectory : str, optional
+        Poses of the vehicle, for files that give none per image.
+    optional : bool, default False
+        Whether a missing file means a survey without images instead of an error.
+    metadata : dict, optional
+        Anything; not read.
+
+    Examples
+    --------
+    In a catalog::
+
+        survey_images:
+          type: mlsroad_pipeline.datasets.survey_images.SurveyImagesDataset
+          filepath: data/01_raw/survey/calibration.json
+    """
+
+    def __init__(
+        self, *, filepath: str, images: str | None = None, trajectory: str | None = None, optional: bool = False,
+        metadata: dict[str, Any] | None = None,
+    ) -> None:  # fmt: skip
+        self._filepath, self._images, self._trajectory = filepath, images, trajectory
+        self._optional, self.metadata = optional, metadata
+
+    def load(self) -> SurveyImages:
+        """Read cameras and poses."""
+        from mlsroad_pipeline.datasets.camera_files import read_images  # noqa: PLC0415  it needs SurveyImages
+
+        if self._optional and not Path(self._filepath).exists():
+            return SurveyImages(())
+        return read_images(self._filepath, images=self._images, trajectory=self._trajectory)
+
+    def save(self, data: SurveyImages) -> None:
+        """Refuse: images are only read."""
+        raise NotImplementedError("images are only read")
+
+    def _exists(self) -> bool:
+        return Path(self._filepath).exists()
+
+    def _describe(self) -> dict[str, Any]:
+        return {"filepath": self._filepath, "images": self._images, "trajectory": self._trajectory}

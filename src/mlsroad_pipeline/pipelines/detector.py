@@ -1,0 +1,113 @@
+"""The pipeline that all detectors share: described objects, a model, detections."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from joblib import cpu_count
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.algorithms.detection import DetectionParameters
+from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
+from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
+from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
+from mlsroad_pipeline.datasets.method_work import detect_described_objects
+from mlsroad_pipeline.datasets.scene_store import SceneCollection
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
+
+TRAIN = "train."
+
+
+def create_detector_pipeline(
+    slug: str,
+    *,
+    parameters: type,
+    describe: Callable[..., Any],
+    described_by: str,
+    train: Callable[..., ModelBundle],
+    parts: str = "parts",
+) -> Pipeline:
+    """Return the pipeline of a detector: objects to a model, and to detections in the scenes it was not trained on.
+
+    Parameters
+    ----------
+    slug : str
+        The method.
+    parameters : type
+        Dataclass of its parameters, which are checked before any node runs.
+    describe : callable
+        Describes the objects of a scene: ``scene``, ``objects``, ``parameters``.
+    described_by : str
+        The field of the parameters that `describe` takes.
+    train : callable
+        Trains a model, see `object_detector_training.Trainer`.
+    parts : str, default "parts"
+        Name of the store of described objects.
+
+    Returns
+    -------
+    Pipeline
+        ``scenes``, ``objects`` and ``object_classes`` to ``<slug>.model`` and ``<slug>.detections``.
+    """
+
+    def describe_objects(scenes: SceneCollection, objects: SceneCollection, parameters: Any) -> dict[str, SceneTask]:
+        given = {"parameters": getattr(parameters, described_by)}
+        return {key: SceneTask(describe, {"scene": scenes[key], "objects": objects[key]}, given) for key in scenes}
+
+    def train_model(
+        parts: SceneCollection,
+        labels: SceneCollection,
+        parameters: Any,
+        ground: GroundParameters,
+        segmentation: SegmentationParameters,
+        detection: DetectionParameters,
+        survey: SurveyParameters,
+        classes: Mapping[str, Any],
+    ) -> tuple[ModelBundle, ModelBundle]:
+        bundle = train(
+            {key: parts[key].load() for key in labels},
+            labels.load_all(),
+            parameters=parameters,
+            stages=DetectionStages(ground, segmentation),
+            detection=detection,
+            scheme=find_scheme(classes["schemes"], detection.scheme),
+            trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(labels)},
+            n_threads=cpu_count(),
+        )
+        return bundle, bundle
+
+    # Kedro reads here which class the parameters become.
+    describe_objects.__annotations__["parameters"] = parameters
+    train_model.__annotations__["parameters"] = parameters
+    stages = ("ground_removal", "segmentation", "detection", "survey", "classes")
+    described, model = f"{slug}.{parts}", f"{slug}.model"
+    return Pipeline(
+        [
+            Node(
+                describe_objects,
+                inputs=["scenes", "objects", f"params:{slug}"],
+                outputs=described,
+                name=f"describe_objects_of_{slug}",
+            ),
+            Node(
+                train_model,
+                inputs=[described, "object_classes", f"params:{slug}", *(f"params:{name}" for name in stages)],
+                outputs=[model, f"{slug}.registered_model"],
+                name=f"train_{slug}",
+            ),
+            Node(_detect_objects, inputs=[described, model], outputs=f"{slug}.detections", name=f"detect_by_{slug}"),
+        ]
+    )
+
+
+def _detect_objects(parts: SceneCollection, model: SourceFile) -> dict[str, SceneTask]:
+    """Name the work that detects the objects of each scene that the model was not trained on."""
+    return {
+        key: SceneTask(detect_described_objects, {"parts": parts[key], "model": model})
+        for key in parts
+        if not key.startswith(TRAIN)
+    }

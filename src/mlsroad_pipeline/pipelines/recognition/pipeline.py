@@ -1,0 +1,127 @@
+"""Wiring of what all recognisers share, and of one recogniser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial, update_wrapper
+from typing import Any
+
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.pipelines.compare.nodes import compare_methods
+from mlsroad_pipeline.pipelines.methods import RECOGNISERS
+from mlsroad_pipeline.pipelines.recognition.nodes import (
+    cut_objects_of_scenes,
+    read_object_folds,
+    recognise_sets,
+    score_recogniser,
+    train_jointnet,
+    train_machine,
+    train_pointnet,
+)
+
+PARAMETERS = {"hssi_net": "jointnet", "vqai_net": "jointnet", "vaai_net": "jointnet"}
+"""Methods that take the parameters of another."""
+
+TRAINERS: dict[str, Callable[..., Any]] = {
+    "spin_image": train_machine,
+    "shot": train_machine,
+    "hierarchy_descriptor": train_machine,
+    "pointnet": train_pointnet,
+}
+"""What trains a method; all others are JointNet's."""
+
+
+def _of(method: str, function: Callable[..., Any]) -> Callable[..., Any]:
+    """Fix the method of a node's function, which keeps its name in Kedro's messages."""
+    return update_wrapper(partial(function, method=method), function)
+
+
+def recogniser_pipeline(slug: str) -> Pipeline:
+    """Return the pipeline of one recogniser.
+
+    Parameters
+    ----------
+    slug : str
+        The method.
+
+    Returns
+    -------
+    Pipeline
+        ``object_sets`` to ``<slug>.model`` and ``<slug>.recognitions`` of the objects that it was not trained on.
+    """
+    own, configured = f"params:{PARAMETERS.get(slug, slug)}", ["params:recognition"]
+    stages = ["params:ground_removal", "params:segmentation", "params:survey", "params:classes"]
+    return Pipeline(
+        [
+            Node(
+                _of(slug, TRAINERS.get(slug, train_jointnet)),
+                inputs=["object_sets", own, *configured, *stages],
+                outputs=[f"{slug}.model", f"{slug}.registered_model"],
+                name=f"train_{slug}",
+            ),
+            Node(
+                _of(slug, recognise_sets),
+                inputs=["object_sets", f"{slug}.model", own, *configured, "params:classes"],
+                outputs=f"{slug}.recognitions",
+                name=f"recognise_with_{slug}",
+            ),
+        ]
+    )
+
+
+def score_recognisers() -> Pipeline:
+    """Return the pipeline that scores all recognisers and puts them into one table."""
+    scores = [
+        Node(
+            _of(slug, score_recogniser),
+            inputs=["object_sets", f"{slug}.recognitions", "params:recognition", "params:classes"],
+            outputs=[f"{slug}.scores", f"{slug}.confusion_figure"],
+            name=f"score_{slug}",
+        )
+        for slug in RECOGNISERS
+    ]
+    compared = Node(
+        compare_methods,
+        inputs=[f"{slug}.scores" for slug in RECOGNISERS],
+        outputs="recognition_comparison",
+        name="compare_recognisers",
+    )
+    return Pipeline([*scores, compared])
+
+
+def read_folds() -> Pipeline:
+    """Return the pipeline that reads objects from files: the survey's root to ``object_sets``."""
+    return Pipeline(
+        [
+            Node(
+                read_object_folds,
+                inputs=["params:survey", "params:recognition", "params:classes"],
+                outputs="object_sets",
+                name="read_object_folds",
+            )
+        ]
+    )
+
+
+def create_pipeline(**_: object) -> Pipeline:
+    """Return the pipeline: scenes and their objects to sets of objects, and these to the scores of all recognisers.
+
+    Parameters
+    ----------
+    **_ : object
+        Not used; Kedro lets callers of any pipeline give keyword arguments.
+
+    Returns
+    -------
+    Pipeline
+        ``scenes`` and ``objects`` to ``object_sets``, ``<slug>.scores`` and ``recognition_comparison``.
+    """
+    cut = Node(
+        cut_objects_of_scenes,
+        inputs=["scenes", "objects", "params:recognition", "params:classes"],
+        outputs="object_sets",
+        name="cut_objects_of_scenes",
+    )
+    methods: list[Pipeline] = [recogniser_pipeline(slug) for slug in RECOGNISERS]
+    return sum([*methods, score_recognisers()], Pipeline([cut]))

@@ -1,0 +1,291 @@
+"""The study of Yu et al. 2016, stage by stage."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import BottomUpTopDownParameters
+from mlsroad_pipeline.algorithms.baselines.hough_forest import HoughForestParameters
+from mlsroad_pipeline.algorithms.baselines.object_matching import ObjectMatchingParameters
+from mlsroad_pipeline.algorithms.detection import DetectionParameters
+from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
+from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
+from mlsroad_pipeline.algorithms.rendering.report import build_report
+from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
+from mlsroad_pipeline.algorithms.studies import yu2016_runs
+from mlsroad_pipeline.algorithms.studies.luo2016_parameters import changed
+from mlsroad_pipeline.algorithms.studies.yu2016_parameters import CUT, DETECTORS, SEGMENTATIONS, WORDS, StudyParameters
+from mlsroad_pipeline.algorithms.studies.yu2016_report import study_figures, study_sections
+from mlsroad_pipeline.algorithms.studies.yu2016_results import StudyPlan, StudyTables, street_key, study_tables
+from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
+from mlsroad_pipeline.datasets.scene_store import SceneCollection
+from mlsroad_pipeline.datasets.scene_task import SceneTask
+from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
+
+
+def plan_study(
+    study: StudyParameters,
+    classes: Mapping[str, Any],
+    ground: GroundParameters,
+    segmentation: SegmentationParameters,
+    detection: DetectionParameters,
+    forest: HoughForestParameters,
+    matching: ObjectMatchingParameters,
+    descriptors: BottomUpTopDownParameters,
+    words: VisualWordsParameters,
+) -> StudyPlan:
+    """Plan the runs.
+
+    Parameters
+    ----------
+    study : StudyParameters
+        What is run.
+    classes : mapping
+        The class schemes.
+    ground, segmentation, detection : dataclass
+        Parameters of the stages.
+    forest, matching, descriptors, words : dataclass
+        Parameters of the detectors in the order of `DETECTORS`.
+
+    Returns
+    -------
+    StudyPlan
+        The plan.
+    """
+    scale = study.chosen_scale()
+    given = zip(DETECTORS, (forest, matching, descriptors, words), strict=True)
+    methods = {slug: changed(parameters, scale.methods.get(slug, {})) for slug, parameters in given}
+    stages = DetectionStages(ground, replace(segmentation, method=CUT))
+    return StudyPlan(scale, detection, find_scheme(classes["schemes"], detection.scheme), stages, methods)
+
+
+def make_surveys(plan: StudyPlan) -> dict[str, SceneTask]:
+    """Name the work that simulates each street.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per street.
+    """
+    return {
+        street_key(name, seed): SceneTask(
+            yu2016_runs.make_survey,
+            parameters={
+                "simulation": simulation_parameters({**given.survey, "seed": seed}),
+                "ground": plan.stages.ground,
+            },
+        )
+        for name, given in plan.scale.surveys.items()
+        for seed in (*given.train, *given.test)
+    }
+
+
+def segment_surveys(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
+    """Name the work that segments the streets: all by the method that detectors build on, test streets by every one.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+    streets : SceneCollection
+        The streets.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per method and street.
+    """
+    points = streets.part("points")
+    settings = {name: replace(plan.stages.segmentation, method=name) for name in SEGMENTATIONS}
+    return {
+        f"{method}.{street_key(name, seed)}": SceneTask(
+            yu2016_runs.segment_street,
+            {"points": points[street_key(name, seed)]},
+            {"parameters": settings[method], "scheme": plan.scheme, "detection": plan.detection},
+        )
+        for name, given in plan.scale.surveys.items()
+        for method in SEGMENTATIONS
+        for seed in (*(given.train if method == CUT else ()), *given.test)
+    }
+
+
+def _settings(plan: StudyPlan) -> dict[str, tuple[str, Any]]:
+    """Return the settings of Figure 12: name to the described objects that it takes, and its parameters."""
+    base = plan.methods[WORDS]
+    every = {name: changed(base, changes) for name, changes in plan.scale.settings().items()}
+    return {name: (WORDS if p.groups == base.groups else _safe(name), p) for name, p in every.items()}
+
+
+def _described(plan: StudyPlan) -> dict[str, tuple[str, Any, list[str]]]:
+    """Return what describes streets: name to method, parameters and surveys; the settings of Figure 12 take one."""
+    surveys = list(plan.scale.surveys)
+    found = {slug: (slug, plan.methods[slug], surveys) for slug in DETECTORS}
+    own = {name: (WORDS, parameters, surveys[:1]) for name, parameters in _settings(plan).values() if name != WORDS}
+    return {**found, **own}
+
+
+def describe_surveys(plan: StudyPlan, streets: SceneCollection, segmented: SceneCollection) -> dict[str, SceneTask]:
+    """Name the work that describes the objects of each street as each detector and setting does.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+    streets, segmented : SceneCollection
+        The streets and their objects.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per detector or setting and street.
+    """
+    points, objects = streets.part("points"), segmented.part("objects")
+    tasks = {}
+    for name, (method, parameters, surveys) in _described(plan).items():
+        for survey in surveys:
+            given = plan.scale.surveys[survey]
+            for key in (street_key(survey, seed) for seed in (*given.train, *given.test)):
+                tasks[f"{name}.{key}"] = SceneTask(
+                    yu2016_runs.describe_street,
+                    {"points": points[key], "objects": objects[f"{CUT}.{key}"]},
+                    {"method": method, "parameters": parameters},
+                )
+    return tasks
+
+
+def _safe(name: str) -> str:
+    """Return a setting's name as a store can hold it."""
+    return name.replace("=", "-").replace(".", "_")
+
+
+def _run(
+    plan: StudyPlan, name: str, survey: str, stores: Sequence[SceneCollection], method: str, parameters: Any
+) -> SceneTask:
+    points, objects, parts = (
+        store.part(part) for store, part in zip(stores, ("points", "objects", "parts"), strict=True)
+    )
+
+    def inputs(seeds: Sequence[int]) -> dict[str, Any]:
+        return {
+            f"seed_{seed}": {
+                "points": points[street_key(survey, seed)],
+                "objects": objects[f"{CUT}.{street_key(survey, seed)}"],
+                "parts": parts[f"{name}.{street_key(survey, seed)}"],
+            }
+            for seed in seeds
+        }
+
+    given = plan.scale.surveys[survey]
+    return SceneTask(
+        yu2016_runs.train_and_detect,
+        {"train": inputs(given.train), "test": inputs(given.test)},
+        {
+            "method": method, "parameters": parameters, "stages": plan.stages, "detection": plan.detection,
+            "scheme": plan.scheme,
+        },
+    )  # fmt: skip
+
+
+def run_detectors(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTask]:
+    """Name the work that trains each detector on each survey and detects in its test streets.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+    *stores : SceneCollection
+        The streets, their objects and these described.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per detector and survey.
+    """
+    return {
+        f"{slug}.{survey}": _run(plan, slug, survey, stores, slug, plan.methods[slug])
+        for slug in DETECTORS
+        for survey in plan.scale.surveys
+    }
+
+
+def run_settings(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTask]:
+    """Name the work that trains the visual words of each setting of Figure 12 on the first survey.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+    *stores : SceneCollection
+        The streets, their objects and these described.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per setting.
+    """
+    survey = next(iter(plan.scale.surveys))
+    return {
+        _safe(name): _run(plan, described, survey, stores, WORDS, parameters)
+        for name, (described, parameters) in _settings(plan).items()
+    }
+
+
+def tabulate_study(plan: StudyPlan, *stores: SceneCollection) -> tuple[Any, ...]:
+    """Make the tables of the study.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+    *stores : SceneCollection
+        The streets, their objects, these described, and what came of the detectors and of the settings.
+
+    Returns
+    -------
+    tuple of DataFrame
+        The fields of `StudyTables` in their order.
+    """
+    streets, segmented, described, runs, variants = stores
+    found, scores = variants.load_all(), segmented.part("scores").load_all()
+    return study_tables(
+        plan,
+        streets.part("facts").load_all(),
+        {key: scores[key] for key in segment_surveys(plan, streets)},  # in the paper's order, not the store's
+        described.part("facts").load_all(),
+        runs.load_all(),
+        {name: found[_safe(name)] for name in plan.scale.settings()},
+    ).as_tuple()
+
+
+def report_study(plan: StudyPlan, *tables: pd.DataFrame) -> tuple[Figure, Figure, str]:
+    """Draw the figures and write the report.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+    *tables : DataFrame
+        The fields of `StudyTables`.
+
+    Returns
+    -------
+    segmentation, figure_12 : Figure
+        Coverage of the segmentations, and Figure 12.
+    report : str
+        HTML.
+    """
+    found = StudyTables(*tables)
+    figures = study_figures(found)
+    page = build_report(study_sections(plan, found, figures), title="Yu et al. 2016 on simulated streets")
+    return *figures, page

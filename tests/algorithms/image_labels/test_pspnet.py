@@ -1,0 +1,205 @@
+import numpy as np
+import pytest
+import torch
+
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.image_labels.pspnet import (
+    PSPNet,
+    from_arrays,
+    load_published,
+    load_state,
+    network_input,
+    to_arrays,
+)
+from mlsroad_pipeline.algorithms.image_labels.pspnet_training import segment_image, train_network
+from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
+
+QUICK = TrainingParameters(n_steps=25, batch_size=4, crop=49, warm_up=3, learning_rate=0.05, class_balance=0.5)
+
+
+def published_shapes(blocks, n_classes):
+    """Names and shapes of published PSPNet weights on a bottleneck ResNet with a deep stem, written out."""
+    shapes = {}
+
+    def convolution(name, outputs, inputs, size, bias=False):
+        shapes[f"{name}.weight"] = (outputs, inputs, size, size)
+        if bias:
+            shapes[f"{name}.bias"] = (outputs,)
+
+    def normalisation(name, width):
+        for part in ("weight", "bias", "running_mean", "running_var"):
+            shapes[f"{name}.{part}"] = (width,)
+        shapes[f"{name}.num_batches_tracked"] = ()
+
+    for k, (inputs, outputs) in enumerate([(3, 64), (64, 64), (64, 128)]):
+        convolution(f"layer0.{3 * k}", outputs, inputs, 3)
+        normalisation(f"layer0.{3 * k + 1}", outputs)
+    width = 128
+    for stage, (planes, count) in enumerate(zip((64, 128, 256, 512), blocks, strict=True), start=1):
+        for b in range(count):
+            name = f"layer{stage}.{b}"
+            for k, (outputs, inputs, size) in enumerate(
+                [(planes, width, 1), (planes, planes, 3), (4 * planes, planes, 1)], 1
+            ):
+                convolution(f"{name}.conv{k}", outputs, inputs, size)
+                normalisation(f"{name}.bn{k}", outputs)
+            if b == 0:
+                convolution(f"{name}.downsample.0", 4 * planes, width, 1)
+                normalisation(f"{name}.downsample.1", 4 * planes)
+            width = 4 * planes
+    for k in range(4):
+        convolution(f"ppm.features.{k}.1", 512, 2048, 1)
+        normalisation(f"ppm.features.{k}.2", 512)
+    for name, inputs, middle in (("cls", 4096, 512), ("aux", 1024, 256)):
+        convolution(f"{name}.0", middle, inputs, 3)
+        normalisation(f"{name}.1", middle)
+        convolution(f"{name}.4", n_classes, middle, 1, bias=True)
+    return shapes
+
+
+@pytest.mark.parametrize(("backbone", "blocks"), [("resnet50", (3, 4, 6, 3)), ("resnet101", (3, 4, 23, 3))])
+def test_weights_are_named_and_shaped_as_published_ones(backbone, blocks):
+    with torch.device("meta"):  # shapes without memory
+        network = PSPNet(19, backbone=backbone)
+    assert {name: tuple(value.shape) for name, value in network.state_dict().items()} == published_shapes(blocks, 19)
+
+
+def test_dilated_stages_keep_an_eighth_of_the_size():
+    with torch.device("meta"):
+        network = PSPNet(19, backbone="resnet50").eval()
+        x = torch.zeros(1, 3, 65, 97)
+        third = network.layer3(network.layer2(network.layer1(network.layer0(x))))
+        assert third.shape == (1, 1024, 9, 13) and network.layer4(third).shape == (1, 2048, 9, 13)
+    convolutions = [network.layer3[0].conv2, network.layer3[5].conv2, network.layer4[0].conv2]
+    assert [(c.dilation, c.stride) for c in convolutions] == [((2, 2), (1, 1))] * 2 + [((4, 4), (1, 1))]
+
+
+def test_pooled_levels_are_means_over_their_regions():
+    network = PSPNet(3).eval()
+    level = network.ppm.features[2]
+    x = torch.arange(36.0).reshape(1, 1, 6, 6)
+    expected = x.reshape(3, 2, 3, 2).mean(dim=(1, 3))
+    assert torch.equal(level[0](x)[0, 0], expected)
+    features = torch.rand(1, 96, 12, 9)
+    out = network.ppm(features)
+    assert out.shape == (1, 192, 12, 9) and torch.equal(out[:, :96], features)
+    whole = out[0, 96 : 96 + 24]  # one cell: the same everywhere
+    assert torch.allclose(whole, whole[:, :1, :1].expand_as(whole))
+
+
+def test_a_published_file_is_read_with_or_without_its_auxiliary_head(tmp_path):
+    network = PSPNet(4)
+    state = {f"module.{name}": torch.rand(value.shape) for name, value in network.state_dict().items()}
+    bare = {name: value for name, value in state.items() if ".aux." not in name}
+    for k, given in enumerate(({"state_dict": state, "epoch": 200}, bare)):
+        torch.save(given, tmp_path / f"{k}.pth")
+        loaded = load_published(tmp_path / f"{k}.pth", n_classes=4, backbone="small")
+        assert torch.equal(loaded.cls[0].weight, state["module.cls.0.weight"]) and not loaded.training
+
+
+def test_files_that_hold_code_or_no_weights_are_refused(tmp_path):
+    torch.save({"state_dict": {"x": Hidden()}}, tmp_path / "code.pth")
+    with pytest.raises(ReadError, match=r"code.pth: cannot be read as weights without running code"):
+        load_published(tmp_path / "code.pth")
+    torch.save([1, 2], tmp_path / "list.pth")
+    with pytest.raises(ReadError, match="holds no state dict"):
+        load_published(tmp_path / "list.pth")
+    with pytest.raises(ReadError, match=r"none.pth: no such weights"):
+        load_published(tmp_path / "none.pth")
+
+
+class Hidden:
+    """An object that a pickle would have to import."""
+
+
+def test_weights_that_do_not_fit_are_counted_and_named():
+    network = PSPNet(4)
+    state = dict(network.state_dict())
+    with pytest.raises(DataError, match=r"1 weights are missing .* the first is cls.0.weight"):
+        load_state(network, {name: value for name, value in state.items() if name != "cls.0.weight"})
+    with pytest.raises(DataError, match=r"1 weights are unknown .* the first is layer9.weight"):
+        load_state(network, {**state, "layer9.weight": torch.zeros(1)})
+    with pytest.raises(DataError, match=r"of another shape .* cls.4.bias: \(5,\) instead of \(4,\)"):
+        load_state(network, {**state, "cls.4.bias": torch.zeros(5)})
+
+
+def test_arrays_give_the_network_back():
+    network = PSPNet(5).eval()
+    image = np.random.default_rng(0).integers(0, 256, (40, 56, 3), dtype=np.uint8)
+    again = from_arrays(to_arrays(network), n_classes=5, backbone="small")
+    assert np.array_equal(segment_image(network, image), segment_image(again, image))
+
+
+def painted(n):
+    """Images of a bright disc (class 1) on a noisy dark ground (class 0), and unlabelled margins."""
+    rng, out = np.random.default_rng(3), []
+    y, x = np.mgrid[:64, :80]
+    for _ in range(n):
+        inside = np.hypot(y - rng.uniform(15, 50), x - rng.uniform(15, 65)) < rng.uniform(8, 14)
+        image = np.clip(rng.normal(60, 20, (64, 80, 3)) + 110 * inside[:, :, None], 0, 255).astype(np.uint8)
+        labels = inside.astype(np.int16)
+        labels[:3] = -1
+        out.append((image, labels))
+    return out
+
+
+def test_training_learns_and_is_repeated_by_its_seed():
+    samples = painted(12)
+    network, losses = train_network(samples[:10], n_classes=2, parameters=QUICK)
+    assert np.mean(losses[-5:]) < 0.5 * np.mean(losses[:5])
+    for image, labels in samples[10:]:
+        disc = segment_image(network, image).argmax(axis=2) == 1
+        truth = labels == 1
+        assert (disc & truth)[3:].sum() / (disc | truth)[3:].sum() > 0.7
+    short = TrainingParameters(n_steps=2, batch_size=2, crop=33, random_state=4)
+    again = [to_arrays(train_network(samples, n_classes=2, parameters=short)[0]) for _ in range(2)]
+    assert all(np.array_equal(again[0][name], again[1][name]) for name in again[0])
+
+
+def test_windows_cover_the_image_and_their_means_are_probabilities():
+    network = PSPNet(3).eval()
+    image = np.random.default_rng(0).integers(0, 256, (50, 70, 3), dtype=np.uint8)
+    out = segment_image(network, image, window=(33, 33))
+    assert out.shape == (50, 70, 3)
+    np.testing.assert_allclose(out.sum(axis=2), 1, atol=1e-5)
+    # The corner is seen by one window alone: it is what that window says.
+    corner = segment_image(network, image[:33, :33])
+    np.testing.assert_allclose(out[0, 0], corner[0, 0], atol=1e-6)
+    mirrored = segment_image(network, image, flip=True)
+    np.testing.assert_allclose(mirrored, segment_image(network, image[:, ::-1].copy(), flip=True)[:, ::-1], atol=1e-5)
+
+
+def test_colours_are_centred():
+    assert torch.allclose(
+        network_input(np.full((1, 2, 2, 3), 128, np.uint8))[0, :, 0, 0],
+        torch.tensor([0.0741, 0.2052, 0.4265]),
+        atol=1e-3,
+    )
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: PSPNet(1), ParameterError, "n_classes must be at least 2, got 1"),
+        (lambda: PSPNet(3, backbone="vgg"), ParameterError, "backbone 'vgg' is unknown"),
+        (lambda: TrainingParameters(crop=8), ParameterError, "crop must be an integer >= 17, got 8"),
+        (lambda: TrainingParameters(scale=(2, 1)), ParameterError, r"scale .* got \(2, 1\)"),
+        (lambda: train_network([], n_classes=2), DataError, "at least one image"),
+        (
+            lambda: train_network(
+                [(np.zeros((20, 20, 3), np.uint8), np.full((20, 20), 2))], n_classes=2, parameters=QUICK
+            ),
+            DataError,
+            "labels of image 0 must be in -1..1, got 2..2",
+        ),
+        (lambda: segment_image(PSPNet(2), np.zeros((9, 9), np.uint8)), DataError, r"\(height, width, 3\)"),
+        (
+            lambda: segment_image(PSPNet(2), np.zeros((9, 9, 3), np.uint8), overlap=1),
+            ParameterError,
+            r"overlap must be in",
+        ),
+    ],
+)
+def test_what_cannot_be_trained_or_segmented_is_named(call, error, message):
+    with pytest.raises(error, match=message):
+        call()

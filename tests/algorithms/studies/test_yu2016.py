@@ -1,0 +1,83 @@
+"""The tables of the study of yu2016: counts by hand, the paper's own figures, intervals."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.studies import yu2016, yu2016_paper
+from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters, StudySurvey
+from mlsroad_pipeline.algorithms.studies.yu2016_runs import touching_instances
+
+
+def street(objects, label, right, score):
+    """Counts of a street; every object with a score is detected."""
+    found = {"label": np.array(label, np.int16), "right": np.array(right, bool), "score": np.array(score, np.float32)}
+    return {"n_objects": np.array(objects), **found, **{f"curve_{name}": values for name, values in found.items()}}
+
+
+ONE = street([2, 1], [0, 0, 1], [True, False, True], [0.9, 0.6, 0.8])
+TWO = street([1, 3], [1, 1], [True, False], [0.7, 0.5])
+
+
+def test_counts_of_streets_are_summed():
+    table = yu2016.table_two({"RRS": {"a": ONE, "b": TWO}}, ["light pole", "car"]).set_index("class")
+    assert table.loc["light pole", ["objects", "found", "false"]].tolist() == [3, 1, 1]
+    assert table.loc["car", ["objects", "found", "false"]].tolist() == [4, 2, 1]
+    assert table.loc["all", ["objects", "found", "false"]].tolist() == [7, 3, 2]
+    assert table.loc["all", "paper_found"] == 628 + 235 + 143
+
+
+def test_figures_are_over_all_streets_and_their_spread_over_each():
+    found = yu2016.figures_by_survey({"visual_words": {"RRS": {"a": ONE, "b": TWO}}}, [0, 1])
+    recall = found[(found["metric"] == "recall") & (found["survey"] == "RRS")]
+    assert recall["value"].item() == pytest.approx(3 / 7)
+    assert recall["spread"].item() == pytest.approx(np.std([2 / 3, 1 / 4], ddof=1))
+    average = found[(found["metric"] == "f_score") & (found["survey"] == "average")]
+    assert average["value"].item() == pytest.approx(2 * 3 / (2 * 3 + 2 + 4))
+
+
+def test_differences_are_paired_by_street():
+    streets = {"a": {"RRS": {"a": ONE, "b": TWO}}, "visual_words": {"RRS": {"a": TWO, "b": TWO}}}
+    row = yu2016.paired_differences(streets, [0, 1], reference="visual_words").iloc[0]
+    apart = np.array([4 / 6 - 2 / 6, 0.0])
+    assert row["difference"] == pytest.approx(apart.mean())
+    half = stats.t.ppf(0.975, 1) * apart.std(ddof=1) / np.sqrt(2)
+    assert (row["low"], row["high"]) == pytest.approx((apart.mean() - half, apart.mean() + half))
+
+
+def test_pooled_curve_measures_scores_by_their_threshold():
+    level, precision, recall = yu2016.pooled_curve({"a": ONE}, np.array([0.9, 0.4]))
+    np.testing.assert_allclose(level, [2.0, 1.0, 2 / 3], rtol=1e-6)
+    np.testing.assert_allclose(precision, [1.0, 1.0, 2 / 3])
+    np.testing.assert_allclose(recall, [1 / 3, 2 / 3, 2 / 3])
+
+
+def test_the_papers_tables_agree_with_each_other():
+    """Table III follows from Table II, and the F-scores of Table V from its counts."""
+    two = yu2016_paper.table_two().set_index(["survey", "class"])
+    three = yu2016_paper.table_three().set_index(["survey", "metric"])["paper"]
+    for survey in yu2016_paper.SURVEYS:
+        objects, found, false = two.loc[(survey, "all"), ["paper_objects", "paper_found", "paper_false"]]
+        assert found / objects == pytest.approx(three[survey, "recall"], abs=6e-4)
+        assert found / (found + false) == pytest.approx(three[survey, "precision"], abs=6e-4)
+        assert 2 * found / (objects + found + false) == pytest.approx(three[survey, "f_score"], abs=6e-4)
+    five = yu2016_paper.table_five()  # 0.923 is printed as 0.922
+    assert five["paper_f_score"].round(3).tolist() == [0.899, 0.916, 0.911, 0.923, 0.938, 0.949, 0.944, 0.954]
+
+
+def test_touching_instances_share_a_cluster(rng):
+    def box(x):
+        return rng.uniform([x, 0, 0], [x + 0.5, 0.5, 0.5], (400, 3))
+
+    xyz = np.concatenate([box(0), box(0.55), box(3)])
+    points = PointCloud(xyz, {"instance": np.repeat([5, 6, 7], 400), "ground": np.zeros(1200, bool)})
+    assert touching_instances(points, np.array([5, 6, 7]), 30).tolist() == [True, True, False]
+
+
+def test_streets_may_not_be_learned_from_and_scored_on():
+    with pytest.raises(ParameterError, match="must be different"):
+        StudySurvey({}, [1, 2], [2])
+    with pytest.raises(ParameterError, match="scale 'huge' is unknown"):
+        StudyParameters("huge", {"fast": {}})

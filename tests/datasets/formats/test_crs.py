@@ -1,0 +1,93 @@
+"""Coordinate reference systems beside files, kept, and turned into others on request."""
+
+import laspy
+import numpy as np
+import pyproj
+import pytest
+from references_formats import make_las
+
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.datasets.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.crs import parse_crs
+from mlsroad_pipeline.datasets.formats.las import LasFormat
+from mlsroad_pipeline.datasets.formats.pcd import PcdFormat
+from mlsroad_pipeline.datasets.formats.text import TextFormat
+from mlsroad_pipeline.datasets.ingest_work import find_corridor
+
+DEFAULT = ReadOptions()
+UTM32, UTM33 = parse_crs("EPSG:25832"), parse_crs("EPSG:25833")
+
+
+@pytest.mark.parametrize(("form", "name"), [(TextFormat(), "a.b.xyz.gz"), (PcdFormat(), "a.b.pcd")])
+def test_sidecars_are_written_and_read(tmp_path, rng, caplog, form, name):
+    cloud = PointCloud(rng.random((9, 3)), {}, np.array([480_000.0, 5_455_000.0, 0.0]), UTM32)
+    form.write(tmp_path / name, cloud, WriteOptions())
+    assert (tmp_path / "a.b.prj").is_file()
+    with caplog.at_level("INFO"):
+        assert form.read(tmp_path / name, DEFAULT).crs == UTM32
+    assert "a.b.prj: gives the coordinate reference system ETRS89 / UTM zone 32N" in caplog.text
+    (tmp_path / "a.b.prj").write_text("EPSG:25833")
+    assert form.info(tmp_path / name, DEFAULT).crs == UTM33
+    assert form.read(tmp_path / name, ReadOptions(crs="EPSG:25832")).crs == UTM32  # the option comes first
+    (tmp_path / "a.b.prj").write_text("somewhere")
+    with caplog.at_level("INFO"):
+        assert form.read(tmp_path / name, DEFAULT).crs is None  # never guessed
+    assert "no coordinate reference system that PROJ knows: 'somewhere'" in caplog.text
+
+
+def test_reprojection_equals_pyproj_for_any_range(tmp_path, rng):
+    make_las(tmp_path / "a.laz", rng, geotiff=25832)
+    las = laspy.read(tmp_path / "a.laz")
+    transformer = pyproj.Transformer.from_crs(25832, 25833, always_xy=True)
+    expected = np.stack(transformer.transform(las.x, las.y, las.z), axis=1)
+    options = ReadOptions(reproject="EPSG:25833")
+    cloud = LasFormat().read(tmp_path / "a.laz", options)
+    np.testing.assert_allclose(cloud.world_xyz(), expected, rtol=0, atol=1e-6)
+    assert cloud.crs == UTM33 and np.abs(cloud.xyz[:, :2]).max() < 1000
+    part = LasFormat().read(tmp_path / "a.laz", options, start=100, stop=120)
+    np.testing.assert_array_equal(part.origin, cloud.origin)
+    np.testing.assert_array_equal(part.xyz, cloud.xyz[100:120])
+    assert LasFormat().info(tmp_path / "a.laz", options).bounds is None
+    LasFormat().write(tmp_path / "b.laz", cloud, WriteOptions(like="none"))
+    again = LasFormat().read(tmp_path / "b.laz", DEFAULT)
+    np.testing.assert_allclose(again.world_xyz(), expected, rtol=0, atol=6e-4)
+    assert again.crs == UTM33
+
+
+def test_longitude_and_latitude(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("9.0001 49.0 100\n9.0002 49.0001 101\n")
+    cloud = TextFormat().read(path, ReadOptions(crs="EPSG:4326", reproject="EPSG:32632"))
+    expected = pyproj.Transformer.from_crs(4326, 32632, always_xy=True).transform([9.0001, 9.0002], [49.0, 49.0001])
+    np.testing.assert_allclose(cloud.world_xyz()[:, :2], np.transpose(expected), rtol=0, atol=1e-6)
+    assert cloud.world_xyz()[:, 2].tolist() == [100, 101]
+
+
+def test_what_cannot_be_reprojected(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("1 2 3\n")
+    with pytest.raises(DataError, match=r"a\.txt states no coordinate reference system to reproject from; set crs"):
+        TextFormat().read(path, ReadOptions(reproject="EPSG:25832"))
+    with pytest.raises(ParameterError, match="'EPSG:1' is not a coordinate reference system"):
+        TextFormat().read(path, ReadOptions(crs="EPSG:25832", reproject="EPSG:1"))
+    path.write_text("500 95 3\n")
+    with pytest.raises(DataError, match=r"a\.txt cannot be reprojected to EPSG:25832"):
+        TextFormat().read(path, ReadOptions(crs="EPSG:4326", reproject="EPSG:25832"))
+
+
+def test_an_old_header_is_not_given_another_system(tmp_path, rng):
+    make_las(tmp_path / "a.las", rng, version="1.2", point_format=3, geotiff=25832)
+    cloud = LasFormat().read(tmp_path / "a.las", ReadOptions(crs="EPSG:25833"))
+    with pytest.raises(DataError, match="states another coordinate reference system"):
+        LasFormat().write(tmp_path / "b.las", cloud, WriteOptions())
+    make_las(tmp_path / "a.las", rng, version="1.4", point_format=6)
+    cloud = LasFormat().read(tmp_path / "a.las", ReadOptions(crs="EPSG:25833"))
+    LasFormat().write(tmp_path / "b.las", cloud, WriteOptions())
+    assert LasFormat().read(tmp_path / "b.las", DEFAULT).crs == UTM33
+
+
+def test_files_of_one_drive_share_a_system():
+    clouds = [PointCloud(np.eye(3) * k, {}, crs=crs, source=f"{k}.laz") for k, crs in ((1, UTM32), (2, UTM33))]
+    with pytest.raises(DataError, match=r"1\.laz and 2\.laz have different coordinate reference systems; set read"):
+        find_corridor(clouds, clouds, trajectory=None, along=True)

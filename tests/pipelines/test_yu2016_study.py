@@ -1,0 +1,61 @@
+"""The study of yu2016 at its fast scale: what it writes, and that its tables agree with each other."""
+
+import pandas as pd
+import pytest
+from references_wiring import make_project, run
+
+from mlsroad_pipeline.algorithms.studies.yu2016_parameters import DETECTORS, SEGMENTATIONS
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+FAST = {
+    "yu2016_study": {"scale": "fast"},
+    "detection": {"classes": ["light pole", "traffic sign", "car"], "min_points": 10},
+    "execution": {"backend": "sequential"},
+}
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    folder = make_project(tmp_path_factory.mktemp("yu2016"))
+    run(folder, "yu2016_study", **FAST)
+    return folder
+
+
+def table(project, name):
+    return pd.read_csv(project / f"data/08_reporting/yu2016_study/{name}.csv")
+
+
+def test_every_segmentation_and_detector_is_scored(project):
+    segmentation = table(project, "segmentation")
+    assert list(segmentation["method"]) == list(SEGMENTATIONS)
+    assert segmentation[["coverage", "weighted_coverage"]].gt(0.1).all(axis=None)
+    assert segmentation["seconds"].gt(0).all()
+    five = table(project, "table_5")
+    assert list(five["method"]) == list(DETECTORS)
+    assert five["paper_f_score"].round(3).tolist() == [0.899, 0.916, 0.911, 0.923]
+
+
+def test_tables_agree_with_the_scores(project):
+    scores = table(project, "scores").set_index(["method", "split", "class", "metric"])["value"]
+    for row in table(project, "table_2").itertuples():
+        name = row._2
+        assert row.found == scores["visual_words", "RRS", name, "tp"]
+        assert row.false == scores["visual_words", "RRS", name, "fp"]
+        assert row.objects == row.found + scores["visual_words", "RRS", name, "fn"]
+    three = table(project, "table_3")
+    recall = three[(three["method"] == "visual_words") & (three["survey"] == "RRS") & (three["metric"] == "recall")]
+    totals = table(project, "table_2").set_index("class").loc["all"]
+    assert recall["value"].item() == pytest.approx(totals["found"] / totals["objects"])
+    assert recall["paper"].item() == 0.961
+
+
+def test_times_and_settings_are_told(project):
+    times = table(project, "table_4").set_index("step")
+    assert times.loc["all", "seconds"] == pytest.approx(times["seconds"].drop("all").sum())
+    assert times.loc["all", "paper"] == pytest.approx(1728e6 / 2511 / 16)
+    figure = table(project, "figure_12")
+    assert figure["parameter"].tolist() == ["pattern", "words_per_group", "k"]
+    page = (project / "data/08_reporting/yu2016_study/report.html").read_text(encoding="utf-8")
+    assert "(0.961)" in page or "0.961" in page
+    assert page.count("data:image/") == 2

@@ -1,0 +1,41 @@
+"""Accumulation images written out point by point."""
+
+import numpy as np
+
+
+def normalised(points, isotropic=False):
+    """Points in [-1, 1] x [-1, 1] x [0, 2]."""
+    points = np.asarray(points, dtype=np.float64)
+    low, high = points.min(axis=0), points.max(axis=0)
+    extent = np.full(3, (high - low).max()) if isotropic else high - low
+    unit = np.zeros_like(points)
+    for axis in range(3):
+        if extent[axis] > 0:
+            unit[:, axis] = 2 * (points[:, axis] - (low[axis] + high[axis]) / 2) / extent[axis]
+    return unit + [0, 0, 1]
+
+
+def images(points, sizes, isotropic=False, relative=True):
+    """HSSI, VQAI and VAAI of the whole and of the slices, as lists of arrays."""
+    unit = normalised(points, isotropic)
+    parts = [(unit, np.ones(len(unit), bool))]
+    for s in range(4):
+        inside = np.clip(np.floor(unit[:, 2] / 0.5), 0, 3) == s
+        stretched = unit.copy()
+        stretched[:, 2] = (unit[:, 2] - 0.5 * s) / 0.5 * 2
+        parts.append((stretched, inside))
+    found = ([], [], [])
+    for part, inside in parts:
+        drawn = [np.zeros((size, size)) for size in sizes]
+        for x, y, z in part[inside]:
+
+            def cell(value, size):
+                return int(min(np.floor(value / (2 / size)), size - 1))
+
+            drawn[0][cell(z, sizes[0]), cell(np.hypot(x, y), sizes[0])] += 1
+            drawn[1][cell(x + 1, sizes[1]), cell(y + 1, sizes[1])] += 1
+            to_point = np.array([x, y, z + 1])
+            drawn[2][cell(x + 1, sizes[2]), cell(y + 1, sizes[2])] += to_point[2] / np.linalg.norm(to_point)
+        for kind, image in zip(found, drawn, strict=True):
+            kind.append(image / len(unit) if relative else image)
+    return [np.stack(kind) for kind in found]
