@@ -228,7 +228,9 @@ def test_kinds_of_street_have_what_they_ask_for(kind):
 def test_the_share_of_boundaries_is_that_of_the_parameters():
     def edges(**changes):
         parameters = replace(STREETS["ring_road"], buildings=0.0, **changes)
-        return [lot.boundary for seed in range(4) for lot in draw_street(seed, length=600.0, parameters=parameters).lots]
+        return [
+            lot.boundary for seed in range(4) for lot in draw_street(seed, length=600.0, parameters=parameters).lots
+        ]
 
     bare, half, full = (np.array(edges(boundaries=share)) for share in (0.0, 0.5, 1.0))
     assert (bare == "none").all()
