@@ -41,9 +41,11 @@ TINY: dict[str, Any] = {
     "segmentation": {"normalized_cut": {"tolerance": 0.5}},
     "detection": {"classes": ["light pole", "car"], "min_points": 10},
     "patch_graph": {"n_matches": 2, "scene_length": 3.0, "max_patches": 300},
-    "patch_graph_mrf": {"smoothness": [0.2], "colour_decay": [10.0]},
+    "patch_graph_mrf": {"smoothness": [6.4], "colour_decay": [0.0]},
     "max_margin_markov": {"n_rounds": 3, "fit_rows": 2000},
     "shape_based": {"n_trees": 10},
+    "image_labels": {"network": {"n_steps": 12, "batch_size": 2, "crop": 65}},
+    "fusion": {"pool": {"n_points": 500}},
     "execution": {"backend": "sequential"},
 }
 """Parameters with which the whole comparison takes seconds."""

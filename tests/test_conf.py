@@ -26,6 +26,9 @@ from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme, Coding
 from mlsroad_pipeline.algorithms.detection import DetectionParameters
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters
+from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
+from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters, TrainingParameters
 from mlsroad_pipeline.algorithms.ingest import IngestParameters, OutlierParameters
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
@@ -59,7 +62,9 @@ TYPED = {
     "visual_words": VisualWordsParameters,
     "detrended_forest": ForestParameters,
     "features": FeatureParameters,
+    "fusion": FusionParameters,
     "ground_removal": GroundParameters,
+    "image_labels": ImageLabelsParameters,
     "ingest": IngestParameters,
     "inspect": InspectParameters,
     "label": LabelParameters,
@@ -140,7 +145,9 @@ def test_values_are_the_defaults_of_the_code(group):
             assert base(group)[field.name] == as_yaml(default), field.name
 
 
-@pytest.mark.parametrize("kind", [*TYPED.values(), OutlierParameters], ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize(
+    "kind", [*TYPED.values(), OutlierParameters, PoolParameters, TrainingParameters], ids=lambda kind: kind.__name__
+)
 def test_documented_defaults_are_the_defaults_of_the_code(kind):
     fields = {field.name: default_of(field) for field in dataclasses.fields(kind)}
     documented = {name: entry.type for entry in ClassDoc(kind)["Parameters"] for name in entry.name.split(", ")}
@@ -169,7 +176,8 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
     # what stages exchange is stored, so that a run can be resumed; only plans, and what merely joins
     # stored scenes, stay in memory
     in_memory = {n for n in names if type(catalog.get(n)).__name__ == "MemoryDataset" and not n.startswith("params:")}
-    assert in_memory == {"survey_plan", "label_plan", "luo2016_study.plan", "yu2016_study.plan", "patch_training"}
+    plans = {"survey_plan", "label_plan", "luo2016_study.plan", "yu2016_study.plan"}
+    assert in_memory == {*plans, "image_labels.drives", "patch_training"}
 
 
 def paths_below_data(env, catalog):

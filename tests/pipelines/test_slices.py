@@ -36,6 +36,8 @@ CONTRACT = {
         "label",
         "inspect",
         "compare",
+        "image_labels",
+        "fusion",
     ),
 }
 

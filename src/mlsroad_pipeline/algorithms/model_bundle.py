@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.mapped_arrays import map_arrays
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
@@ -174,6 +175,36 @@ def missing_attributes(bundle: ModelBundle, columns: Collection[str]) -> list[st
     return [name for name in bundle.metadata.get("attributes", ()) if name not in columns]
 
 
+def bundle_scheme(bundle: ModelBundle) -> ClassScheme:
+    """Return the class scheme that a model was trained on.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model.
+
+    Returns
+    -------
+    ClassScheme
+        The scheme.
+
+    Raises
+    ------
+    ParameterError
+        If the model does not say its scheme.
+    """
+    stored = bundle.metadata.get("scheme")
+    if stored is None:
+        raise ParameterError(f"model {bundle.slug!r} has no class scheme in its metadata: it cannot label a survey")
+    return ClassScheme(
+        stored["name"],
+        tuple(stored["classes"]),
+        tuple(tuple(group) for group in stored["members"]),
+        tuple(stored["ignored"]),
+        tuple(stored["asprs"]),
+    )
+
+
 def label_cloud(bundle: ModelBundle, cloud: PointCloud) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
     """Label a cloud with the function that the model names.
 
@@ -216,3 +247,26 @@ def label_cloud(bundle: ModelBundle, cloud: PointCloud) -> tuple[NDArray[np.int1
             f"model {bundle.slug!r} gave labels {labels.min()}..{labels.max()} of {len(bundle.classes)} classes"
         )
     return labels.astype(np.int16), confidence.astype(np.float32)
+
+
+def refuse_points(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.integer], NDArray[np.floating]]:
+    """Refuse points alone: the entry point of models that need the images of a survey too.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points.
+    bundle : ModelBundle
+        The model.
+
+    Returns
+    -------
+    labels, confidence : ndarray
+        Never.
+
+    Raises
+    ------
+    ParameterError
+        Always.
+    """
+    raise ParameterError(f"{cloud.source}: model {bundle.slug!r} needs images, and points alone are given")

@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.inventory import SceneObjects, extract_objects, merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory_table import OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.label_confidence import count_confidences
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, label_cloud
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, bundle_scheme, label_cloud
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule, rules_for_scheme
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground, inliers
@@ -22,36 +22,6 @@ from mlsroad_pipeline.algorithms.trajectory import Trajectory
 
 UNCLASSIFIED, NOISE = 1, 7
 """LAS codes of points without a class and of outliers."""
-
-
-def bundle_scheme(bundle: ModelBundle) -> ClassScheme:
-    """Return the class scheme that a model was trained on.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-
-    Returns
-    -------
-    ClassScheme
-        The scheme.
-
-    Raises
-    ------
-    ParameterError
-        If the model does not say its scheme.
-    """
-    stored = bundle.metadata.get("scheme")
-    if stored is None:
-        raise ParameterError(f"model {bundle.slug!r} has no class scheme in its metadata: it cannot label a survey")
-    return ClassScheme(
-        stored["name"],
-        tuple(stored["classes"]),
-        tuple(tuple(group) for group in stored["members"]),
-        tuple(stored["ignored"]),
-        tuple(stored["asprs"]),
-    )
 
 
 def label_new_scene(

@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.ingest import corridor_from_arrays
 from mlsroad_pipeline.algorithms.inventory import SceneObjects
 from mlsroad_pipeline.algorithms.label_confidence import confidence_table, confidence_warnings
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, missing_attributes
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, bundle_scheme, missing_attributes
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule
 from mlsroad_pipeline.algorithms.rendering.report import Section
 from mlsroad_pipeline.algorithms.rendering.report_sections import (
@@ -26,7 +26,7 @@ from mlsroad_pipeline.algorithms.rendering.report_sections import (
     TableSection,
     WarningsSection,
 )
-from mlsroad_pipeline.algorithms.survey_labelling import bundle_scheme, join_inventories
+from mlsroad_pipeline.algorithms.survey_labelling import join_inventories
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.datasets.formats.coloured_ply import coloured_path
 from mlsroad_pipeline.datasets.formats.copc import copc_path

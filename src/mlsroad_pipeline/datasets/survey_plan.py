@@ -14,6 +14,9 @@ from mlsroad_pipeline.algorithms.ingest import IngestParameters, SplitPart, spli
 from mlsroad_pipeline.datasets.formats.options import TAXONOMY_CODING, ReadOptions
 from mlsroad_pipeline.datasets.survey_files import Survey, SurveyFile, files_to_label
 
+NEED_IMAGES = ("image_labels", "fusion")
+"""Methods that `label` cannot use, because it reads no images."""
+
 
 @dataclass(frozen=True)
 class SurveyParameters:
@@ -286,7 +289,7 @@ class LabelParameters:
     Raises
     ------
     ParameterError
-        If `model` is no version.
+        If `model` is no version, or `method` needs images.
     """
 
     survey: str
@@ -301,6 +304,11 @@ class LabelParameters:
     coloured_ply: bool = False
 
     def __post_init__(self) -> None:
+        if self.method in NEED_IMAGES:
+            raise ParameterError(
+                f"label.method {self.method!r} needs camera images, which `label` does not read: choose a method "
+                f"that needs points alone, such as detrended_forest"
+            )
         if self.model is not None and re.fullmatch(r"[1-9]\d*", str(self.model)) is None:
             raise ParameterError(
                 f"label.model must be a version such as 3, or null for the highest; got {self.model!r}"

@@ -225,6 +225,19 @@ def test_kinds_of_street_have_what_they_ask_for(kind):
     assert mean == pytest.approx(parameters.junction_spacing, rel=0.3)
 
 
+def test_the_share_of_boundaries_is_that_of_the_parameters():
+    def edges(**changes):
+        parameters = replace(STREETS["ring_road"], buildings=0.0, **changes)
+        return [
+            lot.boundary for seed in range(4) for lot in draw_street(seed, length=600.0, parameters=parameters).lots
+        ]
+
+    bare, half, full = (np.array(edges(boundaries=share)) for share in (0.0, 0.5, 1.0))
+    assert (bare == "none").all()
+    kept = (half != "none").mean() / (full != "none").mean()
+    assert len(half) > 200 and kept == pytest.approx(0.5, abs=0.12)
+
+
 def test_signalled_junctions_have_crossings_on_both_sides():
     street = draw_street(1, length=600.0, parameters=replace(STREETS["town"], signals=1.0))
     stations = np.unique(street.ground.arms[:, STATION])

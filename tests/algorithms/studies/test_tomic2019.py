@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.fusion.two_methods import spread_confidence
 from mlsroad_pipeline.algorithms.image_labels.labelling import ImageLabels
 from mlsroad_pipeline.algorithms.studies.tomic2019 import (
     FEATURES,
@@ -10,7 +11,6 @@ from mlsroad_pipeline.algorithms.studies.tomic2019 import (
     RULE,
     TestSet,
     fuse_test_sets,
-    spread_confidence,
 )
 
 CLASSES = ["a", "b", "c"]

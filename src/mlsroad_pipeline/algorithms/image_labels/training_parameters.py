@@ -1,8 +1,9 @@
-"""Parameters of a PSPNet's training, readable without torch."""
+"""Parameters of the images' labeller and of its network's training, readable without torch."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -34,8 +35,10 @@ class TrainingParameters:
         Of that polynomial.
     warm_up : int, default 30
         Steps in which the rate rises to its start.
-    momentum, weight_decay : float, default 0.9 and 0.0001
+    momentum : float, default 0.9
         Of the stochastic gradient descent.
+    weight_decay : float, default 0.0001
+        Of the stochastic gradient descent; larger keeps the weights smaller.
     auxiliary_weight : float, default 0.4
         Weight of the auxiliary head's loss.
     dropout : float, default 0.1
@@ -90,3 +93,39 @@ class TrainingParameters:
             value = getattr(self, name)
             if not np.isfinite(value) or value < 0:
                 raise ParameterError(f"{name} must be a finite number >= 0, got {value!r}")
+
+
+@dataclass(frozen=True)
+class ImageLabelsParameters:
+    """How points are labelled through the images of a survey.
+
+    Parameters
+    ----------
+    reach : float, default 30.0
+        Farthest camera from the points of a scene whose images are looked at, metres. Farther images show the points
+        on fewer pixels, and each one costs a segmentation.
+    calibration : str, default "calibration.json"
+        Name of the file of cameras and poses in the folder of the points.
+    labels : str, default "labels"
+        Folder of the label images beside that of the pictures; the network learns from them.
+    network : TrainingParameters or mapping
+        How the network is trained.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its domain.
+    """
+
+    reach: float = 30.0
+    calibration: str = "calibration.json"
+    labels: str = "labels"
+    network: TrainingParameters = field(default_factory=TrainingParameters)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.network, Mapping):
+            object.__setattr__(self, "network", TrainingParameters(**self.network))
+        check_positive(self.reach, "reach")
+        for name in ("calibration", "labels"):
+            if not getattr(self, name):
+                raise ParameterError(f"{name} must be a name, got {getattr(self, name)!r}")

@@ -88,6 +88,8 @@ def _drawn(
         if rng.random() >= parameters.buildings or stop - at > 26.0:
             kind = "open"
         boundary = "none" if kind == "row" else str(rng.choice(("fence", "wall", "hedge", "none"), p=edges))
+        if parameters.boundaries < 1.0 and rng.random() >= parameters.boundaries:
+            boundary = "none"
         setback = rng.uniform(0.1, 0.5) if kind == "row" else rng.uniform(3.5, 7.5)
         has_driveway = arm < 0 and kind != "row" and rng.random() < 0.6 * min(parameters.buildings, 1.0)
         driveway = rng.uniform(at + 3.2, stop - 3.2) if has_driveway and stop - at > 7 else np.nan

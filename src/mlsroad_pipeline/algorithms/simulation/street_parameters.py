@@ -41,6 +41,8 @@ class StreetParameters:
         Distance between street lamps, metres, 10 to 100; 0 draws 25 to 40.
     buildings : float, default 1
         How often land is built on; 0 leaves it open.
+    boundaries : float, default 1
+        Share of the fences, walls and hedges on property lines that are there.
     trees, palms, cycas, shrubs : float, default 1
         How many there are; 0 is none, 2 about twice as many.
     clutter, signs, people, traffic : float, default 1
@@ -72,6 +74,7 @@ class StreetParameters:
     parked: float = 0.7
     lamp_spacing: float = 0.0
     buildings: float = 1.0
+    boundaries: float = 1.0
     trees: float = 1.0
     palms: float = 1.0
     cycas: float = 1.0
@@ -85,7 +88,7 @@ class StreetParameters:
 
     def __post_init__(self) -> None:
         shares = ("crossroads", "signals", "verges", "parking", "slanted_parking", "parked", "overhead_wires",
-                  "bare_soil")  # fmt: skip
+                  "bare_soil", "boundaries")  # fmt: skip
         for name in (*shares, "hard_cases"):
             self._check(name, 0.0, 1.0)
         for name in ("buildings", "trees", "palms", "cycas", "shrubs", "clutter", "signs", "people", "traffic"):

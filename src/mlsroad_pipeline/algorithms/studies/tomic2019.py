@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import IGNORE
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.fusion.class_preference import ClassPreference, count_agreement
-from mlsroad_pipeline.algorithms.fusion.log_linear_pool import LogLinearPool, PoolParameters
+from mlsroad_pipeline.algorithms.fusion.class_preference import count_agreement
+from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
+from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion
 from mlsroad_pipeline.algorithms.image_labels.labelling import ImageLabels
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
@@ -81,33 +82,6 @@ class FusionStudy:
     pooled: NDArray[np.int16]
 
 
-def spread_confidence(
-    labels: NDArray[np.integer], confidence: NDArray[np.floating], n_classes: int
-) -> NDArray[np.float32]:
-    """Return probabilities of all classes of a labeller that tells the best class and its probability.
-
-    Parameters
-    ----------
-    labels : ndarray of shape (n,), int
-        Labels, -1 for none.
-    confidence : ndarray of shape (n,), float
-        Probability of the label.
-    n_classes : int
-        Number of classes, at least 2.
-
-    Returns
-    -------
-    ndarray of shape (n, n_classes), float32
-        The confidence for the label, the rest evenly for the others; NaN for points without a label.
-    """
-    rest = (1 - confidence.astype(np.float32)) / np.float32(n_classes - 1)
-    out = np.repeat(rest[:, None], n_classes, axis=1)
-    known = labels != IGNORE
-    out[known, labels[known]] = confidence[known]
-    out[~known] = np.nan
-    return out
-
-
 def fuse_test_sets(
     first: TestSet, second: TestSet, *, classes: Sequence[str], pool: PoolParameters | None = None
 ) -> FusionStudy:
@@ -135,17 +109,12 @@ def fuse_test_sets(
     if first.images.groups != second.images.groups:
         raise DataError(f"test set 1 has cameras {first.images.groups}, test set 2 {second.images.groups}")
     c = len(classes)
-    cameras = ClassPreference.fit(list(first.images.labels), first.reference, n_classes=c)
-    seen_first, seen_second = (cameras.fuse(list(part.images.labels))[0] for part in (first, second))
-    both = (seen_first != IGNORE) & (first.labels != IGNORE)
-    methods = ClassPreference.fit(
-        [first.labels[both], seen_first[both]], first.reference[both], n_classes=c
-    )  # fmt: skip
-    fused, _ = methods.fuse([second.labels, seen_second])
-    learned = LogLinearPool.fit(_tables(first, c), first.reference, parameters=pool)
-    pooled = learned.predict_proba(_tables(second, c)).argmax(axis=1).astype(np.int16)
-    answers = {FEATURES: second.labels, IMAGES: seen_second, RULE: fused, POOL: pooled}
-    visible = seen_second != IGNORE
+    learned = TwoMethodFusion.fit(
+        first.labels, first.confidence, first.images.probabilities, first.reference, pool=pool
+    )
+    found = learned.fuse(second.labels, second.confidence, second.images.probabilities)
+    answers = {FEATURES: second.labels, IMAGES: found.images, RULE: found.rule, POOL: found.pool}
+    visible = found.images != IGNORE
     tables = [
         labelling_scores(
             confusion_matrix(second.reference[rows], given[rows], c), method=method, split=split, classes=classes
@@ -155,13 +124,9 @@ def fuse_test_sets(
     ]
     return FusionStudy(
         pd.concat(tables, ignore_index=True),
-        pd.DataFrame(cameras.f1, index=list(first.images.groups), columns=list(classes)),
-        pd.DataFrame(methods.f1, index=[FEATURES, IMAGES], columns=list(classes)),
-        count_agreement([second.labels, *second.images.labels], fused),
-        fused,
-        pooled,
+        pd.DataFrame(learned.cameras.f1, index=list(first.images.groups), columns=list(classes)),
+        pd.DataFrame(learned.methods.f1, index=[FEATURES, IMAGES], columns=list(classes)),
+        count_agreement([second.labels, *second.images.labels], found.rule),
+        found.rule,
+        found.pool,
     )
-
-
-def _tables(part: TestSet, n_classes: int) -> list[NDArray[np.float32]]:
-    return [spread_confidence(part.labels, part.confidence, n_classes), *part.images.probabilities]

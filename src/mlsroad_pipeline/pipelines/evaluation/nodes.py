@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from typing import Any
 
@@ -24,10 +25,13 @@ from mlsroad_pipeline.algorithms.evaluation import (
     sum_by_split,
 )
 from mlsroad_pipeline.algorithms.rendering.detection_figures import precision_recall_figure
+from mlsroad_pipeline.algorithms.visible_evaluation import count_seen_scene, seen_scores_table, seen_share
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
 from mlsroad_pipeline.datasets.survey_plan import SurveyParameters, middle_scenes
+
+logger = logging.getLogger(__name__)
 
 
 def count_points(
@@ -129,6 +133,75 @@ def picture_labels(
         title=f"{method} on {chosen[0]} to {chosen[-1]}" if len(chosen) > 1 else f"{method} on {chosen[0]}",
     )
     return figures["birds_eye"], figures["perspective"]
+
+
+def count_seen_points(
+    scenes: SceneCollection,
+    labels: SceneCollection,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+    *,
+    answers: Mapping[str, str],
+) -> dict[str, SceneTask]:
+    """Name the work that counts each scene's points, all of them and those that cameras see.
+
+    Parameters
+    ----------
+    scenes : SceneCollection
+        The scenes.
+    labels : SceneCollection
+        What a method that uses images made of the scenes that it was not trained on.
+    survey : SurveyParameters
+        Names the class schemes.
+    classes : mapping
+        The class schemes.
+    answers : mapping of str to str
+        Method to the name of its labels.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per labelled scene.
+    """
+    fixed = {
+        "answers": answers,
+        "trained": find_scheme(classes["schemes"], survey.scheme),
+        "scored": find_scheme(classes["schemes"], survey.evaluation_scheme or survey.scheme),
+    }
+    return {key: SceneTask(count_seen_scene, {"scene": scenes[key], "labels": labels[key]}, fixed) for key in labels}
+
+
+def score_seen_points(
+    counts: SceneCollection, survey: SurveyParameters, classes: Mapping[str, Any], *, method: str, suffix: str
+) -> tuple[pd.DataFrame, Figure, Figure]:
+    """Score a method that uses images, over all points and over those that cameras see.
+
+    Parameters
+    ----------
+    counts : SceneCollection
+        Confusion matrices of scenes.
+    survey : SurveyParameters
+        Names the class schemes.
+    classes : mapping
+        The class schemes.
+    method : str
+        The method's slug, whose figures are drawn.
+    suffix : str
+        What is appended to the names of the splits.
+
+    Returns
+    -------
+    scores : DataFrame
+        The table of scores.
+    confusion, bars : Figure
+        The confusion matrix of the last split over all points, and its scores per class.
+    """
+    scheme = find_scheme(classes["schemes"], survey.evaluation_scheme or survey.scheme)
+    table, matrices = seen_scores_table(counts.load_all(), scheme=scheme, suffix=suffix)
+    mine = table[table["method"] == method]
+    for split in matrices[method]:
+        logger.info("%s: %s", method, seen_share(mine, split))
+    return table, *score_figures(matrices[method], mine, method=method, scheme=scheme)
 
 
 def count_detections(

@@ -1,6 +1,6 @@
 """Wiring of the evaluation: the same nodes for every labeller, and the same for every detector."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial, update_wrapper
 from typing import Any
 
@@ -9,16 +9,18 @@ from kedro.pipeline import Node, Pipeline
 from mlsroad_pipeline.pipelines.evaluation.nodes import (
     count_detections,
     count_points,
+    count_seen_points,
     picture_labels,
     score_detector,
     score_method,
+    score_seen_points,
 )
 from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS
 
 
-def _of(method: str, function: Callable[..., Any]) -> Callable[..., Any]:
+def _of(method: str, function: Callable[..., Any], **more: Any) -> Callable[..., Any]:
     """Fix the method of a node's function, which keeps its name in Kedro's messages."""
-    return update_wrapper(partial(function, method=method), function)
+    return update_wrapper(partial(function, method=method, **more), function)
 
 
 def _nodes_of(slug: str) -> list[Node]:
@@ -36,12 +38,51 @@ def _nodes_of(slug: str) -> list[Node]:
             outputs=[f"{slug}.scores", f"{slug}.confusion_figure", f"{slug}.bars_figure"],
             name=f"score_{slug}",
         ),
+        _picturing(slug),
+    ]
+
+
+def _picturing(slug: str) -> Node:
+    return Node(
+        _of(slug, picture_labels),
+        inputs=["scenes", f"{slug}.labels", "params:survey", "params:classes"],
+        outputs=[f"{slug}.birds_eye_figure", f"{slug}.perspective_figure"],
+        name=f"picture_{slug}",
+    )
+
+
+def evaluate_seen(slug: str, answers: Mapping[str, str], *, suffix: str = "") -> list[Node]:
+    """Return the nodes that score a method which uses images, over all points and over those that cameras see.
+
+    Parameters
+    ----------
+    slug : str
+        The method's slug.
+    answers : mapping of str to str
+        Methods that are scored to the names of their labels in ``<slug>.labels``; `slug` is one of them.
+    suffix : str, default ""
+        What is appended to the names of the splits.
+
+    Returns
+    -------
+    list of Node
+        ``scenes`` and ``<slug>.labels`` to scores and figures.
+    """
+    configured = ["params:survey", "params:classes"]
+    return [
         Node(
-            _of(slug, picture_labels),
+            update_wrapper(partial(count_seen_points, answers=dict(answers)), count_seen_points),
             inputs=["scenes", f"{slug}.labels", *configured],
-            outputs=[f"{slug}.birds_eye_figure", f"{slug}.perspective_figure"],
-            name=f"picture_{slug}",
+            outputs=f"{slug}.confusions",
+            name=f"count_points_of_{slug}",
         ),
+        Node(
+            _of(slug, score_seen_points, suffix=suffix),
+            inputs=[f"{slug}.confusions", *configured],
+            outputs=[f"{slug}.scores", f"{slug}.confusion_figure", f"{slug}.bars_figure"],
+            name=f"score_{slug}",
+        ),
+        _picturing(slug),
     ]
 
 

@@ -1,0 +1,118 @@
+"""Which method and which camera to believe, learned on test set 1; test set 2 fused."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters, core_answers, divide_scenes, fit
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.datasets.fusion_work import fuse_labelled_scene
+from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
+from mlsroad_pipeline.datasets.scene_store import SceneCollection
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
+
+
+def take_test_set_1(
+    scenes: SceneCollection,
+    features: SceneCollection,
+    images: SceneCollection,
+    parameters: FusionParameters,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+) -> dict[str, SceneTask]:
+    """Name the work that takes what is learned from each scene of test set 1.
+
+    Parameters
+    ----------
+    scenes : SceneCollection
+        The scenes.
+    features, images : SceneCollection
+        What the two methods made of them.
+    parameters : FusionParameters
+        How scenes are divided.
+    survey : SurveyParameters
+        Names the class scheme.
+    classes : mapping
+        The class schemes.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene of test set 1.
+    """
+    scheme = find_scheme(classes["schemes"], survey.scheme)
+    first, _ = divide_scenes(list(images), parameters.share)
+    return {
+        key: SceneTask(
+            core_answers,
+            {"scene": scenes[key], "features": features[key], "images": images[key]},
+            {"scheme": scheme},
+        )
+        for key in first
+    }
+
+
+def learn_fusion(
+    answers: SceneCollection,
+    images: SourceFile,
+    parameters: FusionParameters,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+) -> tuple[ModelBundle, ModelBundle]:
+    """Learn preferences and weights.
+
+    Parameters
+    ----------
+    answers : SceneCollection
+        What both methods say of the scenes of test set 1, and the truth.
+    images : SourceFile
+        Folder of the model that labels through images, which names the cameras.
+    parameters : FusionParameters
+        How.
+    survey : SurveyParameters
+        Names the class scheme.
+    classes : mapping
+        The class schemes.
+
+    Returns
+    -------
+    model, registered : ModelBundle
+        The model, for the workers and for the registry.
+    """
+    model = fit(
+        list(answers.load_all().values()),
+        parameters=parameters,
+        scheme=find_scheme(classes["schemes"], survey.scheme),
+        cameras=open_model(images.path).metadata["cameras"],
+        trained_on={"survey": survey.root, "splits": "test set 1", "scenes": len(answers)},
+    )
+    return model, model
+
+
+def fuse_scenes(
+    features: SceneCollection, images: SceneCollection, model: SourceFile, parameters: FusionParameters
+) -> dict[str, SceneTask]:
+    """Name the work that fuses the labels of each scene of test set 2.
+
+    Parameters
+    ----------
+    features, images : SceneCollection
+        What the two methods made of the scenes.
+    model : SourceFile
+        The model's folder.
+    parameters : FusionParameters
+        How scenes are divided.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene of test set 2.
+    """
+    _, second = divide_scenes(list(images), parameters.share)
+    return {
+        key: SceneTask(fuse_labelled_scene, {"features": features[key], "images": images[key], "model": model})
+        for key in second
+    }
