@@ -49,7 +49,8 @@ def measure_objects(
             row[j] = np.log(axis.max() - axis.min() + 2.0 * _FLOOR)
             row[3 + j] = np.log(axis.std() + _FLOOR)
             ordered = np.sort(axis)
-            row[9 + j] = np.log(ordered[(n - 1) * 19 // 20] - ordered[(n - 1) // 20] + _FLOOR)
+            # As far from either end, since the axis may point either way.
+            row[9 + j] = np.log(ordered[n - 1 - (n - 1) // 20] - ordered[(n - 1) // 20] + _FLOOR)
             if j == 0:
                 for i in range(3):
                     row[6 + i] = ordered[(n - 1) * (i + 1) // 4] / height
