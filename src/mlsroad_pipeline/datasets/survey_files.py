@@ -202,10 +202,15 @@ def files_to_label(survey: Survey, output: str, *, trajectory: str | None = None
     below = {file.name: Path(file.path).resolve() for file in files}
     below = {name: path.relative_to(folder) for name, path in below.items() if path.is_relative_to(folder)}
     stems = {_stem(file.name) for file in files if file.name not in below}
-    own = [name for name, path in below.items() if _stem(path.as_posix()) not in stems]
+    own = [name for name, path in below.items() if not _is_result(path.as_posix(), stems)]
     if own:
         raise ParameterError(f"label.output is a folder of the survey itself: {output} holds {own[0]}; choose another")
     return [file for file in files if file.name not in below]
+
+
+def _is_result(name: str, stems: set[str]) -> bool:
+    """Tell whether a file is one that `label` writes for files with these stems, its copies and tables included."""
+    return name == "inventory.parquet" or _stem(re.sub(r"(\.copc(?=\.laz$)|_classes(?=\.ply$))", "", name)) in stems
 
 
 def _stem(name: str) -> str:
