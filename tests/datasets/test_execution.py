@@ -247,16 +247,16 @@ from references_store import slow_parts
 from mlsroad_pipeline.datasets.scene_store import SceneStoreDataset
 from mlsroad_pipeline.datasets.scene_task import SceneTask
 root, marks, workers = sys.argv[1], sys.argv[2], int(sys.argv[3])
-parameters = {"marks": marks, "pause": 0.02}
+parameters = {"marks": marks, "pause": float(sys.argv[4])}
 store = SceneStoreDataset(filepath=root, execution={"backend": "loky", "n_workers": workers})
 print("start", flush=True)
 store.save({f"s{i}": SceneTask(slow_parts, {}, {"seed": i, **parameters}) for i in range(16)})
 """
 
 
-def start_run(root, marks, **kwargs):
+def start_run(root, marks, pause=0.02, **kwargs):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    command = [sys.executable, "-c", RUN, str(root), str(marks), "2"]
+    command = [sys.executable, "-c", RUN, str(root), str(marks), "2", str(pause)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment, **kwargs)
 
 
@@ -268,7 +268,8 @@ def whole_records(root, storage):
 
 
 def test_interrupt_ends_processes_at_once_and_leaves_a_resumable_store(tmp_path, marks):
-    with start_run(tmp_path / "stage", marks) as process:
+    # Long enough that it cannot end before it is interrupted, however busy the machine is.
+    with start_run(tmp_path / "stage", marks, pause=0.15) as process:
         wait_for_records(tmp_path / "stage", 2)
         workers = psutil.Process(process.pid).children(recursive=True)
         process.send_signal(signal.SIGINT)
@@ -279,7 +280,7 @@ def test_interrupt_ends_processes_at_once_and_leaves_a_resumable_store(tmp_path,
     store = store_at(root, backend="sequential")
     finished = whole_records(root, store._storage)
     before = {key: count_marks(marks, f"{key}.") for key in finished}
-    store.save(part_tasks(marks, 16, pause=0.02))
+    store.save(part_tasks(marks, 16, pause=0.15))
     assert store.exists()
     assert {key: count_marks(marks, f"{key}.") for key in finished} == before
     assert not list(root.rglob("*.tmp"))  # interrupted workers may leave some, and the next run removes them
