@@ -28,7 +28,6 @@ TINY: dict[str, Any] = {
             "train_3": None,
             "train_4": None,
             "test": {"preset": "tiny", "seed": 11},
-            "test_2": None,
         },
     },
     "ingest": {"scene_length": 15.0},
