@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from kedro.io import AbstractDataset
+from kedro.io import AbstractDataset, DatasetError
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image as Picture
 from PIL import UnidentifiedImageError
@@ -194,7 +194,7 @@ class SurveyImagesDataset(AbstractDataset[SurveyImages, SurveyImages]):
 
     def save(self, data: SurveyImages) -> None:
         """Refuse: images are only read."""
-        raise NotImplementedError("images are only read")
+        raise DatasetError(f"images are only read: nothing is saved to {self._filepath}")
 
     def _exists(self) -> bool:
         return Path(self._filepath).exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import ClassVar, Self
@@ -67,7 +68,7 @@ class DescriptorParameters:
                 raise ParameterError(f"{name} must be at least 2, got {getattr(self, name)!r}")
 
 
-class DescriptorRecogniser:
+class DescriptorRecogniser(ABC):
     """A descriptor with a support vector machine; subclasses say what the descriptor is.
 
     Parameters
@@ -90,6 +91,7 @@ class DescriptorRecogniser:
         self.parameters = parameters if parameters is not None else DescriptorParameters()
 
     @staticmethod
+    @abstractmethod
     def describe_objects(objects: Sequence[ArrayLike], radius: float) -> NDArray[np.float32]:
         """Describe objects.
 
@@ -105,7 +107,6 @@ class DescriptorRecogniser:
         ndarray of float32, shape (objects, d)
             One descriptor per object.
         """
-        raise NotImplementedError
 
     def fit(
         self, objects: Sequence[ArrayLike], classes: ArrayLike, *, intensities: Sequence[ArrayLike] | None = None
