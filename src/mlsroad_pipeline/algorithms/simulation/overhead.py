@@ -154,17 +154,25 @@ def _wire(
 
 
 def over_the_road(site: Site) -> None:
-    """Place a gantry over some blocks of a road with a median.
+    """Place gantries over some blocks of a road with a median.
 
     Parameters
     ----------
     site : Site
         The block.
     """
-    ground, rng = site.street.ground, site.rng
-    if ground.shape[5] == 0 or rng.random() > _GANTRIES:
+    if site.street.ground.shape[5] == 0:
         return
-    s = dry_station(site.street, float(rng.uniform(site.start + 6, site.end - 6)), _leg(site, 0))
+    number = int(_GANTRIES * site.parameters.gantries + 1 - site.rng.random())
+    length = (site.end - site.start - 12) / max(number, 1)
+    for k in range(number):
+        _gantry(site, site.start + 6 + k * length, site.start + 6 + (k + 1) * length)
+
+
+def _gantry(site: Site, first: float, last: float) -> None:
+    """Place a gantry between two stations, where there is room for both legs."""
+    ground, rng = site.street.ground, site.rng
+    s = dry_station(site.street, float(rng.uniform(first, last)), _leg(site, 0))
     if not site.start + 2 < s < site.end - 2:
         return
     legs = [np.array([s, _leg(site, side), 0.35, 0.35, 0.0]) for side in range(2)]

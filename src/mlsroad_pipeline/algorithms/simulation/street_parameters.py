@@ -47,6 +47,9 @@ class StreetParameters:
         How many there are; 0 is none, 2 about twice as many.
     clutter, signs, people, traffic : float, default 1
         Likewise for bins, benches, bollards and the like; for traffic signs; for people; for moving vehicles.
+    stations, gantries : float, default 1
+        Likewise for bus stops, one in every second block of 60 m at 1, and for gantries over roads with a median, one in
+        every fifth block.
     overhead_wires : float, default 0.7
         Chance of utility poles with wires along the street and to the houses.
     hard_cases : float, default 0.3
@@ -83,6 +86,8 @@ class StreetParameters:
     signs: float = 1.0
     people: float = 1.0
     traffic: float = 1.0
+    stations: float = 1.0
+    gantries: float = 1.0
     overhead_wires: float = 0.7
     hard_cases: float = 0.3
 
@@ -91,8 +96,20 @@ class StreetParameters:
                   "bare_soil", "boundaries")  # fmt: skip
         for name in (*shares, "hard_cases"):
             self._check(name, 0.0, 1.0)
-        for name in ("buildings", "trees", "palms", "cycas", "shrubs", "clutter", "signs", "people", "traffic"):
+        for name in (
+            "buildings",
+            "trees",
+            "palms",
+            "cycas",
+            "shrubs",
+            "clutter",
+            "signs",
+            "people",
+            "traffic",
+            "stations",
+        ):
             self._check(name, 0.0, 5.0)
+        self._check("gantries", 0.0, 20.0)
         self._check("verge_width", 0.8, 8.0)
         self._check("grass_height", 0.0, 0.2)
         self._check("junction_spacing", 60.0, 5000.0, zero=True)

@@ -42,7 +42,11 @@ Value = TypeVar("Value")
 
 
 def make_street(
-    *, simulation: SimulationParameters, ground: GroundParameters, columns: Sequence[str] = ("rgb", "label")
+    *,
+    simulation: SimulationParameters,
+    ground: GroundParameters,
+    columns: Sequence[str] = ("rgb", "label"),
+    reach: float = np.inf,
 ) -> PointCloud:
     """Simulate a survey, find its ground and leave out what lies before its start and behind its end.
 
@@ -56,6 +60,8 @@ def make_street(
         The ground filter.
     columns : sequence of str, default ("rgb", "label")
         What is kept of the survey.
+    reach : float, default infinite
+        Points farther from the track than this are left out, metres.
 
     Returns
     -------
@@ -68,8 +74,8 @@ def make_street(
     kept = {name: cloud[name] for name in columns}
     whole = PointCloud(cloud.xyz, {**kept, **found}, cloud.origin, cloud.crs, f"street of seed {simulation.seed}")
     path = Trajectory.from_positions(survey.trajectory[["x", "y", "z"]], survey.trajectory["gps_time"])
-    station, _ = path.locate(cloud.xyz, origin=cloud.origin)
-    return whole.select(np.flatnonzero((station >= 0) & (station <= path.length)))
+    station, offset = path.locate(cloud.xyz, origin=cloud.origin)
+    return whole.select(np.flatnonzero((station >= 0) & (station <= path.length) & (np.abs(offset) <= reach)))
 
 
 def cut_patches(points: PointCloud, *, sizes: PatchParameters, scheme: ClassScheme) -> dict[str, dict[str, NDArray]]:

@@ -1,0 +1,175 @@
+"""The figures of Luo et al. 2019, section 4, made of the scores of recognised objects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
+
+N_THRESHOLDS = 201
+"""Thresholds of a precision-recall curve, evenly from 0 to 1."""
+
+N_DRAWS = 2000
+"""Draws of streets that an interval is made of."""
+
+
+def precision_recall(
+    scores: NDArray[np.floating], label: NDArray[np.integer]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Follow precision and recall as the paper does: an object is of each class i with ``|1 - S_i|`` below a threshold.
+
+    Equations 14 and 15, averaged over the classes that occur. A class that no object is taken for has no precision and
+    is left out of its mean.
+
+    Parameters
+    ----------
+    scores : ndarray of float, shape (n, k)
+        Probability of each class.
+    label : ndarray of int, shape (n,)
+        Class of each object.
+
+    Returns
+    -------
+    threshold, precision, recall : ndarray of float64
+        The curve, thresholds rising; empty without objects, shorter where nothing is taken for any class.
+    """
+    if not len(label):
+        return np.zeros(0), np.zeros(0), np.zeros(0)
+    thresholds = np.linspace(0.0, 1.0, N_THRESHOLDS)
+    taken = np.abs(1.0 - scores)[None] <= thresholds[:, None, None] + 1e-12
+    classes = np.unique(label)
+    own = label[:, None] == classes
+    right = (taken[:, :, classes] & own).sum(axis=1).astype(np.float64)
+    named = taken[:, :, classes].sum(axis=1)
+    precision = np.divide(right, named, out=np.full(right.shape, np.nan), where=named > 0)
+    some = (named > 0).any(axis=1)
+    recall = (right / own.sum(axis=0)).mean(axis=1)
+    return thresholds[some], np.nanmean(precision[some], axis=1), recall[some]
+
+
+def area_under(precision: NDArray[np.float64], recall: NDArray[np.float64]) -> float:
+    """Return the area under a curve of rising recall, by steps.
+
+    Parameters
+    ----------
+    precision, recall : ndarray of float64
+        The curve.
+
+    Returns
+    -------
+    float
+        The area; NaN for no curve.
+    """
+    return float(np.diff(recall, prepend=0.0) @ precision) if len(recall) else float("nan")
+
+
+def street_confusions(
+    label: NDArray[np.integer], predicted: NDArray[np.integer], street: NDArray[np.integer], n_classes: int
+) -> dict[int, NDArray[np.int64]]:
+    """Count classes street by street.
+
+    Parameters
+    ----------
+    label, predicted : ndarray of int, shape (n,)
+        True and recognised class of each object.
+    street : ndarray of int, shape (n,)
+        Its street.
+    n_classes : int
+        Classes.
+
+    Returns
+    -------
+    dict of int to ndarray of int64, shape (n_classes, n_classes)
+        Street to counts, rows are true classes.
+    """
+    return {
+        int(s): confusion_matrix(label[street == s], predicted[street == s], n_classes)[:, :n_classes]
+        for s in np.unique(street)
+    }
+
+
+def mean_f1(matrices: NDArray[np.number]) -> NDArray[np.float64]:
+    """Return the mean F1 over the classes that have objects, of many confusion matrices at once.
+
+    Parameters
+    ----------
+    matrices : ndarray, shape (..., k, k)
+        Counts, rows are true classes.
+
+    Returns
+    -------
+    ndarray of float64, shape (...)
+        The means; NaN for an empty matrix.
+    """
+    counts = np.asarray(matrices, dtype=np.float64)
+    hits = np.diagonal(counts, axis1=-2, axis2=-1)
+    support, named = counts.sum(axis=-1), counts.sum(axis=-2)
+    f1 = np.where(support > 0, 2 * hits / np.maximum(support + named, 1e-12), 0.0)
+    present = (support > 0).sum(axis=-1)
+    return np.where(present > 0, f1.sum(axis=-1) / np.maximum(present, 1), np.nan)
+
+
+def mean_figures(matrix: NDArray[np.integer]) -> dict[str, float]:
+    """Return means over the classes that have objects, and the accuracy (equations 14 to 17).
+
+    Parameters
+    ----------
+    matrix : ndarray of int, shape (k, k)
+        Counts, rows are true classes.
+
+    Returns
+    -------
+    dict of str to float
+        ``precision`` (0 for a class that nothing was taken for), ``recall``, ``f1``, ``accuracy``, as shares.
+    """
+    counts = np.asarray(matrix, dtype=np.float64)
+    hits, support, named = np.diagonal(counts), counts.sum(axis=1), counts.sum(axis=0)
+    seen = support > 0
+    if not seen.any():
+        return dict.fromkeys(("precision", "recall", "f1", "accuracy"), float("nan"))
+    return {
+        "precision": float((hits / np.maximum(named, 1))[seen].mean()),
+        "recall": float((hits[seen] / support[seen]).mean()),
+        "f1": float(mean_f1(counts)),
+        "accuracy": float(hits.sum() / counts.sum()),
+    }
+
+
+def paired_interval(
+    first: Sequence[NDArray[np.integer]],
+    second: Sequence[NDArray[np.integer]],
+    *,
+    seed: int,
+    n_draws: int = N_DRAWS,
+    confidence: float = 0.95,
+) -> tuple[float, float, float]:
+    """Compare the mean F1 of two methods on the same streets.
+
+    Streets are drawn with replacement, the same ones for both methods, and the matrices of the drawn ones summed: an
+    object's neighbours on its street are no evidence of their own.
+
+    Parameters
+    ----------
+    first, second : sequence of ndarray of int, shape (k, k)
+        Counts of each street, in the same order.
+    seed : int
+        Seed of the draws.
+    n_draws : int, default `N_DRAWS`
+        How often streets are drawn.
+    confidence : float, default 0.95
+        Of the interval.
+
+    Returns
+    -------
+    difference, low, high : float
+        Mean F1 of the first minus that of the second, and the interval between quantiles of the draws.
+    """
+    one, two = np.stack(first).astype(np.float64), np.stack(second).astype(np.float64)
+    n = len(one)
+    drawn = np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=n_draws).astype(np.float64)
+    apart = mean_f1(np.tensordot(drawn, one, axes=1)) - mean_f1(np.tensordot(drawn, two, axes=1))
+    low, high = np.quantile(apart, [0.5 - confidence / 2, 0.5 + confidence / 2])
+    return float(mean_f1(one.sum(axis=0)) - mean_f1(two.sum(axis=0))), float(low), float(high)

@@ -1,0 +1,194 @@
+"""The study of Luo et al. 2019, stage by stage."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from mlsroad_pipeline.algorithms.baselines.descriptor_machine import DescriptorParameters
+from mlsroad_pipeline.algorithms.baselines.pointnet_parameters import PointNetParameters
+from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
+from mlsroad_pipeline.algorithms.recognisers import VIEW_OF
+from mlsroad_pipeline.algorithms.rendering.report import build_report
+from mlsroad_pipeline.algorithms.studies import luo2019_runs
+from mlsroad_pipeline.algorithms.studies.luo2019_parameters import JOINTNET, PRINTED, RIVALS, StudyParameters
+from mlsroad_pipeline.algorithms.studies.luo2019_plan import SYDNEY, StudyPlan, StudyRun
+from mlsroad_pipeline.algorithms.studies.luo2019_report import study_figures, study_sections
+from mlsroad_pipeline.algorithms.studies.luo2019_results import StudyTables, study_tables
+from mlsroad_pipeline.algorithms.studies.luo2019_sets import SimulatedObjectsParameters
+from mlsroad_pipeline.datasets.object_files import find_folds, listed_files, read_fold
+from mlsroad_pipeline.datasets.scene_store import SceneCollection
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+
+FOLDS, SYDNEY_SCHEME = "folds/fold*.txt", "sydney14"
+
+
+def plan_study(
+    study: StudyParameters,
+    sets: SimulatedObjectsParameters,
+    classes: Mapping[str, Any],
+    jointnet: JointNetParameters,
+    printed: JointNetParameters,
+    hierarchy: DescriptorParameters,
+    spin: DescriptorParameters,
+    shot: DescriptorParameters,
+    pointnet: PointNetParameters,
+) -> StudyPlan:
+    """Plan the runs.
+
+    Parameters
+    ----------
+    study : StudyParameters
+        What is run.
+    sets : SimulatedObjectsParameters
+        The simulated sets.
+    classes : mapping
+        The class schemes.
+    jointnet, printed, hierarchy, spin, shot, pointnet : dataclass
+        Parameters of the methods; sub-networks take those of JointNet.
+
+    Returns
+    -------
+    StudyPlan
+        The plan.
+    """
+    methods = {JOINTNET: jointnet, PRINTED: printed, **dict.fromkeys(VIEW_OF, jointnet)}
+    methods |= dict(zip(RIVALS, (hierarchy, spin, shot, pointnet), strict=True))
+    names = tuple(sets.chosen_sets())
+    schemes = {name: find_scheme(classes["schemes"], name) for name in names}
+    folds = {} if study.sydney is None else {n: str(p) for n, p in find_folds(study.sydney, FOLDS).items()}
+    if folds:
+        schemes[SYDNEY] = find_scheme(classes["schemes"], SYDNEY_SCHEME)
+    return StudyPlan(study, study.chosen_scale(), names, schemes, folds, methods)
+
+
+def read_folds(plan: StudyPlan) -> dict[str, SceneTask]:
+    """Name the work that reads the folds of the Sydney Urban Objects.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per fold; none without them.
+    """
+    return {
+        f"{SYDNEY}.{name}": SceneTask(
+            read_fold,
+            {"path": SourceFile(path), "files": [SourceFile(str(file)) for file in listed_files(Path(path))]},
+            {"scheme": plan.schemes[SYDNEY]},
+        )
+        for name, path in plan.folds.items()
+    }
+
+
+def measure_networks(plan: StudyPlan) -> dict[str, SceneTask]:
+    """Name the work that measures size, memory and time of each network.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per network.
+    """
+    n_classes = len(plan.schemes[plan.sets[0]])
+    return {
+        method: SceneTask(
+            luo2019_runs.measure_network,
+            parameters={
+                "parameters": parameters.with_views(VIEW_OF[method]) if method in VIEW_OF else parameters,
+                "n_classes": n_classes,
+            },
+        )
+        for method, parameters in plan.networks().items()
+    }
+
+
+def run_methods(plan: StudyPlan, sets: SceneCollection, folds: SceneCollection) -> dict[str, SceneTask]:
+    """Name the work that trains each method and lets it recognise objects.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+    sets, folds : SceneCollection
+        The simulated sets, and the folds of the Sydney Urban Objects.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per run.
+    """
+
+    def task(run: StudyRun) -> SceneTask:
+        store = folds if run.dataset == SYDNEY else sets
+        inputs: dict[str, Any] = {"train": {key: store[key] for key in run.train}, "test": store[run.test]}
+        if run.validation is not None:
+            inputs["validation"] = store[run.validation]
+        return SceneTask(
+            luo2019_runs.train_and_recognise,
+            inputs,
+            {
+                "method": run.method,
+                "settings": list(run.settings),
+                "conditions": dict(run.conditions),
+                "disturbance": run.disturbance,
+                "wrong_labels": run.wrong_labels,
+                "n_classes": len(plan.schemes[run.dataset]),
+                "seed": plan.study.seed,
+            },
+        )
+
+    return {key: task(run) for key, run in plan.runs().items()}
+
+
+def tabulate_study(plan: StudyPlan, runs: SceneCollection, networks: SceneCollection) -> tuple[Any, ...]:
+    """Make the tables of the study.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+    runs, networks : SceneCollection
+        What came of the runs, and the measured networks.
+
+    Returns
+    -------
+    tuple of DataFrame
+        The fields of `StudyTables` in their order.
+    """
+    results, facts = runs.part("results").load_all(), runs.part("facts").load_all()
+    return study_tables(plan, results, facts, networks.load_all()).as_tuple()
+
+
+def report_study(plan: StudyPlan, *tables: pd.DataFrame) -> tuple[Figure | str, ...]:
+    """Draw the figures and write the report.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+    *tables : DataFrame
+        The fields of `StudyTables`.
+
+    Returns
+    -------
+    tuple
+        The figures of `study_figures`, and the report as HTML.
+    """
+    found = StudyTables(*tables)
+    figures = study_figures(found)
+    page = build_report(study_sections(plan, found, figures), title="Luo et al. 2019 on simulated objects")
+    return *figures, page

@@ -1,0 +1,51 @@
+"""Wiring of the study of Luo et al. 2019."""
+
+from dataclasses import fields
+
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.algorithms.studies.luo2019_parameters import JOINTNET, PRINTED, RIVALS
+from mlsroad_pipeline.algorithms.studies.luo2019_report import CAPTIONS
+from mlsroad_pipeline.algorithms.studies.luo2019_results import StudyTables
+from mlsroad_pipeline.pipelines import simulated_objects
+from mlsroad_pipeline.pipelines.luo2019_study.nodes import (
+    measure_networks,
+    plan_study,
+    read_folds,
+    report_study,
+    run_methods,
+    tabulate_study,
+)
+
+STUDY = "luo2019_study"
+
+
+def create_pipeline(**_: object) -> Pipeline:
+    """Return the pipeline: parameters to simulated sets, runs, tables, figures and a report.
+
+    Parameters
+    ----------
+    **_ : object
+        Not used; Kedro lets callers of any pipeline give keyword arguments.
+
+    Returns
+    -------
+    Pipeline
+        Parameters to ``simulated_objects.*`` and ``luo2019_study.*``.
+    """
+    given = [f"params:{name}" for name in (STUDY, "simulated_objects", "classes", JOINTNET, PRINTED, *RIVALS)]
+    plan, folds, networks, runs = (f"{STUDY}.{name}" for name in ("plan", "folds", "networks", "runs"))
+    names = [entry.name for entry in fields(StudyTables)]
+    tables = [f"{STUDY}.{name}" if name == "scores" else f"{STUDY}.{name}_table" for name in names]
+    drawn = [*(f"{STUDY}.{name}_figure" for name in CAPTIONS), f"{STUDY}.report"]
+    own = Pipeline(
+        [
+            Node(plan_study, inputs=given, outputs=plan, name="plan_luo2019_study"),
+            Node(read_folds, inputs=plan, outputs=folds, name="read_luo2019_folds"),
+            Node(measure_networks, inputs=plan, outputs=networks, name="measure_luo2019_networks"),
+            Node(run_methods, inputs=[plan, "simulated_objects.sets", folds], outputs=runs, name="run_luo2019_methods"),
+            Node(tabulate_study, inputs=[plan, runs, networks], outputs=tables, name="tabulate_luo2019_study"),
+            Node(report_study, inputs=[plan, *tables], outputs=drawn, name="report_luo2019_study"),
+        ]
+    )
+    return simulated_objects.create_pipeline() + own

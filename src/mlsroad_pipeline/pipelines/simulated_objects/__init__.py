@@ -1,0 +1,5 @@
+"""Simulated sets of objects, cut from simulated surveys."""
+
+from mlsroad_pipeline.pipelines.simulated_objects.pipeline import create_pipeline
+
+__all__ = ["create_pipeline"]

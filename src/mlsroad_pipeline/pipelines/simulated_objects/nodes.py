@@ -1,0 +1,124 @@
+"""Streets to objects, and these to sets with splits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+
+from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
+from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
+from mlsroad_pipeline.algorithms.studies.luo2019_paper import OBJECTS
+from mlsroad_pipeline.algorithms.studies.luo2019_sets import (
+    SimulatedObjectsParameters,
+    composition_table,
+    cut_street,
+    draw_split,
+    wanted_objects,
+)
+from mlsroad_pipeline.datasets.scene_store import SceneCollection
+from mlsroad_pipeline.datasets.scene_task import SceneTask
+from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
+
+
+def cut_streets(
+    parameters: SimulatedObjectsParameters,
+    ground: GroundParameters,
+    segmentation: SegmentationParameters,
+    classes: Mapping[str, Any],
+) -> dict[str, SceneTask]:
+    """Name the work that simulates each street and cuts its objects out.
+
+    Parameters
+    ----------
+    parameters : SimulatedObjectsParameters
+        The sets.
+    ground, segmentation : dataclass
+        Parameters of the stages.
+    classes : mapping
+        The class schemes.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per street.
+    """
+    return {
+        f"{name}.seed_{seed}": SceneTask(
+            cut_street,
+            parameters={
+                "simulation": simulation_parameters({**given.survey, "seed": seed}),
+                "ground": ground,
+                "segmentation": segmentation,
+                "scheme": find_scheme(classes["schemes"], name),
+                "wanted": list(OBJECTS[name]),
+                "parameters": parameters.cut,
+            },
+        )
+        for name, given in parameters.chosen_sets().items()
+        for seeds in given.seeds_of_splits().values()
+        for seed in seeds
+    }
+
+
+def draw_splits(
+    parameters: SimulatedObjectsParameters, streets: SceneCollection, classes: Mapping[str, Any]
+) -> dict[str, SceneTask]:
+    """Name the work that draws the objects of each split of each set.
+
+    Parameters
+    ----------
+    parameters : SimulatedObjectsParameters
+        The sets.
+    streets : SceneCollection
+        The objects of each street.
+    classes : mapping
+        The class schemes.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        ``<set>.<split>`` to task.
+    """
+    return {
+        f"{name}.{split}": SceneTask(
+            draw_split,
+            {"streets": {f"seed_{seed}": streets[f"{name}.seed_{seed}"] for seed in seeds}},
+            {
+                "limits": wanted_objects(name, given, find_scheme(classes["schemes"], name))[split],
+                "seed": parameters.seed,
+            },
+        )
+        for name, given in parameters.chosen_sets().items()
+        for split, seeds in given.seeds_of_splits().items()
+    }
+
+
+def tabulate_sets(
+    parameters: SimulatedObjectsParameters, sets: SceneCollection, classes: Mapping[str, Any]
+) -> pd.DataFrame:
+    """Tell what the sets are made of.
+
+    Parameters
+    ----------
+    parameters : SimulatedObjectsParameters
+        The sets.
+    sets : SceneCollection
+        Their objects.
+    classes : mapping
+        The class schemes.
+
+    Returns
+    -------
+    DataFrame
+        What `composition_table` gives.
+    """
+    schemes = {name: find_scheme(classes["schemes"], name) for name in parameters.chosen_sets()}
+    wanted = {
+        f"{name}.{split}": limits
+        for name, given in parameters.chosen_sets().items()
+        for split, limits in wanted_objects(name, given, schemes[name]).items()
+    }
+    return composition_table({key: sets[key].load() for key in wanted}, wanted, schemes)

@@ -1,0 +1,70 @@
+"""The study of luo2019 at its fast scale: what it writes, and that its tables agree with each other."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from references_wiring import make_project, run
+
+from mlsroad_pipeline.algorithms.studies.luo2019_parameters import METHODS
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+FAST = {
+    "luo2019_study": {"scale": "fast"},
+    "simulated_objects": {"scale": "fast"},
+    "execution": {"backend": "sequential"},
+}
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    folder = make_project(tmp_path_factory.mktemp("luo2019"))
+    run(folder, "luo2019_study", **FAST)
+    return folder
+
+
+def table(project, name):
+    return pd.read_csv(project / f"data/08_reporting/luo2019_study/{name}.csv")
+
+
+def test_splits_share_no_street(project):
+    streets = {}
+    for split in ("train", "validation", "test"):
+        with np.load(next(project.glob(f"data/05_model_input/simulated_objects/**/hdr9.{split}*.npz"))) as found:
+            streets[split] = set(found["street"].tolist())
+            assert np.isfinite(found["xyz"]).all() and np.diff(found["indptr"]).max() <= 1000
+    assert streets["train"] | streets["validation"] | streets["test"] <= {11, 12, 13}
+    assert sum(map(len, streets.values())) == len(set().union(*streets.values()))
+    composition = pd.read_csv(project / "data/08_reporting/simulated_objects.csv")
+    assert (composition["objects"] == composition[["wanted", "found"]].min(axis=1)).all()
+
+
+def test_tables_agree_with_the_scores(project):
+    two, scores = table(project, "table_2"), table(project, "scores").set_index(["method", "class", "metric"])["value"]
+    assert two["method"].tolist() == list(METHODS)
+    robust = table(project, "robustness").set_index(["method", "disturbance"])
+    for row in two.itertuples():
+        assert row.accuracy == pytest.approx(scores[row.method, "all", "overall_accuracy"])
+        assert row.f1 == pytest.approx(scores[row.method, "all", "mean_f1"])
+        assert row.accuracy == pytest.approx(robust.loc[(row.method, "clean"), "accuracy"].item())
+    confusions = table(project, "confusions")
+    right = confusions[confusions["class"] == confusions["recognised"]].groupby(["method", "level"])["objects"].sum()
+    level = robust.loc[("jointnet", "level")].set_index("level")["accuracy"]
+    assert right["jointnet", "level=2"] / two["objects"].iloc[0] == pytest.approx(level[2.0])
+    apart = table(project, "differences").set_index(["method", "disturbance"])
+    difference = apart.loc[("shot", "noise"), "difference"].item()
+    assert difference == pytest.approx(robust.loc[("shot", "noise"), "mean_f1"].item() - robust.loc[("jointnet", "noise"), "mean_f1"].item())  # fmt: skip
+
+
+def test_sizes_times_and_settings_are_told(project):
+    four = table(project, "table_4").set_index("method")
+    assert four.loc[["hierarchy_descriptor", "spin_image", "shot"], "dimension"].tolist() == [100, 153, 352]
+    assert four.loc["jointnet", "model_mb"] < 5 < four.loc["jointnet", "paper_model_mb"] == 223
+    one = table(project, "table_1").set_index("method")
+    assert (one["memory_mb"] > one["model_mb"]).all() and (one[["backward_ms", "forward_ms"]] > 0).all(axis=None)
+    tried = table(project, "tuning")
+    assert tried["chosen"].sum() == 1
+    assert tried.loc[tried["chosen"], "validation_accuracy"].item() == tried["validation_accuracy"].max()
+    assert set(table(project, "training")["disturbance"]) == {"clean", "noise", "labels", "combined"}
+    page = (project / "data/08_reporting/luo2019_study/report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/") == 7
