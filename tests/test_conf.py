@@ -35,7 +35,7 @@ from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParamete
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.algorithms.patches import PatchParameters
-from mlsroad_pipeline.algorithms.recognisers import RecognitionParameters
+from mlsroad_pipeline.algorithms.recognition_objects import RecognitionParameters
 from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.studies.luo2016_parameters import StudyParameters
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters as Yu2016StudyParameters

@@ -8,19 +8,23 @@ from __future__ import annotations
 import importlib
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.object_detectors import DetectionStages, label_detected_objects
-from mlsroad_pipeline.algorithms.object_segmentation import owned_by_core
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.recognition import ObjectSet
+from mlsroad_pipeline.algorithms.recognition_objects import (
+    RecognitionParameters,
+    objects_of_segments,
+    training_objects,
+)
 
 ENTRY_POINT = "mlsroad_pipeline.algorithms.recognisers:label_cloud"
 
@@ -45,58 +49,26 @@ VIEW_OF = {"hssi_net": "hssi", "vqai_net": "vqai", "vaai_net": "vaai"}
 logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class RecognitionParameters:
-    """Which objects are recognised.
-
-    Parameters
-    ----------
-    scheme : str, default "hdr9"
-        Class scheme of the objects.
-    min_points : int, default 30
-        Smaller objects are left out.
-    purity : float, default 0.8
-        Share of an object's labelled points that must be of one class; mixed objects are left out of training and
-        scores.
-    max_per_class : int, default 2000
-        Most training objects of a class.
-    folds : str, optional
-        Files below the survey's root that list files of objects, one list for each fold, as a glob; the class of an
-        object is in its file's name. Each fold is recognised by what the others teach. None takes objects of scenes.
-    seed : int, default 2019
-        Seed of the draw of training objects.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of range.
-    """
-
-    scheme: str = "hdr9"
-    min_points: int = 30
-    purity: float = 0.8
-    max_per_class: int = 2000
-    folds: str | None = None
-    seed: int = 2019
-
-    def __post_init__(self) -> None:
-        for name in ("min_points", "max_per_class"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"recognition.{name} must be at least 1, got {getattr(self, name)!r}")
-        if not 0 < self.purity <= 1:
-            raise ParameterError(f"recognition.purity must be above 0 and at most 1, got {self.purity!r}")
-
-
 def _import(place: str) -> Any:
     module, name = place.split(":")
     return getattr(importlib.import_module(f"mlsroad_pipeline.algorithms.{module}"), name)
 
 
-def _rows_of_objects(segments: NDArray[np.int32], n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the points of objects, object by object, and where each begins."""
-    rows = np.flatnonzero(segments >= 0)
-    rows = rows[np.argsort(segments[rows], kind="stable")]
-    return rows, np.searchsorted(segments[rows], np.arange(n + 1)).astype(np.int64)
+def parameter_class(slug: str) -> type:
+    """Return the class of a method's parameters.
+
+    Parameters
+    ----------
+    slug : str
+        One of `METHODS`.
+
+    Returns
+    -------
+    type
+        A dataclass.
+    """
+    found: type = _import(METHODS[slug][1])
+    return found
 
 
 def make_recogniser(slug: str, parameters: Any) -> Any:
@@ -123,80 +95,6 @@ def make_recogniser(slug: str, parameters: Any) -> Any:
         raise ParameterError(f"{slug!r} recognises no objects (methods: {', '.join(METHODS)})")
     view = VIEW_OF.get(slug)
     return _import(METHODS[slug][0])(parameters if view is None else parameters.with_views(view))
-
-
-def cut_objects(
-    scene: PointCloud, objects: Mapping[str, NDArray], *, scheme: ClassScheme, parameters: RecognitionParameters
-) -> dict[str, NDArray]:
-    """Cut the objects out of a scene that it is responsible for, and name them by their points.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene; without labels all classes are unknown.
-    objects : mapping
-        What `segment_scene` gave.
-    scheme : ClassScheme
-        The classes.
-    parameters : RecognitionParameters
-        The smallest object, and how pure it must be.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The arrays of an `ObjectSet`, and ``object`` int32: the number of each in the scene.
-    """
-    segments = objects["objects"]
-    n = int(segments.max(initial=-1)) + 1
-    rows, bounds = _rows_of_objects(segments, n)
-    large = np.diff(bounds) >= parameters.min_points
-    wanted = np.flatnonzero(large & owned_by_core(scene, segments, n))
-    label = np.full(n, IGNORE, dtype=np.int16)
-    if "label" in scene:
-        table = np.zeros((n, len(scheme)), dtype=np.int64)
-        truth = scheme.encode(scene["label"], source=scene.source)
-        known = (segments >= 0) & (truth != IGNORE)
-        np.add.at(table, (segments[known], truth[known]), 1)
-        pure = table.max(axis=1, initial=0) >= parameters.purity * np.maximum(table.sum(axis=1), 1)
-        label = np.where(pure, table.argmax(axis=1), IGNORE).astype(np.int16)
-    every = ObjectSet(
-        np.asarray(scene.xyz, dtype=np.float64)[rows],
-        bounds,
-        label,
-        np.asarray(scene["intensity"], dtype=np.float32)[rows] if "intensity" in scene else None,
-    )
-    return {**every.take(wanted).to_arrays(), "object": wanted.astype(np.int32)}
-
-
-def training_objects(sets: Sequence[Mapping[str, NDArray]], parameters: RecognitionParameters) -> ObjectSet:
-    """Join sets and draw the objects to learn from.
-
-    Parameters
-    ----------
-    sets : sequence of mapping
-        Arrays of `ObjectSet`.
-    parameters : RecognitionParameters
-        The most objects of a class.
-
-    Returns
-    -------
-    ObjectSet
-        Objects of known class.
-
-    Raises
-    ------
-    DataError
-        If there are none.
-    """
-    joined = ObjectSet.join([ObjectSet.from_arrays(arrays) for arrays in sets])
-    rng = np.random.default_rng(parameters.seed)
-    drawn = [
-        rng.permutation(np.flatnonzero(joined.label == label))[: parameters.max_per_class]
-        for label in np.unique(joined.label[joined.label != IGNORE])
-    ]
-    if not drawn:
-        raise DataError(f"none of the {len(joined)} training objects has a known class")
-    return joined.take(np.sort(np.concatenate(drawn)))
 
 
 def train_recogniser(
@@ -390,14 +288,10 @@ def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int1
     least = RecognitionParameters(**bundle.metadata["parameters"]["recognition"]).min_points
 
     def detect(objects: Mapping[str, NDArray]) -> dict[str, NDArray]:
-        segments = objects["objects"]
-        n = int(segments.max(initial=-1)) + 1
-        rows, bounds = _rows_of_objects(segments, n)
-        intensity = np.asarray(cloud["intensity"], dtype=np.float32)[rows] if "intensity" in cloud else None
-        every = ObjectSet(np.asarray(cloud.xyz, np.float64)[rows], bounds, np.full(n, IGNORE, np.int16), intensity)
-        large = np.flatnonzero(np.diff(bounds) >= least)
+        every = objects_of_segments(cloud, objects["objects"])
+        large = np.flatnonzero(np.diff(every.indptr) >= least)
         found = probabilities(recogniser, every.take(large), len(bundle.classes))
-        label, score = np.full(n, IGNORE, dtype=np.int16), np.zeros(n, dtype=np.float32)
+        label, score = every.label, np.zeros(len(every), dtype=np.float32)
         label[large], score[large] = found["label"], found["score"]
         return {"label": label, "score": score}
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
 import numpy as np
@@ -19,8 +19,8 @@ from mlsroad_pipeline.algorithms.baselines.kernel_machine_training import (
     fit_machine,
     standardise,
 )
+from mlsroad_pipeline.algorithms.baselines.shape_recogniser import ShapeRecogniser
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.recognition import check_training
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class DescriptorParameters:
                 raise ParameterError(f"{name} must be at least 2, got {getattr(self, name)!r}")
 
 
-class DescriptorRecogniser(ABC):
+class DescriptorRecogniser(ShapeRecogniser):
     """A descriptor with a support vector machine; subclasses say what the descriptor is.
 
     Parameters
@@ -84,11 +84,10 @@ class DescriptorRecogniser(ABC):
         The radius that was chosen, metres; 0 is the object's own.
     """
 
-    slug: ClassVar[str]
     has_radius: ClassVar[bool] = True
 
     def __init__(self, parameters: DescriptorParameters | None = None) -> None:
-        self.parameters = parameters if parameters is not None else DescriptorParameters()
+        super().__init__(parameters if parameters is not None else DescriptorParameters())
 
     @staticmethod
     @abstractmethod
@@ -108,33 +107,8 @@ class DescriptorRecogniser(ABC):
             One descriptor per object.
         """
 
-    def fit(
-        self, objects: Sequence[ArrayLike], classes: ArrayLike, *, intensities: Sequence[ArrayLike] | None = None
-    ) -> Self:
-        """Train.
-
-        Parameters
-        ----------
-        objects : sequence of array-like of shape (n_i, 3)
-            Points of each object, metres, z up.
-        classes : array-like of shape (objects,)
-            The class of each.
-        intensities : sequence of array-like, optional
-            Not used: the descriptors see shape alone.
-
-        Returns
-        -------
-        DescriptorRecogniser
-            Itself.
-
-        Raises
-        ------
-        DataError
-            If an object is empty or not finite, there is not one class per object, or there is one class alone.
-        """
-        del intensities
+    def _learn(self, objects: Sequence[ArrayLike], target: NDArray[np.int64]) -> None:
         p = self.parameters
-        self.classes_, target = check_training(objects, classes, method=self.slug)
         rng = np.random.default_rng(p.seed)
         drawn = [rng.permutation(np.flatnonzero(target == k))[: p.max_per_class] for k in range(len(self.classes_))]
         rows = np.sort(np.concatenate(drawn))
@@ -150,7 +124,6 @@ class DescriptorRecogniser(ABC):
             )
         best, self.radius_, features, scaled = max(tried, key=lambda found: found[0].mean_f1)
         self.machine_ = fit_machine(features, target, best, held_out=scaled, held_out_labels=target, folds=folds)
-        return self
 
     def _folds(self, target: NDArray[np.int64]) -> Folds:
         splitter = StratifiedKFold(self.parameters.n_folds, shuffle=True, random_state=self.parameters.seed)
@@ -162,26 +135,7 @@ class DescriptorRecogniser(ABC):
                 raise DataError(f"{self.slug}: {len(target)} objects are too few: {error}") from error
         return [fold for fold in folds if len(np.unique(target[fold[0]])) > 1]
 
-    def predict_proba(
-        self, objects: Sequence[ArrayLike], *, intensities: Sequence[ArrayLike] | None = None
-    ) -> NDArray[np.float64]:
-        """Return the probability of each class.
-
-        Parameters
-        ----------
-        objects : sequence of array-like of shape (n_i, 3)
-            Points of each object, metres, z up.
-        intensities : sequence of array-like, optional
-            Not used.
-
-        Returns
-        -------
-        ndarray of float64, shape (objects, classes)
-            Probabilities.
-        """
-        del intensities
-        if not len(objects):
-            return np.zeros((0, len(self.classes_)))
+    def _probabilities(self, objects: Sequence[ArrayLike]) -> NDArray[np.float64]:
         return self.machine_.predict_proba(self.describe_objects(objects, self.radius_)).astype(np.float64)
 
     def to_arrays(self) -> dict[str, NDArray]:
@@ -209,18 +163,11 @@ class DescriptorRecogniser(ABC):
         DataError
             If an array is missing, or the machine is not one of as many classes.
         """
-        missing = [name for name in ("classes", "radius") if name not in arrays]
-        if missing:
-            raise DataError(f"the arrays of {cls.slug} lack {', '.join(missing)}")
-        self = cls(parameters)
-        self.classes_, self.radius_ = np.array(arrays["classes"]), float(arrays["radius"])
+        self = cls._restored(arrays, parameters, "radius")
+        self.radius_ = float(arrays["radius"])
         self.machine_ = KernelMachine.from_arrays(arrays)
         if len(self.machine_.n_vectors) != len(self.classes_):
             raise DataError(
                 f"the machine of {cls.slug} knows {len(self.machine_.n_vectors)} classes, not {len(self.classes_)}"
             )
         return self
-
-    def describe(self) -> dict[str, object]:
-        """Return the parameters as JSON values."""
-        return asdict(self.parameters)

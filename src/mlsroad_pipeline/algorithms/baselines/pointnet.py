@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Self
 
 import numpy as np
@@ -12,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor, nn
 
 from mlsroad_pipeline.algorithms.baselines.pointnet_parameters import SLUG, PointNetParameters
-from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.recognition import check_training
+from mlsroad_pipeline.algorithms.baselines.shape_recogniser import ShapeRecogniser
 from mlsroad_pipeline.algorithms.torch_training import find_device, learning_rate, load_weights, reproducible
 from mlsroad_pipeline.algorithms.validation import check_xyz
 
@@ -112,7 +110,7 @@ class PointNet(nn.Module):
         return scores, matrix
 
 
-class PointNetRecogniser:
+class PointNetRecogniser(ShapeRecogniser):
     """PointNet as an estimator.
 
     Parameters
@@ -129,53 +127,27 @@ class PointNetRecogniser:
     slug = SLUG
 
     def __init__(self, parameters: PointNetParameters | None = None) -> None:
-        self.parameters = parameters if parameters is not None else PointNetParameters()
+        super().__init__(parameters if parameters is not None else PointNetParameters())
 
-    def fit(
-        self, objects: Sequence[ArrayLike], classes: ArrayLike, *, intensities: Sequence[ArrayLike] | None = None
-    ) -> Self:
-        """Train.
-
-        Parameters
-        ----------
-        objects : sequence of array-like of shape (n_i, 3)
-            Points of each object, metres, z up.
-        classes : array-like of shape (objects,)
-            The class of each.
-        intensities : sequence of array-like, optional
-            Not used: the network sees coordinates alone.
-
-        Returns
-        -------
-        PointNetRecogniser
-            Itself.
-
-        Raises
-        ------
-        DataError
-            If an object is empty or not finite, there is not one class per object, or there is one class alone.
-        """
-        del intensities
+    def _learn(self, objects: Sequence[ArrayLike], target: NDArray[np.int64]) -> None:
         p = self.parameters
-        self.classes_, found = check_training(objects, classes, method=SLUG)
         scaled, device = _scaled(objects), find_device(p.device)
-        target = torch.from_numpy(found).to(device)
+        wanted = torch.from_numpy(target).to(device)
         with reproducible(p.seed):
             self.network_ = PointNet(p, len(self.classes_)).to(device)
             optimizer = torch.optim.Adam(self.network_.parameters())
-            n_steps = p.epochs * -(-len(found) // p.batch_size)
+            n_steps = p.epochs * -(-len(target) // p.batch_size)
             step = 0
             for epoch in range(p.epochs):
                 rng = np.random.default_rng([p.seed, epoch])
                 points = torch.from_numpy(_changed(_drawn(scaled, p.n_points, rng), p.jitter, rng)).to(device)
                 self.network_.train()
-                for rows in torch.from_numpy(rng.permutation(len(found))).split(p.batch_size):
+                for rows in torch.from_numpy(rng.permutation(len(target))).split(p.batch_size):
                     if len(rows) > 1:
                         rate = learning_rate(step, n_steps, p.learning_rate)
-                        self._step(optimizer, rate, points[rows.to(device)], target[rows.to(device)])
+                        self._step(optimizer, rate, points[rows.to(device)], wanted[rows.to(device)])
                     step += 1
         self.network_.eval()
-        return self
 
     def _step(self, optimizer: torch.optim.Optimizer, rate: float, points: Tensor, target: Tensor) -> None:
         for group in optimizer.param_groups:
@@ -188,27 +160,8 @@ class PointNetRecogniser:
         loss.backward()
         optimizer.step()
 
-    def predict_proba(
-        self, objects: Sequence[ArrayLike], *, intensities: Sequence[ArrayLike] | None = None
-    ) -> NDArray[np.float64]:
-        """Return the probability of each class.
-
-        Parameters
-        ----------
-        objects : sequence of array-like of shape (n_i, 3)
-            Points of each object, metres, z up.
-        intensities : sequence of array-like, optional
-            Not used.
-
-        Returns
-        -------
-        ndarray of float64, shape (objects, classes)
-            Probabilities.
-        """
-        del intensities
+    def _probabilities(self, objects: Sequence[ArrayLike]) -> NDArray[np.float64]:
         total = np.zeros((len(objects), len(self.classes_)))
-        if not len(objects):
-            return total
         p, scaled = self.parameters, _scaled(objects)
         device = next(self.network_.parameters()).device
         with reproducible(0), torch.inference_mode():
@@ -246,18 +199,11 @@ class PointNetRecogniser:
         DataError
             If the classes are missing, or the weights are not those of such a network.
         """
-        if "classes" not in arrays:
-            raise DataError(f"the arrays of {SLUG} lack the classes")
-        self = cls(parameters)
-        self.classes_ = np.array(arrays["classes"])
+        self = cls._restored(arrays, parameters)
         self.network_ = PointNet(parameters, len(self.classes_))
         load_weights(self.network_, arrays, "weights/", f"{SLUG} with {len(self.classes_)} classes")
         self.network_.to(find_device(parameters.device)).eval()
         return self
-
-    def describe(self) -> dict[str, object]:
-        """Return the parameters as JSON values."""
-        return asdict(self.parameters)
 
 
 def _scaled(objects: Sequence[ArrayLike]) -> list[NDArray[np.float64]]:

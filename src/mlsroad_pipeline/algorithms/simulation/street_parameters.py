@@ -48,8 +48,8 @@ class StreetParameters:
     clutter, signs, people, traffic : float, default 1
         Likewise for bins, benches, bollards and the like; for traffic signs; for people; for moving vehicles.
     stations, gantries : float, default 1
-        Likewise for bus stops, one in every second block of 60 m at 1, and for gantries over roads with a median, one in
-        every fifth block.
+        Likewise for bus stops, one in every second block of 60 m at 1, and for gantries over roads with a median, one
+        in every fifth block.
     overhead_wires : float, default 0.7
         Chance of utility poles with wires along the street and to the houses.
     hard_cases : float, default 0.3

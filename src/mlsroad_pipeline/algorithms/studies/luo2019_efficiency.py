@@ -51,7 +51,7 @@ def measure_network(*, parameters: Any, n_classes: int, n_iterations: int = 20) 
             return tensor
 
         with torch.autograd.graph.saved_tensors_hooks(keep, lambda tensor: tensor):
-            run().backward()  # type: ignore[no-untyped-call]
+            run().backward()
         own = {p.untyped_storage().data_ptr(): p.untyped_storage().nbytes() for p in network.parameters()}
         weights = sum(own.values())
         activations = sum(size for place, size in kept.items() if place not in own)
@@ -60,7 +60,7 @@ def measure_network(*, parameters: Any, n_classes: int, n_iterations: int = 20) 
             start = time.process_time()
             loss = run()
             middle = time.process_time()
-            loss.backward()  # type: ignore[no-untyped-call]
+            loss.backward()
             forward.append(middle - start)
             backward.append(time.process_time() - middle)
     return {

@@ -34,7 +34,7 @@ _TABLE_3 = {
     "GFH + SVM (De Deuge et al. 2013)": 0.67, "GFH + SVM (Chen et al. 2014)": 0.71, "VoxNet": 0.72, "BV-CNNs": 0.755,
     "ORION": 0.778, "LightNet": 0.798, "jointnet": 0.749,
 }  # fmt: skip
-# Dimension, size of the model, memory of the GPU, one backward and one forward operation, recognition of both test sets.
+# Dimension, size and memory in MB, one backward and one forward operation, recognition of both test sets.
 _TABLE_4: dict[str, tuple[float | None, ...]] = {
     "hierarchy_descriptor": (100, None, None, None, None, 173, 57),
     "spin_image": (153, None, None, None, None, 259, 79),

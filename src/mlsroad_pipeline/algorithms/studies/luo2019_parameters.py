@@ -39,8 +39,8 @@ class StudyScale:
         Levels of training objects in Figure 13, by kind; ``labels`` are shares of wrong classes (Figure 14c, luo2019:
         1/32 to 8/32).
     combined : sequence of sequence of float
-        Noise, share that is kept, outliers and occlusion of training objects in Figures 14a and 14b. The paper names the
-        first, (0.01, 0.5, 0.05, 0.05).
+        Noise, share that is kept, outliers and occlusion of training objects in Figures 14a and 14b. The paper names
+        the first, (0.01, 0.5, 0.05, 0.05).
     variants : mapping
         What is different in JointNet's parameters for Figures 7, 13 and 14, which take many trainings.
     methods : mapping

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -77,7 +78,7 @@ def _legend(figure: Figure, axes: Axes, columns: int) -> None:
         )  # fmt: skip
 
 
-def _colour(k: int) -> dict[str, str]:
+def _colour(k: int) -> dict[str, Any]:
     return {"color": SERIES[k % len(SERIES)], "linestyle": "--" if k >= len(SERIES) else "-"}
 
 

@@ -1,4 +1,4 @@
-"""Simulated sets of objects that mirror HDRObject9 and SMDObject6: classes, imbalance and split (Luo et al. 2019, 4.1)."""
+"""Simulated sets of objects that mirror HDRObject9 and SMDObject6: classes, imbalance, split (Luo et al. 2019)."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from mlsroad_pipeline.algorithms.object_segmentation import (
     reference_objects,
     segment_scene,
 )
-from mlsroad_pipeline.algorithms.recognisers import RecognitionParameters, cut_objects
 from mlsroad_pipeline.algorithms.recognition import ObjectSet
+from mlsroad_pipeline.algorithms.recognition_objects import RecognitionParameters, cut_objects
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
 from mlsroad_pipeline.algorithms.studies import luo2019_paper

@@ -57,7 +57,7 @@ def plan_study(
     StudyPlan
         The plan.
     """
-    methods = {JOINTNET: jointnet, PRINTED: printed, **dict.fromkeys(VIEW_OF, jointnet)}
+    methods: dict[str, Any] = {JOINTNET: jointnet, PRINTED: printed, **dict.fromkeys(VIEW_OF, jointnet)}
     methods |= dict(zip(RIVALS, (hierarchy, spin, shot, pointnet), strict=True))
     names = tuple(sets.chosen_sets())
     schemes = {name: find_scheme(classes["schemes"], name) for name in names}

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
 
-from mlsroad_pipeline.algorithms.baselines.descriptor_machine import DescriptorParameters
-from mlsroad_pipeline.algorithms.baselines.pointnet_parameters import PointNetParameters
 from mlsroad_pipeline.algorithms.evaluation import find_scheme
-from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
-from mlsroad_pipeline.algorithms.recognisers import (
-    RecognitionParameters,
-    cut_objects,
-    train_and_recognise,
-    train_recogniser,
-)
+from mlsroad_pipeline.algorithms.recognisers import parameter_class, train_and_recognise, train_recogniser
+from mlsroad_pipeline.algorithms.recognition_objects import RecognitionParameters, cut_objects
 from mlsroad_pipeline.algorithms.recognition_scores import score_recognitions
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.datasets.object_files import find_folds, listed_files, read_fold
@@ -85,147 +78,44 @@ def read_object_folds(
     }
 
 
-def train_jointnet(
-    sets: SceneCollection,
-    parameters: JointNetParameters,
-    recognition: RecognitionParameters,
-    ground: GroundParameters,
-    segmentation: SegmentationParameters,
-    survey: SurveyParameters,
-    classes: Mapping[str, Any],
-    *,
-    method: str,
-) -> tuple[ModelBundle, ModelBundle]:
-    """Train JointNet or a sub-network.
+def training_node(slug: str) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
+    """Return the node that trains a method.
 
     Parameters
     ----------
-    sets : SceneCollection
-        The objects; those of the training scenes, or of all folds, are learned.
-    parameters : JointNetParameters
-        Parameters of the method.
-    recognition : RecognitionParameters
-        Which objects.
-    ground : GroundParameters
-        How the ground was found.
-    segmentation : SegmentationParameters
-        How objects were found.
-    survey : SurveyParameters
-        Names the survey.
-    classes : mapping
-        The class schemes.
-    method : str
-        The method's slug.
+    slug : str
+        The method.
 
     Returns
     -------
-    model, registered : ModelBundle
-        The model, for the workers and for the registry.
+    callable
+        Learns from the training scenes, or from all folds, and returns the model, for the workers and for the registry.
     """
-    return _train(sets, parameters, recognition, DetectionStages(ground, segmentation), survey, classes, method)
 
+    def train_method(
+        sets: SceneCollection,
+        parameters: Any,
+        recognition: RecognitionParameters,
+        ground: GroundParameters,
+        segmentation: SegmentationParameters,
+        survey: SurveyParameters,
+        classes: Mapping[str, Any],
+    ) -> tuple[ModelBundle, ModelBundle]:
+        chosen = [key for key in sets if recognition.folds or key.startswith(TRAIN)]
+        bundle = train_recogniser(
+            [sets[key].load() for key in chosen],
+            slug=slug,
+            parameters=parameters,
+            recognition=recognition,
+            stages=DetectionStages(ground, segmentation),
+            scheme=find_scheme(classes["schemes"], recognition.scheme),
+            trained_on={"survey": survey.root, "sets": chosen},
+        )
+        return bundle, bundle
 
-def train_machine(
-    sets: SceneCollection,
-    parameters: DescriptorParameters,
-    recognition: RecognitionParameters,
-    ground: GroundParameters,
-    segmentation: SegmentationParameters,
-    survey: SurveyParameters,
-    classes: Mapping[str, Any],
-    *,
-    method: str,
-) -> tuple[ModelBundle, ModelBundle]:
-    """Train a descriptor with a machine.
-
-    Parameters
-    ----------
-    sets : SceneCollection
-        The objects; those of the training scenes, or of all folds, are learned.
-    parameters : DescriptorParameters
-        Parameters of the method.
-    recognition : RecognitionParameters
-        Which objects.
-    ground : GroundParameters
-        How the ground was found.
-    segmentation : SegmentationParameters
-        How objects were found.
-    survey : SurveyParameters
-        Names the survey.
-    classes : mapping
-        The class schemes.
-    method : str
-        The method's slug.
-
-    Returns
-    -------
-    model, registered : ModelBundle
-        The model, for the workers and for the registry.
-    """
-    return _train(sets, parameters, recognition, DetectionStages(ground, segmentation), survey, classes, method)
-
-
-def train_pointnet(
-    sets: SceneCollection,
-    parameters: PointNetParameters,
-    recognition: RecognitionParameters,
-    ground: GroundParameters,
-    segmentation: SegmentationParameters,
-    survey: SurveyParameters,
-    classes: Mapping[str, Any],
-    *,
-    method: str,
-) -> tuple[ModelBundle, ModelBundle]:
-    """Train PointNet.
-
-    Parameters
-    ----------
-    sets : SceneCollection
-        The objects; those of the training scenes, or of all folds, are learned.
-    parameters : PointNetParameters
-        Parameters of the method.
-    recognition : RecognitionParameters
-        Which objects.
-    ground : GroundParameters
-        How the ground was found.
-    segmentation : SegmentationParameters
-        How objects were found.
-    survey : SurveyParameters
-        Names the survey.
-    classes : mapping
-        The class schemes.
-    method : str
-        The method's slug.
-
-    Returns
-    -------
-    model, registered : ModelBundle
-        The model, for the workers and for the registry.
-    """
-    return _train(sets, parameters, recognition, DetectionStages(ground, segmentation), survey, classes, method)
-
-
-def _train(
-    sets: SceneCollection,
-    parameters: Any,
-    recognition: RecognitionParameters,
-    stages: DetectionStages,
-    survey: SurveyParameters,
-    classes: Mapping[str, Any],
-    method: str,
-) -> tuple[ModelBundle, ModelBundle]:
-    """Learn from the training scenes, or from all folds; return the model for the workers and for the registry."""
-    chosen = [key for key in sets if recognition.folds or key.startswith(TRAIN)]
-    bundle = train_recogniser(
-        [sets[key].load() for key in chosen],
-        slug=method,
-        parameters=parameters,
-        recognition=recognition,
-        stages=stages,
-        scheme=find_scheme(classes["schemes"], recognition.scheme),
-        trained_on={"survey": survey.root, "sets": chosen},
-    )
-    return bundle, bundle
+    # Kedro reads here which class the parameters become.
+    train_method.__annotations__["parameters"] = parameter_class(slug)
+    return train_method
 
 
 def recognise_sets(

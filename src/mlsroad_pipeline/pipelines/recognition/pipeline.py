@@ -15,21 +15,11 @@ from mlsroad_pipeline.pipelines.recognition.nodes import (
     read_object_folds,
     recognise_sets,
     score_recogniser,
-    train_jointnet,
-    train_machine,
-    train_pointnet,
+    training_node,
 )
 
 PARAMETERS = {"hssi_net": "jointnet", "vqai_net": "jointnet", "vaai_net": "jointnet"}
 """Methods that take the parameters of another."""
-
-TRAINERS: dict[str, Callable[..., Any]] = {
-    "spin_image": train_machine,
-    "shot": train_machine,
-    "hierarchy_descriptor": train_machine,
-    "pointnet": train_pointnet,
-}
-"""What trains a method; all others are JointNet's."""
 
 
 def _of(method: str, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -55,7 +45,7 @@ def recogniser_pipeline(slug: str) -> Pipeline:
     return Pipeline(
         [
             Node(
-                _of(slug, TRAINERS.get(slug, train_jointnet)),
+                training_node(slug),
                 inputs=["object_sets", own, *configured, *stages],
                 outputs=[f"{slug}.model", f"{slug}.registered_model"],
                 name=f"train_{slug}",
