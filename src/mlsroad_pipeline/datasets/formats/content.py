@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
-from typing import IO, BinaryIO, cast
+from typing import IO, Any, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,7 +85,7 @@ class Content:
         with os.fdopen(os.dup(self._descriptor), "rb") as stream:
             return np.memmap(cast(IO[bytes], stream), dtype=dtype, mode="r", offset=at, shape=(count,))
 
-    def stream(self) -> BinaryIO:
+    def stream(self) -> io.BufferedReader:
         """Return a new stream over the bytes, to be closed by the caller.
 
         Returns
@@ -93,7 +93,7 @@ class Content:
         binary stream
             At the first byte.
         """
-        return cast(BinaryIO, io.BufferedReader(_Unpacked(self))) if self.packed else self.path.open("rb")
+        return io.BufferedReader(_Unpacked(self)) if self.packed else self.path.open("rb")
 
 
 class _Unpacked(io.RawIOBase):
@@ -112,7 +112,7 @@ class _Unpacked(io.RawIOBase):
         self._at = offset + {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self._content.size}[whence]
         return self._at
 
-    def readinto(self, buffer: bytearray) -> int:  # type: ignore[override]
+    def readinto(self, buffer: Any) -> int:
         data = self._content.read(len(buffer), self._at)
         buffer[: len(data)] = data
         self._at += len(data)

@@ -134,7 +134,7 @@ class LasFormat(PointFormat):
             options=replace(options, rgb_bits=bits),
             source=path,
             origin=origin,
-            crs=read_crs(header),
+            crs=read_crs(header, path),
             anchor=header.bounds[0] * options.metres if header.n_points else origin,
             maximum=lambda given: file_maximum(file_key(path), tuple(names[name] for name in given)),
         )

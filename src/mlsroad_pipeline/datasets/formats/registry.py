@@ -79,12 +79,14 @@ def get_format(path: str | Path) -> PointFormat:
         If the file cannot be opened, if its content is of another format than its name, or if neither is known.
     """
     path = check_file(path)
-    head, packed, named = first_bytes(path, 16), is_packed(path), format_of_name(path)
+    packed, named = is_packed(path), format_of_name(path)
+    if packed and named is not None and not path.name.lower().endswith(GZIP_SUFFIX):
+        raise ReadError(f"{path} is named as {named.name}, but holds gzip")
+    head = first_bytes(path, 16)
     held = next((entry for entry in FORMATS if entry.recognises(path, head)), None)
-    foreign = _foreign(head)
-    if packed != path.name.lower().endswith(GZIP_SUFFIX) and named is not None:
-        raise ReadError(f"{path} is named as {named.name}, but holds {_content(head, held, packed=packed)}")
-    if held is None and foreign is None:
+    if not packed and named is not None and path.name.lower().endswith(GZIP_SUFFIX):
+        raise ReadError(f"{path} is named as gzip, but holds {_content(head, held, packed=False)}")
+    if held is None and _foreign(head) is None:
         if named is not None and not named.signatures:
             return named
         if named is None and looks_like_table(path):
