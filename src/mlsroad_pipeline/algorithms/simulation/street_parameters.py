@@ -50,6 +50,8 @@ class StreetParameters:
     stations, gantries : float, default 1
         Likewise for bus stops, one in every second block of 60 m at 1, and for gantries over roads with a median, one
         in every fifth block.
+    two_wheelers : float, default 1
+        Likewise for bicycles and motorcycles, parked and ridden. Above 1 some are added and all else stays as it is.
     overhead_wires : float, default 0.7
         Chance of utility poles with wires along the street and to the houses.
     hard_cases : float, default 0.3
@@ -88,6 +90,7 @@ class StreetParameters:
     traffic: float = 1.0
     stations: float = 1.0
     gantries: float = 1.0
+    two_wheelers: float = 1.0
     overhead_wires: float = 0.7
     hard_cases: float = 0.3
 
@@ -96,18 +99,8 @@ class StreetParameters:
                   "bare_soil", "boundaries")  # fmt: skip
         for name in (*shares, "hard_cases"):
             self._check(name, 0.0, 1.0)
-        for name in (
-            "buildings",
-            "trees",
-            "palms",
-            "cycas",
-            "shrubs",
-            "clutter",
-            "signs",
-            "people",
-            "traffic",
-            "stations",
-        ):
+        for name in ("buildings", "trees", "palms", "cycas", "shrubs", "clutter", "signs", "people", "traffic",
+                     "stations", "two_wheelers"):  # fmt: skip
             self._check(name, 0.0, 5.0)
         self._check("gantries", 0.0, 20.0)
         self._check("verge_width", 0.8, 8.0)

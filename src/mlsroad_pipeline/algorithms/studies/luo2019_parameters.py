@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.jointnet.parameters import VIEWS
 from mlsroad_pipeline.algorithms.object_disturbances import PAPER_LEVELS, Disturbance
+from mlsroad_pipeline.algorithms.studies.parameters import chosen_scale
 
 JOINTNET, PRINTED = "jointnet", "jointnet_printed"
 SUB_NETWORKS = tuple(f"{view}_net" for view in VIEWS)
@@ -148,28 +149,11 @@ class StudyParameters:
     seed: int
 
     def __post_init__(self) -> None:
-        if self.scale not in self.scales:
-            raise ParameterError(f"luo2019_study.scale {self.scale!r} is unknown (scales: {', '.join(self.scales)})")
         self.chosen_scale()
 
     def chosen_scale(self) -> StudyScale:
-        """Return the scale that is run.
-
-        Returns
-        -------
-        StudyScale
-            The scale.
-
-        Raises
-        ------
-        ParameterError
-            If a field is unknown or missing.
-        """
-        given = dict(self.scales[self.scale])
-        known = {entry.name for entry in fields(StudyScale)}
-        if set(given) != known:
-            raise ParameterError(f"luo2019_study.scales.{self.scale} must have {sorted(known)}, got {sorted(given)}")
-        return StudyScale(**given)
+        """Return the scale that is run."""
+        return chosen_scale(StudyScale, "luo2019_study", self.scale, self.scales)
 
 
 def seeded(parameters: Any, seed: int) -> Any:

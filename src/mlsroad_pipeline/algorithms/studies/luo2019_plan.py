@@ -8,7 +8,6 @@ from typing import Any
 
 from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.object_disturbances import PAPER_LEVELS, Disturbance
-from mlsroad_pipeline.algorithms.studies.luo2016_parameters import changed
 from mlsroad_pipeline.algorithms.studies.luo2019_parameters import (
     CLEAN,
     JOINTNET,
@@ -19,6 +18,7 @@ from mlsroad_pipeline.algorithms.studies.luo2019_parameters import (
     StudyScale,
     seeded,
 )
+from mlsroad_pipeline.algorithms.studies.parameters import changed
 
 SYDNEY = "sydney"
 MAIN, SIZE, TRAINING = "main", "size", "training"

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from itertools import product
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mlsroad_pipeline.algorithms.rendering.cloud_figures import INK
-from mlsroad_pipeline.algorithms.rendering.figures import SERIES, empty_figure, tidy_axes
 from mlsroad_pipeline.algorithms.rendering.report import FactsSection, FiguresSection, Section, TableSection
+from mlsroad_pipeline.algorithms.studies.figures import (
+    draw_bars,
+    draw_curves,
+    draw_lines,
+    draw_panels,
+    legend_below,
+    name_axes,
+)
 from mlsroad_pipeline.algorithms.studies.luo2019_parameters import (
     CLEAN,
     COMBINED,
@@ -64,142 +70,103 @@ def study_figures(tables: StudyTables) -> tuple[Figure, ...]:
     )
 
 
-def _grid(rows: int, columns: int, *, width: float = 3.7, height: float = 3.1) -> tuple[Figure, list[list[Axes]]]:
-    figure = empty_figure(width * columns, height * rows + 0.5)
-    found = figure.subplots(rows, columns, squeeze=False)
-    return figure, [list(row) for row in found]
-
-
-def _legend(figure: Figure, axes: Axes, columns: int) -> None:
-    handles = axes.get_legend_handles_labels()
-    if handles[0]:
-        figure.legend(
-            *handles, loc="outside lower left", ncols=columns, frameon=False, fontsize=8, labelcolor=INK
-        )  # fmt: skip
-
-
-def _colour(k: int) -> dict[str, Any]:
-    return {"color": SERIES[k % len(SERIES)], "linestyle": "--" if k >= len(SERIES) else "-"}
-
-
-def _curves(axes: Axes, table: pd.DataFrame, settings: Iterable[str], title: str) -> None:
-    for k, setting in enumerate(settings):
-        one = table[table["setting"] == setting]
-        axes.plot(one["recall"], one["precision"], label=setting.replace("_", " "), linewidth=1.3, **_colour(k))
-    axes.set_title(title, fontsize=9, color=INK)
-    axes.set_xlabel("Recall", fontsize=8, color=INK)
-    axes.set_ylabel("Precision", fontsize=8, color=INK)
-    axes.set_xlim(0, 1.02)
-    axes.set_ylim(0, 1.02)
-    tidy_axes(axes)
+def _curve_panel(axes: Axes, curves: pd.DataFrame, settings: Iterable[str], title: str, *, legend: bool) -> None:
+    each = {setting: curves[curves["setting"] == setting] for setting in settings}
+    draw_curves(axes, {name.replace("_", " "): (one["recall"], one["precision"]) for name, one in each.items()})
+    name_axes(axes, x="Recall", y="Precision", title=title, unit_range="xy")
+    found = axes.get_legend()
+    if found is not None and not legend:
+        found.remove()
 
 
 def _figure_7(curves: pd.DataFrame) -> Figure:
     views = list(dict.fromkeys(setting.partition("=")[0] for setting in curves["setting"]))
-    figure, panels = _grid(max(len(views), 1), len(LEVELS))
-    for row, view in zip(panels, views, strict=False):
+    figure, panels = draw_panels(len(LEVELS), rows=max(len(views), 1))
+    for k, view in enumerate(views):
         settings = [s for s in dict.fromkeys(curves["setting"]) if s.startswith(f"{view}=")]
-        for axes, level in zip(row, LEVELS, strict=True):
+        for axes, level in zip(panels[k * len(LEVELS) : (k + 1) * len(LEVELS)], LEVELS, strict=True):
             title = f"{view.upper()}, test set {level[-1]}"
-            _curves(axes, curves[curves["tested_on"] == level], settings, title)
-            axes.legend(frameon=False, fontsize=7, labelcolor=INK)
+            _curve_panel(axes, curves[curves["tested_on"] == level], settings, title, legend=True)
     return figure
 
 
 def _figure_9(table: pd.DataFrame) -> Figure:
-    classes = list(dict.fromkeys(table["class"]))
-    figure, panels = _grid(len(LEVELS), 1, width=10.0, height=2.6)
-    methods = (*SUB_NETWORKS, JOINTNET)
-    for (axes,), level in zip(panels, LEVELS, strict=True):
-        for k, method in enumerate(methods):
-            mine = table[(table["level"] == level) & (table["method"] == method)].set_index("class").reindex(classes)
-            places = np.arange(len(classes)) + (k - 1.5) * 0.2
-            axes.bar(places, mine["f1"].fillna(0), 0.18, label=method.replace("_", " "), color=SERIES[k])
-        axes.set_xticks(range(len(classes)), classes)
-        axes.set_ylim(0, 1.02)
-        axes.set_ylabel(f"F1, test set {level[-1]}", fontsize=8, color=INK)
-        tidy_axes(axes)
-    _legend(figure, panels[0][0], len(methods))
+    classes, methods = list(dict.fromkeys(table["class"])), (*SUB_NETWORKS, JOINTNET)
+    figure, panels = draw_panels(1, rows=len(LEVELS), width=10.0, height=2.6)
+    for axes, level in zip(panels, LEVELS, strict=True):
+        mine = table[table["level"] == level].pivot(index="class", columns="method", values="f1").reindex(classes)
+        draw_bars(axes, classes, {method: mine[method] for method in methods})
+        name_axes(axes, y=f"F1, test set {level[-1]}", unit_range="y")
+    legend_below(figure, panels[0], len(methods))
     return figure
 
 
 def _figure_10(table: pd.DataFrame) -> Figure:
     methods, classes = (*SUB_NETWORKS, JOINTNET), list(dict.fromkeys(table["class"]))
-    figure, panels = _grid(len(LEVELS), len(methods), width=2.9, height=2.9)
-    for row, level in zip(panels, LEVELS, strict=True):
-        for axes, method in zip(row, methods, strict=True):
-            mine = table[(table["level"] == level) & (table["method"] == method)]
-            counts = mine.pivot_table(index="class", columns="recognised", values="objects", aggfunc="sum")
-            shares = counts.reindex(index=classes, columns=classes).fillna(0).to_numpy(dtype=np.float64)
-            shares = shares / np.maximum(shares.sum(axis=1, keepdims=True), 1)
-            axes.imshow(shares, cmap="Blues", vmin=0, vmax=1)
-            axes.set_xticks(range(len(classes)), classes, rotation=90, fontsize=6)
-            axes.set_yticks(range(len(classes)), classes, fontsize=6)
-            axes.set_title(f"{method.replace('_', ' ')}, test set {level[-1]}", fontsize=8, color=INK)
+    figure, panels = draw_panels(len(methods), rows=len(LEVELS), width=2.9, height=2.9)
+    for axes, (level, method) in zip(panels, product(LEVELS, methods), strict=True):
+        mine = table[(table["level"] == level) & (table["method"] == method)]
+        counts = mine.pivot_table(index="class", columns="recognised", values="objects", aggfunc="sum")
+        shares = counts.reindex(index=classes, columns=classes).fillna(0).to_numpy(dtype=np.float64)
+        axes.imshow(shares / np.maximum(shares.sum(axis=1, keepdims=True), 1), cmap="Blues", vmin=0, vmax=1)
+        axes.set_xticks(range(len(classes)), classes, rotation=90, fontsize=6)
+        axes.set_yticks(range(len(classes)), classes, fontsize=6)
+        axes.grid(visible=False)
+        name_axes(axes, title=f"{method.replace('_', ' ')}, test set {level[-1]}")
     return figure
 
 
 def _figure_11(curves: pd.DataFrame) -> Figure:
     sets = list(dict.fromkeys(curves["set"]))
-    figure, panels = _grid(1, len(sets), width=4.6, height=4.0)
-    for axes, name in zip(panels[0], sets, strict=True):
-        _curves(axes, curves[curves["set"] == name], METHODS, name)
-    _legend(figure, panels[0][0], 3)
+    figure, panels = draw_panels(len(sets), width=4.6, height=4.6)
+    for axes, name in zip(panels, sets, strict=True):
+        _curve_panel(axes, curves[curves["set"] == name], METHODS, name, legend=False)
+    legend_below(figure, panels[0], 3)
     return figure
 
 
-def _lines(axes: Axes, table: pd.DataFrame, kind: str, k: int, label: str) -> None:
+def _levels(axes: Axes, series: dict[str, pd.DataFrame], kind: str, title: str) -> None:
     """Draw accuracy by level, from the undisturbed objects on; down-sampling on a logarithmic axis."""
-    mine = table[table["disturbance"].isin([CLEAN, kind])].sort_values("level")
-    level = mine["level"].where(mine["disturbance"] != CLEAN, 1.0 if kind == "keep" else 0.0)
-    order = np.argsort(level.to_numpy())
-    axes.plot(
-        level.to_numpy()[order], mine["accuracy"].to_numpy()[order], label=label, marker="o", markersize=3,
-        linewidth=2.0 if label == JOINTNET else 1.1, **_colour(k),
-    )  # fmt: skip
+    start = 1.0 if kind == "keep" else 0.0
+    lines = {}
+    for name, table in series.items():
+        mine = table[table["disturbance"].isin([CLEAN, kind])]
+        level = mine["level"].where(mine["disturbance"] != CLEAN, start)
+        lines[name] = pd.Series(mine["accuracy"].to_numpy(), index=level.to_numpy()).sort_index()
+    if lines:
+        at = next(iter(lines.values())).index.to_numpy()
+        draw_lines(axes, at, lines, bold=[JOINTNET])
     if kind == "keep":
         axes.set_xscale("log", base=2)
         axes.xaxis.set_inverted(True)
-
-
-def _finish(axes: Axes, kind: str, title: str) -> None:
-    axes.set_xlabel(_TITLES[kind], fontsize=8, color=INK)
-    axes.set_title(title, fontsize=9, color=INK)
-    axes.set_ylabel("Accuracy", fontsize=8, color=INK)
-    axes.set_ylim(0, 1.02)
-    tidy_axes(axes)
+    name_axes(axes, x=_TITLES[kind], y="Accuracy", title=title, unit_range="y")
 
 
 def _figure_12(table: pd.DataFrame) -> Figure:
     sets = list(dict.fromkeys(table["set"]))
-    figure, panels = _grid(len(sets), len(KINDS))
-    for row, name in zip(panels, sets, strict=True):
-        for axes, kind in zip(row, KINDS, strict=True):
-            for k, method in enumerate(METHODS):
-                _lines(axes, table[(table["set"] == name) & (table["method"] == method)], kind, k, method)
-            _finish(axes, kind, name)
-    _legend(figure, panels[0][0], 5)
+    figure, panels = draw_panels(len(KINDS), rows=len(sets))
+    for axes, (name, kind) in zip(panels, product(sets, KINDS), strict=True):
+        mine = table[table["set"] == name]
+        _levels(axes, {method: mine[mine["method"] == method] for method in METHODS}, kind, name)
+    legend_below(figure, panels[0], len(METHODS))
     return figure
 
 
 def _figure_13(table: pd.DataFrame) -> Figure:
     kinds = [kind for kind in (*KINDS, LABELS) if kind in set(table["disturbance"])]
-    figure, panels = _grid(1, max(len(kinds), 1))
-    for axes, kind in zip(panels[0], kinds, strict=False):
-        for k, name in enumerate(dict.fromkeys(table["set"])):
-            _lines(axes, table[table["set"] == name], kind, k, name)
-        _finish(axes, kind, "")
-    _legend(figure, panels[0][0], 4)
+    figure, panels = draw_panels(max(len(kinds), 1), width=3.6)
+    for axes, kind in zip(panels, kinds, strict=False):
+        _levels(axes, {name: table[table["set"] == name] for name in dict.fromkeys(table["set"])}, kind, "")
+    legend_below(figure, panels[0], 4)
     return figure
 
 
 def _figure_14(curves: pd.DataFrame) -> Figure:
     sets = list(dict.fromkeys(curves["set"]))
     settings = [s for s in dict.fromkeys(curves["setting"]) if s == CLEAN or s.startswith(COMBINED)]
-    figure, panels = _grid(1, max(len(sets), 1), width=4.6, height=3.6)
-    for axes, name in zip(panels[0], sets, strict=False):
-        _curves(axes, curves[curves["set"] == name], settings, name)
-    _legend(figure, panels[0][0], 4)
+    figure, panels = draw_panels(max(len(sets), 1), width=4.6)
+    for axes, name in zip(panels, sets, strict=False):
+        _curve_panel(axes, curves[curves["set"] == name], settings, name, legend=True)
     return figure
 
 

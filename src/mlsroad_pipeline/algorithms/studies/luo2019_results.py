@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from mlsroad_pipeline.algorithms.studies.luo2019 import (
 )
 from mlsroad_pipeline.algorithms.studies.luo2019_parameters import CLEAN, JOINTNET, METHODS, RIVALS, SUB_NETWORKS
 from mlsroad_pipeline.algorithms.studies.luo2019_plan import MAIN, SIZE, SYDNEY, TRAINING, StudyPlan, StudyRun
+from mlsroad_pipeline.algorithms.studies.tables import Tables
 
 Results = Mapping[str, Mapping[str, NDArray]]
 """Key of a task to what it gave."""
@@ -31,7 +32,7 @@ LEVELS = ("level=1", "level=2", "level=3")
 
 
 @dataclass(frozen=True)
-class StudyTables:
+class StudyTables(Tables):
     """The tables of the study.
 
     Parameters
@@ -71,10 +72,6 @@ class StudyTables:
     training: pd.DataFrame
     curves: pd.DataFrame
     tuning: pd.DataFrame
-
-    def as_tuple(self) -> tuple[pd.DataFrame, ...]:
-        """Return the tables in their order."""
-        return tuple(getattr(self, entry.name) for entry in fields(self))
 
 
 class _Found:

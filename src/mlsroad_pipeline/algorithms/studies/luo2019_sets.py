@@ -24,7 +24,7 @@ from mlsroad_pipeline.algorithms.recognition_objects import RecognitionParameter
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
 from mlsroad_pipeline.algorithms.studies import luo2019_paper
-from mlsroad_pipeline.algorithms.studies.luo2016_runs import make_street
+from mlsroad_pipeline.algorithms.studies.streets import make_street
 from mlsroad_pipeline.algorithms.validation import check_positive
 
 

@@ -6,20 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-from matplotlib.figure import Figure
-
 from mlsroad_pipeline.algorithms.baselines.descriptor_machine import DescriptorParameters
 from mlsroad_pipeline.algorithms.baselines.pointnet_parameters import PointNetParameters
 from mlsroad_pipeline.algorithms.evaluation import find_scheme
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
 from mlsroad_pipeline.algorithms.recognisers import VIEW_OF
-from mlsroad_pipeline.algorithms.rendering.report import build_report
 from mlsroad_pipeline.algorithms.studies import luo2019_runs
 from mlsroad_pipeline.algorithms.studies.luo2019_parameters import JOINTNET, PRINTED, RIVALS, StudyParameters
 from mlsroad_pipeline.algorithms.studies.luo2019_plan import SYDNEY, StudyPlan, StudyRun
-from mlsroad_pipeline.algorithms.studies.luo2019_report import study_figures, study_sections
-from mlsroad_pipeline.algorithms.studies.luo2019_results import StudyTables, study_tables
+from mlsroad_pipeline.algorithms.studies.luo2019_results import study_tables
 from mlsroad_pipeline.algorithms.studies.luo2019_sets import SimulatedObjectsParameters
 from mlsroad_pipeline.datasets.object_files import find_folds, listed_files, read_fold
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
@@ -171,24 +166,3 @@ def tabulate_study(plan: StudyPlan, runs: SceneCollection, networks: SceneCollec
     """
     results, facts = runs.part("results").load_all(), runs.part("facts").load_all()
     return study_tables(plan, results, facts, networks.load_all()).as_tuple()
-
-
-def report_study(plan: StudyPlan, *tables: pd.DataFrame) -> tuple[Figure | str, ...]:
-    """Draw the figures and write the report.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    *tables : DataFrame
-        The fields of `StudyTables`.
-
-    Returns
-    -------
-    tuple
-        The figures of `study_figures`, and the report as HTML.
-    """
-    found = StudyTables(*tables)
-    figures = study_figures(found)
-    page = build_report(study_sections(plan, found, figures), title="Luo et al. 2019 on simulated objects")
-    return *figures, page

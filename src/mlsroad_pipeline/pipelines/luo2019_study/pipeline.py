@@ -1,21 +1,19 @@
 """Wiring of the study of Luo et al. 2019."""
 
-from dataclasses import fields
-
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.studies.luo2019_parameters import JOINTNET, PRINTED, RIVALS
-from mlsroad_pipeline.algorithms.studies.luo2019_report import CAPTIONS
+from mlsroad_pipeline.algorithms.studies.luo2019_report import CAPTIONS, study_figures, study_sections
 from mlsroad_pipeline.algorithms.studies.luo2019_results import StudyTables
 from mlsroad_pipeline.pipelines import simulated_objects
 from mlsroad_pipeline.pipelines.luo2019_study.nodes import (
     measure_networks,
     plan_study,
     read_folds,
-    report_study,
     run_methods,
     tabulate_study,
 )
+from mlsroad_pipeline.pipelines.study import entries, report_node
 
 STUDY = "luo2019_study"
 
@@ -34,10 +32,8 @@ def create_pipeline(**_: object) -> Pipeline:
         Parameters to ``simulated_objects.*`` and ``luo2019_study.*``.
     """
     given = [f"params:{name}" for name in (STUDY, "simulated_objects", "classes", JOINTNET, PRINTED, *RIVALS)]
-    plan, folds, networks, runs = (f"{STUDY}.{name}" for name in ("plan", "folds", "networks", "runs"))
-    names = [entry.name for entry in fields(StudyTables)]
-    tables = [f"{STUDY}.{name}" if name == "scores" else f"{STUDY}.{name}_table" for name in names]
-    drawn = [*(f"{STUDY}.{name}_figure" for name in CAPTIONS), f"{STUDY}.report"]
+    plan, folds, networks, runs = entries(STUDY, ["plan", "folds", "networks", "runs"])
+    tables = entries(STUDY, StudyTables.names())
     own = Pipeline(
         [
             Node(plan_study, inputs=given, outputs=plan, name="plan_luo2019_study"),
@@ -45,7 +41,14 @@ def create_pipeline(**_: object) -> Pipeline:
             Node(measure_networks, inputs=plan, outputs=networks, name="measure_luo2019_networks"),
             Node(run_methods, inputs=[plan, "simulated_objects.sets", folds], outputs=runs, name="run_luo2019_methods"),
             Node(tabulate_study, inputs=[plan, runs, networks], outputs=tables, name="tabulate_luo2019_study"),
-            Node(report_study, inputs=[plan, *tables], outputs=drawn, name="report_luo2019_study"),
+            report_node(
+                STUDY,
+                tables=StudyTables,
+                figures=[f"{name}_figure" for name in CAPTIONS],
+                draw=study_figures,
+                write=study_sections,
+                title="Luo et al. 2019 on simulated objects",
+            ),
         ]
     )
     return simulated_objects.create_pipeline() + own
