@@ -38,6 +38,8 @@ from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.algorithms.recognition_objects import RecognitionParameters
 from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.studies.luo2016_parameters import StudyParameters
+from mlsroad_pipeline.algorithms.studies.luo2019_parameters import StudyParameters as Luo2019StudyParameters
+from mlsroad_pipeline.algorithms.studies.luo2019_sets import SimulatedObjectsParameters
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters as Yu2016StudyParameters
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
 from mlsroad_pipeline.datasets.inspect_work import InspectParameters
@@ -69,6 +71,8 @@ TYPED = {
     "inspect": InspectParameters,
     "label": LabelParameters,
     "luo2016_study": StudyParameters,
+    "luo2019_study": Luo2019StudyParameters,
+    "simulated_objects": SimulatedObjectsParameters,
     "yu2016_study": Yu2016StudyParameters,
     "max_margin_markov": MarginParameters,
     "patch_forest": PatchForestParameters,
@@ -80,7 +84,7 @@ TYPED = {
     "supervoxelise": SupervoxelParameters,
     "survey": SurveyParameters,
 }
-CONFIGURED = {"jointnet_printed", "luo2016_study", "yu2016_study", "survey"}
+CONFIGURED = {"jointnet_printed", "luo2016_study", "luo2019_study", "simulated_objects", "yu2016_study", "survey"}
 """Groups whose values are those of the embedded survey or of a paper and not the defaults of the code."""
 TREES = {"classes", "simulation"}
 """Groups that are read by functions of their own."""

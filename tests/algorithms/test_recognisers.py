@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sklearn.metrics import f1_score
 
-from mlsroad_pipeline.algorithms import recognisers
+from mlsroad_pipeline.algorithms import recognisers, recognition_objects
 from mlsroad_pipeline.algorithms.baselines.descriptor_machine import DescriptorParameters
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
@@ -23,7 +23,7 @@ SCHEME = ClassScheme(
 )  # fmt: skip
 SEGMENTATION = SegmentationParameters(method="euclidean", normalized_cut=NormalizedCutParameters(tolerance=0.8))
 MACHINE = DescriptorParameters(costs=[10.0], gammas=[0.01], n_folds=2)
-RECOGNITION = recognisers.RecognitionParameters(scheme="test", min_points=20)
+RECOGNITION = recognition_objects.RecognitionParameters(scheme="test", min_points=20)
 
 
 def pole(rng, place, n=60):
@@ -75,18 +75,23 @@ def trained(rng, slug="hierarchy_descriptor", parameters=MACHINE):
 
 def test_objects_are_cut_with_the_class_of_their_points(rng):
     cloud, objects = scene(rng)
-    cut = recognisers.cut_objects(cloud, objects, scheme=SCHEME, parameters=RECOGNITION)
+    cut = recognition_objects.cut_objects(cloud, objects, scheme=SCHEME, parameters=RECOGNITION)
     assert cut["object"].tolist() == [0, 1, 3] and cut["label"].tolist() == [0, 1, -1]
     found = ObjectSet.from_arrays(cut)
     for number, points in zip(cut["object"], found.objects, strict=True):
         wanted = cloud.xyz[objects["objects"] == number]
         assert np.array_equal(np.sort(points, axis=0), np.sort(wanted, axis=0))
     assert (found.intensities[0] == 0.5).all()
-    unlabelled = recognisers.cut_objects(*scene(rng, labels=False), scheme=SCHEME, parameters=RECOGNITION)
+    unlabelled = recognition_objects.cut_objects(*scene(rng, labels=False), scheme=SCHEME, parameters=RECOGNITION)
     assert unlabelled["label"].tolist() == [-1, -1, -1]
     nothing = {"objects": np.full(len(cloud), -1, np.int32)}
     assert (
-        len(ObjectSet.from_arrays(recognisers.cut_objects(cloud, nothing, scheme=SCHEME, parameters=RECOGNITION))) == 0
+        len(
+            ObjectSet.from_arrays(
+                recognition_objects.cut_objects(cloud, nothing, scheme=SCHEME, parameters=RECOGNITION)
+            )
+        )
+        == 0
     )
 
 
@@ -97,10 +102,10 @@ def test_sets_are_joined_taken_and_drawn(rng):
     picked = joined.take([7, 0])
     assert np.array_equal(picked.objects[0], other.objects[1]) and picked.label.tolist() == [1, 0]
     assert len(joined.take(joined.label == 1)) == 5 and len(joined.take(np.zeros(0, int)).objects) == 0
-    few = recognisers.RecognitionParameters(max_per_class=2)
-    assert recognisers.training_objects([joined.to_arrays()], few).label.tolist().count(0) == 2
+    few = recognition_objects.RecognitionParameters(max_per_class=2)
+    assert recognition_objects.training_objects([joined.to_arrays()], few).label.tolist().count(0) == 2
     with pytest.raises(DataError, match="none of the 1 training objects has a known class"):
-        recognisers.training_objects([ObjectSet.from_objects([np.zeros((3, 3))], [-1]).to_arrays()], few)
+        recognition_objects.training_objects([ObjectSet.from_objects([np.zeros((3, 3))], [-1]).to_arrays()], few)
     with pytest.raises(DataError, match="there are no sets of objects"):
         ObjectSet.join([])
     with pytest.raises(DataError, match="2 classes and 3 points for 1 objects"):
@@ -134,7 +139,7 @@ def test_models_that_do_not_fit_are_named(rng):
     with pytest.raises(ParameterError, match="'mystery' recognises no objects"):
         recognisers.make_recogniser("mystery", None)
     with pytest.raises(ParameterError, match="recognition.purity must be above 0"):
-        recognisers.RecognitionParameters(purity=0)
+        recognition_objects.RecognitionParameters(purity=0)
 
 
 def test_folds_are_scored_alone_and_together(rng):

@@ -9,7 +9,7 @@ import torch
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.jointnet import training
 from mlsroad_pipeline.algorithms.jointnet.inputs import Points, augment, encode
-from mlsroad_pipeline.algorithms.jointnet.network import JointNet, PyramidPooling
+from mlsroad_pipeline.algorithms.jointnet.network import Halving, JointNet, PyramidPooling
 from mlsroad_pipeline.algorithms.jointnet.parameters import (
     AugmentationParameters,
     InputParameters,
@@ -242,3 +242,11 @@ def test_a_gpu_learns_the_same_shapes(rng):
     found = JointNetRecogniser(parameters(epochs=15, device="cuda")).fit(objects, classes)
     fresh, truth = shapes(rng, 5)
     assert (found.predict(fresh) == truth).all()
+
+
+@pytest.mark.parametrize("shape", [(8, 8), (7, 8), (1, 3)])
+def test_halving_is_max_pooling_in_training_and_out_of_it(shape):
+    maps = torch.randn(2, 3, *shape)
+    wanted = torch.nn.functional.max_pool2d(maps, 2, ceil_mode=True)
+    for pool in (Halving().train(), Halving().eval()):
+        assert torch.equal(pool(maps), wanted)

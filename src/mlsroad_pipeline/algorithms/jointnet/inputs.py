@@ -150,7 +150,9 @@ def _with_outliers(points: Points, most: float, rng: np.random.Generator) -> Poi
     return replace(points, xyz=np.where(away[:, None], anywhere, points.xyz))
 
 
-def encode(points: Points, parameters: InputParameters) -> tuple[dict[str, NDArray[np.float32]], NDArray[np.float32]]:
+def encode(
+    points: Points, parameters: InputParameters, *, measures: NDArray[np.float32] | None = None
+) -> tuple[dict[str, NDArray[np.float32]], NDArray[np.float32]]:
     """Turn objects into what the network takes.
 
     Parameters
@@ -159,6 +161,8 @@ def encode(points: Points, parameters: InputParameters) -> tuple[dict[str, NDArr
         The objects.
     parameters : InputParameters
         What is seen of them.
+    measures : ndarray of float32, optional
+        Their measures, where they are known from another heading: they do not turn with the object.
 
     Returns
     -------
@@ -185,6 +189,8 @@ def encode(points: Points, parameters: InputParameters) -> tuple[dict[str, NDArr
         if parameters.intensity:
             channels.append(bright[view] / np.maximum(shares[view], np.float32(1e-9)))
         images[view] = np.stack(channels, axis=2)
+    if measures is not None:
+        return images, measures
     found = np.zeros((len(counts), N_MEASURES if parameters.measures else 0), dtype=np.float32)
     if parameters.measures:
         measure_objects(points.xyz, points.indptr, value, found)

@@ -20,6 +20,28 @@ def _convolution(inputs: int, outputs: int, kernel: int, batch_norm: bool) -> li
     return [*layers, *([nn.BatchNorm2d(outputs)] if batch_norm else []), nn.ReLU()]
 
 
+class Halving(nn.Module):
+    """The greatest value of each 2 x 2 cells; what is left over at an odd edge is a cell of its own."""
+
+    def forward(self, maps: Tensor) -> Tensor:
+        """Pool feature maps.
+
+        Parameters
+        ----------
+        maps : Tensor of shape (batch, channels, height, width)
+            The maps.
+
+        Returns
+        -------
+        Tensor of shape (batch, channels, ceil(height / 2), ceil(width / 2))
+            The pooled values.
+        """
+        if self.training or maps.shape[2] % 2 or maps.shape[3] % 2:
+            return nn.functional.max_pool2d(maps, 2, ceil_mode=True)
+        rows = torch.maximum(maps[:, :, ::2], maps[:, :, 1::2])  # the same values in a third of the time on a CPU
+        return torch.maximum(rows[..., ::2], rows[..., 1::2])
+
+
 class PyramidPooling(nn.Module):
     """Spatial pyramid pooling: the greatest value of each channel in the upper half, the lower half and the whole.
 
@@ -120,7 +142,7 @@ def _convolutional_module(p: NetworkParameters, n_channels: int) -> nn.Sequentia
     for i, (inputs, outputs) in enumerate(pairwise(widths)):
         layers += _convolution(inputs, outputs, 5 if i == 0 else 3, p.batch_norm)
         if i in (0, 2):
-            layers.append(nn.MaxPool2d(2, ceil_mode=True))
+            layers.append(Halving())
     return nn.Sequential(
         *layers,
         PyramidPooling(),
@@ -171,7 +193,7 @@ class CNN3(nn.Module):
         layers: list[nn.Module] = []
         for i, (inputs, outputs) in enumerate(pairwise(widths)):
             if i in (0, 2):
-                layers.append(nn.MaxPool2d(2, ceil_mode=True))
+                layers.append(Halving())
             layers += _convolution(inputs, outputs, 3, p.batch_norm)
         side = -(-p.map_size // 4)
         self.convolutions = nn.Sequential(*layers, nn.Flatten())

@@ -126,12 +126,11 @@ class JointNetRecogniser:
         total = np.zeros((len(objects), len(self.classes_)))
         if not len(objects):
             return total
-        points = _points(objects, intensities)
+        points, measures = _points(objects, intensities), None
         n_turns = self.parameters.training.n_turns
         for turn in range(n_turns):
-            images, measures = encode(
-                points.turned(2 * np.pi * turn / n_turns) if turn else points, self.parameters.inputs
-            )
+            seen = points.turned(2 * np.pi * turn / n_turns) if turn else points
+            images, measures = encode(seen, self.parameters.inputs, measures=measures)
             for start in range(0, len(total), _BATCH):
                 rows = slice(start, start + _BATCH)
                 total[rows] += self._score({view: v[rows] for view, v in images.items()}, measures[rows])

@@ -1,0 +1,74 @@
+"""Recognisers that learned simulated objects, on poles that were cut from a survey in Taiwan.
+
+    kedro run --pipeline=simulated_objects
+    python benchmarks/taiwan_recognition.py FOLDER --methods jointnet hierarchy_descriptor
+
+Reads the environment `taiwan_poles` for how the files are read. Pedestrian signals count as traffic lights; poles and
+other objects, whose class the simulated set does not have, are left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+import yaml
+from sydney_recognition import CONF, configured, parameters_of
+
+from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.recognisers import make_recogniser, probabilities
+from mlsroad_pipeline.algorithms.recognition import ObjectSet
+from mlsroad_pipeline.algorithms.studies.luo2019_sets import thin
+from mlsroad_pipeline.datasets.formats.options import ReadOptions
+from mlsroad_pipeline.datasets.formats.registry import get_format
+
+CLASSES = {"SL": "light pole", "STL": "traffic light", "PS": "traffic light", "SS": "traffic sign"}
+
+
+def read_objects(folder: Path, classes: tuple[str, ...], max_points: int) -> ObjectSet:
+    environment = yaml.safe_load((CONF.parent / "taiwan_poles/parameters.yml").read_text(encoding="utf-8"))
+    options = ReadOptions(**environment["survey"]["read"])
+    objects, labels, intensities = [], [], []
+    for path in sorted(folder.glob("*_*.csv.gz")):
+        name = CLASSES.get(path.name.partition("_")[0])
+        if name is not None:
+            cloud = get_format(path).read(path, options)
+            objects.append(cloud.xyz)
+            intensities.append(cloud["intensity"])
+            labels.append(classes.index(name))
+    return thin(ObjectSet.from_objects(objects, labels, intensities), max_points, seed=0)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--sets", type=Path, default=Path("data/05_model_input/simulated_objects"))
+    parser.add_argument("--methods", nargs="+", default=["jointnet"])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[1])
+    parser.add_argument("--changes", type=json.loads, default={})
+    options = parser.parse_args()
+    scheme = find_scheme(configured("classes")["schemes"], "hdr9")
+    with np.load(options.sets / "hdr9.train/result.npz") as found:
+        train = ObjectSet.from_arrays(dict(found))
+    test = read_objects(options.folder, scheme.classes, configured("simulated_objects")["cut"]["max_points"])
+    for slug in options.methods:
+        for seed in options.seeds:
+            for brightness in (True, False):
+                if slug in ("spin_image", "shot", "hierarchy_descriptor", "pointnet") and brightness:
+                    continue  # they see shape alone
+                method = make_recogniser(slug, parameters_of(slug, seed, options.changes))
+                method.fit(train.objects, train.label, intensities=train.intensities)
+                given = test if brightness else ObjectSet(test.xyz, test.indptr, test.label)
+                label = probabilities(method, given, len(scheme))["label"]
+                by_class = {
+                    scheme.classes[k]: f"{int((label[test.label == k] == k).sum())} of {int((test.label == k).sum())}"
+                    for k in np.unique(test.label)
+                }
+                line = {"method": slug, "seed": seed, "intensity": brightness, "learned": len(train)}
+                print(json.dumps({**line, "accuracy": round(float((label == test.label).mean()), 3), **by_class}))
+
+
+if __name__ == "__main__":
+    main()
