@@ -14,7 +14,14 @@ import numpy as np
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
 from mlsroad_pipeline.datasets.formats.copc import SUFFIX, is_copc, without_copc, write_copc
-from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, check_file, clip_range, file_key, spread_starts
+from mlsroad_pipeline.datasets.formats.files import (
+    FileKey,
+    atomic_file,
+    check_file,
+    clip_range,
+    file_key,
+    spread_starts,
+)
 from mlsroad_pipeline.datasets.formats.las_crs import read_crs, with_crs_of
 from mlsroad_pipeline.datasets.formats.las_dimensions import dimension, dimension_names, file_origin, local_xyz
 from mlsroad_pipeline.datasets.formats.las_header import read_header
