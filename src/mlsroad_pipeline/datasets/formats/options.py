@@ -37,12 +37,33 @@ def _unit_factor(units: str | float) -> float:
     return float(units)
 
 
-def _from_config(cls: type, config: Mapping[str, Any] | None) -> Any:
-    known = [f.name for f in fields(cls)]
-    unknown = sorted(set(config or {}) - set(known))
-    if unknown:
-        raise ParameterError(f"unknown {cls.__name__} {', '.join(unknown)} (known: {', '.join(known)})")
-    return cls(**(config or {}))
+class _Configured:
+    """Options that a configuration mapping gives by their names."""
+
+    @classmethod
+    def from_config(cls, config: Mapping[str, Any] | None) -> Self:
+        """Build options from a configuration mapping.
+
+        Parameters
+        ----------
+        config : mapping or None
+            Parameter names to values; None and {} give the defaults.
+
+        Returns
+        -------
+        ReadOptions or WriteOptions
+            The options.
+
+        Raises
+        ------
+        ParameterError
+            If a key is unknown or a value outside its domain.
+        """
+        known = [f.name for f in fields(cls)]  # type: ignore[arg-type]  # every subclass is a dataclass
+        unknown = sorted(set(config or {}) - set(known))
+        if unknown:
+            raise ParameterError(f"unknown {cls.__name__} {', '.join(unknown)} (known: {', '.join(known)})")
+        return cls(**(config or {}))
 
 
 def _as_coding(coding: Coding | Mapping[int, str] | str | None) -> Coding | None:
@@ -56,7 +77,7 @@ def _as_coding(coding: Coding | Mapping[int, str] | str | None) -> Coding | None
 
 
 @dataclass(frozen=True)
-class ReadOptions:
+class ReadOptions(_Configured):
     """How to read a survey; the defaults suit a file that says everything itself.
 
     Parameters
@@ -147,31 +168,9 @@ class ReadOptions:
         """Return the factor that turns the file's coordinates into metres."""
         return _unit_factor(self.units)
 
-    @classmethod
-    def from_config(cls, config: Mapping[str, Any] | None) -> Self:
-        """Build options from a configuration mapping.
-
-        Parameters
-        ----------
-        config : mapping or None
-            Parameter names to values; None and {} give the defaults.
-
-        Returns
-        -------
-        ReadOptions
-            The options.
-
-        Raises
-        ------
-        ParameterError
-            If a key is unknown or a value outside its domain.
-        """
-        result: Self = _from_config(cls, config)
-        return result
-
 
 @dataclass(frozen=True)
-class WriteOptions:
+class WriteOptions(_Configured):
     """How to write a cloud.
 
     Parameters
@@ -218,25 +217,3 @@ class WriteOptions:
     def metres(self) -> float:
         """Return the factor that turns the file's coordinates into metres."""
         return _unit_factor(self.units)
-
-    @classmethod
-    def from_config(cls, config: Mapping[str, Any] | None) -> Self:
-        """Build options from a configuration mapping.
-
-        Parameters
-        ----------
-        config : mapping or None
-            Parameter names to values; None and {} give the defaults.
-
-        Returns
-        -------
-        WriteOptions
-            The options.
-
-        Raises
-        ------
-        ParameterError
-            If a key is unknown or a value outside its domain.
-        """
-        result: Self = _from_config(cls, config)
-        return result
