@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Self
@@ -76,6 +76,17 @@ def _as_coding(coding: Coding | Mapping[int, str] | str | None) -> Coding | None
     return Coding("of the options", {int(code): str(name) for code, name in coding.items()})
 
 
+def _as_columns(columns: Any) -> dict[str, Any]:
+    if not isinstance(columns, Mapping):
+        raise ParameterError(f"columns must map standard names to columns of the file, got {columns!r}")
+    for name, wanted in columns.items():
+        parts = wanted if name == "rgb" and isinstance(wanted, Sequence) and not isinstance(wanted, str) else (wanted,)
+        if len(parts) != (3 if name == "rgb" else 1) or not all(isinstance(part, int | str) for part in parts):
+            kind = "three columns" if name == "rgb" else "a column"
+            raise ParameterError(f"columns.{name} must be {kind}, by name or by index, got {wanted!r}")
+    return dict(columns)
+
+
 @dataclass(frozen=True)
 class ReadOptions(_Configured):
     """How to read a survey; the defaults suit a file that says everything itself.
@@ -141,7 +152,7 @@ class ReadOptions(_Configured):
     def __post_init__(self) -> None:
         _unit_factor(self.units)
         object.__setattr__(self, "coding", _as_coding(self.coding))
-        object.__setattr__(self, "columns", dict(self.columns))
+        object.__setattr__(self, "columns", _as_columns(self.columns))
         if self.only is not None:
             object.__setattr__(self, "only", (self.only,) if isinstance(self.only, str) else tuple(self.only))
         if self.delimiter is not None and self.delimiter != "whitespace" and len(self.delimiter) != 1:
