@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation.compiled import leaf
 from mlsroad_pipeline.algorithms.simulation.meshes import GLASS, GROUND, PAINT, RETRO
+from mlsroad_pipeline.algorithms.simulation.power import Power
 from mlsroad_pipeline.algorithms.simulation.surfaces import WET, Hits, Surfaces
 
 FULL_SCALE_DB = 50.0
@@ -43,6 +44,8 @@ class Receiver(NamedTuple):
         Number of beams, and of returns that are kept.
     corrected : bool
         Whether intensity is reflectance.
+    dark, bright : float
+        The amplitudes of `Device.intensity_scale`; both 0 without it.
     """
 
     min_range: float
@@ -57,6 +60,8 @@ class Receiver(NamedTuple):
     beams: int
     max_returns: int
     corrected: bool
+    dark: float
+    bright: float
 
 
 class Slots(NamedTuple):
@@ -136,6 +141,14 @@ def intensity_of(amplitude: float, distance: float, corrected: bool) -> float:
     if amplitude > SATURATION_DB:
         amplitude = SATURATION_DB + 6.0 * np.tanh((amplitude - SATURATION_DB) / 6.0)
     return min(max(amplitude / FULL_SCALE_DB, 0.0), 1.0)
+
+
+@leaf
+def _recorded(amplitude: float, distance: float, gain: float, receiver: Receiver) -> float:
+    """Return the recorded intensity of a return as this device scales it."""
+    if receiver.bright > receiver.dark:
+        return min(max((amplitude + gain - receiver.dark) / (receiver.bright - receiver.dark), 0.0), 1.0)
+    return intensity_of(amplitude + gain - receiver.sensitivity, distance, receiver.corrected)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -284,8 +297,8 @@ def _detect(
 @njit(cache=True, nogil=True, error_model="numpy")
 def measure(
     central: tuple[NDArray, NDArray, NDArray], kind: NDArray[np.uint8],
-    extra: tuple[NDArray, NDArray, NDArray], slots: Slots, chance: NDArray[np.float32], noise: NDArray[np.float32],
-    receiver: Receiver,
+    extra: tuple[NDArray, NDArray, NDArray], slots: Slots, power: Power, chance: NDArray[np.float32],
+    noise: NDArray[np.float32], receiver: Receiver,
 ) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray, NDArray]:  # fmt: skip
     """Return pulse, range, intensity, source row (extra rays after the central ones), number and total of returns."""
     n, m = len(kind), 0
@@ -296,6 +309,7 @@ def measure(
     r, a, slant = np.empty(_MOST), np.empty(_MOST), np.empty(_MOST)
     source = np.empty(_MOST, np.int64)
     of_centre, amplitude, tangent = central
+    lowered, gain = power
     for i in range(n):
         if slots.edge[i] < 0 and receiver.blooming == 0.0 and not np.isfinite(of_centre[i]):
             continue
@@ -311,10 +325,12 @@ def measure(
                 count += 1
         if count > 1:
             count = _mix(count, receiver.pulse_length, r, a, source, slant)
+        for k in range(count if len(lowered) else 0):
+            a[k] -= lowered[i]
         count = _detect(i, count, chance, noise, receiver, r, a, source, slant)
         for k in range(count):
             pulse[m], distance[m], origin[m] = i, r[k], source[k]
-            intensity[m] = intensity_of(a[k] - receiver.sensitivity, r[k], receiver.corrected)
+            intensity[m] = _recorded(a[k], r[k], gain[i] if len(gain) else 0.0, receiver)
             number[m], total[m] = k + 1, count
             m += 1
     return pulse[:m], distance[:m], intensity[:m], origin[:m], number[:m], total[:m]

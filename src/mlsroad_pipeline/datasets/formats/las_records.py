@@ -123,6 +123,25 @@ class RecordReader:
             self._decompress(buffer, start, stop)
         return np.frombuffer(buffer, dtype=self.dtype)
 
+    def compressed(self, number: int) -> bytes:
+        """Read a chunk of a LAZ file whose chunks are of one size, as it is stored.
+
+        Parameters
+        ----------
+        number : int
+            The chunk, from 0.
+
+        Returns
+        -------
+        bytes
+            Its compressed points.
+        """
+        here = self._stream.tell()
+        self._stream.seek(int(self._begins[number]))
+        data = self._stream.read(int(self._begins[number + 1] - self._begins[number]))
+        self._stream.seek(here)
+        return data
+
     def _decompress(self, buffer: bytearray, start: int, stop: int) -> None:
         assert self._decompressor is not None
         self._check_layers(start, stop)
