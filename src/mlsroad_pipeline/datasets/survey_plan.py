@@ -11,7 +11,8 @@ from typing import Any
 
 from mlsroad_pipeline.algorithms.classes import Coding
 from mlsroad_pipeline.algorithms.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.algorithms.ingest import IngestParameters, SplitPart, split_config
+from mlsroad_pipeline.algorithms.ingest import IngestParameters
+from mlsroad_pipeline.algorithms.split_parts import SplitPart, split_config
 from mlsroad_pipeline.datasets.formats.options import TAXONOMY_CODING, ReadOptions
 from mlsroad_pipeline.datasets.survey_files import Survey, SurveyFile, files_to_label
 
