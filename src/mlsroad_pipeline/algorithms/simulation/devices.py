@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -107,10 +108,10 @@ class Device:
         for name in ("pulse_rate", "profile_rate", "divergence", "max_range", "pulse_length"):
             check_positive(getattr(self, name), name)
         for name in ("range_noise", "accuracy", "range_step", "min_range", "blooming", "power_control", "gain_spread"):
-            if not 0 <= getattr(self, name) < 100:
+            if not (isinstance(getattr(self, name), Real) and 0 <= getattr(self, name) < 100):
                 raise ParameterError(f"{name} must be between 0 and 100, got {getattr(self, name)!r}")
         for name in ("yaw", "pitch", "roll", "sensitivity", "power_target"):
-            if not np.isfinite(getattr(self, name)):
+            if not (isinstance(getattr(self, name), Real) and np.isfinite(getattr(self, name))):
                 raise ParameterError(f"{name} must be finite, got {getattr(self, name)!r}")
         for name, size in (("lever", 3), ("field", 2)):
             object.__setattr__(self, name, _floats(getattr(self, name), name, size))
@@ -119,14 +120,7 @@ class Device:
             raise ParameterError(f"elevations must be within 90 degrees, got {self.elevations!r}")
         if not -180 <= self.field[0] < self.field[1] <= 180:
             raise ParameterError(f"field must be two rising angles within -180 to 180 degrees, got {self.field!r}")
-        if self.intensity_scale is not None:
-            object.__setattr__(self, "intensity_scale", _floats(self.intensity_scale, "intensity_scale", 2))
-            if self.intensity_scale[0] >= self.intensity_scale[1]:
-                raise ParameterError(f"intensity_scale must be two rising amplitudes, got {self.intensity_scale!r}")
-            if self.corrected:
-                raise ParameterError("intensity is either corrected or on an intensity_scale, not both")
-        if self.power_memory != int(self.power_memory) or self.power_memory < 1:
-            raise ParameterError(f"power_memory must be an integer >= 1, got {self.power_memory!r}")
+        self._check_intensity()
         if self.max_returns not in range(1, 9):
             raise ParameterError(f"max_returns must be between 1 and 8, got {self.max_returns!r}")
         if self.min_range >= self.max_range:
@@ -136,6 +130,16 @@ class Device:
                 f"pulse_rate must be at least 16 pulses per profile, got {self.pulse_rate!r} for "
                 f"profile_rate {self.profile_rate!r}"
             )
+
+    def _check_intensity(self) -> None:
+        if self.intensity_scale is not None:
+            object.__setattr__(self, "intensity_scale", _floats(self.intensity_scale, "intensity_scale", 2))
+            if self.intensity_scale[0] >= self.intensity_scale[1]:
+                raise ParameterError(f"intensity_scale must be two rising amplitudes, got {self.intensity_scale!r}")
+            if self.corrected:
+                raise ParameterError("intensity is either corrected or on an intensity_scale, not both")
+        if not isinstance(self.power_memory, Integral) or self.power_memory < 1:
+            raise ParameterError(f"power_memory must be an integer >= 1, got {self.power_memory!r}")
 
     @property
     def mounting(self) -> NDArray[np.float64]:
