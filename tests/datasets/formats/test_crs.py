@@ -76,15 +76,18 @@ def test_what_cannot_be_reprojected(tmp_path):
         TextFormat().read(path, ReadOptions(crs="EPSG:4326", reproject="EPSG:25832"))
 
 
-def test_an_old_header_is_not_given_another_system(tmp_path, rng):
-    make_las(tmp_path / "a.las", rng, version="1.2", point_format=3, geotiff=25832)
-    cloud = LasFormat().read(tmp_path / "a.las", ReadOptions(crs="EPSG:25833"))
-    with pytest.raises(DataError, match="states another coordinate reference system"):
-        LasFormat().write(tmp_path / "b.las", cloud, WriteOptions())
-    make_las(tmp_path / "a.las", rng, version="1.4", point_format=6)
+@pytest.mark.parametrize(("version", "point_format"), [("1.2", 3), ("1.4", 6)])
+def test_another_system_is_stated_as_the_version_does(tmp_path, rng, version, point_format):
+    make_las(tmp_path / "a.las", rng, version=version, point_format=point_format, geotiff=25832)
     cloud = LasFormat().read(tmp_path / "a.las", ReadOptions(crs="EPSG:25833"))
     LasFormat().write(tmp_path / "b.las", cloud, WriteOptions())
     assert LasFormat().read(tmp_path / "b.las", DEFAULT).crs == UTM33
+    records = {vlr.record_id for vlr in laspy.read(tmp_path / "b.las").header.vlrs}
+    assert (2112 in records) == (version == "1.4") and 34735 in records
+    cloud = LasFormat().read(tmp_path / "a.las", ReadOptions(crs="+proj=tmerc +lon_0=9.3 +ellps=GRS80"))
+    if version == "1.2":
+        with pytest.raises(DataError, match="states another coordinate reference system"):
+            LasFormat().write(tmp_path / "b.las", cloud, WriteOptions())
 
 
 def test_files_of_one_drive_share_a_system():

@@ -10,6 +10,7 @@ import pyproj
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.datasets.formats.content import unpacked_name
 from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, file_key, log_once
 
 SIDECAR = ".prj"
@@ -41,7 +42,7 @@ def parse_crs(crs: str) -> str:
 
 
 def _stem(path: Path) -> str:
-    name = path.name.removesuffix(".gz")
+    name = unpacked_name(path)
     return name.rpartition(".")[0] or name
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.content import refuse_packed, with_packed
 from mlsroad_pipeline.datasets.formats.copc import SUFFIX, is_copc, without_copc, write_copc
 from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, check_file, clip_range, file_key
 from mlsroad_pipeline.datasets.formats.las_crs import read_crs, with_crs_of
@@ -43,7 +44,7 @@ class LasFormat(PointFormat):
     """
 
     name = "LAS"
-    extensions: tuple[str, ...] = (".las", ".laz")
+    extensions: tuple[str, ...] = with_packed(".las", ".laz")
     signatures: tuple[bytes, ...] = (b"LASF",)
 
     def info(self, path: Path, options: ReadOptions) -> FileInfo:
@@ -133,7 +134,7 @@ class LasFormat(PointFormat):
             options=replace(options, rgb_bits=bits),
             source=path,
             origin=origin,
-            crs=read_crs(header),
+            crs=read_crs(header, path),
             anchor=header.bounds[0] * options.metres if header.n_points else origin,
             maximum=lambda given: file_maximum(file_key(path), tuple(names[name] for name in given)),
         )
@@ -156,11 +157,12 @@ class LasFormat(PointFormat):
         Raises
         ------
         DataError
-            If a coordinate or a column does not fit into the layout.
+            If a coordinate or a column does not fit into the layout, or the file is named as gzip.
         ReadError
             If the file to be like cannot be read.
         """
         path = Path(path)
+        refuse_packed(path, self.name)
         if path.name.lower().endswith(SUFFIX):
             with tempfile.TemporaryDirectory(dir=_folder(path)) as folder:
                 plain = Path(folder) / "points.las"
@@ -192,7 +194,7 @@ def _template(cloud: PointCloud, options: WriteOptions) -> Path | None:
     if options.like != "source":
         return check_file(options.like)
     source = Path(cloud.source)
-    return source if source.suffix.lower() in LasFormat.extensions and source.is_file() else None
+    return source if source.name.lower().endswith(LasFormat.extensions) and source.is_file() else None
 
 
 @lru_cache(maxsize=64)

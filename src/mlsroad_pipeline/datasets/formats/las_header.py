@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
+from mlsroad_pipeline.datasets.formats.content import open_content
 from mlsroad_pipeline.datasets.formats.las_extra import DESCRIPTOR_SIZE, ExtraDimension
 from mlsroad_pipeline.datasets.formats.las_vlr import Vlr
 
@@ -203,9 +204,9 @@ def read_header(path: Path) -> LasHeader:
     ReadError
         If the file is not LAS, of an unknown version or point format, or ends before its points.
     """
-    with path.open("rb") as stream:
-        size = stream.seek(0, 2)
-        stream.seek(0)
+    file = open_content(path)
+    with file.stream() as stream:
+        size = file.size
         block = stream.read(227)
         if block[:4] != SIGNATURE:
             raise ReadError(f"{path} is not a LAS or LAZ file: it begins with {block[:4]!r}, not {SIGNATURE!r}")
