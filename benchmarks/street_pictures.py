@@ -3,7 +3,8 @@
 python benchmarks/street_pictures.py [town suburb campus ring_road premises] [--output docs/images]
 
 Each street is looked at from where no camera of a survey is: free places above the road, in the survey's own sun. The
-sheet `premises` has buildings, fences, walls and hedges, which are drawn lot by lot and are no designs of the catalogue.
+sheet `premises` has buildings, fences, walls and hedges, which are drawn lot by lot; they are no designs of the
+catalogue.
 """
 
 from __future__ import annotations
@@ -64,10 +65,10 @@ class Shot(NamedTuple):
 
 
 SHOTS = {
-    "town": Shot("town", 5, 40.0, 1.5, 7.0, 35.0, low=1.0),
+    "town": Shot("town", 4, 58.0, 1.5, 6.5, 35.0, low=1.0),
     "suburb": Shot("suburb", 11, 40.0, -1.5, 6.0, 35.0, low=1.0),
     "campus": Shot("campus", 102, 40.0, 1.5, 6.0, 35.0, low=1.5),
-    "ring_road": Shot("ring_road", 301, 60.0, 0.0, 38.0, 18.0),
+    "ring_road": Shot("ring_road", 302, 2.0, 1.0, 20.0, 30.0),
 }
 
 
@@ -80,7 +81,7 @@ def picture(shot: Shot) -> np.ndarray:
     street = stream.street
     ends = np.array([[shot.station, shot.offset], [shot.station + shot.ahead, shot.aside]])
     xy, _ = street.alignment.place(ends[:, 0], ends[:, 1])
-    z = street.ground.height([shot.station] * 2, [0.0, 0.0]) + [shot.height, shot.low]
+    z = street.ground.height(np.full(2, shot.station), np.zeros(2)) + np.array([shot.height, shot.low])
     eye, target = np.column_stack([xy, z])
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, [0, 0, 1.0])
