@@ -70,6 +70,9 @@ class Device:
     power_memory : int, default 64
         Returns of a beam over which the control averages. Fewer even out what beams meet, and with it what tells
         materials apart.
+    turf_gain : float, default 0.0
+        Decibels by which grass sends back more than rough ground of the same reflectivity: its blades stand across a
+        beam that comes low, and living leaves are brighter near 905 nm than near 1550 nm.
     gain_spread : float, default 0.0
         Standard deviation, from beam to beam, of what calibration leaves of their gains in the intensity, decibels.
 
@@ -102,6 +105,7 @@ class Device:
     power_control: float = 0.0
     power_target: float = 13.0
     power_memory: int = 64
+    turf_gain: float = 0.0
     gain_spread: float = 0.0
 
     def __post_init__(self) -> None:
@@ -110,7 +114,7 @@ class Device:
         for name in ("range_noise", "accuracy", "range_step", "min_range", "blooming", "power_control", "gain_spread"):
             if not (isinstance(getattr(self, name), Real) and 0 <= getattr(self, name) < 100):
                 raise ParameterError(f"{name} must be between 0 and 100, got {getattr(self, name)!r}")
-        for name in ("yaw", "pitch", "roll", "sensitivity", "power_target"):
+        for name in ("yaw", "pitch", "roll", "sensitivity", "power_target", "turf_gain"):
             if not (isinstance(getattr(self, name), Real) and np.isfinite(getattr(self, name))):
                 raise ParameterError(f"{name} must be finite, got {getattr(self, name)!r}")
         for name, size in (("lever", 3), ("field", 2)):
@@ -245,7 +249,7 @@ def _hdl64() -> ScannerSystem:
         1.333e6, 10.0, (0.0, 0.0, 0.63), pitch=-90.0, elevations=elevations, divergence=0.002, range_noise=0.007,
         accuracy=0.02, range_step=0.002, min_range=0.9, max_range=120.0, max_returns=1, pulse_length=0.75,
         sensitivity=-10.0, blooming=0.008, intensity_scale=(5.0, 33.0), power_control=24.0, power_target=13.0,
-        power_memory=128, gain_spread=1.5,
+        power_memory=128, turf_gain=2.0, gain_spread=1.5,
     )  # fmt: skip
     return ScannerSystem("hdl64", (device,), platform=1.1, body=(-2.2, 1.2, -0.85, 0.85))
 
