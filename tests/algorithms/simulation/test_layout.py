@@ -279,3 +279,15 @@ def test_objects_lie_within_their_block(streets):
                 station, _ = street.alignment.locate(thing.base[None, :2], near=60.0)
                 block = (thing.instance - 1) // INSTANCES_PER_BLOCK - MARGIN
                 assert -12 < station[0] - block * BLOCK < BLOCK + 12
+
+
+def test_bus_stops_and_gantries_are_as_many_as_asked_for():
+    plain = replace(STREETS["ring_road"], buildings=0.0, boundaries=0.0, junction_spacing=0.0, palms=0.0, cycas=0.0)
+    found = {}
+    for number in (0.0, 1.0, 4.0):
+        street = draw_street(5, length=120.0, parameters=replace(plain, stations=number, gantries=3.0 * number))
+        labels = [[p.label for p in populate(street, block)] for block in (0, 1)]
+        found[number] = [[each.count(TAXONOMY[n]) for each in labels] for n in ("bus_shelter", "gantry")]
+    assert found[0.0] == [[0, 0], [0, 0]]
+    assert sum(found[1.0][0]) == 1 and max(found[1.0][1]) <= 1
+    assert found[4.0][0] == [2, 2] and min(found[4.0][1]) >= 1
