@@ -39,7 +39,7 @@ from mlsroad_pipeline.algorithms.recognition_objects import RecognitionParameter
 from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.studies.luo2016_parameters import StudyParameters
 from mlsroad_pipeline.algorithms.studies.luo2019_parameters import StudyParameters as Luo2019StudyParameters
-from mlsroad_pipeline.algorithms.studies.luo2019_sets import SimulatedObjectsParameters
+from mlsroad_pipeline.algorithms.studies.luo2019_set_parameters import SimulatedObjectsParameters
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters as Yu2016StudyParameters
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
 from mlsroad_pipeline.datasets.inspect_work import InspectParameters

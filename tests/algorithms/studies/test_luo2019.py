@@ -12,10 +12,12 @@ from mlsroad_pipeline.algorithms.recognition import ObjectSet
 from mlsroad_pipeline.algorithms.studies import luo2019, luo2019_paper
 from mlsroad_pipeline.algorithms.studies.luo2019_parameters import StudyScale
 from mlsroad_pipeline.algorithms.studies.luo2019_runs import disturb_objects, mislabel
-from mlsroad_pipeline.algorithms.studies.luo2019_sets import (
+from mlsroad_pipeline.algorithms.studies.luo2019_set_parameters import (
     CutParameters,
     ObjectSetParameters,
     SimulatedObjectsParameters,
+)
+from mlsroad_pipeline.algorithms.studies.luo2019_sets import (
     composition_table,
     draw_split,
     name_segments,

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.studies import luo2019_runs
 from mlsroad_pipeline.algorithms.studies.luo2019_parameters import JOINTNET, PRINTED, RIVALS, StudyParameters
 from mlsroad_pipeline.algorithms.studies.luo2019_plan import SYDNEY, StudyPlan, StudyRun
 from mlsroad_pipeline.algorithms.studies.luo2019_results import study_tables
-from mlsroad_pipeline.algorithms.studies.luo2019_sets import SimulatedObjectsParameters
+from mlsroad_pipeline.algorithms.studies.luo2019_set_parameters import SimulatedObjectsParameters
 from mlsroad_pipeline.datasets.object_files import find_folds, listed_files, read_fold
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile

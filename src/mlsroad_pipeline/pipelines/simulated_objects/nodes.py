@@ -11,13 +11,8 @@ from mlsroad_pipeline.algorithms.evaluation import find_scheme
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.studies.luo2019_paper import OBJECTS
-from mlsroad_pipeline.algorithms.studies.luo2019_sets import (
-    SimulatedObjectsParameters,
-    composition_table,
-    cut_street,
-    draw_split,
-    wanted_objects,
-)
+from mlsroad_pipeline.algorithms.studies.luo2019_set_parameters import SimulatedObjectsParameters
+from mlsroad_pipeline.algorithms.studies.luo2019_sets import composition_table, cut_street, draw_split, wanted_objects
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask
 from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
