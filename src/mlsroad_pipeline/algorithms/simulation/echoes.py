@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation.compiled import leaf
+from mlsroad_pipeline.algorithms.simulation.ground import GRASS
 from mlsroad_pipeline.algorithms.simulation.meshes import GLASS, GROUND, PAINT, RETRO
 from mlsroad_pipeline.algorithms.simulation.power import Power
 from mlsroad_pipeline.algorithms.simulation.surfaces import WET, Hits, Surfaces
@@ -153,7 +154,7 @@ def _recorded(amplitude: float, distance: float, gain: float, receiver: Receiver
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def answers(
-    hits: Hits, surfaces: Surfaces, rays: NDArray[np.float32], sensitivity: float
+    hits: Hits, surfaces: Surfaces, rays: NDArray[np.float32], sensitivity: float, turf_gain: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Return range, amplitude and tangent of the incidence of what each ray met, infinite where nothing."""
     n = len(hits.face)
@@ -170,6 +171,8 @@ def answers(
         shortened = min(surfaces.relief[i] / max(cosine, 0.12), 0.4)
         distance[i] = hits.distance[i] - shortened
         amplitude[i] = sensitivity + amplitude_of(surfaces.reflectivity[i], int(surfaces.kind[i]), cosine, distance[i])
+        if surfaces.label[i] == GRASS and surfaces.kind[i] == GROUND:
+            amplitude[i] += turf_gain
         tangent[i] = np.sqrt(1.0 - cosine * cosine) / max(cosine, 0.1)
     return distance, amplitude, tangent
 

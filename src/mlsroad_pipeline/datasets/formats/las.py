@@ -15,7 +15,15 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
 from mlsroad_pipeline.datasets.formats.content import refuse_packed, with_packed
 from mlsroad_pipeline.datasets.formats.copc import SUFFIX, is_copc, without_copc, write_copc
-from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, check_file, clip_range, file_key, log_once
+from mlsroad_pipeline.datasets.formats.files import (
+    FileKey,
+    atomic_file,
+    check_file,
+    clip_range,
+    file_key,
+    log_once,
+    spread_starts,
+)
 from mlsroad_pipeline.datasets.formats.las_crs import read_crs, with_crs_of
 from mlsroad_pipeline.datasets.formats.las_dimensions import dimension, dimension_names, file_origin, local_xyz
 from mlsroad_pipeline.datasets.formats.las_header import read_header
@@ -218,8 +226,8 @@ def colour_bits(key: FileKey) -> int:
     header = read_header(path)
     greatest = 0
     with RecordReader(path, header) as reader:
-        for start in np.linspace(0, max(header.n_points - SAMPLE_SIZE, 0), SAMPLES).astype(int):
-            records = reader.read(int(start), int(start) + SAMPLE_SIZE)
+        for start in spread_starts(header.n_points, SAMPLES, SAMPLE_SIZE):
+            records = reader.read(start, start + SAMPLE_SIZE)
             greatest = max(greatest, *(int(records[name].max(initial=0)) for name in COLOURS))
     return 8 if 0 < greatest <= 255 else 16
 
