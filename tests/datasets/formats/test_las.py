@@ -315,7 +315,7 @@ def test_oldest_and_newest_version(tmp_path, rng, version, point_format, turn):
     assert (tmp_path / "d.las").read_bytes() == path.read_bytes()
 
 
-@pytest.mark.parametrize("scale", [0.0, 1e-300, 1e300, np.nan])
+@pytest.mark.parametrize("scale", [0.0, 1e-300, 1e300, 1e306, np.nan])
 def test_absurd_scales_are_damage(tmp_path, rng, scale):
     make_las(tmp_path / "a.las", rng)
     data = bytearray((tmp_path / "a.las").read_bytes())
