@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, Protocol, cast
@@ -18,15 +18,13 @@ from mlsroad_pipeline.datasets.formats.content import BLOCK, open_content, outpu
 from mlsroad_pipeline.datasets.formats.flat_table import join_rows, number_text
 from mlsroad_pipeline.datasets.formats.kitti import label_path
 from mlsroad_pipeline.datasets.formats.labelled_names import CLASS, CONFIDENCE, kept_name
-from mlsroad_pipeline.datasets.formats.native_tables import NpzSink, ParquetSink, PcdSink, TableSink, can_hold
+from mlsroad_pipeline.datasets.formats.native_tables import SINKS, can_hold
 from mlsroad_pipeline.datasets.formats.ply import PlyFormat, vertex_rows
 from mlsroad_pipeline.datasets.formats.ply_header import PlyHeader, read_ply_header
 from mlsroad_pipeline.datasets.formats.text import TextFormat
 from mlsroad_pipeline.datasets.formats.text_layout import open_table
 from mlsroad_pipeline.datasets.formats.text_rows import TextRows
 from mlsroad_pipeline.datasets.formats.text_values import WHITESPACE
-
-TABLES: dict[str, Callable[[Path, BinaryIO], TableSink]] = {"Parquet": ParquetSink, "NPZ": NpzSink, "PCD": PcdSink}
 
 
 class LabelSink(Protocol):
@@ -111,8 +109,8 @@ def native_sink(source: Path, target: Path, form: PointFormat, options: ReadOpti
             sink = _PlySink(source, stream)
             yield sink
             sink.copy_rest()
-        elif form.name in TABLES:
-            table = TABLES[form.name](source, stream)
+        elif form.name in SINKS:
+            table = SINKS[form.name](source, stream)
             yield table
             table.finish()
         else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
@@ -71,7 +72,7 @@ class TableSink(Protocol):
         """Write what follows the points."""
 
 
-class ParquetSink:
+class _ParquetSink:
     """Adds two columns to a table, a batch at a time; the schema's metadata stay."""
 
     def __init__(self, source: Path, out: BinaryIO) -> None:
@@ -100,7 +101,7 @@ class ParquetSink:
         self._writer.close()
 
 
-class NpzSink:
+class _NpzSink:
     """Adds two arrays to an archive; the others are copied."""
 
     def __init__(self, source: Path, out: BinaryIO) -> None:
@@ -131,7 +132,7 @@ def _entry(name: str) -> zipfile.ZipInfo:
     return entry
 
 
-class PcdSink:
+class _PcdSink:
     """Adds two fields to the records of a binary file; the head's other lines stay."""
 
     def __init__(self, source: Path, out: BinaryIO) -> None:
@@ -162,3 +163,7 @@ def _labelled_head(text: bytes, header: PcdHeader) -> bytes:
             values = [kept_name(name, names) if name in (CLASS, CONFIDENCE) else name for name in values]
         lines.append(" ".join([key, *values, ADDED[entry]]) if entry in ADDED else line)
     return ("\n".join(lines) + "\n").encode()
+
+
+SINKS: dict[str, Callable[[Path, BinaryIO], TableSink]] = {"Parquet": _ParquetSink, "NPZ": _NpzSink, "PCD": _PcdSink}
+"""Format to what writes copies of its files: takes the file and a stream to write to."""
