@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.ingest import (
-    SplitPart,
     axis_of_samples,
     corridor_from_arrays,
     corridor_to_arrays,
@@ -21,6 +20,7 @@ from mlsroad_pipeline.algorithms.ingest import (
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud, concatenate
 from mlsroad_pipeline.algorithms.quality import inspect_chunk
 from mlsroad_pipeline.algorithms.quality_storage import chunk_to_arrays
+from mlsroad_pipeline.algorithms.split_parts import SplitPart
 from mlsroad_pipeline.algorithms.trajectory_estimation import trajectory_from_windows
 from mlsroad_pipeline.datasets.formats.files import spread_starts
 from mlsroad_pipeline.datasets.formats.options import ReadOptions

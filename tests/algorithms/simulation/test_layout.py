@@ -8,13 +8,14 @@ from references_simulator import hulls_overlap
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.simulation import catalogue
+from mlsroad_pipeline.algorithms.simulation import catalogue, layout, traffic
 from mlsroad_pipeline.algorithms.simulation.drive import Drive
 from mlsroad_pipeline.algorithms.simulation.layout import populate
 from mlsroad_pipeline.algorithms.simulation.placement import INSTANCES_PER_BLOCK, overlaps
 from mlsroad_pipeline.algorithms.simulation.street import BLOCK, MARGIN, draw_street
 from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
 from mlsroad_pipeline.algorithms.simulation.traffic import draw_traffic
+from mlsroad_pipeline.algorithms.simulation.two_wheelers import is_left_out
 
 FIXED = {TAXONOMY[name] for name in ("building", "wall", "fence", "hedge")}
 WIRE = TAXONOMY["wire"]
@@ -23,8 +24,9 @@ WIRE = TAXONOMY["wire"]
 @pytest.fixture(scope="module")
 def streets():
     """Return a street of each kind and what stands in two of its blocks."""
-    drawn = [(draw_street(k, length=120.0, parameters=p), k) for k, p in enumerate(STREETS.values())]
-    return [(street, populate(street, 0) + populate(street, 1)) for street, _ in drawn]
+    kinds = [*STREETS.values(), replace(STREETS["town"], two_wheelers=5.0)]
+    drawn = [draw_street(k, length=120.0, parameters=p) for k, p in enumerate(kinds)]
+    return [(street, populate(street, 0) + populate(street, 1)) for street in drawn]
 
 
 def test_blocks_are_drawn_alike_every_time_and_numbered_apart(streets):
@@ -149,11 +151,9 @@ def distance_to_mesh(point, meshes):
 
 def test_vehicles_of_a_lane_never_meet():
     street = draw_street(1, length=600.0, parameters=replace(STREETS["ring_road"], traffic=2.0))
-    time = np.arange(0, 61, 1.0)
-    drive = Drive(time, 10.0 * time, np.zeros((61, 6)), np.zeros((61, 6)), 0.0, np.zeros((3, 2)))
     lanes = {}
     for block in range(10):
-        for mover in draw_traffic(street, drive, block):
+        for mover in draw_traffic(street, drive_of(60), block):
             if mover.label in (TAXONOMY["car"], TAXONOMY["van"], TAXONOMY["bus"], TAXONOMY["truck"]):
                 lanes.setdefault(round(mover.motion.offset, 3), []).append(mover)
     assert sum(len(v) for v in lanes.values()) > 8
@@ -164,6 +164,87 @@ def test_vehicles_of_a_lane_never_meet():
         )
         for (a, long), (b, other) in pairwise(at_start):
             assert b - a > (long + other) / 2 + 1.0
+
+
+TWO_WHEELED = {"bicycle", "motorcycle"}
+
+
+def drive_of(seconds):
+    """Return a drive at 10 m/s."""
+    time = np.arange(0, seconds + 1, 1.0)
+    return Drive(time, 10.0 * time, np.zeros((len(time), 6)), np.zeros((len(time), 6)), 0.0, np.zeros((3, 2)))
+
+
+def all_of(multiplier, *, traffic=1.0, seed=4, blocks=2):
+    """Return what stands and what moves in a town with some two-wheelers."""
+    parameters = replace(STREETS["town"], two_wheelers=multiplier, traffic=traffic)
+    street = draw_street(seed, length=blocks * BLOCK, parameters=parameters)
+    standing = [populate(street, block) for block in range(blocks)]
+    return standing, [draw_traffic(street, drive_of(60), block) for block in range(blocks)]
+
+
+def assert_same(one, other):
+    np.testing.assert_array_equal(one.mesh.vertices, other.mesh.vertices)
+    np.testing.assert_array_equal(one.mesh.faces, other.mesh.faces)
+    np.testing.assert_array_equal(one.mesh.attributes, other.mesh.attributes)
+    assert (one.label, one.instance, one.design) == (other.label, other.instance, other.design)
+
+
+def test_more_two_wheelers_leave_the_rest_of_a_street_as_it_is():
+    (standing, moving), (more, riding) = all_of(1.0), all_of(5.0)
+    for few, many in ((standing, more), (moving, riding)):
+        added = []
+        for before, after in zip(few, many, strict=True):
+            assert len(before) < len(after)
+            for one, other in zip(before, after, strict=False):
+                assert_same(one, other)
+            added += after[len(before) :]
+        assert {catalogue_label(thing) for thing in added} <= TWO_WHEELED | {"rider"}
+    assert all(a.motion == b.motion for x, y in zip(moving, riding, strict=True) for a, b in zip(x, y, strict=False))
+
+
+def catalogue_label(thing):
+    """Return the class of the design that something was built from, None where it is not of the catalogue."""
+    known = {design.name: label for label, group in catalogue.designs().items() for design in group}
+    return known.get(thing.design)
+
+
+def test_a_multiplier_of_one_draws_no_two_wheeler_and_no_random_number(monkeypatch):
+    """The street is that of a simulator which does not know the multiplier."""
+    standing, moving = all_of(1.0, traffic=2.0)
+    monkeypatch.setattr(layout.two_wheelers, "park", lambda site: None)
+    monkeypatch.setattr(traffic, "cyclists", lambda street, block, taken: (None, []))
+    for module in (traffic, layout.curbside):
+        monkeypatch.setattr(module, "is_left_out", lambda rng, share: False)
+    plain, ridden = all_of(1.0, traffic=2.0)
+    for a, b in ((standing, plain), (moving, ridden)):
+        for one, other in zip(a, b, strict=True):
+            assert len(one) == len(other)
+            for x, y in zip(one, other, strict=True):
+                assert_same(x, y)
+
+
+def test_the_number_of_two_wheelers_follows_the_parameter():
+    found = []
+    for multiplier in (0.0, 1.0, 5.0):
+        drawn = [all_of(multiplier, seed=seed, blocks=1) for seed in range(4)]
+        parked = sum(catalogue_label(p) in TWO_WHEELED for standing, _ in drawn for block in standing for p in block)
+        ridden = sum(catalogue_label(m) == "rider" for _, moving in drawn for block in moving for m in block)
+        found.append((parked, ridden))
+    assert found[0] == (0, 0)
+    assert 3.0 < found[2][0] / found[1][0] < 7.0 and found[2][1] > 2 * found[1][1] > 0
+    rng = np.random.default_rng(0)
+    assert 150 < sum(is_left_out(rng, 0.8) for _ in range(1000)) < 250
+
+
+def test_cyclists_keep_their_distance():
+    street = draw_street(1, length=600.0, parameters=replace(STREETS["town"], two_wheelers=5.0, traffic=3.0))
+    riders = [
+        m for block in range(10) for m in draw_traffic(street, drive_of(60), block) if m.design == "ridden_bicycle"
+    ]
+    assert len(riders) > 30 and len({m.motion.speed for m in riders}) == 1
+    at_start = np.sort([m.motion.station - m.motion.speed * m.motion.time for m in riders])
+    assert np.diff(at_start).min() > 2.5
 
 
 def test_overlaps_finds_the_first_box_that_is_met():

@@ -11,6 +11,7 @@ from mlsroad_pipeline.algorithms.simulation.objects.sign_plates import sign_plat
 from mlsroad_pipeline.algorithms.simulation.overhead import dry_station
 from mlsroad_pipeline.algorithms.simulation.placement import Placed, Site
 from mlsroad_pipeline.algorithms.simulation.street import generator
+from mlsroad_pipeline.algorithms.simulation.two_wheelers import is_left_out
 
 _FREE = ("palm", "tree", "cycas", "brushwood", "hydrant")  # these look any way
 _EVERY_BLOCK = (
@@ -206,7 +207,8 @@ def furnish(site: Site) -> None:
         clutter = [label for label in _CLUTTER if label in known]
         labels += [str(label) for label in rng.choice(clutter, int(rng.poisson(3.0 * parameters.clutter)))]
         for label in labels:
-            if label in known:
+            rare = label in ("bicycle", "motorcycle") and is_left_out(rng, parameters.two_wheelers)
+            if label in known and not rare:
                 placed = somewhere(site, label, side)
                 if label == "bollard" and placed is not None:
                     _row_of(site, placed, side)

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from mlsroad_pipeline.algorithms.simulation import corners, curbside, hard_cases, overhead, parking, premises
+from mlsroad_pipeline.algorithms.simulation import (
+    corners,
+    curbside,
+    hard_cases,
+    overhead,
+    parking,
+    premises,
+    two_wheelers,
+)
 from mlsroad_pipeline.algorithms.simulation.placement import Placed, Site
 from mlsroad_pipeline.algorithms.simulation.street import Street
 
@@ -37,4 +45,5 @@ def populate(street: Street, block: int) -> list[Placed]:
     corners.furnish_side_streets(site)
     premises.plant_gardens(site)
     hard_cases.add(site)
+    two_wheelers.park(site)
     return site.placed

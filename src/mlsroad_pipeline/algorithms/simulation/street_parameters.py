@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from numbers import Real
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 
@@ -47,6 +48,8 @@ class StreetParameters:
         How many there are; 0 is none, 2 about twice as many.
     clutter, signs, people, traffic : float, default 1
         Likewise for bins, benches, bollards and the like; for traffic signs; for people; for moving vehicles.
+    two_wheelers : float, default 1
+        Likewise for bicycles and motorcycles, parked and ridden. Above 1 some are added and all else stays as it is.
     overhead_wires : float, default 0.7
         Chance of utility poles with wires along the street and to the houses.
     hard_cases : float, default 0.3
@@ -83,6 +86,7 @@ class StreetParameters:
     signs: float = 1.0
     people: float = 1.0
     traffic: float = 1.0
+    two_wheelers: float = 1.0
     overhead_wires: float = 0.7
     hard_cases: float = 0.3
 
@@ -91,7 +95,8 @@ class StreetParameters:
                   "bare_soil", "boundaries")  # fmt: skip
         for name in (*shares, "hard_cases"):
             self._check(name, 0.0, 1.0)
-        for name in ("buildings", "trees", "palms", "cycas", "shrubs", "clutter", "signs", "people", "traffic"):
+        for name in ("buildings", "trees", "palms", "cycas", "shrubs", "clutter", "signs", "people", "traffic",
+                     "two_wheelers"):  # fmt: skip
             self._check(name, 0.0, 5.0)
         self._check("verge_width", 0.8, 8.0)
         self._check("grass_height", 0.0, 0.2)
@@ -103,7 +108,7 @@ class StreetParameters:
 
     def _check(self, name: str, low: float, high: float, *, zero: bool = False) -> None:
         value = getattr(self, name)
-        if not (low <= value <= high or (zero and value == 0)):
+        if not (isinstance(value, Real) and (low <= value <= high or (zero and value == 0))):
             either = "0 or " if zero else ""
             raise ParameterError(f"{name} must be {either}between {low:g} and {high:g}, got {value!r}")
 

@@ -12,6 +12,7 @@ from mlsroad_pipeline.algorithms.simulation.objects.people import WALKERS
 from mlsroad_pipeline.algorithms.simulation.placement import INSTANCES_PER_BLOCK
 from mlsroad_pipeline.algorithms.simulation.scene import Motion, Mover
 from mlsroad_pipeline.algorithms.simulation.street import BLOCK, MARGIN, Street, generator
+from mlsroad_pipeline.algorithms.simulation.two_wheelers import cyclists, is_left_out
 
 _SLOT = 30.0  # one vehicle at most is met per lane and stretch of this length, metres
 _VEHICLES = ("car", "van", "bus", "truck", "motorcycle")
@@ -27,16 +28,20 @@ class _Meetings:
         self.rng = generator(street.seed, 30, block)
         self.movers: list[Mover] = []
 
-    def add(self, design: Design, station: float, speed: float, offset: float) -> None:
+    def add(
+        self, design: Design, station: float, speed: float, offset: float, rng: np.random.Generator | None = None
+    ) -> None:
         """Let something pass a station when the van does."""
         first = (self.block + MARGIN) * INSTANCES_PER_BLOCK + INSTANCES_PER_BLOCK // 2
         motion = Motion(station, self.drive.time_at(station), speed, offset)
-        mesh = design.build(self.rng)
+        mesh = design.build(rng or self.rng)
         self.movers.append(Mover(TAXONOMY[design.label], first + len(self.movers), mesh, motion, design.name))
 
     def vehicle(self) -> Design:
         """Draw a vehicle; motorcycles with who rides them."""
         label = _VEHICLES[int(self.rng.choice(len(_VEHICLES), p=_SHARES))]
+        if label == "motorcycle" and is_left_out(self.rng, self.street.parameters.two_wheelers):
+            label = "car"
         if label == "motorcycle":
             return catalogue.choose("rider", self.rng, _MOTORCYCLES[int(self.rng.integers(2))])
         return catalogue.choose(label, self.rng)
@@ -83,15 +88,12 @@ def draw_traffic(street: Street, drive: Drive, block: int) -> list[Mover]:
         # At the van's own speed a vehicle would stay beside it; few are met, far apart.
         lane = int(rng.integers(lanes - 1))
         meet.add(meet.vehicle(), (block + 0.5) * BLOCK, float(overtaking[lane]), -ground.lane_centre(lane))
-    if rng.random() < 0.45 * parameters.traffic:
-        # Between the outermost lane and the curb or the parked cars on the other side of the street.
-        edge = float(ground.section[0, 0] - ground.section[0, 1] - 0.4)
-        meet.add(
-            catalogue.choose("rider", rng, "ridden_bicycle"),
-            float(rng.uniform(0.1, 0.9) + block) * BLOCK,
-            -riding,
-            edge,
-        )
+    # Between the outermost lane and the curb or the parked cars on the other side of the street.
+    edge, ridden = float(ground.section[0, 0] - ground.section[0, 1] - 0.4), list[float]()
+    bicycle = catalogue.choose("rider", rng, "ridden_bicycle")
+    if rng.random() < 0.45 * parameters.traffic * min(parameters.two_wheelers, 1.0):
+        ridden.append(float(rng.uniform(0.1, 0.9) + block) * BLOCK)
+        meet.add(bicycle, ridden[0], -riding, edge)
     for side, way in ((0, 1), (1, -1)):
         half, _, curb, verge, pavement = (float(v) for v in ground.section[side])
         for _ in range(int(rng.poisson(0.8 * parameters.people))):
@@ -100,4 +102,7 @@ def draw_traffic(street: Street, drive: Drive, block: int) -> list[Mover]:
             station = float(rng.uniform(block * BLOCK, (block + 1) * BLOCK))
             speed = float(walking[side, direction]) * (1 if direction else -1)
             meet.add(meet.walker(), station, speed, offset)
+    own, stations = cyclists(street, block, ridden)
+    for station in stations:
+        meet.add(bicycle, station, -riding, edge, own)
     return meet.movers
