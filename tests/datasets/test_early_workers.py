@@ -1,11 +1,15 @@
 """Workers of `label` that start with the command: for which commands, and that the stages get them, warm."""
 
+import gc
 import os
 import subprocess
 import sys
+import threading
 
 import pytest
 
+from mlsroad_pipeline import command_hooks
+from mlsroad_pipeline.command_hooks import EarlyWorkersHooks
 from mlsroad_pipeline.datasets.early_workers import start_early, wanted
 from mlsroad_pipeline.datasets.execution import Execution
 
@@ -33,6 +37,25 @@ def test_only_label_with_processes_starts_them(arguments, expected):
 
 def test_other_commands_start_nothing():
     assert start_early(["kedro", "run"]) is None
+
+
+def test_a_pipeline_ends_the_start_and_its_end_or_its_error_the_workers(monkeypatch):
+    ended = []
+    monkeypatch.setattr(command_hooks, "end_workers", ended.append)
+    thread = threading.Thread()
+    gc.disable()
+    try:
+        EarlyWorkersHooks(None).before_pipeline_run()
+        assert not gc.isenabled()  # it is not for commands that started nothing to turn it on
+        EarlyWorkersHooks(thread).before_pipeline_run()
+        assert gc.isenabled()
+    finally:
+        gc.enable()
+        gc.unfreeze()
+    for hooks in (EarlyWorkersHooks(None), EarlyWorkersHooks(thread)):
+        hooks.after_pipeline_run()
+        hooks.on_pipeline_error()
+    assert ended == [thread, thread]
 
 
 SCRIPT = """
