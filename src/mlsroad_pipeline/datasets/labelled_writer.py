@@ -15,10 +15,10 @@ from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.validation import check_column
 from mlsroad_pipeline.datasets.formats.base import PointFormat, ReadOptions, WriteOptions
-from mlsroad_pipeline.datasets.formats.files import atomic_file
+from mlsroad_pipeline.datasets.formats.files import LAZ_CHUNK, atomic_file
 from mlsroad_pipeline.datasets.formats.las_extra import ExtraDimension
 from mlsroad_pipeline.datasets.formats.las_header import LasHeader, read_header
-from mlsroad_pipeline.datasets.formats.las_layers import CHUNK_POINTS, LayerCopier, has_layers
+from mlsroad_pipeline.datasets.formats.las_layers import LayerCopier, has_layers
 from mlsroad_pipeline.datasets.formats.las_layout import new_header, pack_records, with_extra
 from mlsroad_pipeline.datasets.formats.las_records import RecordReader
 from mlsroad_pipeline.datasets.formats.las_upgrade import upgrade_records, upgraded_header
@@ -171,9 +171,7 @@ def _write_range(
         sink.write(start, codes, confidence)
 
 
-def _las_source(
-    path: Path, had_classes: bool | None, n_threads: int, chunk_size: int, stack: ExitStack
-) -> _Source:
+def _las_source(path: Path, had_classes: bool | None, n_threads: int, chunk_size: int, stack: ExitStack) -> _Source:
     header = read_header(path)
     if had_classes is None:
         had_classes = _has_classes(path, header, n_threads)
@@ -181,7 +179,7 @@ def _las_source(
     target = _with_results(upgraded, keep_class=had_classes)
     own = len(upgraded.extra_dimensions)
     added = {dimension.name: dimension for dimension in target.extra_dimensions[own:]}
-    if has_layers(header) and CONFIDENCE in added and chunk_size % CHUNK_POINTS == 0:
+    if has_layers(header) and CONFIDENCE in added and chunk_size % LAZ_CHUNK == 0:
         copier = LayerCopier(path, header, added, classes=ORIGINAL_CLASS in added, n_threads=n_threads)
         stack.enter_context(copier)
         return _Source(header.n_points, target, copier.read, copier)
