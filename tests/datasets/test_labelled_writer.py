@@ -72,7 +72,7 @@ def test_what_lazrs_would_damage_is_refused(tmp_path, rng, point_format):
     assert [p.name for p in tmp_path.iterdir()] == ["a.las"]
 
 
-@pytest.mark.parametrize("point_format", [3, 7])
+@pytest.mark.parametrize("point_format", [3, 6, 7, 8])
 def test_same_bytes_whatever_the_threads_and_ranges(tmp_path, rng, point_format):
     source = tmp_path / "a.laz"
     make_las(source, rng, version="1.4", point_format=point_format, n=120_000)

@@ -128,6 +128,8 @@ def test_a_scanner_of_ones_own_is_read_from_configuration():
         ({"like": "hdl64", "pulse_rate": 5000.0}, "pulse_rate must be at least 16 pulses per profile"),
         ({"like": "hdl64", "yaw": float("nan")}, "yaw must be finite"),
         ({"like": "hdl64", "accuracy": -1.0}, "accuracy must be between 0 and 100"),
+        ({"like": "hdl64", "accuracy": "fine"}, "accuracy must be between 0 and 100, got 'fine'"),
+        ({"like": "hdl64", "yaw": "left"}, "yaw must be finite, got 'left'"),
         ({"like": "hdl64", "divergence": 0.0}, "divergence must be a finite number > 0"),
     ],
 )

@@ -101,6 +101,22 @@ def test_bases_and_boxes_are_those_of_the_objects(surveyed, standing):
         np.testing.assert_allclose(found, [row.length, row.width, row.height], atol=1e-6)
 
 
+def test_wires_hang_in_their_boxes(surveyed, by_instance, standing):
+    points, table, origin, *_ = surveyed
+    wires = table[table["label"] == TAXONOMY["wire"]]
+    assert len(wires) > 5 and not wires[["x", "y"]].round(3).duplicated().all()
+    for row in wires.itertuples():
+        mesh = standing[row.instance].mesh.vertices + origin
+        assert row.z == pytest.approx(mesh[:, 2].min()) and row.height == pytest.approx(np.ptp(mesh[:, 2]))
+        c, s = np.cos(row.heading), np.sin(row.heading)
+        for xyz, slack in ((mesh, 1e-6), (points["xyz"][by_instance[row.instance]] + origin, 0.3)):
+            dx, dy = xyz[:, 0] - row.box_x, xyz[:, 1] - row.box_y
+            inside = np.abs(c * dx + s * dy) <= row.length / 2 + slack
+            inside &= np.abs(c * dy - s * dx) <= row.width / 2 + slack
+            inside &= (xyz[:, 2] >= row.z - slack) & (xyz[:, 2] <= row.z + row.height + slack)
+            assert inside.mean() > 0.97, row
+
+
 def test_masts_follow_their_lean(surveyed, by_instance):
     points, table, origin, *_ = surveyed
     gaps, upright = [], []

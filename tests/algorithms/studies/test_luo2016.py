@@ -17,9 +17,10 @@ from mlsroad_pipeline.algorithms.studies.luo2016 import (
     times_table,
 )
 from mlsroad_pipeline.algorithms.studies.luo2016_paper import CLASSES, OBJECTS, paper_scores
-from mlsroad_pipeline.algorithms.studies.luo2016_parameters import StudyParameters, StudyScale, changed
+from mlsroad_pipeline.algorithms.studies.luo2016_parameters import StudyParameters, StudyScale
 from mlsroad_pipeline.algorithms.studies.luo2016_report import wide_table
 from mlsroad_pipeline.algorithms.studies.luo2016_results import by_step, scores_frame
+from mlsroad_pipeline.algorithms.studies.parameters import changed
 
 ALL = (*CLASSES, "other")
 N = len(ALL)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,21 @@ class Device:
         Angle to which the glare of saturated returns spreads along a profile, radians.
     corrected : bool, default False
         Whether intensity is reflectance, freed from the range, instead of amplitude.
+    intensity_scale : tuple of float or None, default None
+        Amplitudes that are recorded as intensity 0 and 1, decibels, linear in between; what the device really received,
+        its sensitivity and its power included. None is 0 and 50, as an ideal receiver at full power would have it.
+    power_control : float, default 0.0
+        Most by which a beam's power is turned down while its returns are strong, decibels; 0 is a fixed power.
+    power_target : float, default 13.0
+        Amplitude that the control keeps, decibels. Higher wastes power, lower loses dark things beside bright ones.
+    power_memory : int, default 64
+        Returns of a beam over which the control averages. Fewer even out what beams meet, and with it what tells
+        materials apart.
+    turf_gain : float, default 0.0
+        Decibels by which grass sends back more than rough ground of the same reflectivity: its blades stand across a
+        beam that comes low, and living leaves are brighter near 905 nm than near 1550 nm.
+    gain_spread : float, default 0.0
+        Standard deviation, from beam to beam, of what calibration leaves of their gains in the intensity, decibels.
 
     Raises
     ------
@@ -85,15 +101,21 @@ class Device:
     sensitivity: float = 0.0
     blooming: float = 0.0
     corrected: bool = False
+    intensity_scale: tuple[float, float] | None = None
+    power_control: float = 0.0
+    power_target: float = 13.0
+    power_memory: int = 64
+    turf_gain: float = 0.0
+    gain_spread: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("pulse_rate", "profile_rate", "divergence", "max_range", "pulse_length"):
             check_positive(getattr(self, name), name)
-        for name in ("range_noise", "accuracy", "range_step", "min_range", "blooming"):
-            if not 0 <= getattr(self, name) < 100:
+        for name in ("range_noise", "accuracy", "range_step", "min_range", "blooming", "power_control", "gain_spread"):
+            if not (isinstance(getattr(self, name), Real) and 0 <= getattr(self, name) < 100):
                 raise ParameterError(f"{name} must be between 0 and 100, got {getattr(self, name)!r}")
-        for name in ("yaw", "pitch", "roll", "sensitivity"):
-            if not np.isfinite(getattr(self, name)):
+        for name in ("yaw", "pitch", "roll", "sensitivity", "power_target", "turf_gain"):
+            if not (isinstance(getattr(self, name), Real) and np.isfinite(getattr(self, name))):
                 raise ParameterError(f"{name} must be finite, got {getattr(self, name)!r}")
         for name, size in (("lever", 3), ("field", 2)):
             object.__setattr__(self, name, _floats(getattr(self, name), name, size))
@@ -102,6 +124,7 @@ class Device:
             raise ParameterError(f"elevations must be within 90 degrees, got {self.elevations!r}")
         if not -180 <= self.field[0] < self.field[1] <= 180:
             raise ParameterError(f"field must be two rising angles within -180 to 180 degrees, got {self.field!r}")
+        self._check_intensity()
         if self.max_returns not in range(1, 9):
             raise ParameterError(f"max_returns must be between 1 and 8, got {self.max_returns!r}")
         if self.min_range >= self.max_range:
@@ -111,6 +134,16 @@ class Device:
                 f"pulse_rate must be at least 16 pulses per profile, got {self.pulse_rate!r} for "
                 f"profile_rate {self.profile_rate!r}"
             )
+
+    def _check_intensity(self) -> None:
+        if self.intensity_scale is not None:
+            object.__setattr__(self, "intensity_scale", _floats(self.intensity_scale, "intensity_scale", 2))
+            if self.intensity_scale[0] >= self.intensity_scale[1]:
+                raise ParameterError(f"intensity_scale must be two rising amplitudes, got {self.intensity_scale!r}")
+            if self.corrected:
+                raise ParameterError("intensity is either corrected or on an intensity_scale, not both")
+        if not isinstance(self.power_memory, Integral) or self.power_memory < 1:
+            raise ParameterError(f"power_memory must be an integer >= 1, got {self.power_memory!r}")
 
     @property
     def mounting(self) -> NDArray[np.float64]:
@@ -208,12 +241,15 @@ def _vmq1ha() -> ScannerSystem:
 
 
 def _hdl64() -> ScannerSystem:
-    # HDL-64E: 32 beams a third of a degree apart above 32 half a degree apart, 10 Hz, some 1.33 million pulses/s.
+    # HDL-64E: 32 beams a third of a degree apart above 32 half a degree apart, 10 Hz, some 1.33 million pulses/s, 50 m
+    # at a reflectivity of 10 %. Each laser's power follows its returns in eight steps (the maker's manual); target,
+    # memory, scale of intensity and noise are as two thirds of a recorded scan show them (docs/realism.md).
     elevations = (*np.linspace(2.0, -8.33, 32), *np.linspace(-8.83, -24.8, 32))
     device = Device(
-        1.333e6, 10.0, (0.0, 0.0, 0.63), pitch=-90.0, elevations=elevations, divergence=0.002, range_noise=0.015,
+        1.333e6, 10.0, (0.0, 0.0, 0.63), pitch=-90.0, elevations=elevations, divergence=0.002, range_noise=0.007,
         accuracy=0.02, range_step=0.002, min_range=0.9, max_range=120.0, max_returns=1, pulse_length=0.75,
-        sensitivity=-11.5, blooming=0.008, corrected=True,
+        sensitivity=-10.0, blooming=0.008, intensity_scale=(5.0, 33.0), power_control=24.0, power_target=13.0,
+        power_memory=128, turf_gain=2.0, gain_spread=1.5,
     )  # fmt: skip
     return ScannerSystem("hdl64", (device,), platform=1.1, body=(-2.2, 1.2, -0.85, 0.85))
 

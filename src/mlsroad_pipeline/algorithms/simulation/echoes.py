@@ -9,7 +9,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation.compiled import leaf
+from mlsroad_pipeline.algorithms.simulation.ground import GRASS
 from mlsroad_pipeline.algorithms.simulation.meshes import GLASS, GROUND, PAINT, RETRO
+from mlsroad_pipeline.algorithms.simulation.power import Power
 from mlsroad_pipeline.algorithms.simulation.surfaces import WET, Hits, Surfaces
 
 FULL_SCALE_DB = 50.0
@@ -43,6 +45,8 @@ class Receiver(NamedTuple):
         Number of beams, and of returns that are kept.
     corrected : bool
         Whether intensity is reflectance.
+    dark, bright : float
+        The amplitudes of `Device.intensity_scale`; both 0 without it.
     """
 
     min_range: float
@@ -57,6 +61,8 @@ class Receiver(NamedTuple):
     beams: int
     max_returns: int
     corrected: bool
+    dark: float
+    bright: float
 
 
 class Slots(NamedTuple):
@@ -138,9 +144,17 @@ def intensity_of(amplitude: float, distance: float, corrected: bool) -> float:
     return min(max(amplitude / FULL_SCALE_DB, 0.0), 1.0)
 
 
+@leaf
+def _recorded(amplitude: float, distance: float, gain: float, receiver: Receiver) -> float:
+    """Return the recorded intensity of a return as this device scales it."""
+    if receiver.bright > receiver.dark:
+        return min(max((amplitude + gain - receiver.dark) / (receiver.bright - receiver.dark), 0.0), 1.0)
+    return intensity_of(amplitude + gain - receiver.sensitivity, distance, receiver.corrected)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def answers(
-    hits: Hits, surfaces: Surfaces, rays: NDArray[np.float32], sensitivity: float
+    hits: Hits, surfaces: Surfaces, rays: NDArray[np.float32], sensitivity: float, turf_gain: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Return range, amplitude and tangent of the incidence of what each ray met, infinite where nothing."""
     n = len(hits.face)
@@ -157,6 +171,8 @@ def answers(
         shortened = min(surfaces.relief[i] / max(cosine, 0.12), 0.4)
         distance[i] = hits.distance[i] - shortened
         amplitude[i] = sensitivity + amplitude_of(surfaces.reflectivity[i], int(surfaces.kind[i]), cosine, distance[i])
+        if surfaces.label[i] == GRASS and surfaces.kind[i] == GROUND:
+            amplitude[i] += turf_gain
         tangent[i] = np.sqrt(1.0 - cosine * cosine) / max(cosine, 0.1)
     return distance, amplitude, tangent
 
@@ -284,8 +300,8 @@ def _detect(
 @njit(cache=True, nogil=True, error_model="numpy")
 def measure(
     central: tuple[NDArray, NDArray, NDArray], kind: NDArray[np.uint8],
-    extra: tuple[NDArray, NDArray, NDArray], slots: Slots, chance: NDArray[np.float32], noise: NDArray[np.float32],
-    receiver: Receiver,
+    extra: tuple[NDArray, NDArray, NDArray], slots: Slots, power: Power, chance: NDArray[np.float32],
+    noise: NDArray[np.float32], receiver: Receiver,
 ) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray, NDArray]:  # fmt: skip
     """Return pulse, range, intensity, source row (extra rays after the central ones), number and total of returns."""
     n, m = len(kind), 0
@@ -296,6 +312,7 @@ def measure(
     r, a, slant = np.empty(_MOST), np.empty(_MOST), np.empty(_MOST)
     source = np.empty(_MOST, np.int64)
     of_centre, amplitude, tangent = central
+    lowered, gain = power
     for i in range(n):
         if slots.edge[i] < 0 and receiver.blooming == 0.0 and not np.isfinite(of_centre[i]):
             continue
@@ -311,10 +328,12 @@ def measure(
                 count += 1
         if count > 1:
             count = _mix(count, receiver.pulse_length, r, a, source, slant)
+        for k in range(count if len(lowered) else 0):
+            a[k] -= lowered[i]
         count = _detect(i, count, chance, noise, receiver, r, a, source, slant)
         for k in range(count):
             pulse[m], distance[m], origin[m] = i, r[k], source[k]
-            intensity[m] = intensity_of(a[k] - receiver.sensitivity, r[k], receiver.corrected)
+            intensity[m] = _recorded(a[k], r[k], gain[i] if len(gain) else 0.0, receiver)
             number[m], total[m] = k + 1, count
             m += 1
     return pulse[:m], distance[:m], intensity[:m], origin[:m], number[:m], total[:m]

@@ -276,15 +276,19 @@ class Site:
     def add_at(
         self, design: tuple[str, str], mesh: Mesh, start: NDArray[np.float64], end: NDArray[np.float64]
     ) -> Placed:
-        """Place a mesh that hangs between two places; its coordinates are street-local, its base is where it starts."""
+        """Place a mesh that hangs between two places; its base is below its middle, where it hangs lowest.
+
+        Its coordinates are street-local.
+        """
         heading = float(np.arctan2(*(end - start)[1::-1]))
         c, s = np.cos(-heading), np.sin(-heading)
-        local = mesh.vertices - start
+        base = np.array([*((start + end) / 2)[:2], mesh.vertices[:, 2].min()])
+        local = mesh.vertices - base
         turned = np.column_stack([c * local[:, 0] - s * local[:, 1], s * local[:, 0] + c * local[:, 1], local[:, 2]])
         self._numbered += 1
         instance = (self.block + MARGIN) * INSTANCES_PER_BLOCK + self._numbered
-        around = box_around(Mesh(turned, mesh.faces, mesh.attributes), start, heading)
-        placed = Placed(TAXONOMY[design[1]], instance, mesh, start, design[0], around)
+        around = box_around(Mesh(turned, mesh.faces, mesh.attributes), base, heading)
+        placed = Placed(TAXONOMY[design[1]], instance, mesh, base, design[0], around)
         self.placed.append(placed)
         self.where.append((np.nan, np.nan))
         self.rows.append(-1)

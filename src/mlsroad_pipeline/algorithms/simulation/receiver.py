@@ -21,6 +21,7 @@ from mlsroad_pipeline.algorithms.simulation.echoes import (
     mirrored_share,
 )
 from mlsroad_pipeline.algorithms.simulation.meshes import FOLIAGE, GLASS, KIND
+from mlsroad_pipeline.algorithms.simulation.power import power_of
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
 from mlsroad_pipeline.algorithms.simulation.scanner import Pulses
 from mlsroad_pipeline.algorithms.simulation.scene import RayScene
@@ -48,7 +49,8 @@ class Returns(NamedTuple):
     distance : ndarray of shape (m,), float64
         Measured range, metres.
     intensity : ndarray of shape (m,), float32
-        Amplitude over `FULL_SCALE_DB` with a soft limit, or reflectance where the device corrects it; 0 to 1.
+        0 to 1: amplitude over `FULL_SCALE_DB` with a soft limit, reflectance where the device corrects it, or amplitude
+        on the device's own scale.
     face : ndarray of shape (m,), int32
         Face that gave most of the return.
     normal : ndarray of shape (m, 3), float32
@@ -100,11 +102,12 @@ def receive(
     slots, rays, extra = _extra_rays(scene, pulses, hits, central, parameters.beam_rays, device, chance, rng)
     around = scene.resolve(extra, rays)
     receiver = _receiver(device)
-    of_centre = answers(hits, central, pulses.rays, device.sensitivity)
-    of_extra = answers(extra, around, rays, device.sensitivity)
+    of_centre = answers(hits, central, pulses.rays, device.sensitivity, device.turf_gain)
+    of_extra = answers(extra, around, rays, device.sensitivity, device.turf_gain)
     _by_mirror(slots.ghost, of_centre, of_extra, hits, pulses.rays, around)
+    power = power_of(device, pulses.time, of_centre[1], seed=parameters.seed, scanner=scanner)
     pulse, distance, intensity, source, number, total = measure(
-        of_centre, central.kind, of_extra, slots, chance[:, 1], noise, receiver
+        of_centre, central.kind, of_extra, slots, power, chance[:, 1], noise, receiver
     )
     face, normal, surfaces = _chosen(source, hits, central, extra, around)
     return Returns(pulse, distance, intensity, face, normal, number, total), surfaces
@@ -135,7 +138,7 @@ def _receiver(device: Device) -> Receiver:
     return Receiver(
         device.min_range, device.max_range, device.range_noise, device.range_step, device.pulse_length,
         device.sensitivity, device.blooming, device.divergence, device.step, len(device.elevations),
-        device.max_returns, device.corrected,
+        device.max_returns, device.corrected, *(device.intensity_scale or (0.0, 0.0)),
     )  # fmt: skip
 
 

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.metrics.confusion import scores
 from mlsroad_pipeline.algorithms.studies.luo2016_paper import CLASSES, OBJECTS, paper_scores
+from mlsroad_pipeline.algorithms.studies.tables import paired_interval
 
 METRICS = ("precision", "recall", "f1")
 MEANS = {"mean of seven": CLASSES, "mean of five": OBJECTS}
@@ -128,15 +128,9 @@ def paired_differences(
         chosen = found[(found["class"] == mean) & (found["metric"] == "f1")]
         wide = chosen.pivot(index="repetition", columns="method", values="value")
         for method in dict.fromkeys(chosen["method"]):
-            differences = (wide[method] - wide[reference]).dropna().to_numpy()
-            if method == reference or len(differences) == 0:
-                continue
-            n, centre = len(differences), float(differences.mean())
-            half = np.nan
-            if n > 1:
-                error = differences.std(ddof=1) / np.sqrt(n)
-                half = float(stats.t.ppf(0.5 + confidence / 2, n - 1) * error)
-            rows.append((method, mean, centre, centre - half, centre + half, n))
+            centre, low, high, n = paired_interval((wide[method] - wide[reference]).to_numpy(), confidence)
+            if method != reference and n:
+                rows.append((method, mean, centre, low, high, n))
     return pd.DataFrame(rows, columns=["method", "mean_over", "difference", "low", "high", "repetitions"])
 
 

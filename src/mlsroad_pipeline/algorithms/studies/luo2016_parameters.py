@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.studies.parameters import chosen_scale
 from mlsroad_pipeline.algorithms.validation import check_positive
 
 GRAPH, REFINED = "patch_graph", "patch_graph_mrf"
@@ -106,11 +107,9 @@ class StudyParameters:
     sensitivity: int
 
     def __post_init__(self) -> None:
-        if self.scale not in self.scales:
-            raise ParameterError(f"luo2016_study.scale {self.scale!r} is unknown (scales: {', '.join(self.scales)})")
+        self.chosen_scale()
         if self.sensitivity < 0:
             raise ParameterError(f"luo2016_study.sensitivity must be at least 0, got {self.sensitivity!r}")
-        self.chosen_scale()
 
     def chosen_scale(self) -> StudyScale:
         """Return the scale that is run.
@@ -123,48 +122,6 @@ class StudyParameters:
         Raises
         ------
         ParameterError
-            If a field is unknown or missing.
+            If there is none of that name, or a field is unknown or missing.
         """
-        given = dict(self.scales[self.scale])
-        known = {entry.name for entry in fields(StudyScale)}
-        if set(given) != known:
-            raise ParameterError(f"luo2016_study.scales.{self.scale} must have {sorted(known)}, got {sorted(given)}")
-        return StudyScale(**given)
-
-
-def changed(parameters: Any, changes: Mapping[str, Any]) -> Any:
-    """Change fields of a parameter dataclass, nested ones field by field.
-
-    Parameters
-    ----------
-    parameters : dataclass
-        The parameters.
-    changes : mapping
-        Field to its new value; a mapping changes fields of a nested dataclass.
-
-    Returns
-    -------
-    dataclass
-        The changed parameters.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such field, or a value is outside its domain.
-
-    Examples
-    --------
-    >>> from mlsroad_pipeline.algorithms.patches import PatchParameters
-    >>> changed(PatchParameters(), {"patch_size": 0.3}).patch_size
-    0.3
-    """
-    known = {entry.name for entry in fields(parameters)}
-    unknown = sorted(set(changes) - known)
-    if unknown:
-        raise ParameterError(f"{type(parameters).__name__} has no {', '.join(unknown)}")
-    values = {}
-    for name, value in changes.items():
-        old = getattr(parameters, name)
-        nested = is_dataclass(old) and isinstance(value, Mapping)
-        values[name] = changed(old, value) if nested else value
-    return replace(parameters, **values)
+        return chosen_scale(StudyScale, "luo2016_study", self.scale, self.scales)

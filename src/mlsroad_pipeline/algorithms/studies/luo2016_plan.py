@@ -21,8 +21,8 @@ from mlsroad_pipeline.algorithms.studies.luo2016_parameters import (
     RUNS,
     StudyParameters,
     StudyScale,
-    changed,
 )
+from mlsroad_pipeline.algorithms.studies.parameters import changed
 
 
 @dataclass(frozen=True)

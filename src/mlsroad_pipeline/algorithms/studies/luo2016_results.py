@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from mlsroad_pipeline.algorithms.studies.luo2016 import (
 from mlsroad_pipeline.algorithms.studies.luo2016_paper import CLASSES, HOURS, OBJECTS
 from mlsroad_pipeline.algorithms.studies.luo2016_parameters import METHODS, REFINED
 from mlsroad_pipeline.algorithms.studies.luo2016_plan import StudyPlan, StudyRun
+from mlsroad_pipeline.algorithms.studies.tables import Tables
 
 Results = Mapping[str, Mapping[str, Any]]
 """Key of a run to what `train_and_score` gave."""
@@ -31,7 +32,7 @@ GIVEN = {"shape_based": OBJECTS}
 
 
 @dataclass(frozen=True)
-class StudyTables:
+class StudyTables(Tables):
     """The tables of the study.
 
     Parameters
@@ -55,10 +56,6 @@ class StudyTables:
     tuning: pd.DataFrame
     by_size: pd.DataFrame
     by_radius: pd.DataFrame
-
-    def as_tuple(self) -> tuple[pd.DataFrame, ...]:
-        """Return the tables in their order."""
-        return tuple(getattr(self, entry.name) for entry in fields(self))
 
 
 def study_tables(plan: StudyPlan, tried: Results, results: Results) -> StudyTables:

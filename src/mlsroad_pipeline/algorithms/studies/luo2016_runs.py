@@ -1,10 +1,9 @@
-"""What the workers of the study of Luo et al. 2016 do: make a street, cut its patches, train a method and score it."""
+"""What the workers of the study of Luo et al. 2016 do: cut a street into patches, train a method and score it."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -29,47 +28,11 @@ from mlsroad_pipeline.algorithms.patch_training import join_training_scenes
 from mlsroad_pipeline.algorithms.patch_voting import vote_on_points
 from mlsroad_pipeline.algorithms.patches import Patches, PatchParameters
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
-from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
-from mlsroad_pipeline.algorithms.simulation.survey import simulate_survey
 from mlsroad_pipeline.algorithms.studies.luo2016_parameters import GRAPH, REFINED
-from mlsroad_pipeline.algorithms.trajectory import Trajectory
+from mlsroad_pipeline.algorithms.studies.streets import timed
 
 Street = Mapping[str, Any]
 """``points``, a cloud with ground and heights; ``patches`` and ``labels``, what `cut_patches` made of it."""
-
-Value = TypeVar("Value")
-
-
-def make_street(
-    *, simulation: SimulationParameters, ground: GroundParameters, columns: Sequence[str] = ("rgb", "label")
-) -> PointCloud:
-    """Simulate a survey, find its ground and leave out what lies before its start and behind its end.
-
-    Rays reach far beyond both ends, where no scene of the paper has points.
-
-    Parameters
-    ----------
-    simulation : SimulationParameters
-        The survey.
-    ground : GroundParameters
-        The ground filter.
-    columns : sequence of str, default ("rgb", "label")
-        What is kept of the survey.
-
-    Returns
-    -------
-    PointCloud
-        Points with these columns, `ground` and `height`.
-    """
-    survey = simulate_survey(simulation, n_threads=1)
-    cloud = survey.cloud
-    found = find_ground(cloud, ground)
-    kept = {name: cloud[name] for name in columns}
-    whole = PointCloud(cloud.xyz, {**kept, **found}, cloud.origin, cloud.crs, f"street of seed {simulation.seed}")
-    path = Trajectory.from_positions(survey.trajectory[["x", "y", "z"]], survey.trajectory["gps_time"])
-    station, _ = path.locate(cloud.xyz, origin=cloud.origin)
-    return whole.select(np.flatnonzero((station >= 0) & (station <= path.length)))
 
 
 def cut_patches(points: PointCloud, *, sizes: PatchParameters, scheme: ClassScheme) -> dict[str, dict[str, NDArray]]:
@@ -91,13 +54,6 @@ def cut_patches(points: PointCloud, *, sizes: PatchParameters, scheme: ClassSche
     """
     patches = build_patches(points, {"height": points["height"]}, sizes)
     return {"patches": patches, "labels": label_patches(points, patches, scheme)}
-
-
-def _timed(function: Callable[..., Value], *given: Any, **options: Any) -> tuple[Value, float]:
-    """Call a function; return what it gives and the processor seconds that it took."""
-    start = time.process_time()
-    found = function(*given, **options)
-    return found, time.process_time() - start
 
 
 class _Tally:
@@ -194,15 +150,15 @@ def _run_patches(
     classifier: Any
     facts: dict[str, Any] = {}
     if method == "patch_svm":
-        (classifier, choice), seconds = _timed(fit_patch_svm, *joined, parameters=parameters, n_classes=n_classes)
+        (classifier, choice), seconds = timed(fit_patch_svm, *joined, parameters=parameters, n_classes=n_classes)
         facts = {"cost": choice.cost, "gamma": choice.gamma}
     else:
         fit: Any = {"patch_forest": PatchForest.fit, "max_margin_markov": fit_max_margin}[method]
-        classifier, seconds = _timed(fit, *joined, parameters=parameters, n_classes=n_classes)
+        classifier, seconds = timed(fit, *joined, parameters=parameters, n_classes=n_classes)
     tally.add(method, train_seconds=seconds, **facts)
     for points, patches, edges, vote in _test_streets(test, stages):
-        probabilities, first = _timed(classifier.predict_proba, patches, edges)
-        labels, second = _timed(vote, probabilities)
+        probabilities, first = timed(classifier.predict_proba, patches, edges)
+        labels, second = timed(vote, probabilities)
         tally.count(method, points, labels, first + second)
 
 
@@ -215,8 +171,8 @@ def _run_graph(
     stages: PatchStages,
 ) -> None:
     ground = ground_classes(tally.scheme)
-    transfer, seconds = _timed(PatchGraphClassifier.fit, *joined, len(tally.scheme), parameters=parameters)
-    (refined, _), more = _timed(
+    transfer, seconds = timed(PatchGraphClassifier.fit, *joined, len(tally.scheme), parameters=parameters)
+    (refined, _), more = timed(
         refine_classifier, transfer, *joined, graph_parameters=parameters, grid=grid, ground=ground
     )
     objective = transfer.graph.objective
@@ -225,13 +181,13 @@ def _run_graph(
     tally.add(GRAPH, train_seconds=seconds, **told)
     tally.add(REFINED, train_seconds=seconds + more, **told, **chosen)
     for points, patches, edges, vote in _test_streets(test, stages):
-        transferred, first = _timed(transfer.predict_proba, patches, edges)
-        labels, second = _timed(vote, transferred)
+        transferred, first = timed(transfer.predict_proba, patches, edges)
+        labels, second = timed(vote, transferred)
         tally.count(GRAPH, points, labels, first + second)
-        (_, field), third = _timed(
+        (_, field), third = timed(
             refine, transferred, patches.rgb, edges, parameters=refined.parameters, ground=refined.ground
         )
-        labels, fourth = _timed(vote, field)
+        labels, fourth = timed(vote, field)
         tally.count(REFINED, points, labels, first + third + fourth)
 
 
@@ -251,12 +207,12 @@ def _run_objects(
         ]
         return shape_based.fit(rows, parameters=parameters, stages=stages, scheme=tally.scheme, trained_on={})
 
-    bundle, seconds = _timed(learn)
+    bundle, seconds = timed(learn)
     given = bundle.metadata["classes_given"]
     tally.add(shape_based.SLUG, train_seconds=seconds, classes_given=", ".join(given))
     for street in test.values():
         points = street["points"]
-        found, taken = _timed(shape_based.label_objects, points, _ground(points), street["patches"], bundle)
+        found, taken = timed(shape_based.label_objects, points, _ground(points), street["patches"], bundle)
         tally.count(shape_based.SLUG, points, found["label"], taken)
 
 

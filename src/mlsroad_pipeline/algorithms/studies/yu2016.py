@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
 
 from mlsroad_pipeline.algorithms.metrics.detection import DetectionCounts, count_detections, precision_recall_curve
 from mlsroad_pipeline.algorithms.studies import yu2016_paper
+from mlsroad_pipeline.algorithms.studies.tables import paired_interval
 
 Counted = Mapping[str, NDArray]
 """What `count_detections_of_scene` gave for a street."""
@@ -152,14 +152,7 @@ def paired_differences(
     for method in streets:
         if method == reference:
             continue
-        apart = f_scores(method) - first
-        apart = apart[np.isfinite(apart)]
-        mean = float(apart.mean()) if len(apart) else np.nan
-        half = np.nan
-        if len(apart) > 1:
-            error = apart.std(ddof=1) / np.sqrt(len(apart))
-            half = float(stats.t.ppf(0.5 + confidence / 2, len(apart) - 1) * error)
-        rows.append((method, mean, mean - half, mean + half, len(apart)))
+        rows.append((method, *paired_interval(f_scores(method) - first, confidence)))
     return pd.DataFrame(rows, columns=["method", "difference", "low", "high", "streets"])
 
 
@@ -225,25 +218,3 @@ def sensitivity_table(
         )
     table = pd.DataFrame(rows, columns=["parameter", "setting", *FIGURES, "average_precision"])
     return table, pd.concat(curves) if curves else pd.DataFrame()
-
-
-def mean_and_spread(rows: pd.DataFrame, by: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
-    """Average columns over streets, with their spread.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        One row per street.
-    by : sequence of str
-        Columns that name a group.
-    columns : sequence of str
-        Columns that are averaged.
-
-    Returns
-    -------
-    DataFrame
-        The group, and ``<column>`` and ``<column>_spread`` of each.
-    """
-    groups = rows.groupby(list(by), sort=False)[list(columns)]
-    spread: Callable[[str], str] = "{}_spread".format
-    return groups.mean().join(groups.std().rename(columns=spread)).reset_index()

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.studies.parameters import chosen_scale
 
 WORDS = "visual_words"
 DETECTORS = ("hough_forest", "object_matching", "bottom_up_top_down", WORDS)
@@ -110,8 +111,6 @@ class StudyParameters:
     scales: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        if self.scale not in self.scales:
-            raise ParameterError(f"yu2016_study.scale {self.scale!r} is unknown (scales: {', '.join(self.scales)})")
         self.chosen_scale()
 
     def chosen_scale(self) -> StudyScale:
@@ -125,10 +124,6 @@ class StudyParameters:
         Raises
         ------
         ParameterError
-            If a field is unknown or missing.
+            If there is none of that name, or a field is unknown or missing.
         """
-        given = dict(self.scales[self.scale])
-        known = {entry.name for entry in fields(StudyScale)}
-        if set(given) != known:
-            raise ParameterError(f"yu2016_study.scales.{self.scale} must have {sorted(known)}, got {sorted(given)}")
-        return StudyScale(**given)
+        return chosen_scale(StudyScale, "yu2016_study", self.scale, self.scales)

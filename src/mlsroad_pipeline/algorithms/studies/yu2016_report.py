@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mlsroad_pipeline.algorithms.rendering.cloud_figures import INK
-from mlsroad_pipeline.algorithms.rendering.figures import SERIES, empty_figure, tidy_axes
+from mlsroad_pipeline.algorithms.rendering.figures import SERIES
 from mlsroad_pipeline.algorithms.rendering.report import FactsSection, FiguresSection, Section, TableSection
+from mlsroad_pipeline.algorithms.studies.figures import draw_bars, draw_curves, draw_panels, legend_below, name_axes
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import SEGMENTATIONS
 from mlsroad_pipeline.algorithms.studies.yu2016_results import StudyPlan, StudyTables
 
@@ -36,43 +35,28 @@ def study_figures(tables: StudyTables) -> tuple[Figure, Figure]:
 
 def _coverage(table: pd.DataFrame) -> Figure:
     surveys = list(dict.fromkeys(table["survey"]))
-    figure = empty_figure(4.8 * len(surveys), 3.8)
-    panels: Sequence[Axes] = np.atleast_1d(figure.subplots(1, len(surveys), sharey=True)).tolist()
+    figure, panels = draw_panels(len(surveys), width=4.8, sharey=True)
     names = {"weighted_coverage": "weighted coverage", "coverage": "coverage", "touching": "coverage where they touch"}
     for axes, survey in zip(panels, surveys, strict=True):
         rows = table[table["survey"] == survey].set_index("method").reindex(SEGMENTATIONS)
-        for k, method in enumerate(SEGMENTATIONS):
-            places = np.arange(len(names)) + (k - 1.5) * 0.2
-            values = rows.loc[method, list(names)].to_numpy(dtype=np.float64)
-            spread = rows.loc[method, [f"{name}_spread" for name in names]].to_numpy(dtype=np.float64)
-            axes.bar(places, np.nan_to_num(values), 0.18, color=SERIES[k], label=method.replace("_", " "))
-            axes.errorbar(places, values, np.nan_to_num(spread), fmt="none", ecolor=INK, elinewidth=0.7)
-        axes.set_xticks(range(len(names)), list(names.values()), fontsize=8)
-        axes.set_title(survey, fontsize=9, color=INK)
-        axes.set_ylim(0, 1.02)
-        tidy_axes(axes)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=4, frameon=False, fontsize=8)
+        values = {method: rows.loc[method, list(names)] for method in SEGMENTATIONS}
+        spread = {method: rows.loc[method, [f"{name}_spread" for name in names]] for method in SEGMENTATIONS}
+        draw_bars(axes, list(names.values()), values, spread=spread)
+        name_axes(axes, title=survey, unit_range="y")
+    legend_below(figure, panels[0], 4)
     return figure
 
 
 def _curves(curves: pd.DataFrame) -> Figure:
-    figure = empty_figure(12.6, 3.8)
-    panels: Sequence[Axes] = np.atleast_1d(figure.subplots(1, len(_PANELS), sharey=True)).tolist()
+    figure, panels = draw_panels(len(_PANELS), sharey=True)
     for axes, (parameter, title) in zip(panels, _PANELS.items(), strict=True):
         mine = curves[curves["parameter"] == parameter] if len(curves) else curves
-        settings = list(dict.fromkeys(mine["setting"])) if len(mine) else []
-        for k, setting in enumerate(settings):
-            one = mine[mine["setting"] == setting]
-            axes.plot(one["recall"], one["precision"], color=SERIES[k % len(SERIES)], label=setting, linewidth=1.3)
+        settings = dict(iter(mine.groupby("setting", sort=False))) if len(mine) else {}
+        draw_curves(axes, {str(name): (one["recall"], one["precision"]) for name, one in settings.items()})
+        for k, one in enumerate(settings.values()):
             here = one[one["threshold"] >= 1.0].tail(1)
             axes.plot(here["recall"], here["precision"], "o", color=SERIES[k % len(SERIES)], markersize=4)
-        if settings:
-            axes.legend(frameon=False, fontsize=7, labelcolor=INK)
-        axes.set_title(title, fontsize=9, color=INK)
-        axes.set_xlabel("Recall", fontsize=9, color=INK)
-        axes.set_xlim(0, 1.02)
-        axes.set_ylim(0, 1.02)
-        tidy_axes(axes)
+        name_axes(axes, x="Recall", title=title, unit_range="xy")
     panels[0].set_ylabel("Precision (dots: chosen thresholds)", fontsize=9, color=INK)
     return figure
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
@@ -12,6 +12,7 @@ from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.detection import DetectionParameters, detection_table
 from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
 from mlsroad_pipeline.algorithms.studies import yu2016, yu2016_paper
+from mlsroad_pipeline.algorithms.studies.tables import Tables, mean_and_spread
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import CUT, DETECTORS, WORDS, StudyScale
 
 Results = Mapping[str, Mapping[str, Any]]
@@ -48,7 +49,7 @@ class StudyPlan:
 
 
 @dataclass(frozen=True)
-class StudyTables:
+class StudyTables(Tables):
     """The tables of the study.
 
     Parameters
@@ -74,10 +75,6 @@ class StudyTables:
     differences: pd.DataFrame
     figure_12: pd.DataFrame
     curves: pd.DataFrame
-
-    def as_tuple(self) -> tuple[pd.DataFrame, ...]:
-        """Return the tables in their order."""
-        return tuple(getattr(self, entry.name) for entry in fields(self))
 
 
 def street_key(survey: str, seed: int) -> str:
@@ -177,7 +174,7 @@ def _segmentation(plan: StudyPlan, segmented: Results) -> pd.DataFrame:
             rows.append(
                 {"survey": survey, "method": method, **{name: float(found[name]) for name in SEGMENTATION_FIGURES}}
             )
-    return yu2016.mean_and_spread(pd.DataFrame(rows), ["survey", "method"], SEGMENTATION_FIGURES)
+    return mean_and_spread(pd.DataFrame(rows), ["survey", "method"], SEGMENTATION_FIGURES)
 
 
 def _times(plan: StudyPlan, streets: Results, segmented: Results, described: Results, runs: Results) -> pd.DataFrame:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any
@@ -25,7 +24,7 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
-from mlsroad_pipeline.algorithms.studies.luo2016_runs import make_street
+from mlsroad_pipeline.algorithms.studies.streets import make_street, timed
 from mlsroad_pipeline.algorithms.visual_words import labeller
 from mlsroad_pipeline.algorithms.visual_words.training import train_detector
 
@@ -68,9 +67,8 @@ def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -
     columns = ("intensity", "gps_time", "scanner", "label", "instance")
     street = make_street(simulation=simulation, ground=ground, columns=columns)
     cloud = replace(street, columns={**street.columns, "core": np.ones(len(street), dtype=np.bool_)})
-    start = time.process_time()
-    find_ground(cloud, ground)
-    facts = {"seconds": np.array(time.process_time() - start), "points": np.array(len(cloud))}
+    _, seconds = timed(find_ground, cloud, ground)
+    facts = {"seconds": np.array(seconds), "points": np.array(len(cloud))}
     return {"points": cloud, "facts": facts}
 
 
@@ -97,9 +95,7 @@ def segment_street(
         ``weighted_touching``: coverage of the instances that touch another, ``wanted``: share of the instances of the
         wanted classes that are found with an IoU of `detection.iou_threshold`, ``seconds``.
     """
-    start = time.process_time()
-    objects = segment_scene(points, {"ground": points["ground"]}, parameters)
-    seconds = time.process_time() - start
+    objects, seconds = timed(segment_scene, points, {"ground": points["ground"]}, parameters)
     found, least = objects["objects"], detection.min_points
     figures = {name: np.array(value) for name, value in asdict(
         score_segmentation(points["instance"], found, min_points=least)).items()}  # fmt: skip
@@ -168,9 +164,8 @@ def describe_street(
         ``parts``, and ``facts`` with the ``seconds``.
     """
     describe, described_by = _DESCRIBE[method]
-    start = time.process_time()
-    parts = describe(points, objects, parameters=getattr(parameters, described_by))
-    return {"parts": parts, "facts": {"seconds": np.array(time.process_time() - start)}}
+    parts, seconds = timed(describe, points, objects, parameters=getattr(parameters, described_by))
+    return {"parts": parts, "facts": {"seconds": np.array(seconds)}}
 
 
 def train_and_detect(
@@ -208,23 +203,21 @@ def train_and_detect(
     """
     judge: dict[str, Any] = {"scheme": scheme, "parameters": detection}
     labels = {key: object_classes(given["points"], given["objects"], **judge) for key, given in train.items()}
-    start = time.process_time()
-    bundle = _TRAIN[method](
+    bundle, train_seconds = timed(
+        _TRAIN[method],
         {key: given["parts"] for key, given in train.items()}, labels, parameters=parameters, stages=stages,
         detection=detection, scheme=scheme, trained_on={"streets": len(train)},
     )  # fmt: skip
     own = np.concatenate([found["label"][found["own"]] for found in labels.values()])
     learned = next(iter(bundle.metadata["learned"].values()))["thresholds"]
     facts = {
-        "train_seconds": np.array(time.process_time() - start),
+        "train_seconds": np.array(train_seconds),
         "examples": np.bincount(own[own >= 0], minlength=len(detection.classes)),
         "thresholds": np.array([learned.get(name, np.inf) for name in detection.classes]),
     }
     results = {"facts": facts}
     for key, given in test.items():
-        start = time.process_time()
-        found = _DETECT[method](given["parts"], bundle)
-        seconds = np.array(time.process_time() - start)
+        found, seconds = timed(_DETECT[method], given["parts"], bundle)
         counts = count_detections_of_scene(given["points"], given["objects"], found, **judge)
-        results[key] = {**counts, "seconds": seconds}
+        results[key] = {**counts, "seconds": np.array(seconds)}
     return results

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.exceptions import ReadError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.content import refuse_packed, with_packed
 from mlsroad_pipeline.datasets.formats.e57_pages import E57Pages
 from mlsroad_pipeline.datasets.formats.e57_scans import NAMESPACE, E57Scan, parse_xml, read_scans
 from mlsroad_pipeline.datasets.formats.e57_values import read_field
@@ -44,7 +45,7 @@ class E57Format(TableFormat):
     """
 
     name = "E57"
-    extensions: tuple[str, ...] = (".e57",)
+    extensions: tuple[str, ...] = with_packed(".e57")
     signatures: tuple[bytes, ...] = (b"ASTM-E57",)
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
@@ -84,8 +85,9 @@ class E57Format(TableFormat):
         Raises
         ------
         DataError
-            If a column cannot be stored.
+            If a column cannot be stored, or the file is named as gzip.
         """
+        refuse_packed(Path(path), self.name)
         own = dict(zip(COORDINATES, CARTESIAN, strict=True)) | {name: key for key, name in NAMES.items()}
         columns = {own.get(name, name): values for name, values in scalar_columns(cloud, options.metres).items()}
         with atomic_file(Path(path)) as stream:

@@ -10,6 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
+from mlsroad_pipeline.datasets.formats.content import open_content
 
 PAGE = 1024
 CONTENT = PAGE - 4
@@ -76,9 +77,8 @@ class E57Pages:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        size = path.stat().st_size
-        with path.open("rb") as stream:
-            head = stream.read(HEADER.size)
+        file = open_content(path)
+        size, head = file.size, file.read(HEADER.size)
         if len(head) < HEADER.size or not head.startswith(SIGNATURE):
             raise ReadError(f"{path} is not an E57 file: it begins with {head[:8]!r}, not {SIGNATURE!r}")
         _, major, minor, length, xml_at, self.xml_size, page = HEADER.unpack(head)
@@ -89,7 +89,7 @@ class E57Pages:
         if length > size or size < PAGE:
             raise ReadError(f"{path} is truncated: its header says {length} bytes, it has {size}")
         n_pages = size // PAGE
-        self._pages = np.memmap(path, dtype=np.uint8, mode="r", shape=(n_pages, PAGE))
+        self._pages = file.records(np.dtype("u1"), 0, n_pages * PAGE).reshape(n_pages, PAGE)
         self.size = n_pages * CONTENT
         self.xml_start = self.logical(xml_at)
 

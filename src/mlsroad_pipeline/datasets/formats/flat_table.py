@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,9 @@ from mlsroad_pipeline.datasets.formats.standard_columns import (
     origin_near,
     standard_cloud,
 )
+
+CHUNK = 1_000_000
+"""Points that are written at a time."""
 
 
 def flat_cloud(
@@ -106,7 +109,43 @@ def scalar_columns(cloud: PointCloud, metres: float) -> dict[str, NDArray]:
     return columns
 
 
-def write_columns(cloud: PointCloud, options: WriteOptions, *, with_names: bool) -> bytes:
+def parts_of(cloud: PointCloud) -> Iterator[PointCloud]:
+    """Cut a cloud into parts that are written one after another.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The points.
+
+    Yields
+    ------
+    PointCloud
+        Up to `CHUNK` of them, in their order; none where there are none.
+    """
+    for begin in range(0, len(cloud), CHUNK):
+        yield cloud.select(np.arange(begin, min(begin + CHUNK, len(cloud))))
+
+
+def column_names(cloud: PointCloud, options: WriteOptions) -> bytes:
+    """Return the row of names above the points.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The points.
+    options : WriteOptions
+        Its delimiter.
+
+    Returns
+    -------
+    bytes
+        The row with its line end.
+    """
+    names = scalar_columns(cloud.select(np.arange(0)), options.metres)
+    return (options.delimiter.join(names) + "\n").encode()
+
+
+def write_columns(cloud: PointCloud, options: WriteOptions) -> bytes:
     """Return points as rows of text.
 
     Parameters
@@ -115,8 +154,6 @@ def write_columns(cloud: PointCloud, options: WriteOptions, *, with_names: bool)
         The points.
     options : WriteOptions
         Delimiter, decimals, units.
-    with_names : bool
-        Whether a row of names comes first.
 
     Returns
     -------
@@ -124,12 +161,11 @@ def write_columns(cloud: PointCloud, options: WriteOptions, *, with_names: bool)
         The rows.
     """
     columns = scalar_columns(cloud, options.metres)
-    names = (options.delimiter.join(columns) + "\n").encode() if with_names else b""
     texts = [
         fixed_text(values, options.decimals) if name in COORDINATES else number_text(values)
         for name, values in columns.items()
     ]
-    return names + join_rows(texts, options.delimiter)
+    return join_rows(texts, options.delimiter)
 
 
 def fixed_text(values: NDArray[np.float64], decimals: int) -> pa.Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,17 +10,16 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
-from mlsroad_pipeline.datasets.formats.files import atomic_file, check_file, clip_range
-from mlsroad_pipeline.datasets.formats.flat_table import flat_cloud
-from mlsroad_pipeline.datasets.formats.standard_columns import resolve_columns
+from mlsroad_pipeline.datasets.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.files import atomic_file, check_file
+from mlsroad_pipeline.datasets.formats.tables import PointTable, TableFormat
 
 RECORD = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
 LABEL_BITS = 16
 """The lower 16 bits of a label are its class, the upper 16 its instance."""
 
 
-class KittiFormat(PointFormat):
+class KittiFormat(TableFormat):
     """Reader and writer of KITTI scans.
 
     Labels are looked for beside the scan and in ``../labels`` (SemanticKITTI's layout); a scan without them is read
@@ -30,76 +30,37 @@ class KittiFormat(PointFormat):
     extensions: tuple[str, ...] = (".bin",)
     signatures: tuple[bytes, ...] = ()
 
-    def info(self, path: Path, options: ReadOptions) -> FileInfo:
-        """Return what a scan holds.
+    def open_table(self, path: Path, options: ReadOptions) -> PointTable:
+        """Open a scan.
 
         Parameters
         ----------
         path : Path
             The ``.bin`` file.
         options : ReadOptions
-            How to read it.
+            Not used; the layout is fixed.
 
         Returns
         -------
-        FileInfo
-            Its description.
-
-        Raises
-        ------
-        ReadError
-            If its size is no multiple of 16, or its labels are of another count.
-        MissingColumnError
-            If a mapped column is not in the file.
-        """
-        first = self.read(path, options, start=0, stop=1)
-        columns = {name: values.dtype for name, values in first.columns.items()}
-        labels = label_path(Path(path))
-        details = {"labels": labels}
-        return FileInfo(Path(path), self.name, len(_scan(Path(path))), columns, first.origin, first.crs, None, details)
-
-    def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
-        """Read a range of points.
-
-        Parameters
-        ----------
-        path : Path
-            The ``.bin`` file.
-        options : ReadOptions
-            How to read it.
-        start, stop : int
-            First row and the row after the last; None is the end. Beyond the end is clipped.
-
-        Returns
-        -------
-        PointCloud
-            The points, float64, with `intensity` and, where there are labels, `label` uint16 and `instance` int32.
+        PointTable
+            Its columns: x, y, z, `intensity` and, where there are labels, `label` uint16 and `instance` int32.
 
         Raises
         ------
         ReadError
             If the size is no multiple of 16, or the labels are of another count.
-        MissingColumnError
-            If a mapped column is not in the file.
-        DataError
-            If a value is outside its domain.
         """
-        path = check_file(path)
+        del options
         scan = _scan(path)
-        start, stop = clip_range(start, stop, len(scan))
         table = {name: scan[name] for name in RECORD.names or ()}
         packed = _labels(path, len(scan))
         if packed is not None:
             table["label"] = table["instance"] = packed
-        names = resolve_columns(list(table), options, path)
-        return flat_cloud(
-            {given: _column(table, name, start, stop) for given, name in names.items()},
-            first={given: _column(table, name, 0, 1) for given, name in names.items()},
-            options=options,
-            source=path,
-            start=start,
-            maximum=lambda given: max(float(np.nanmax(table[names[name]])) for name in given),
-        )
+
+        def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
+            return {name: _column(table, name, start, stop) for name in names}
+
+        return PointTable(tuple(table), len(scan), rows, None, {"labels": label_path(path)})
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write a scan and, where the cloud has `label`, its ``.label`` beside it.

@@ -5,30 +5,27 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-import pyproj
-
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.formats.crs import sidecar_crs
+from mlsroad_pipeline.datasets.formats.crs import in_metres, sidecar_crs
+from mlsroad_pipeline.datasets.formats.files import log_once
+from mlsroad_pipeline.datasets.formats.geotiff_keys import DIRECTORY, DOUBLES, TEXTS, GeotiffKeys, pack_directory
 from mlsroad_pipeline.datasets.formats.las_header import WKT_BIT, LasHeader
 from mlsroad_pipeline.datasets.formats.las_vlr import Vlr
 
 PROJECTION = b"LASF_Projection"
 WKT = (PROJECTION, 2112)
-GEOTIFF_KEYS = (PROJECTION, 34735)
-PROJECTED_KEY, GEOGRAPHIC_KEY, VERTICAL_KEY = 3072, 2048, 4096
-EPSG_CODES = range(1024, 32767)
-"""Key values that are EPSG codes (OGC GeoTIFF 1.1, 7.5.1)."""
 
 
-def read_crs(header: LasHeader) -> str | None:
+def read_crs(header: LasHeader, path: Path | None = None) -> str | None:
     """Return the coordinate reference system of a file.
 
     Parameters
     ----------
     header : LasHeader
         The file's header.
+    path : Path, optional
+        What the log calls the file where its keys are not understood; None logs nothing.
 
     Returns
     -------
@@ -40,29 +37,24 @@ def read_crs(header: LasHeader) -> str | None:
         text = record.data.split(b"\0")[0].decode("utf-8", "replace").strip()
         if text:
             return text
-    keys = header.find(GEOTIFF_KEYS)
-    return None if keys is None else _geotiff_wkt(keys.data)
+    return _geotiff_wkt(header, path)
 
 
-def _geotiff_wkt(data: bytes) -> str | None:
-    """Return the system that GeoTIFF keys name by EPSG code; keys that spell a system out are not understood."""
-    words = np.frombuffer(data[: len(data) // 8 * 8], dtype="<u2").reshape(-1, 4)
-    values = {int(key): int(value) for key, location, _, value in words[1:] if location == 0}
-    codes = [values[key] for key in (PROJECTED_KEY, GEOGRAPHIC_KEY) if values.get(key, 0) in EPSG_CODES]
-    if not codes:
+def _geotiff_wkt(header: LasHeader, path: Path | None) -> str | None:
+    """Return the system that GeoTIFF keys name or spell out; the log says where they are not understood."""
+    directory, doubles, texts = (header.find((PROJECTION, key)) for key in (DIRECTORY, DOUBLES, TEXTS))
+    if directory is None:
         return None
-    vertical = values.get(VERTICAL_KEY, 0)
+    values = [b"" if vlr is None else vlr.data for vlr in (doubles, texts)]
     try:
-        crs = pyproj.CRS.from_epsg(codes[0])
-        if vertical in EPSG_CODES:
-            name = f"{crs.name} + EPSG:{vertical}"
-            crs = pyproj.crs.CompoundCRS(name, [crs, pyproj.CRS.from_epsg(vertical)])
-    except pyproj.exceptions.CRSError:
-        return None  # a code that PROJ does not know; the keys themselves stay in the file
-    return str(crs.to_wkt())
+        return GeotiffKeys.parse(directory.data, *values).wkt()
+    except DataError as error:  # the keys themselves stay in the file
+        if path is not None:
+            log_once(str(path), f"its GeoTIFF keys give no coordinate reference system: {error}; set crs")
+        return None
 
 
-def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path) -> LasHeader:
+def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path, metres: float = 1.0) -> LasHeader:
     """Give another file's header the system of a cloud, where the two differ.
 
     Parameters
@@ -73,6 +65,8 @@ def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path) -> LasHeader:
         The points.
     path : Path
         The file to write, for messages.
+    metres : float, default 1.0
+        Factor from the unit that is written to metres.
 
     Returns
     -------
@@ -82,17 +76,24 @@ def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path) -> LasHeader:
     Raises
     ------
     DataError
-        If the header's version cannot hold WKT and states another system.
+        If the header's version holds GeoTIFF keys, not WKT, and the system has no EPSG code.
     """
     stated = read_crs(header)
-    if cloud.crs is None or cloud.crs == stated or cloud.crs == sidecar_crs(Path(cloud.source)):
+    same = {stated, None if stated is None else in_metres(stated, metres), sidecar_crs(Path(cloud.source))}
+    if cloud.crs is None or cloud.crs in same:
         return header
     if header.minor >= 4:
         return with_wkt(header, cloud.crs)
-    raise DataError(
-        f"{path}: the LAS 1.{header.minor} header of {cloud.source} states another coordinate reference system than "
-        "the points have; write with like: none"
-    )
+    try:
+        directory = pack_directory(cloud.crs)
+    except DataError as error:
+        raise DataError(
+            f"{path}: the LAS 1.{header.minor} header of {cloud.source} states another coordinate reference system "
+            f"than the points have, and cannot state theirs ({error}); write with like: none"
+        ) from error
+    stale = {(PROJECTION, key) for key in (DIRECTORY, DOUBLES, TEXTS, WKT[1])}
+    kept = tuple(vlr for vlr in header.vlrs if vlr.key not in stale)
+    return replace(header, vlrs=(*kept, Vlr(PROJECTION, DIRECTORY, directory, b"GeoTIFF GeoKeyDirectoryTag")))
 
 
 def with_wkt(header: LasHeader, crs: str | None) -> LasHeader:

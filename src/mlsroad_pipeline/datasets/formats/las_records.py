@@ -12,6 +12,7 @@ from laspy.point.dims import ALL_POINT_FORMATS_DTYPE
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
+from mlsroad_pipeline.datasets.formats.content import open_content
 from mlsroad_pipeline.datasets.formats.files import clip_range
 from mlsroad_pipeline.datasets.formats.las_chunks import VariableChunks, check_chunk_table, check_layers
 from mlsroad_pipeline.datasets.formats.las_header import (
@@ -68,7 +69,8 @@ class RecordReader:
 
     def __init__(self, path: Path, header: LasHeader, *, n_threads: int = 1, select: int = SELECT_ALL) -> None:
         self.path, self.header, self.dtype = path, header, record_dtype(header)
-        self._stream = path.open("rb")
+        self._file = open_content(path)
+        self._stream = self._file.stream()
         self._position = 0
         self._decompressor = None
         self._octree: VariableChunks | None = None
@@ -121,6 +123,25 @@ class RecordReader:
             self._decompress(buffer, start, stop)
         return np.frombuffer(buffer, dtype=self.dtype)
 
+    def compressed(self, number: int) -> bytes:
+        """Read a chunk of a LAZ file whose chunks are of one size, as it is stored.
+
+        Parameters
+        ----------
+        number : int
+            The chunk, from 0.
+
+        Returns
+        -------
+        bytes
+            Its compressed points.
+        """
+        here = self._stream.tell()
+        self._stream.seek(int(self._begins[number]))
+        data = self._stream.read(int(self._begins[number + 1] - self._begins[number]))
+        self._stream.seek(here)
+        return data
+
     def _decompress(self, buffer: bytearray, start: int, stop: int) -> None:
         assert self._decompressor is not None
         self._check_layers(start, stop)
@@ -145,7 +166,7 @@ class RecordReader:
         self._stream.seek(here)
 
     def _check_size(self) -> None:
-        header, size = self.header, self.path.stat().st_size
+        header, size = self.header, self._file.size
         needed = header.point_offset + header.n_points * header.record_size
         if needed > size:
             have = (size - header.point_offset) // header.record_size

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import BinaryIO
 
@@ -40,6 +42,7 @@ class RecordWriter:
 
     def __init__(self, stream: BinaryIO, header: LasHeader, *, compress: bool, n_threads: int = 1) -> None:
         self._stream, self._compressor = stream, None
+        self._chunks: list[tuple[int, int]] = []  # of those that came compressed
         records = tuple(vlr for vlr in header.vlrs if vlr.key != LASZIP)
         layout = header.point_format | (COMPRESSED if compress else 0)
         self.header = replace(header, vlrs=records).patched(("B", 104, layout))
@@ -55,6 +58,7 @@ class RecordWriter:
             self.header = replace(self.header, vlrs=(*records, Vlr(*LASZIP, data, b"http://laszip.org")))
         stream.write(pack_header(self.header))
         if compress:
+            self._laszip, self._begin = laz, stream.tell()
             kind = lazrs.ParLasZipCompressor if n_threads > 1 else lazrs.LasZipCompressor
             self._compressor = kind(stream, laz)
 
@@ -81,6 +85,23 @@ class RecordWriter:
             self._stream.write(data.data)
         else:
             self._compressor.compress_many(data)
+
+    def write_compressed(self, records: NDArray, chunks: Sequence[tuple[int, bytes]]) -> None:
+        """Append chunks of a LAZ file that are compressed already; a file is written in this way or by `write`.
+
+        Parameters
+        ----------
+        records : structured ndarray of shape (n,)
+            Their records, as far as counts and bounds need them.
+        chunks : sequence of tuple of int and bytes
+            Points and compressed points of each.
+        """
+        self.count_only(records)
+        if not self._chunks:
+            self._stream.write(bytes(8))  # where the chunk table will be
+        for n_points, data in chunks:
+            self._stream.write(data)
+            self._chunks.append((n_points, len(data)))
 
     def count_only(self, records: NDArray) -> None:
         """Take records into counts and bounds without writing them.
@@ -115,7 +136,9 @@ class RecordWriter:
         DataError
             If there are more points than the version can count.
         """
-        if self._compressor is not None:
+        if self._chunks:
+            self._write_chunk_table()
+        elif self._compressor is not None:
             self._compressor.done()
         self._stream.seek(0, 2)
         end = self._stream.tell()
@@ -124,6 +147,12 @@ class RecordWriter:
         self._stream.seek(0)
         self._stream.write(pack_header(self.finished_header(self.header, end)))
         self._stream.seek(0, 2)
+
+    def _write_chunk_table(self) -> None:
+        place = self._stream.tell()
+        lazrs.write_chunk_table(self._stream, self._chunks, self._laszip)
+        self._stream.seek(self._begin)
+        self._stream.write(struct.pack("<q", place))
 
     def finished_header(self, header: LasHeader, end: int) -> LasHeader:
         """Return a header with the counts, bounds and returns of the records so far.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.datasets.formats.base import PointFormat, ReadOptions
-from mlsroad_pipeline.datasets.formats.files import atomic_file
+from mlsroad_pipeline.datasets.formats.content import BLOCK, open_content, output_file
 from mlsroad_pipeline.datasets.formats.flat_table import join_rows, number_text
 from mlsroad_pipeline.datasets.formats.kitti import label_path
 from mlsroad_pipeline.datasets.formats.ply import PlyFormat, vertex_rows
@@ -26,7 +25,6 @@ from mlsroad_pipeline.datasets.formats.text_rows import TextRows
 from mlsroad_pipeline.datasets.formats.text_values import WHITESPACE
 
 CLASS, CONFIDENCE = "classification", "confidence"
-BLOCK = 1 << 24
 
 
 class LabelSink(Protocol):
@@ -123,12 +121,9 @@ def native_sink(source: Path, target: Path, form: PointFormat, options: ReadOpti
     LabelSink
         The sink.
     """
-    with atomic_file(target) as stream:
+    with output_file(target) as stream:
         if isinstance(form, TextFormat):
-            packed = gzip.GzipFile("", "wb", 6, stream, mtime=0) if target.suffix.lower() == ".gz" else None
-            yield _TextSink(source, options, cast(BinaryIO, packed or stream))
-            if packed is not None:
-                packed.close()
+            yield _TextSink(source, options, stream)
         elif isinstance(form, PlyFormat):
             sink = _PlySink(source, stream)
             yield sink
@@ -194,9 +189,9 @@ class _PlySink:
         if not len(codes):
             return
         offset = self._header.begin + start * dtype.itemsize
-        old = np.memmap(self._source, dtype=np.uint8, mode="r", offset=offset, shape=(len(codes), dtype.itemsize))
+        old = open_content(self._source).records(np.dtype("u1"), offset, len(codes) * dtype.itemsize)
         new = np.empty((len(codes), dtype.itemsize + 5), dtype=np.uint8)
-        new[:, : dtype.itemsize] = old
+        new[:, : dtype.itemsize] = old.reshape(len(codes), dtype.itemsize)
         new[:, dtype.itemsize] = codes
         scores = np.ascontiguousarray(confidence, dtype=self._header.order + "f4")
         new[:, dtype.itemsize + 1 :] = scores.view(np.uint8).reshape(-1, 4)
@@ -209,10 +204,10 @@ class _PlySink:
             end = self._rows.end
         else:
             end = self._header.begin + vertex.count * vertex.dtype(self._header.order).itemsize
-        with self._source.open("rb") as source:
-            source.seek(end)
-            while data := source.read(BLOCK):
-                self._stream.write(data)
+        file = open_content(self._source)
+        while data := file.read(BLOCK, end):
+            self._stream.write(data)
+            end += len(data)
 
 
 def _labelled_head(header: PlyHeader) -> bytes:

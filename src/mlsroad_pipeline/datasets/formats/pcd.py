@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.content import open_content, output_file, with_packed
 from mlsroad_pipeline.datasets.formats.crs import write_sidecar
-from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, file_key
-from mlsroad_pipeline.datasets.formats.flat_table import scalar_columns
+from mlsroad_pipeline.datasets.formats.files import FileKey, file_key
+from mlsroad_pipeline.datasets.formats.flat_table import parts_of, scalar_columns
 from mlsroad_pipeline.datasets.formats.lzf import unpack
 from mlsroad_pipeline.datasets.formats.pcd_header import PcdField, PcdHeader, read_pcd_header
 from mlsroad_pipeline.datasets.formats.standard_columns import COLOURS, COORDINATES, NEAR
 from mlsroad_pipeline.datasets.formats.tables import PointTable, TableFormat, with_points_only
-from mlsroad_pipeline.datasets.formats.text_rows import TextBytes, TextRows, index_rows
-from mlsroad_pipeline.datasets.formats.text_values import WHITESPACE, RowForm, parse_rows
+from mlsroad_pipeline.datasets.formats.text_rows import TextRows, index_rows
+from mlsroad_pipeline.datasets.formats.text_values import WHITESPACE, RowForm, parse_rows, typed_column
 
 PACKED_COLOURS = ("rgb", "rgba")
 """Fields of four bytes that hold blue, green, red and, in the last, alpha."""
 
-CHUNK = 1_000_000
 KINDS_WRITTEN = "iuf"
 
 
@@ -40,7 +40,7 @@ class PcdFormat(TableFormat):
     """
 
     name = "PCD"
-    extensions: tuple[str, ...] = (".pcd",)
+    extensions: tuple[str, ...] = with_packed(".pcd")
     signatures: tuple[bytes, ...] = (b"# .PCD", b"VERSION .7", b"VERSION 0.7", b"VERSION .6", b"VERSION 0.6")
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
@@ -94,10 +94,9 @@ class PcdFormat(TableFormat):
             "COUNT " + " ".join("1" for _ in names),
             *(f"WIDTH {len(cloud)}", "HEIGHT 1", "VIEWPOINT 0 0 0 1 0 0 0", f"POINTS {len(cloud)}", "DATA binary"),
         ]
-        with atomic_file(Path(path)) as stream:
+        with output_file(Path(path)) as stream:
             stream.write(("\n".join(head) + "\n").encode())
-            for begin in range(0, len(cloud), CHUNK):
-                part = cloud.select(np.arange(begin, min(begin + CHUNK, len(cloud))))
+            for part in parts_of(cloud):
                 columns = scalar_columns(part, options.metres)
                 if "rgb" in names:
                     red, green, blue = (columns.pop(name).astype("<u4") for name in COLOURS)
@@ -158,7 +157,8 @@ def _colour(values: NDArray, shift: int) -> NDArray[np.uint8]:
 
 def _binary_values(path: Path, header: PcdHeader, threads: bool) -> Values:
     del threads
-    have = path.stat().st_size - header.begin
+    file = open_content(path)
+    have = file.size - header.begin
     if have < header.n_points * header.record_size:
         raise ReadError(
             f"{path} is truncated: its head says {header.n_points} points of {header.record_size} bytes from byte "
@@ -166,7 +166,8 @@ def _binary_values(path: Path, header: PcdHeader, threads: bool) -> Values:
         )
     if not header.n_points * header.record_size:
         return lambda field, start, stop: np.empty((max(stop - start, 0), field.count), field.dtype)
-    table = np.memmap(path, dtype=np.uint8, mode="r", offset=header.begin, shape=(header.n_points, header.record_size))
+    n_bytes = header.n_points * header.record_size
+    table = file.records(np.dtype("u1"), header.begin, n_bytes).reshape(header.n_points, header.record_size)
 
     def values(field: PcdField, start: int, stop: int) -> NDArray:
         part = np.ascontiguousarray(table[start:stop, field.offset : field.offset + field.size])
@@ -177,17 +178,16 @@ def _binary_values(path: Path, header: PcdHeader, threads: bool) -> Values:
 
 def _packed_values(path: Path, header: PcdHeader, threads: bool) -> Values:
     del threads
-    with path.open("rb") as stream:
-        stream.seek(header.begin)
-        sizes = stream.read(8)
-        if len(sizes) < 8:
-            raise ReadError(f"{path} is truncated: its compressed data begin at byte {header.begin} and have no sizes")
-        packed_size, size = struct.unpack("<II", sizes)
-        if size != header.n_points * header.record_size:
-            raise ReadError(
-                f"{path} is damaged: {size} bytes of data for {header.n_points} points of {header.record_size} bytes"
-            )
-        packed = stream.read(min(packed_size, path.stat().st_size))
+    file = open_content(path)
+    sizes = file.read(8, header.begin)
+    if len(sizes) < 8:
+        raise ReadError(f"{path} is truncated: its compressed data begin at byte {header.begin} and have no sizes")
+    packed_size, size = struct.unpack("<II", sizes)
+    if size != header.n_points * header.record_size:
+        raise ReadError(
+            f"{path} is damaged: {size} bytes of data for {header.n_points} points of {header.record_size} bytes"
+        )
+    packed = file.read(min(packed_size, file.size), header.begin + 8)
     if len(packed) < packed_size:
         raise ReadError(f"{path} is truncated: {len(packed)} of {packed_size} compressed bytes from {header.begin + 8}")
     try:
@@ -206,14 +206,14 @@ def _packed_values(path: Path, header: PcdHeader, threads: bool) -> Values:
 def _text_values(path: Path, header: PcdHeader, threads: bool) -> Values:
     width = sum(field.count for field in header.fields)
     first = {f: sum(g.count for g in header.fields[:i]) for i, f in enumerate(header.fields)}
-    rows = index_rows(path, TextBytes(path), header.begin, header.n_lines + 1, limit=header.n_points)
+    rows = index_rows(path, open_content(path), header.begin, header.n_lines + 1, limit=header.n_points)
     if rows.n_rows < header.n_points:
         raise ReadError(f"{path} is truncated: its head says {header.n_points} points, it holds {rows.n_rows}")
     parsed = _Parsed(rows, width, threads)
 
     def values(field: PcdField, start: int, stop: int) -> NDArray:
-        at = first[field]
-        columns = [_typed(c, field, path) for c in parsed.columns(start, stop)[at : at + field.count]]
+        at, what = first[field], f"field {field.name!r}"
+        columns = [typed_column(c, field.dtype, what, path) for c in parsed.columns(start, stop)[at : at + field.count]]
         return np.stack(columns, axis=1) if columns else np.empty((stop - start, 0), field.dtype)
 
     return values
@@ -238,13 +238,3 @@ class _Parsed:
             )
             last = self._last = ((start, stop), parsed)
         return last[1]
-
-
-def _typed(values: NDArray[np.float64], field: PcdField, path: Path) -> NDArray:
-    if field.dtype.kind == "f":
-        with np.errstate(over="ignore"):
-            return values.astype(field.dtype)
-    limits = np.iinfo(field.dtype)
-    if len(values) and not (limits.min <= values.min() and values.max() <= limits.max):
-        raise ReadError(f"{path}: field {field.name!r} has {values.min()} to {values.max()}, outside {field.dtype}")
-    return values.astype(field.dtype)

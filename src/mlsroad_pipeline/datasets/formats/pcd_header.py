@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
+from mlsroad_pipeline.datasets.formats.content import open_content
 
 ENCODINGS = ("ascii", "binary", "binary_compressed")
 KINDS = {"I": "i", "U": "u", "F": "f"}
@@ -106,8 +107,7 @@ def read_pcd_header(path: Path) -> PcdHeader:
     ReadError
         If the head is not that of a PCD file, ends early or contradicts itself.
     """
-    with path.open("rb") as stream:
-        data = stream.read(HEAD)
+    data = open_content(path).read(HEAD)
     entries: dict[str, str] = {}
     at = n_lines = 0
     while "DATA" not in entries:

@@ -9,6 +9,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
+from mlsroad_pipeline.datasets.formats.content import open_content
 
 TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -124,8 +125,7 @@ def read_ply_header(path: Path) -> PlyHeader:
     ReadError
         If the head is not that of a PLY file, ends early, or names no vertices.
     """
-    with path.open("rb") as stream:
-        data = stream.read(HEAD)
+    data = open_content(path).read(HEAD)
     if data[:3] != b"ply":
         raise ReadError(f"{path} is not a PLY file: it begins with {data[:4]!r}")
     at = data.find(b"end_header")

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
 from mlsroad_pipeline.datasets.formats.base import PointFormat
+from mlsroad_pipeline.datasets.formats.content import GZIP, first_bytes, is_packed
+from mlsroad_pipeline.datasets.formats.content import SUFFIX as GZIP_SUFFIX
 from mlsroad_pipeline.datasets.formats.e57 import E57Format
 from mlsroad_pipeline.datasets.formats.files import check_file
 from mlsroad_pipeline.datasets.formats.kitti import KittiFormat
@@ -25,7 +27,7 @@ FORMATS: tuple[PointFormat, ...] = (
 )
 """All formats; a new one is one module and one entry here."""
 
-FOREIGN = {b"PK\x03\x04": "ZIP", b"\x1f\x8b": "gzip", b"\x89PNG": "PNG", b"\xff\xfe": "UTF-16 text"}
+FOREIGN = {b"PK\x03\x04": "ZIP", GZIP: "gzip", b"\x89PNG": "PNG", b"\xff\xfe": "UTF-16 text"}
 """Signatures of what is not read as it stands, so that messages can name it."""
 
 
@@ -77,25 +79,39 @@ def get_format(path: str | Path) -> PointFormat:
         If the file cannot be opened, if its content is of another format than its name, or if neither is known.
     """
     path = check_file(path)
-    with path.open("rb") as stream:
-        head = stream.read(16)
-    named = format_of_name(path)
+    packed, named = is_packed(path), format_of_name(path)
+    if packed and named is not None and not path.name.lower().endswith(GZIP_SUFFIX):
+        raise ReadError(f"{path} is named as {named.name}, but holds gzip")
+    head = first_bytes(path, 16)
     held = next((entry for entry in FORMATS if entry.recognises(path, head)), None)
-    if held is None and named is not None and not (named.signatures or _foreign(head, path)):
-        return named
-    if held is not None and (named is None or path.name.lower().endswith(held.extensions)):
+    if not packed and named is not None and path.name.lower().endswith(GZIP_SUFFIX):
+        raise ReadError(f"{path} is named as gzip, but holds {_content(head, held, packed=False)}")
+    if held is None and _foreign(head) is None:
+        if named is not None and not named.signatures:
+            return named
+        if named is None and looks_like_table(path):
+            return next(entry for entry in FORMATS if isinstance(entry, TextFormat))
+    elif held is not None and (_may_be_named(held, path) if named is not None else _unpacks(held) or not packed):
         return held
-    if held is None and named is None and not _foreign(head, path) and looks_like_table(path):
-        return next(entry for entry in FORMATS if isinstance(entry, TextFormat))
-    content = held.name if held is not None else _foreign(head, path) or f"something that begins with {head[:8]!r}"
+    content = _content(head, held, packed=packed)
     if named is None:
         known = ", ".join(known_extensions())
         raise ReadError(f"{path} is of no known format: it holds {content} (known extensions: {known})")
     raise ReadError(f"{path} is named as {named.name}, but holds {content}")
 
 
-def _foreign(head: bytes, path: Path) -> str | None:
-    for signature, name in FOREIGN.items():
-        if head.startswith(signature) and not (name == "gzip" and path.name.lower().endswith(".gz")):
-            return name
-    return None
+def _may_be_named(entry: PointFormat, path: Path) -> bool:
+    return path.name.lower().endswith(entry.extensions)
+
+
+def _unpacks(entry: PointFormat) -> bool:
+    return any(extension.endswith(GZIP_SUFFIX) for extension in entry.extensions)
+
+
+def _content(head: bytes, held: PointFormat | None, *, packed: bool) -> str:
+    content = held.name if held is not None else _foreign(head) or f"something that begins with {head[:8]!r}"
+    return f"gzip of {content}" if packed else content
+
+
+def _foreign(head: bytes) -> str | None:
+    return next((name for signature, name in FOREIGN.items() if head.startswith(signature)), None)

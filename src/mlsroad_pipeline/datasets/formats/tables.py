@@ -21,7 +21,8 @@ from mlsroad_pipeline.datasets.formats.standard_columns import COORDINATES, reso
 logger = logging.getLogger(__name__)
 
 CHUNK = 1_000_000
-_MAXIMA: dict[tuple[FileKey, tuple[str, ...]], float] = {}
+_MAXIMA: dict[tuple[FileKey, tuple[str, ...], tuple[object, ...]], float] = {}
+"""Greatest values of columns of a file, as these options read it."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,8 @@ class PointTable:
         Its CRS as WKT.
     details : mapping
         What `FileInfo.details` shall say.
+    guess : mapping of str to Any
+        What columns without names seem to be, as `ReadOptions.columns` says it; used where that says nothing.
     """
 
     names: tuple[str, ...]
@@ -48,6 +51,7 @@ class PointTable:
     rows: Callable[[Sequence[str], int, int], Mapping[str, NDArray]]
     crs: str | None = None
     details: Mapping[str, Any] = field(default_factory=dict)
+    guess: Mapping[str, Any] = field(default_factory=dict)
 
 
 class TableFormat(PointFormat):
@@ -140,6 +144,8 @@ class TableFormat(PointFormat):
         return self._cloud(table, path, options, *clip_range(start, stop, table.n_points))
 
     def _cloud(self, table: PointTable, path: Path, options: ReadOptions, start: int, stop: int) -> PointCloud:
+        if table.guess and not options.columns:
+            options = replace(options, columns=table.guess)
         names = resolve_columns(table.names, options, path)
         wanted = tuple(names.values())
         raw = table.rows(wanted, start, stop)
@@ -150,13 +156,14 @@ class TableFormat(PointFormat):
             options=options,
             source=path,
             start=start,
-            maximum=lambda given: _maximum(table, path, tuple(names[name] for name in given)),
+            maximum=lambda given: _maximum(table, path, tuple(names[name] for name in given), options),
             crs=table.crs,
         )
 
 
-def _maximum(table: PointTable, path: Path, names: tuple[str, ...]) -> float:
-    key = (file_key(path), names)
+def _maximum(table: PointTable, path: Path, names: tuple[str, ...], options: ReadOptions) -> float:
+    layout = (options.delimiter, options.decimal, options.header, options.comment, options.intensity_scale)
+    key = (file_key(path), names, layout)
     if key not in _MAXIMA:
         greatest = 0.0
         for start in range(0, table.n_points, CHUNK):

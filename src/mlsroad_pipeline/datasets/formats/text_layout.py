@@ -13,8 +13,9 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
 from mlsroad_pipeline.datasets.formats.base import ReadOptions
+from mlsroad_pipeline.datasets.formats.content import first_bytes, open_content, unpacked_name
 from mlsroad_pipeline.datasets.formats.files import FileKey, file_key
-from mlsroad_pipeline.datasets.formats.text_rows import TextBytes, TextRows, index_rows
+from mlsroad_pipeline.datasets.formats.text_rows import TextRows, index_rows
 from mlsroad_pipeline.datasets.formats.text_values import WHITESPACE, RowForm, is_number, parse_rows, split_row
 
 LAYOUTS = {".xyz_label_conf": ("x", "y", "z", "label", "confidence")}
@@ -95,7 +96,7 @@ def _open_table(
     key: FileKey, delimiter: str | None, decimal: str | None, header: bool | None, comment: str
 ) -> TextTable:
     path = Path(key[0])
-    text = TextBytes(path)
+    text = open_content(path)
     lines = text.read(HEAD).splitlines(keepends=True)
     n_head = next((i for i, line in enumerate(lines) if line.strip() and not _is_comment(line, comment)), len(lines))
     if n_head < len(lines) - 1 and _is_count(lines[n_head : n_head + 2], path):
@@ -140,8 +141,7 @@ def looks_like_table(path: Path) -> bool:
     bool
         Whether the last whole line of its first 64 KiB is such a row, and all of that is text.
     """
-    with path.open("rb") as stream:
-        data = stream.read(1 << 16)
+    data = first_bytes(path, 1 << 16)
     lines = [line for line in data.splitlines()[: None if len(data) < 1 << 16 else -1] if line.strip()]
     if b"\0" in data or not lines:
         return False
@@ -169,7 +169,7 @@ def _is_comment(line: bytes, comment: str) -> bool:
 
 
 def _is_count(lines: Sequence[bytes], path: Path) -> bool:
-    name = path.name.lower().removesuffix(".gz")
+    name = unpacked_name(path).lower()
     return name.endswith(COUNTED) and lines[0].strip().isdigit() and len(lines[1].split()) > 1
 
 
@@ -227,7 +227,7 @@ def path_layout(path: Path, width: int) -> tuple[str, ...]:
     tuple of str
         Their names; empty where the extension tells nothing.
     """
-    name = path.name.lower().removesuffix(".gz")
+    name = unpacked_name(path).lower()
     return next((layout for e, layout in LAYOUTS.items() if name.endswith(e) and len(layout) == width), ())
 
 

@@ -2,75 +2,18 @@
 
 from __future__ import annotations
 
-import gzip
-import os
-import shutil
-import tempfile
-import weakref
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import ReadError
+from mlsroad_pipeline.datasets.formats.content import Content
 
 STRIDE = 50_000
 """The position of every so-manieth row is remembered."""
 
 BLOCK = 1 << 24
-
-
-class TextBytes:
-    """The bytes of a text file at any position; a compressed file is unpacked into a temporary one that has no name.
-
-    Parameters
-    ----------
-    path : Path
-        The file; compressed if its name ends in ``.gz``.
-
-    Raises
-    ------
-    ReadError
-        If the compressed data are damaged or truncated.
-    """
-
-    def __init__(self, path: Path) -> None:
-        if path.suffix.lower() == ".gz":
-            self._descriptor = _unpack(path)
-        else:
-            self._descriptor = os.open(path, os.O_RDONLY)
-        self.size = os.fstat(self._descriptor).st_size
-        weakref.finalize(self, os.close, self._descriptor)
-
-    def read(self, n_bytes: int, at: int = 0) -> bytes:
-        """Return up to `n_bytes` from position `at`.
-
-        Parameters
-        ----------
-        n_bytes : int
-            How many bytes.
-        at : int, default 0
-            Position of the first.
-
-        Returns
-        -------
-        bytes
-            The bytes; fewer at the end.
-        """
-        return os.pread(self._descriptor, n_bytes, at)
-
-
-def _unpack(path: Path) -> int:
-    with tempfile.TemporaryFile() as unpacked:
-        try:
-            with gzip.open(path, "rb") as packed:
-                shutil.copyfileobj(packed, unpacked, BLOCK)
-        except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-            raise ReadError(f"{path} is damaged or truncated: {error}") from error
-        unpacked.flush()
-        return os.dup(unpacked.fileno())
 
 
 @dataclass(frozen=True)
@@ -81,7 +24,7 @@ class TextRows:
     ----------
     path : Path
         The file.
-    text : TextBytes
+    text : Content
         Its bytes, uncompressed.
     first_line : int
         Line number of the first row, counted from 1.
@@ -94,7 +37,7 @@ class TextRows:
     """
 
     path: Path
-    text: TextBytes
+    text: Content
     first_line: int
     n_rows: int
     marks: NDArray[np.int64]
@@ -127,14 +70,14 @@ class TextRows:
         return data[begin:finish]
 
 
-def index_rows(path: Path, text: TextBytes, begin: int, first_line: int, *, limit: int | None = None) -> TextRows:
+def index_rows(path: Path, text: Content, begin: int, first_line: int, *, limit: int | None = None) -> TextRows:
     """Count rows and remember where they are.
 
     Parameters
     ----------
     path : Path
         What messages call the file.
-    text : TextBytes
+    text : Content
         Its bytes.
     begin : int
         Byte position of the first row.
@@ -165,7 +108,7 @@ def index_rows(path: Path, text: TextBytes, begin: int, first_line: int, *, limi
     return TextRows(path, text, first_line, count, np.array(marks, dtype=np.int64), end)
 
 
-def _end_of_text(text: TextBytes, begin: int) -> int:
+def _end_of_text(text: Content, begin: int) -> int:
     """Return where the last line that is not blank ends."""
     end = text.size
     while end > begin:

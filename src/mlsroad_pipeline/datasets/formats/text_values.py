@@ -113,6 +113,39 @@ def _parse(data: bytes, form: RowForm, threads: bool) -> list[NDArray[np.float64
     return [column.to_numpy() for column in table.columns]
 
 
+def typed_column(values: NDArray[np.float64], dtype: np.dtype, what: str, path: Path) -> NDArray:
+    """Return a parsed column as the type that the head of its file states.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n,), float64
+        The column.
+    dtype : dtype
+        The stated type.
+    what : str
+        What messages call the column.
+    path : Path
+        What messages call the file.
+
+    Returns
+    -------
+    ndarray of shape (n,)
+        The values in that type; floats that are too great for it become infinite.
+
+    Raises
+    ------
+    ReadError
+        If an integer lies outside the type or is missing.
+    """
+    if dtype.kind == "f":
+        with np.errstate(over="ignore"):
+            return values.astype(dtype)
+    limits = np.iinfo(dtype)
+    if len(values) and not limits.min <= values.min() <= values.max() <= limits.max:
+        raise ReadError(f"{path}: {what} has values {values.min()} to {values.max()}, outside its type {dtype}")
+    return values.astype(dtype)
+
+
 def split_row(line: str, delimiter: str) -> list[str]:
     """Return the values of one row as text.
 

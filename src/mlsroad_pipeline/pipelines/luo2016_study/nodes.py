@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import pandas as pd
-from matplotlib.figure import Figure
-
 from mlsroad_pipeline.algorithms.baselines.max_margin_training import MarginParameters
 from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForestParameters
 from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvmParameters
@@ -16,17 +13,16 @@ from mlsroad_pipeline.algorithms.evaluation import find_scheme
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.algorithms.patches import PatchParameters
-from mlsroad_pipeline.algorithms.rendering.report import build_report
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.studies import luo2016_plan
 from mlsroad_pipeline.algorithms.studies.luo2016_parameters import METHODS, StudyParameters
 from mlsroad_pipeline.algorithms.studies.luo2016_plan import StudyPlan, StudyRun
-from mlsroad_pipeline.algorithms.studies.luo2016_report import StudyTables, study_figures, study_sections
 from mlsroad_pipeline.algorithms.studies.luo2016_results import study_tables
-from mlsroad_pipeline.algorithms.studies.luo2016_runs import cut_patches, make_street, train_and_score
+from mlsroad_pipeline.algorithms.studies.luo2016_runs import cut_patches, train_and_score
+from mlsroad_pipeline.algorithms.studies.streets import make_street
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask
-from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
+from mlsroad_pipeline.pipelines.study import street_tasks
 
 
 def plan_study(
@@ -87,16 +83,8 @@ def make_streets(plan: StudyPlan) -> dict[str, SceneTask]:
     dict of str to SceneTask
         One task per street.
     """
-    return {
-        _street(seed): SceneTask(
-            make_street,
-            parameters={
-                "simulation": simulation_parameters(survey),
-                "ground": plan.ground,
-            },
-        )
-        for seed, survey in plan.surveys().items()
-    }
+    surveys = {_street(seed): survey for seed, survey in plan.surveys().items()}
+    return street_tasks(make_street, surveys, plan.ground)
 
 
 def cut_streets(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
@@ -204,29 +192,6 @@ def tabulate_study(plan: StudyPlan, tried: SceneCollection, runs: SceneCollectio
     Returns
     -------
     tuple of DataFrame
-        The fields of `StudyTables` in their order.
+        The tables of `StudyTables` in their order.
     """
     return study_tables(plan, tried.load_all(), runs.load_all()).as_tuple()
-
-
-def report_study(plan: StudyPlan, *tables: pd.DataFrame) -> tuple[Figure, Figure, Figure, str]:
-    """Draw the figures and write the report.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    *tables : DataFrame
-        The fields of `StudyTables`.
-
-    Returns
-    -------
-    methods, patch_size, search_radius : Figure
-        F1 of the methods beside the paper's, and Figures 7 and 8, and 9 to 11.
-    report : str
-        HTML.
-    """
-    found = StudyTables(*tables)
-    figures = study_figures(found)
-    page = build_report(study_sections(plan, found, figures), title="Luo et al. 2016 on simulated streets")
-    return *figures, page

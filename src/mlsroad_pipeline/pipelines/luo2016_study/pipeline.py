@@ -3,18 +3,20 @@
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.studies.luo2016_parameters import METHODS
+from mlsroad_pipeline.algorithms.studies.luo2016_report import study_figures, study_sections
+from mlsroad_pipeline.algorithms.studies.luo2016_results import StudyTables
 from mlsroad_pipeline.pipelines.luo2016_study.nodes import (
     cut_streets,
     make_streets,
     plan_study,
-    report_study,
     run_methods,
     tabulate_study,
     try_settings,
 )
+from mlsroad_pipeline.pipelines.study import entries, report_node
 
 STUDY = "luo2016_study"
-TABLES = ("scores", "table_3", "differences", "patch_size", "search_radius", "times", "tuning", "by_size", "by_radius")
+FIGURES = ("methods_figure", "patch_size_figure", "search_radius_figure")
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -31,9 +33,8 @@ def create_pipeline(**_: object) -> Pipeline:
         Parameters to ``luo2016_study.*``.
     """
     own = [f"params:{name}" for name in (STUDY, "classes", "ground_removal", "patches", *METHODS)]
-    plan, streets, cut = (f"{STUDY}.{name}" for name in ("plan", "streets", "patches"))
-    tried, runs, tables = f"{STUDY}.tried", f"{STUDY}.runs", [f"{STUDY}.{name}" for name in TABLES]
-    drawn = [f"{STUDY}.{name}" for name in ("methods_figure", "patch_size_figure", "search_radius_figure", "report")]
+    plan, streets, cut, tried, runs = entries(STUDY, ("plan", "streets", "patches", "tried", "runs"))
+    tables = entries(STUDY, StudyTables.names())
     return Pipeline(
         [
             Node(plan_study, inputs=own, outputs=plan, name="plan_luo2016_study"),
@@ -42,6 +43,9 @@ def create_pipeline(**_: object) -> Pipeline:
             Node(try_settings, inputs=[plan, streets, cut], outputs=tried, name="try_luo2016_settings"),
             Node(run_methods, inputs=[plan, streets, cut, tried], outputs=runs, name="run_luo2016_methods"),
             Node(tabulate_study, inputs=[plan, tried, runs], outputs=tables, name="tabulate_luo2016_study"),
-            Node(report_study, inputs=[plan, *tables], outputs=drawn, name="report_luo2016_study"),
+            report_node(
+                STUDY, tables=StudyTables, figures=FIGURES, draw=study_figures, write=study_sections,
+                title="Luo et al. 2016 on simulated streets",
+            ),
         ]
-    )
+    )  # fmt: skip

@@ -6,9 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import pandas as pd
-from matplotlib.figure import Figure
-
 from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import BottomUpTopDownParameters
 from mlsroad_pipeline.algorithms.baselines.hough_forest import HoughForestParameters
 from mlsroad_pipeline.algorithms.baselines.object_matching import ObjectMatchingParameters
@@ -16,17 +13,15 @@ from mlsroad_pipeline.algorithms.detection import DetectionParameters
 from mlsroad_pipeline.algorithms.evaluation import find_scheme
 from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
-from mlsroad_pipeline.algorithms.rendering.report import build_report
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.studies import yu2016_runs
-from mlsroad_pipeline.algorithms.studies.luo2016_parameters import changed
+from mlsroad_pipeline.algorithms.studies.parameters import changed
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import CUT, DETECTORS, SEGMENTATIONS, WORDS, StudyParameters
-from mlsroad_pipeline.algorithms.studies.yu2016_report import study_figures, study_sections
-from mlsroad_pipeline.algorithms.studies.yu2016_results import StudyPlan, StudyTables, street_key, study_tables
+from mlsroad_pipeline.algorithms.studies.yu2016_results import StudyPlan, street_key, study_tables
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask
-from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
+from mlsroad_pipeline.pipelines.study import street_tasks
 
 
 def plan_study(
@@ -78,17 +73,12 @@ def make_surveys(plan: StudyPlan) -> dict[str, SceneTask]:
     dict of str to SceneTask
         One task per street.
     """
-    return {
-        street_key(name, seed): SceneTask(
-            yu2016_runs.make_survey,
-            parameters={
-                "simulation": simulation_parameters({**given.survey, "seed": seed}),
-                "ground": plan.stages.ground,
-            },
-        )
+    surveys = {
+        street_key(name, seed): {**given.survey, "seed": seed}
         for name, given in plan.scale.surveys.items()
         for seed in (*given.train, *given.test)
     }
+    return street_tasks(yu2016_runs.make_survey, surveys, plan.stages.ground)
 
 
 def segment_surveys(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
@@ -254,7 +244,7 @@ def tabulate_study(plan: StudyPlan, *stores: SceneCollection) -> tuple[Any, ...]
     Returns
     -------
     tuple of DataFrame
-        The fields of `StudyTables` in their order.
+        The tables of `StudyTables` in their order.
     """
     streets, segmented, described, runs, variants = stores
     found, scores = variants.load_all(), segmented.part("scores").load_all()
@@ -266,26 +256,3 @@ def tabulate_study(plan: StudyPlan, *stores: SceneCollection) -> tuple[Any, ...]
         runs.load_all(),
         {name: found[_safe(name)] for name in plan.scale.settings()},
     ).as_tuple()
-
-
-def report_study(plan: StudyPlan, *tables: pd.DataFrame) -> tuple[Figure, Figure, str]:
-    """Draw the figures and write the report.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    *tables : DataFrame
-        The fields of `StudyTables`.
-
-    Returns
-    -------
-    segmentation, figure_12 : Figure
-        Coverage of the segmentations, and Figure 12.
-    report : str
-        HTML.
-    """
-    found = StudyTables(*tables)
-    figures = study_figures(found)
-    page = build_report(study_sections(plan, found, figures), title="Yu et al. 2016 on simulated streets")
-    return *figures, page

@@ -3,11 +3,13 @@
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import DETECTORS
+from mlsroad_pipeline.algorithms.studies.yu2016_report import study_figures, study_sections
+from mlsroad_pipeline.algorithms.studies.yu2016_results import StudyTables
+from mlsroad_pipeline.pipelines.study import entries, report_node
 from mlsroad_pipeline.pipelines.yu2016_study.nodes import (
     describe_surveys,
     make_surveys,
     plan_study,
-    report_study,
     run_detectors,
     run_settings,
     segment_surveys,
@@ -15,9 +17,7 @@ from mlsroad_pipeline.pipelines.yu2016_study.nodes import (
 )
 
 STUDY = "yu2016_study"
-TABLES = (
-    "scores", "segmentation", "table_2", "table_3", "table_4", "table_5", "differences", "figure_12", "curves"
-)  # fmt: skip
+FIGURES = ("segmentation_figure", "figure_12_figure")
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -35,9 +35,8 @@ def create_pipeline(**_: object) -> Pipeline:
     """
     stages = (STUDY, "classes", "ground_removal", "segmentation", "detection", *DETECTORS)
     names = ("plan", "streets", "objects", "described", "runs", "settings")
-    plan, streets, objects, described, runs, settings = (f"{STUDY}.{name}" for name in names)
-    tables = [f"{STUDY}.{name}" for name in TABLES]
-    drawn = [f"{STUDY}.{name}" for name in ("segmentation_figure", "figure_12_figure", "report")]
+    plan, streets, objects, described, runs, settings = entries(STUDY, names)
+    tables = entries(STUDY, StudyTables.names())
     stores = [streets, objects, described]
     return Pipeline(
         [
@@ -48,6 +47,9 @@ def create_pipeline(**_: object) -> Pipeline:
             Node(run_detectors, inputs=[plan, *stores], outputs=runs, name="run_yu2016_detectors"),
             Node(run_settings, inputs=[plan, *stores], outputs=settings, name="run_yu2016_settings"),
             Node(tabulate_study, inputs=[plan, *stores, runs, settings], outputs=tables, name="tabulate_yu2016_study"),
-            Node(report_study, inputs=[plan, *tables], outputs=drawn, name="report_yu2016_study"),
+            report_node(
+                STUDY, tables=StudyTables, figures=FIGURES, draw=study_figures, write=study_sections,
+                title="Yu et al. 2016 on simulated streets",
+            ),
         ]
-    )
+    )  # fmt: skip
