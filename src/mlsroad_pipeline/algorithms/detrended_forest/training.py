@@ -44,8 +44,8 @@ class ForestParameters:
         Fewest supervoxels in a leaf. Larger smooths the probabilities and shrinks the model.
     max_features : float, default 0.1
         Share of the features tried at each split; training time grows with it.
-    class_weight : {"sqrt", "balanced", "none"}, default "sqrt"
-        What all supervoxels of a class weigh together: the square root of their number, the same, or their number.
+    class_weight : {"balanced", "sqrt", "none"}, default "balanced"
+        What all supervoxels of a class weigh together: the same, the square root of their number, or their number.
     max_per_class : int, default 3000
         Most supervoxels of a class to train on. Bounds the time of training.
     smoothing : float, default 0.3
@@ -66,7 +66,7 @@ class ForestParameters:
     fallback_trees: int = 100
     min_samples_leaf: int = 2
     max_features: float = 0.1
-    class_weight: Literal["sqrt", "balanced", "none"] = "sqrt"
+    class_weight: Literal["balanced", "sqrt", "none"] = "balanced"
     max_per_class: int = 3000
     smoothing: float = 0.3
     rule: Literal["nearest", "own"] = "nearest"
