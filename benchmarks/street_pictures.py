@@ -66,7 +66,7 @@ class Shot(NamedTuple):
 
 SHOTS = {
     "town": Shot("town", 4, 58.0, 1.5, 6.5, 35.0, low=1.0),
-    "suburb": Shot("suburb", 11, 40.0, -1.5, 6.0, 35.0, low=1.0),
+    "suburb": Shot("suburb", 3, 50.0, 1.0, 6.0, 35.0, low=1.0),
     "campus": Shot("campus", 102, 40.0, 1.5, 6.0, 35.0, low=1.5),
     "ring_road": Shot("ring_road", 302, 2.0, 1.0, 20.0, 30.0),
 }

@@ -87,4 +87,4 @@ def end_workers(thread: threading.Thread) -> None:
     from joblib.externals.loky import get_reusable_executor  # noqa: PLC0415
 
     thread.join()
-    get_reusable_executor().shutdown(wait=True, kill_workers=True)
+    get_reusable_executor(reuse=True, kill_workers=True).shutdown(wait=True, kill_workers=True)

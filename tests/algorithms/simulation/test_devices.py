@@ -5,8 +5,9 @@ import pytest
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.simulation import PRESETS
-from mlsroad_pipeline.algorithms.simulation.devices import SCANNERS, Device, scanner_system
+from mlsroad_pipeline.algorithms.simulation.devices import Device
 from mlsroad_pipeline.algorithms.simulation.drive import Drive
+from mlsroad_pipeline.algorithms.simulation.known_scanners import SCANNERS, scanner_system
 from mlsroad_pipeline.algorithms.simulation.meshes import rotation_matrix
 from mlsroad_pipeline.algorithms.simulation.scanner import draw_calibration, georeference, send_pulses
 from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters

@@ -5,9 +5,10 @@ import pytest
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.simulation import PRESETS
-from mlsroad_pipeline.algorithms.simulation.devices import SCANNERS, Device, ScannerSystem, scanner_system
+from mlsroad_pipeline.algorithms.simulation.devices import Device, ScannerSystem
 from mlsroad_pipeline.algorithms.simulation.ground import GRASS
 from mlsroad_pipeline.algorithms.simulation.ground_mesh import ground_mesh
+from mlsroad_pipeline.algorithms.simulation.known_scanners import SCANNERS, scanner_system
 from mlsroad_pipeline.algorithms.simulation.meshes import RETRO, Surface
 from mlsroad_pipeline.algorithms.simulation.power import lowered_power, power_of
 from mlsroad_pipeline.algorithms.simulation.receiver import FULL_SCALE_DB, receive

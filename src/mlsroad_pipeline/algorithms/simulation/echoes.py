@@ -171,7 +171,7 @@ def answers(
         shortened = min(surfaces.relief[i] / max(cosine, 0.12), 0.4)
         distance[i] = hits.distance[i] - shortened
         amplitude[i] = sensitivity + amplitude_of(surfaces.reflectivity[i], int(surfaces.kind[i]), cosine, distance[i])
-        if surfaces.label[i] == GRASS and surfaces.kind[i] == GROUND:
+        if turf_gain != 0.0 and surfaces.label[i] == GRASS and surfaces.kind[i] == GROUND:
             amplitude[i] += turf_gain
         tangent[i] = np.sqrt(1.0 - cosine * cosine) / max(cosine, 0.1)
     return distance, amplitude, tangent
@@ -313,6 +313,7 @@ def measure(
     source = np.empty(_MOST, np.int64)
     of_centre, amplitude, tangent = central
     lowered, gain = power
+    controlled, uneven = len(lowered) > 0, len(gain) > 0
     for i in range(n):
         if slots.edge[i] < 0 and receiver.blooming == 0.0 and not np.isfinite(of_centre[i]):
             continue
@@ -328,12 +329,13 @@ def measure(
                 count += 1
         if count > 1:
             count = _mix(count, receiver.pulse_length, r, a, source, slant)
-        for k in range(count if len(lowered) else 0):
-            a[k] -= lowered[i]
+        if controlled:
+            for k in range(count):
+                a[k] -= lowered[i]
         count = _detect(i, count, chance, noise, receiver, r, a, source, slant)
         for k in range(count):
             pulse[m], distance[m], origin[m] = i, r[k], source[k]
-            intensity[m] = _recorded(a[k], r[k], gain[i] if len(gain) else 0.0, receiver)
+            intensity[m] = _recorded(a[k], r[k], gain[i] if uneven else 0.0, receiver)
             number[m], total[m] = k + 1, count
             m += 1
     return pulse[:m], distance[:m], intensity[:m], origin[:m], number[:m], total[:m]

@@ -9,7 +9,8 @@ from typing import Any
 import pyproj
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.simulation.devices import SCANNERS, Device, ScannerSystem
+from mlsroad_pipeline.algorithms.simulation.devices import Device, ScannerSystem
+from mlsroad_pipeline.algorithms.simulation.known_scanners import SCANNERS
 from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS, StreetParameters
 from mlsroad_pipeline.algorithms.validation import check_positive
 

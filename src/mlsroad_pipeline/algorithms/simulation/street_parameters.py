@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from numbers import Real
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 
@@ -114,7 +113,7 @@ class StreetParameters:
 
     def _check(self, name: str, low: float, high: float, *, zero: bool = False) -> None:
         value = getattr(self, name)
-        if not (isinstance(value, Real) and (low <= value <= high or (zero and value == 0))):
+        if not (isinstance(value, int | float) and (low <= value <= high or (zero and value == 0))):
             either = "0 or " if zero else ""
             raise ParameterError(f"{name} must be {either}between {low:g} and {high:g}, got {value!r}")
 
