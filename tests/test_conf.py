@@ -161,7 +161,7 @@ def test_documented_defaults_are_the_defaults_of_the_code(kind):
         if told:
             assert ast.literal_eval(told[1]) == fields[name], name
         elif "optional" in text:
-            none_or_said_in_words = ("evaluation_scheme", "folds", "model", "source", "trajectory")
+            none_or_said_in_words = ("evaluation_scheme", "folds", "model", "source", "sydney", "trajectory")
             assert name in none_or_said_in_words, name
         else:
             assert fields[name] is dataclasses.MISSING or isinstance(fields[name], dict), name
@@ -181,7 +181,7 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
     # what stages exchange is stored, so that a run can be resumed; only plans, and what merely joins
     # stored scenes, stay in memory
     in_memory = {n for n in names if type(catalog.get(n)).__name__ == "MemoryDataset" and not n.startswith("params:")}
-    plans = {"survey_plan", "label_plan", "luo2016_study.plan", "yu2016_study.plan"}
+    plans = {"survey_plan", "label_plan", "luo2016_study.plan", "luo2019_study.plan", "yu2016_study.plan"}
     assert in_memory == {*plans, "image_labels.drives", "patch_training"}
 
 

@@ -47,7 +47,7 @@ def test_tables_agree_with_the_scores(project):
         assert row.accuracy == pytest.approx(scores[row.method, "all", "overall_accuracy"])
         assert row.f1 == pytest.approx(scores[row.method, "all", "mean_f1"])
         assert row.accuracy == pytest.approx(robust.loc[(row.method, "clean"), "accuracy"].item())
-    confusions = table(project, "confusions")
+    confusions = table(project, "confusion_counts")
     right = confusions[confusions["class"] == confusions["recognised"]].groupby(["method", "level"])["objects"].sum()
     level = robust.loc[("jointnet", "level")].set_index("level")["accuracy"]
     assert right["jointnet", "level=2"] / two["objects"].iloc[0] == pytest.approx(level[2.0])

@@ -62,7 +62,7 @@ def study_figures(tables: StudyTables) -> tuple[Figure, ...]:
     return (
         _figure_7(tables.curves[tables.curves["figure"] == 7]),
         _figure_9(tables.sub_networks),
-        _figure_10(tables.confusions),
+        _figure_10(tables.confusion_counts),
         _figure_11(tables.curves[tables.curves["figure"] == 11]),
         _figure_12(tables.robustness),
         _figure_13(tables.training),

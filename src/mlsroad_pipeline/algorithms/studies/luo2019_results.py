@@ -43,7 +43,7 @@ class StudyTables(Tables):
         The paper's tables, with its figures beside ours; table 3 is empty without the Sydney Urban Objects.
     sub_networks : DataFrame
         Figure 9: F1 of each class on the three disturbed test sets.
-    confusions : DataFrame
+    confusion_counts : DataFrame
         Figure 10: objects by true and recognised class there.
     robustness : DataFrame
         Figure 12: accuracy and mean F1 of each method by disturbance of the test objects.
@@ -65,7 +65,7 @@ class StudyTables(Tables):
     table_3: pd.DataFrame
     table_4: pd.DataFrame
     sub_networks: pd.DataFrame
-    confusions: pd.DataFrame
+    confusion_counts: pd.DataFrame
     robustness: pd.DataFrame
     differences: pd.DataFrame
     image_sizes: pd.DataFrame
@@ -130,7 +130,7 @@ def study_tables(plan: StudyPlan, results: Results, facts: Results, networks: Re
             luo2019_paper.table_four(), on="method", how="left"
         ),
         sub_networks=sub_networks,
-        confusions=confusions,
+        confusion_counts=confusions,
         robustness=made.robustness(),
         differences=made.differences(),
         image_sizes=sizes.rename(columns={"disturbance": "view", "level": "size"}),
