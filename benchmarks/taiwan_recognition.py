@@ -62,8 +62,9 @@ def main() -> None:
         for given in (test, ObjectSet(test.xyz, test.indptr, test.label))[slug in RIVALS :]:
             label = probabilities(method, given, len(scheme))["label"]
             by_class = {
-                scheme.classes[k]: f"{int((label[test.label == k] == k).sum())} of {int((test.label == k).sum())}"
+                scheme.classes[k]: {scheme.classes[j]: int((label[test.label == k] == j).sum()) for j in found}
                 for k in np.unique(test.label)
+                for found in [np.unique(label[test.label == k])]
             }
             line = {"method": slug, "seed": seed, "intensity": given is test, "learned": len(train)}
             print(
