@@ -23,6 +23,9 @@ def _convolution(inputs: int, outputs: int, kernel: int, batch_norm: bool) -> li
 class Halving(nn.Module):
     """The greatest value of each 2 x 2 cells; what is left over at an odd edge is a cell of its own."""
 
+    def __init__(self) -> None:
+        super().__init__()
+
     def forward(self, maps: Tensor) -> Tensor:
         """Pool feature maps.
 
