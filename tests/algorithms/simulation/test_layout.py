@@ -166,6 +166,19 @@ def test_vehicles_of_a_lane_never_meet():
             assert b - a > (long + other) / 2 + 1.0
 
 
+def test_bus_stops_and_gantries_can_be_left_out_and_alternate_otherwise():
+    def counts(**changes):
+        street = draw_street(3, length=600.0, parameters=replace(STREETS["ring_road"], clutter=0.0, **changes))
+        placed = [p for block in range(10) for p in populate(street, block)]
+        return [sum(p.label == TAXONOMY[name] for p in placed) for name in ("bus_shelter", "gantry")]
+
+    shelters, gantries = counts()
+    assert 3 <= shelters <= 5
+    assert counts(stations=0.0, gantries=0.0) == [0, 0]
+    twice = counts(stations=2.0, gantries=5.0)
+    assert twice[0] > shelters + 2 and twice[1] > max(gantries, 2)
+
+
 TWO_WHEELED = {"bicycle", "motorcycle"}
 
 

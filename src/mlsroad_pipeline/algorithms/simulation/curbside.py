@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from mlsroad_pipeline.algorithms.simulation import catalogue
@@ -135,17 +137,21 @@ def _plate_on(site: Site, lamp: Placed, mesh: object, s: float, left: float) -> 
     site.add((name, "traffic_sign"), lifted, s, left, yaw, solid=False)
 
 
-def bus_stop(site: Site) -> None:
-    """Place a bus stop in every second block: a shelter at the back of the pavement and its sign at the curb.
+def bus_stops(site: Site) -> None:
+    """Place bus stops, one in every second block where there are as many as usual, on either side in turn.
 
     Parameters
     ----------
     site : Site
         The block.
     """
-    if (site.block + site.street.seed) % 2:
-        return
-    side = (site.block // 2) % 2
+    number, often = site.block + site.street.seed, site.parameters.stations / 2
+    for k in range(math.ceil((number + 1) * often) - math.ceil(number * often)):
+        _bus_stop(site, (site.block // 2 + k) % 2)
+
+
+def _bus_stop(site: Site, side: int) -> None:
+    """Place a shelter at the back of the pavement and its sign at the curb."""
     way, width = (1.0 if side == 0 else -1.0), float(site.street.ground.section[side, 2:].sum())
     design = catalogue.choose("bus_shelter", site.rng)
     mesh = design.build(site.rng)

@@ -37,7 +37,7 @@ def populate(street: Street, block: int) -> list[Placed]:
     overhead.utility_line(site)
     overhead.over_the_road(site)
     curbside.lamps(site)
-    curbside.bus_stop(site)
+    curbside.bus_stops(site)
     parking.park(site)
     curbside.tree_rows(site)
     curbside.furnish(site)

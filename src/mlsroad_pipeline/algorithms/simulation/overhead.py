@@ -162,7 +162,7 @@ def over_the_road(site: Site) -> None:
         The block.
     """
     ground, rng = site.street.ground, site.rng
-    if ground.shape[5] == 0 or rng.random() > _GANTRIES:
+    if ground.shape[5] == 0 or rng.random() > _GANTRIES * site.parameters.gantries:
         return
     s = dry_station(site.street, float(rng.uniform(site.start + 6, site.end - 6)), _leg(site, 0))
     if not site.start + 2 < s < site.end - 2:

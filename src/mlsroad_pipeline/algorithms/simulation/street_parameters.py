@@ -49,6 +49,8 @@ class StreetParameters:
         Likewise for bins, benches, bollards and the like; for traffic signs; for people; for moving vehicles.
     two_wheelers : float, default 1
         Likewise for bicycles and motorcycles, parked and ridden. Above 1 some are added and all else stays as it is.
+    stations, gantries : float, default 1
+        Likewise for bus stops, one in every second block of 60 m at 1, and for gantries over roads with a median.
     overhead_wires : float, default 0.7
         Chance of utility poles with wires along the street and to the houses.
     hard_cases : float, default 0.3
@@ -86,6 +88,8 @@ class StreetParameters:
     people: float = 1.0
     traffic: float = 1.0
     two_wheelers: float = 1.0
+    stations: float = 1.0
+    gantries: float = 1.0
     overhead_wires: float = 0.7
     hard_cases: float = 0.3
 
@@ -95,8 +99,9 @@ class StreetParameters:
         for name in (*shares, "hard_cases"):
             self._check(name, 0.0, 1.0)
         for name in ("buildings", "trees", "palms", "cycas", "shrubs", "clutter", "signs", "people", "traffic",
-                     "two_wheelers"):  # fmt: skip
+                     "two_wheelers", "stations"):  # fmt: skip
             self._check(name, 0.0, 5.0)
+        self._check("gantries", 0.0, 20.0)
         self._check("verge_width", 0.8, 8.0)
         self._check("grass_height", 0.0, 0.2)
         self._check("junction_spacing", 60.0, 5000.0, zero=True)
