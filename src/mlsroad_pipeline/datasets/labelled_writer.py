@@ -171,9 +171,7 @@ def _write_range(
         sink.write(start, codes, confidence)
 
 
-def _las_source(
-    path: Path, had_classes: bool | None, n_threads: int, chunk_size: int, stack: ExitStack
-) -> _Source:
+def _las_source(path: Path, had_classes: bool | None, n_threads: int, chunk_size: int, stack: ExitStack) -> _Source:
     header = read_header(path)
     if had_classes is None:
         had_classes = _has_classes(path, header, n_threads)

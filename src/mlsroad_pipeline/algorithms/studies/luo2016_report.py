@@ -103,10 +103,14 @@ def _lines(
         for name, f1 in classes.items():
             colour = INK if name in MEANS else SERIES[names.index(name)]
             panels[0].plot(value, f1, "D", color="white", markeredgecolor=colour, markersize=4)
-    name_axes(panels[0], x=label, y="F1 (diamonds: luo2016)", unit_range="y")
+    known = [*table[names].min().dropna(), *(f1 for classes in paper.values() for f1 in classes.values())]
+    lowest = np.floor(10 * min(known, default=0.0)) / 10
+    name_axes(panels[0], x=label, y="F1 (diamonds: luo2016)", unit_range="y", lowest=lowest)
     for axes, column in zip(panels[1:], columns, strict=True):
         draw_lines(axes, table["value"], {column: table[column]})
         name_axes(axes, x=label, y=_LABELS[column])
+        if column == "train_seconds":
+            axes.set_ylim(bottom=0)
     legend_below(figure, panels[0], 4)
     return figure
 
