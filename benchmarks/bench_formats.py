@@ -1,10 +1,12 @@
 """Speed and memory of reading and writing surveys, beside laspy and NumPy.
 
-``python benchmarks/bench_formats.py [LAZ]``; without an argument the 5 million point street of ``$MLSROAD_RIVALS``.
+``python benchmarks/bench_formats.py [LAZ] [--only GROUP ...]``; without a file the 5 million point street of
+``$MLSROAD_RIVALS``, without groups all of them. Wall time and processor time of this process, medians of three turns.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import resource
@@ -32,7 +34,7 @@ from mlsroad_pipeline.datasets.labelled_writer import write_labelled
 
 CHUNK = 1_000_000
 REPEATS = 3
-TEXT_POINTS = 1_000_000
+TABLE_POINTS, TEXT_POINTS = 1_000_000, 5_000_000
 RECORDS = 2_000_000
 
 
@@ -118,79 +120,133 @@ def labels_of(start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
     return (rows // 64 % 80).astype(np.uint8), (rows % 101 / 101).astype(np.float32)
 
 
-def measure(cases: dict[str, Callable[[], int]]) -> None:
-    """Run the cases in turns, and print the median of each."""
-    times: dict[str, list[float]] = {name: [] for name in cases}
+def measure(cases: dict[str, Callable[[], int]], *, repeats: int = REPEATS) -> None:
+    """Run the cases in turns, and print the medians of each."""
+    times: dict[str, list[tuple[float, float]]] = {name: [] for name in cases}
     counts: dict[str, int] = {}
-    for _ in range(REPEATS):
+    for _ in range(repeats):
         for name, run in cases.items():
-            begin = time.perf_counter()
+            begin, worked = time.perf_counter(), time.process_time()
             counts[name] = run()
-            times[name].append(time.perf_counter() - begin)
-    for name, seconds in times.items():
-        median = statistics.median(seconds)
-        speed = counts[name] / median
-        print(f"{name:52s} {median:8.3f} s {speed / 1e6:8.2f} M points/s")
-        print(json.dumps({"case": name, "seconds": median, "points": counts[name], "points_per_second": speed}))
+            times[name].append((time.perf_counter() - begin, time.process_time() - worked))
+    for name, taken in times.items():
+        wall, work = (statistics.median(column) for column in zip(*taken, strict=True))
+        speed = counts[name] / wall
+        print(f"{name:52s} {wall:8.3f} s {work:8.3f} s of processors {speed / 1e6:8.2f} M points/s")
+        figures = {"seconds": wall, "processor_seconds": work, "points": counts[name], "points_per_second": speed}
+        print(json.dumps({"case": name, **figures}))
+
+
+def bench_records(laz: Path, out: Path) -> None:
+    """Compress and decompress alone, beside the library that does it."""
+    header = read_header(laz)
+    with RecordReader(laz, header, n_threads=2) as reader:
+        records = reader.read(0, RECORDS)
+    measure(
+        {
+            "LAZ to records, 2 threads": lambda: unpack_records(laz),
+            "LAZ to records, 2 threads, lazrs alone": lambda: unpack_with_lazrs(laz),
+            "records to LAZ, 2 threads": lambda: pack_records_as_laz(records, out / "r.laz", header),
+            "records to LAZ, 2 threads, lazrs alone": lambda: pack_with_lazrs(records, out / "r.bin", header),
+        }
+    )
+
+
+def bench_inspect(laz: Path, out: Path) -> None:
+    """Look through the file once, as `kedro run --pipeline=inspect` does."""
+    del out
+
+    def inspect() -> int:
+        return int(inspect_file(str(laz), laz.name, options=ReadOptions(), max_gap=1.0).facts["n_points"])
+
+    measure({"inspect": inspect}, repeats=1)
+
+
+def bench_laz(laz: Path, out: Path) -> None:
+    """Read whole clouds, beside laspy."""
+    del out
+    measure(
+        {
+            "read LAZ, 1 thread": lambda: read_by_ranges(laz, ReadOptions()),
+            "read LAZ, 1 thread, laspy": lambda: read_with_laspy(laz, False),
+            "read LAZ, 2 threads": lambda: read_by_ranges(laz, ReadOptions(n_threads=2)),
+            "read LAZ, 2 threads, laspy": lambda: read_with_laspy(laz, True),
+            "read LAZ coordinates and intensity, 2 threads": lambda: read_by_ranges(
+                laz, ReadOptions(n_threads=2, only=("intensity",))
+            ),
+        }
+    )
+
+
+def bench_labels(laz: Path, out: Path) -> None:
+    """Copy a survey with classes and confidences, beside laspy."""
+    n_points = read_header(laz).n_points
+    label = {t: lambda t=t: len(write_labelled(laz, out / "a.laz", labels_of, n_threads=t)) * n_points for t in (1, 2)}
+    measure(
+        {
+            "write labelled LAZ, 1 thread": label[1],
+            "write labelled LAZ, 1 thread, laspy": lambda: relabel_with_laspy(laz, out / "b.laz", False),
+            "write labelled LAZ, 2 threads": label[2],
+            "write labelled LAZ, 2 threads, laspy": lambda: relabel_with_laspy(laz, out / "b.laz", True),
+        }
+    )
+
+
+def bench_text(laz: Path, out: Path) -> None:
+    """Read and write tables; the text has five columns, the PLY colours too."""
+    cloud = LasFormat().read(laz, ReadOptions(only=("intensity", "rgb", "gps_time")), stop=TABLE_POINTS)
+    TextFormat().write(out / "a.txt", cloud, WriteOptions())
+    PlyFormat().write(out / "a.ply", cloud, WriteOptions())
+    measure(
+        {
+            "read text, 2 threads": lambda: read_by_ranges(out / "a.txt", ReadOptions(n_threads=2)),
+            "read text": lambda: read_by_ranges(out / "a.txt", ReadOptions()),
+            "read text, numpy.loadtxt": lambda: len(np.loadtxt(out / "a.txt", skiprows=1)),
+            "read PLY": lambda: read_by_ranges(out / "a.ply", ReadOptions()),
+            "write labelled text": lambda: (
+                len(write_labelled(out / "a.txt", out / "t" / "a.laz", labels_of)[:1]) * len(cloud)
+            ),
+            "write labelled PLY": lambda: (
+                len(write_labelled(out / "a.ply", out / "p" / "a.laz", labels_of)[:1]) * len(cloud)
+            ),
+        }
+    )
+
+
+def bench_long_text(laz: Path, out: Path) -> None:
+    """Read five million lines of x, y, z, intensity and time; the file is made where it is not there."""
+    path = out / "long.txt"
+    if not path.exists():
+        cloud = LasFormat().read(laz, ReadOptions(only=("intensity", "gps_time")), stop=TEXT_POINTS)
+        TextFormat().write(path, cloud, WriteOptions())
+    print(f"{path}: {path.stat().st_size / 1e6:.0f} MB")
+    measure(
+        {
+            "read long text, 2 threads": lambda: read_by_ranges(path, ReadOptions(n_threads=2)),
+            "read long text": lambda: read_by_ranges(path, ReadOptions()),
+        }
+    )
+
+
+GROUPS = {
+    **{"records": bench_records, "inspect": bench_inspect, "laz": bench_laz, "labels": bench_labels},
+    **{"text": bench_text, "long-text": bench_long_text},
+}
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("laz", nargs="?", help="a LAZ file; else street_5M.laz of $MLSROAD_RIVALS")
+    parser.add_argument("--only", nargs="+", choices=GROUPS, default=list(GROUPS), help="groups to measure")
+    parser.add_argument("--folder", help="where files are written, and kept; else a temporary folder")
+    given = parser.parse_args()
     rivals = os.environ.get("MLSROAD_RIVALS")
-    if len(sys.argv) < 2 and not rivals:
+    if given.laz is None and not rivals:
         sys.exit("give a LAZ file, or set MLSROAD_RIVALS")
-    laz = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(str(rivals)) / "street_5M.laz"
-    n_points = read_header(laz).n_points
+    laz = Path(given.laz) if given.laz else Path(str(rivals)) / "street_5M.laz"
     with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder)
-        header = read_header(laz)
-        with RecordReader(laz, header, n_threads=2) as reader:
-            records = reader.read(0, RECORDS)
-        measure(
-            {
-                "LAZ to records, 2 threads": lambda: unpack_records(laz),
-                "LAZ to records, 2 threads, lazrs alone": lambda: unpack_with_lazrs(laz),
-                "records to LAZ, 2 threads": lambda: pack_records_as_laz(records, out / "r.laz", header),
-                "records to LAZ, 2 threads, lazrs alone": lambda: pack_with_lazrs(records, out / "r.bin", header),
-                "inspect": lambda: inspect_file(*(str(laz), laz.name), options=ReadOptions(), max_gap=1.0).facts[
-                    "n_points"
-                ],
-            }
-        )
-        label = {
-            t: lambda t=t: len(write_labelled(laz, out / "a.laz", labels_of, n_threads=t)) * n_points for t in (1, 2)
-        }
-        measure(
-            {
-                "read LAZ, 1 thread": lambda: read_by_ranges(laz, ReadOptions()),
-                "read LAZ, 1 thread, laspy": lambda: read_with_laspy(laz, False),
-                "read LAZ, 2 threads": lambda: read_by_ranges(laz, ReadOptions(n_threads=2)),
-                "read LAZ, 2 threads, laspy": lambda: read_with_laspy(laz, True),
-                "read LAZ coordinates and intensity, 2 threads": lambda: read_by_ranges(
-                    laz, ReadOptions(n_threads=2, only=("intensity",))
-                ),
-                "write labelled LAZ, 1 thread": label[1],
-                "write labelled LAZ, 1 thread, laspy": lambda: relabel_with_laspy(laz, out / "b.laz", False),
-                "write labelled LAZ, 2 threads": label[2],
-                "write labelled LAZ, 2 threads, laspy": lambda: relabel_with_laspy(laz, out / "b.laz", True),
-            }
-        )
-        cloud = LasFormat().read(laz, ReadOptions(only=("intensity", "rgb", "gps_time")), stop=TEXT_POINTS)
-        TextFormat().write(out / "a.txt", cloud, WriteOptions())
-        PlyFormat().write(out / "a.ply", cloud, WriteOptions())
-        measure(
-            {
-                "read text, 2 threads": lambda: read_by_ranges(out / "a.txt", ReadOptions(n_threads=2)),
-                "read text": lambda: read_by_ranges(out / "a.txt", ReadOptions()),
-                "read text, numpy.loadtxt": lambda: len(np.loadtxt(out / "a.txt", skiprows=1)),
-                "read PLY": lambda: read_by_ranges(out / "a.ply", ReadOptions()),
-                "write labelled text": lambda: (
-                    len(write_labelled(out / "a.txt", out / "t" / "a.laz", labels_of)[:1]) * len(cloud)
-                ),
-                "write labelled PLY": lambda: (
-                    len(write_labelled(out / "a.ply", out / "p" / "a.laz", labels_of)[:1]) * len(cloud)
-                ),
-            }
-        )
+        for name in given.only:
+            GROUPS[name](laz, Path(given.folder or folder))
     print(json.dumps({"case": "peak memory", "mebibytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
 
 

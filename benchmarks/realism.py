@@ -1,6 +1,6 @@
 """Simulated surveys beside recordings: density, incidence, noise, shares and shapes, as figures and JSON.
 
-    python benchmarks/realism.py [oakland semantickitti taiwan_poles amsterdam] [--seeds 101 102 103] [--output FOLDER]
+    python benchmarks/realism.py [oakland semantickitti taiwan_poles amsterdam] [--seeds 101 102 103] [--kind KIND]
 
 Every recording below $MLSROAD_DATA is described by `algorithms/survey_statistics.py` and `compute_eigen_features`, and
 so are streets that are simulated with the preset whose scanner is nearest to the recording's. Prints a table and one
@@ -25,6 +25,7 @@ from mlsroad_pipeline.algorithms.classes import IGNORE, TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.features.eigen import compute_eigen_features
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.simulation import PRESETS, simulate_survey
+from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
 from mlsroad_pipeline.algorithms.survey_statistics import (
     binned_quantiles,
     distribution_gap,
@@ -100,6 +101,11 @@ def describe(name: str, clouds: list[PointCloud], scheme: ClassScheme) -> dict[s
     return {key: np.concatenate(columns) for key, columns in parts.items()}
 
 
+def spread(values: np.ndarray) -> list[float]:
+    """Return quartiles, for a table."""
+    return np.round(np.nanquantile(values, [0.25, 0.5, 0.75]), 4).tolist()
+
+
 def summary(name: str, found: dict[str, Any], scheme: ClassScheme) -> dict[str, Any]:
     """Return what a table says of a description."""
     known = found["label"][found["label"] != IGNORE]
@@ -109,7 +115,10 @@ def summary(name: str, found: dict[str, Any], scheme: ClassScheme) -> dict[str, 
     keys = [k for k in ("height", "step", "first_angle", "spacing", "reach", "incidence") if k in found]
     for key in (*keys, *(f"scatter {kind}" for kind in FLAT[name])):
         out[key] = np.round(np.nanquantile(found[key], [0.25, 0.5, 0.75]), 4).tolist()
-    at = (3.0, 5.0, 8.0, 12.0, 16.0, 24.0)
+    if "intensity" in found:
+        parts = {c: found["intensity"][found["label"] == i] for i, c in enumerate(scheme.classes)}
+        out["intensity"] = {c: spread(part) for c, part in parts.items() if len(part) >= 50}
+    at = (3.0, 5.0, 8.0, 12.0, 16.0, 24.0, 32.0, 40.0)
     middle = binned_quantiles(found["density"], found["range"], at, shares=(0.5,))[:, 0]
     out["density"] = dict(zip(map(str, at[:-1]), np.round(middle, 1).tolist(), strict=True))
     return out
@@ -173,7 +182,7 @@ def draw(name: str, both: dict[str, dict[str, Any]], found: dict[str, Any], sche
     figure.savefig(path, dpi=75, pil_kwargs={"quality": 80})
 
 
-def compare(name: str, seeds: list[int], output: Path) -> None:
+def compare(name: str, seeds: list[int], kind: str | None, output: Path) -> None:
     """Describe a recording and the streets of its preset."""
     recording = Recording(name)
     schemes = configured("classes", name)["schemes"]
@@ -183,21 +192,18 @@ def compare(name: str, seeds: list[int], output: Path) -> None:
     else:
         recorded = [recording.read(path) for path in sorted(recording.root.glob("*.bin"))]
     preset = replace(PRESETS[PRESET[name]], length=LENGTH[name])
+    if kind:
+        preset = replace(preset, street=STREETS[kind])
     simulated = [cloud for seed in seeds for cloud in recording.simulate(replace(preset, seed=seed))]
-    both = {kind: describe(name, c, scheme) for kind, c in (("recorded", recorded), ("simulated", simulated))}
-    found: dict[str, Any] = {kind: summary(name, values, scheme) for kind, values in both.items()}
+    both = {which: describe(name, c, scheme) for which, c in (("recorded", recorded), ("simulated", simulated))}
+    found: dict[str, Any] = {which: summary(name, values, scheme) for which, values in both.items()}
     found["gaps"] = gaps(both["recorded"], both["simulated"], scheme)
-    for kind in both:
-        print(name, kind, json.dumps(found[kind], indent=1))
+    for which in both:
+        print(name, which, json.dumps(found[which], indent=1))
     for row, values in found["gaps"].items():
         print(f"{row:20s}", values)
     print(json.dumps({"recording": name, **found}), flush=True)
     draw(name, both, found, scheme, output / f"realism_{name}.jpg")
-
-
-def spread(values: np.ndarray) -> list[float]:
-    """Return quartiles, for a table."""
-    return np.round(np.nanquantile(values, [0.25, 0.5, 0.75]), 4).tolist()
 
 
 def poles(seeds: list[int]) -> None:
@@ -251,6 +257,7 @@ def main() -> None:
     names = ["oakland", "semantickitti", "taiwan_poles", "amsterdam"]
     parser.add_argument("recordings", nargs="*", default=names, help=f"some of {', '.join(names)}")
     parser.add_argument("--seeds", type=int, nargs="+", default=[101, 102, 103])
+    parser.add_argument("--kind", choices=list(STREETS), help="kind of street; the presets' own by default")
     parser.add_argument("--output", type=Path, default=Path("data/08_reporting/benchmarks"))
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
@@ -260,7 +267,7 @@ def main() -> None:
         elif name == "amsterdam":
             pavement(options.seeds)
         elif name in PRESET:
-            compare(name, options.seeds, options.output)
+            compare(name, options.seeds, options.kind, options.output)
         else:
             parser.error(f"recording {name!r} is unknown (recordings: {', '.join(names)})")
 

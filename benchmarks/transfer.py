@@ -1,7 +1,7 @@
 """From simulated streets to recordings: how well a forest that never saw a recording labels one.
 
     python benchmarks/transfer.py oakland [--seeds 101 102 ...] [--length 120] [--surveys FOLDER] [--without-real]
-    python benchmarks/transfer.py semantickitti [...]
+    python benchmarks/transfer.py semantickitti [--kind suburb] [...]
 
 Trains `detrended_forest` on streets that are simulated with the scanner of the recording (presets ``oakland`` and
 ``hdl64``), scores it on the recording below $MLSROAD_DATA, and beside it a forest that was trained on the recording's
@@ -38,6 +38,7 @@ from mlsroad_pipeline.algorithms.scene_stages import (
     find_ground,
 )
 from mlsroad_pipeline.algorithms.simulation import PRESETS, SimulationParameters, simulate_survey
+from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
 from mlsroad_pipeline.algorithms.simulation.survey import SurveyPieces
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
 from mlsroad_pipeline.datasets.formats.registry import get_format
@@ -180,6 +181,7 @@ def main() -> None:
     parser.add_argument("recording", choices=list(PRESET))
     parser.add_argument("--seeds", type=int, nargs="+", default=[101, 102, 103, 104, 105, 106])
     parser.add_argument("--length", type=float)
+    parser.add_argument("--kind", choices=list(STREETS), help="kind of street; the preset's own by default")
     parser.add_argument("--surveys", type=Path, help="train on the LAZ files below this folder")
     parser.add_argument("--forest-seeds", type=int, nargs="+", default=[2019])
     parser.add_argument("--without-real", action="store_true", help="leave out the forest trained on the recording")
@@ -190,6 +192,8 @@ def main() -> None:
         streets = surveys_below(options.surveys)
     else:
         preset = replace(PRESETS[PRESET[options.recording]], length=length)
+        if options.kind:
+            preset = replace(preset, street=STREETS[options.kind])
         streets = [cloud for seed in options.seeds for cloud in recording.simulate(replace(preset, seed=seed))]
     simulated = [recording.prepare(street) for street in streets]
     print(f"{len(streets)} simulated scenes with {sum(map(len, streets))} points", flush=True)

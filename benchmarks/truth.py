@@ -95,6 +95,7 @@ def main() -> None:
     found, table = gathered.table(), pieces.objects
     still = ~table["moving"].to_numpy()
     stands = still & (table["label"] != TAXONOMY["wire"]).to_numpy()
+    alone = stands & (table["design"] != "plate_on_lamp").to_numpy()  # such a plate has the base of its lamp
     local = table[["x", "y", "z"]].to_numpy() - pieces.origin
     ground = pieces.street.ground.height(*pieces.street.alignment.locate(local[stands, :2]))
     steady = found.loc[table.loc[still, "instance"]]
@@ -107,7 +108,7 @@ def main() -> None:
         "numbers_without_a_row": int((~found["known"]).sum()),
         "rows_without_a_point": len(set(table["instance"]) - set(found.index)),
         "classes_without_a_number": sorted(TAXONOMY_NAMES[c] for c in gathered.without if c not in NUMBERLESS),
-        "base_points_twice": int(table.loc[stands, ["x", "y"]].round(3).duplicated().sum()),
+        "base_points_twice": int(table.loc[alone, ["x", "y"]].round(3).duplicated().sum()),
         "base_to_ground_max": float(np.abs(local[stands, 2] - ground).max()),
         "outside_box_share": float(steady["outside"].sum() / steady["points"].sum()),
         "far_outside_box_share": float(steady["far"].sum() / steady["points"].sum()),

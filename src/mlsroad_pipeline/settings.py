@@ -5,10 +5,11 @@ import warnings
 
 from mlsroad_pipeline.datasets.early_workers import start_early
 
-start_early(sys.argv)  # before the imports below, which take seconds
+early = start_early(sys.argv)  # before the imports below, which take seconds
 
 from omegaconf.resolvers import oc  # noqa: E402
 
+from mlsroad_pipeline.command_hooks import EarlyWorkersHooks  # noqa: E402
 from mlsroad_pipeline.config import ParameterConfigLoader  # noqa: E402
 from mlsroad_pipeline.default_pipeline import DefaultPipelineHooks  # noqa: E402
 from mlsroad_pipeline.hooks import MlflowDetailsHooks  # noqa: E402
@@ -16,7 +17,7 @@ from mlsroad_pipeline.hooks import MlflowDetailsHooks  # noqa: E402
 # The dots in names of datasets are what catalog factories such as "{method}.labels" go by; every command would warn.
 warnings.filterwarnings("ignore", message="One or more dataset names contain '.'", category=UserWarning)
 
-HOOKS = (MlflowDetailsHooks(), DefaultPipelineHooks())
+HOOKS = (MlflowDetailsHooks(), DefaultPipelineHooks(), EarlyWorkersHooks(early))
 
 CONFIG_LOADER_CLASS = ParameterConfigLoader
 CONFIG_LOADER_ARGS = {

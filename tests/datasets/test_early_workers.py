@@ -1,11 +1,15 @@
 """Workers of `label` that start with the command: for which commands, and that the stages get them, warm."""
 
+import gc
 import os
 import subprocess
 import sys
+import threading
 
 import pytest
 
+from mlsroad_pipeline import command_hooks
+from mlsroad_pipeline.command_hooks import EarlyWorkersHooks
 from mlsroad_pipeline.datasets.early_workers import start_early, wanted
 from mlsroad_pipeline.datasets.execution import Execution
 
@@ -35,19 +39,47 @@ def test_other_commands_start_nothing():
     assert start_early(["kedro", "run"]) is None
 
 
+def test_a_pipeline_ends_the_start_and_its_end_or_its_error_the_workers(monkeypatch):
+    ended = []
+    monkeypatch.setattr(command_hooks, "end_workers", ended.append)
+    thread = threading.Thread()
+    gc.disable()
+    try:
+        EarlyWorkersHooks(None).before_pipeline_run()
+        assert not gc.isenabled()  # it is not for commands that started nothing to turn it on
+        EarlyWorkersHooks(thread).before_pipeline_run()
+        assert gc.isenabled()
+    finally:
+        gc.enable()
+        gc.unfreeze()
+    for hooks in (EarlyWorkersHooks(None), EarlyWorkersHooks(thread)):
+        hooks.after_pipeline_run()
+        hooks.on_pipeline_error()
+    assert ended == [thread, thread]
+
+
 SCRIPT = """
-import os, sys
+import gc, os, sys
 from mlsroad_pipeline.datasets.backends import _processes
-from mlsroad_pipeline.datasets.early_workers import start_early
+from mlsroad_pipeline.datasets.early_workers import end_start, end_workers, start_early
 
 def loaded(number):
-    return os.getpid(), "mlsroad_pipeline.datasets.label_warm_up" in sys.modules
+    return os.getpid(), "mlsroad_pipeline.datasets.label_warm_up" in sys.modules and gc.isenabled()
+
+def alive(pid):
+    return os.path.exists(f"/proc/{pid}") and open(f"/proc/{pid}/stat").read().split()[2] != "Z"
 
 thread = start_early(["kedro", "run", "--pipeline=label", "--params=execution.n_workers=2"])
 assert "mlsroad_pipeline.datasets.label_warm_up" not in sys.modules
+print(not gc.isenabled())
+end_start()
+print(gc.isenabled())
 thread.join()
 found = list(_processes(range(4), 2, loaded))
-print(os.getpid() not in {pid for pid, _ in found}, all(warm for _, warm in found))
+pids = {pid for pid, _ in found}
+print(os.getpid() not in pids, all(warm for _, warm in found))
+end_workers(thread)
+print(not any(map(alive, pids)))
 """
 
 
@@ -55,4 +87,4 @@ def test_stages_get_the_workers_that_were_started_early():
     found = subprocess.run(
         [sys.executable, "-c", SCRIPT], capture_output=True, text=True, env=dict(os.environ), check=False, timeout=300
     )
-    assert found.stdout.split() == ["True", "True"], found.stderr
+    assert found.stdout.split() == ["True"] * 5, found.stderr

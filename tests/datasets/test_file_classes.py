@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from references_formats import make_labels, make_las
 
-from mlsroad_pipeline.algorithms.ingest import SplitPart, corridor_to_arrays
+from mlsroad_pipeline.algorithms.ingest import corridor_to_arrays
+from mlsroad_pipeline.algorithms.split_parts import SplitPart
 from mlsroad_pipeline.datasets.formats.base import ReadOptions
 from mlsroad_pipeline.datasets.ingest_work import read_and_cut
 from mlsroad_pipeline.datasets.labelled_writer import write_labelled

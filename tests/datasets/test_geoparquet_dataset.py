@@ -14,7 +14,7 @@ from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.inventory_table import FIELDS, OBJECT_FIELDS, empty_table
-from mlsroad_pipeline.datasets import geoparquet_dataset
+from mlsroad_pipeline.datasets import inventory_file
 from mlsroad_pipeline.datasets.geoparquet_dataset import GeoParquetDataset, read_geoparquet, write_geoparquet
 from mlsroad_pipeline.datasets.road_inventory import RoadInventory
 
@@ -102,7 +102,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(inventory, tmp_path
     def fail(*_, **__):
         raise OSError("disk full")
 
-    monkeypatch.setattr(geoparquet_dataset.os, "replace", fail)
+    monkeypatch.setattr(inventory_file.os, "replace", fail)
     with pytest.raises(OSError, match="disk full"):
         write_geoparquet(RoadInventory(inventory.objects.head(1)), path)
     assert path.read_bytes() == before

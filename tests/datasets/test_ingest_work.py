@@ -5,8 +5,9 @@ import pytest
 from references_inventory import scanned_street
 
 from mlsroad_pipeline.algorithms.corridor import MainAxis
-from mlsroad_pipeline.algorithms.ingest import SplitPart, corridor_from_arrays, corridor_to_arrays
+from mlsroad_pipeline.algorithms.ingest import corridor_from_arrays, corridor_to_arrays
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.split_parts import SplitPart
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.datasets.formats.las import LasFormat
 from mlsroad_pipeline.datasets.formats.options import ReadOptions, WriteOptions

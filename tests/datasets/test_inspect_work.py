@@ -137,3 +137,17 @@ def test_columns_lines_and_times(rng):
     assert [time_base(*t)[:8] for t in [(0, 9), (3.5e8, 3.6e8), (1.3e9, 1.3e9), (1.6e9, 1.6e9), (np.nan, 1)]] == [
         *("seconds ", "adjusted", "GPS seco", "seconds ", "none")
     ]
+
+
+def test_what_is_so_in_many_files_is_told_once(tmp_path, rng):
+    for number in range(13):
+        columns = {"level": np.zeros(40, np.uint8)} if number == 2 else {}
+        write(tmp_path / f"{number:02}.laz", PointCloud(np.round(rng.random((40, 3)), 3), columns, ORIGIN))
+    files, unread = inspect_survey(InspectParameters(), root=str(tmp_path), read={})
+    table = survey_warnings(files, unread)
+    told = table[table["warning"].str.startswith("no coordinate reference system")]
+    assert told["file"].tolist() == ["13 of 13 files, the first 00.laz"]
+    assert "only some of the files have level" in table["warning"].tolist()
+    assert table["warning"].is_unique
+    page = survey_page(str(tmp_path), files, table)
+    assert "From above: the first 12 of 13 files" in page and page.count("<figure>") == 12

@@ -4,7 +4,11 @@ import gzip
 
 import laspy
 import numpy as np
+import open3d
+import pandas as pd
 import plyfile
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pyproj
 import pytest
 from laspy.vlrs.vlr import VLR
@@ -12,6 +16,7 @@ from references_formats import LAYOUTS, las_column, make_labels, make_las, raw_v
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.datasets.formats.base import ReadOptions
+from mlsroad_pipeline.datasets.formats.registry import get_format
 from mlsroad_pipeline.datasets.labelled_writer import write_labelled
 
 
@@ -273,3 +278,89 @@ def test_recordings(tmp_path, real_data, parts):
     np.testing.assert_array_equal(new.header.offsets, old.header.offsets)
     np.testing.assert_array_equal(new.header.mins, old.header.mins)
     assert new.header.creation_date == old.header.creation_date
+
+
+def test_parquet_keeps_its_columns_and_metadata(tmp_path, rng):
+    source, out = tmp_path / "a.parquet", tmp_path / "out"
+    columns = {
+        **{"x": rng.random(50), "y": rng.random(50), "z": rng.random(50), "classification": rng.integers(0, 9, 50)},
+        **{"when": pd.date_range("2024-01-01", periods=50), "who": ["a", "b"] * 25},
+    }
+    frame = pd.DataFrame(columns, index=pd.Index(np.arange(50) * 2, name="number"))
+    table = pa.Table.from_pandas(frame)
+    table = table.replace_schema_metadata({**table.schema.metadata, b"crs": pyproj.CRS(28992).to_wkt().encode()})
+    pq.write_table(table, source, row_group_size=19)
+    assert write_labelled(source, out / "a.laz", make_labels, chunk_size=13) == [out / "a.laz", out / "a.parquet"]
+    new = pq.read_table(out / "a.parquet")
+    codes, confidence = make_labels(0, 50)
+    np.testing.assert_array_equal(new["classification"], codes)
+    np.testing.assert_array_equal(new["confidence"], confidence)
+    assert new["original_classification"].equals(table["classification"])
+    for name in ("x", "y", "z", "when", "who", "number"):
+        assert new[name].equals(table[name]), name
+    assert new.schema.metadata == table.schema.metadata
+    assert new.to_pandas()["who"].tolist() == columns["who"]
+    assert get_format(out / "a.parquet").read(out / "a.parquet", ReadOptions()).crs == pyproj.CRS(28992).to_wkt()
+    check_labels(laspy.read(out / "a.laz"))
+    first = (out / "a.parquet").read_bytes()
+    write_labelled(source, out / "a.laz", make_labels, chunk_size=13)
+    assert (out / "a.parquet").read_bytes() == first
+
+
+def test_npz_keeps_its_arrays(tmp_path, rng):
+    source, out = tmp_path / "a.npz", tmp_path / "out"
+    arrays = {"points": rng.random((40, 3)), "confidence": rng.random(40), "about": np.array("a street")}
+    np.savez(source, **arrays)
+    assert write_labelled(source, out / "a.laz", make_labels, chunk_size=13) == [out / "a.laz", out / "a.npz"]
+    new = np.load(out / "a.npz")
+    codes, confidence = make_labels(0, 40)
+    assert set(new) == {"points", "about", "original_confidence", "classification", "confidence"}
+    np.testing.assert_array_equal(new["points"], arrays["points"])
+    np.testing.assert_array_equal(new["original_confidence"], arrays["confidence"])
+    np.testing.assert_array_equal(new["classification"], codes)
+    np.testing.assert_array_equal(new["confidence"], confidence)
+    assert new["classification"].dtype == np.uint8 and str(new["about"]) == "a street"
+    np.save(tmp_path / "b.npy", arrays["points"])
+    assert write_labelled(tmp_path / "b.npy", out / "b.laz", make_labels) == [out / "b.laz"]
+
+
+@pytest.mark.parametrize("name", ["a.pcd", "a.pcd.gz"])
+def test_pcd_keeps_its_fields(tmp_path, rng, name):
+    n = 40
+    source, out = tmp_path / name, tmp_path / "out"
+    record = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("classification", "<i2"), ("h", "<f4", 2)])
+    points = np.zeros(n, record)
+    for field in ("x", "y", "z", "h"):
+        points[field] = rng.normal(size=points[field].shape)
+    points["classification"] = rng.integers(0, 99, n)
+    head = (
+        "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z classification h\nSIZE 4 4 4 2 4\nTYPE F F F I F\n"
+        f"COUNT 1 1 1 1 2\nWIDTH {n}\nHEIGHT 1\nVIEWPOINT 1 2 3 1 0 0 0\nPOINTS {n}\nDATA binary\n"
+    )
+    data = head.encode() + points.tobytes()
+    source.write_bytes(gzip.compress(data) if name.endswith("gz") else data)
+    assert write_labelled(source, out / "a.laz", make_labels, chunk_size=13) == [out / "a.laz", out / name]
+    form = get_format(out / name)
+    new, old = form.read(out / name, ReadOptions()), form.read(source, ReadOptions())
+    codes, confidence = make_labels(0, n)
+    np.testing.assert_array_equal(new["classification"], codes)
+    np.testing.assert_array_equal(new["confidence"], confidence)
+    np.testing.assert_array_equal(new["original_classification"], points["classification"])
+    np.testing.assert_array_equal(new.xyz, old.xyz)
+    np.testing.assert_array_equal(new["h_1"], points["h"][:, 1])
+    assert form.info(out / name, ReadOptions()).details["viewpoint"] == "1 2 3 1 0 0 0"
+    if name == "a.pcd":
+        seen = open3d.t.io.read_point_cloud(str(out / name))
+        np.testing.assert_array_equal(seen.point["classification"].numpy()[:, 0], codes)
+        np.testing.assert_array_equal(seen.point["confidence"].numpy()[:, 0], confidence)
+
+
+@pytest.mark.parametrize(("last", "n_points"), [("_", 20), ("w", 19)], ids=["padding", "no return"])
+def test_other_pcd_is_written_as_laz_only(tmp_path, rng, last, n_points):
+    values = rng.random((20, 4)).astype("<f4")
+    values[7, :3] = 0.0 if last == "_" else np.nan
+    head = f"# .PCD v0.7\nFIELDS x y z {last}\nSIZE 4 4 4 4\nTYPE F F F F\nWIDTH 20\nHEIGHT 1\nDATA binary\n"
+    (tmp_path / "a.pcd").write_bytes(head.encode() + values.tobytes())
+    out = tmp_path / "out"
+    assert write_labelled(tmp_path / "a.pcd", out / "a.laz", make_labels) == [out / "a.laz"]
+    assert len(laspy.read(out / "a.laz").points) == n_points

@@ -12,6 +12,7 @@ from pathlib import Path
 import geopandas as gpd
 import laspy
 import numpy as np
+import open3d
 import pyogrio
 import pytest
 import yaml
@@ -210,11 +211,11 @@ def written_as(form, name, cloud, folder, **options):
     return path
 
 
-@pytest.mark.parametrize("kind", ["ply", "txt", "csv.gz", "bin", "las"])
+@pytest.mark.parametrize("kind", ["ply.gz", "txt", "csv.gz", "bin", "las"])
 def test_formats_keep_their_points_and_their_own_form(project, cloud, labelled, tmp_path, kind):
     source = tmp_path / "in"
     source.mkdir()
-    form = {"ply": PlyFormat(), "bin": KittiFormat(), "las": LasFormat()}.get(kind, TextFormat())
+    form = {"ply.gz": PlyFormat(), "bin": KittiFormat(), "las": LasFormat()}.get(kind, TextFormat())
     if kind == "bin":  # KITTI has no place for the world
         cloud = PointCloud(cloud.xyz.astype(np.float32), {"intensity": cloud["intensity"]}, np.zeros(3))
     name = f"street.{kind}"
@@ -235,6 +236,31 @@ def test_formats_keep_their_points_and_their_own_form(project, cloud, labelled, 
         assert np.array_equal(again["rgb"], cloud["rgb"])
         same = np.asarray(laspy.read(labelled / "street.laz").classification) == codes
         assert same.mean() > 0.97  # the same points, up to the digits of the format
+
+
+def test_copies_for_viewers_hold_the_points_of_the_result(project, survey, tmp_path):
+    out = label(project, survey, tmp_path / "out", copc=True, coloured_ply=True)
+    result = laspy.read(out / "street.laz")
+    with laspy.CopcReader.open(out / "street.copc.laz") as reader:
+        tree = reader.query()
+        assert reader.header.parse_crs().to_epsg() == 25833
+    rows, cells = (np.lexsort([np.asarray(p[name]) for name in ("gps_time", "Z", "Y", "X")]) for p in (result, tree))
+    for name in result.point_format.dimension_names:
+        np.testing.assert_array_equal(np.asarray(result[name])[rows], np.asarray(tree[name])[cells], err_msg=name)
+    picture = out / "street_classes.ply"
+    seen = open3d.t.io.read_point_cloud(str(picture))
+    origin = re.search(rb"comment origin (\S+) (\S+) (\S+)", picture.read_bytes()[:1000])
+    assert origin is not None
+    world = seen.point.positions.numpy().astype(np.float64) + np.array(origin.groups(), dtype=np.float64)
+    np.testing.assert_allclose(world, result.xyz, rtol=0, atol=1e-3)  # single precision beside its origin
+    np.testing.assert_array_equal(seen.point["classification"].numpy()[:, 0], result.classification)
+    np.testing.assert_array_equal(seen.point["confidence"].numpy()[:, 0], result["confidence"])
+    colours = np.unique(np.column_stack([result.classification, seen.point.colors.numpy()]), axis=0)
+    assert len(colours) == len(np.unique(result.classification))  # one colour a class
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    (out / "street.copc.laz").unlink()
+    label(project, survey, out, copc=True, coloured_ply=True)
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
 
 def test_survey_without_colour_gets_the_forest_without_it_and_is_told_so_once(project, cloud, tmp_path, caplog):

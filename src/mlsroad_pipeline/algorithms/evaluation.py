@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.rendering.camera import birds_eye_view, oblique_view
+from mlsroad_pipeline.algorithms.rendering.camera import View, birds_eye_view, oblique_view
 from mlsroad_pipeline.algorithms.rendering.cloud_figures import cloud_figure, labelling_pictures
 from mlsroad_pipeline.algorithms.rendering.figures import class_bars_figure, confusion_figure
 
@@ -209,11 +210,17 @@ def scene_figures(
     predicted = np.concatenate(
         [coarse_labels(found["label"][s["core"]], trained, scored) for s, found in zip(scenes, labels, strict=True)]
     )
-    figures = {}
-    for name, view in (("birds_eye", birds_eye_view(xyz)), ("perspective", oblique_view(xyz))):
-        pictures = labelling_pictures(xyz, view, classes=scored, truth=truth, predicted=predicted)
-        figures[name] = cloud_figure(pictures, view, classes=scored, present=truth, title=title)
-    return figures
+    views = {"birds_eye": birds_eye_view(xyz), "perspective": oblique_view(xyz)}
+
+    def paint(view: View) -> dict[str, NDArray[np.uint8]]:
+        return labelling_pictures(xyz, view, classes=scored, truth=truth, predicted=predicted)
+
+    with ThreadPoolExecutor(len(views)) as pool:
+        painted = list(pool.map(paint, views.values()))
+    return {
+        name: cloud_figure(pictures, view, classes=scored, present=truth, title=title)
+        for (name, view), pictures in zip(views.items(), painted, strict=True)
+    }
 
 
 def score_figures(

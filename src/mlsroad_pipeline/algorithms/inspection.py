@@ -259,7 +259,7 @@ def column_warnings(columns: Mapping[str, ColumnSummary], low: NDArray, high: ND
             found.append("coordinates look like degrees, not metres; reproject the file first")
         if extent.max() > 1e5:
             found.append(
-                f"the points extend over {extent.max() / 1000:.0f} km: stray points, or units other than metres"
+                f"the points extend over {extent.max() / 1000:,.6g} km: stray points, or units other than metres"
             )
     for name, summary in columns.items():
         if summary.n_missing:

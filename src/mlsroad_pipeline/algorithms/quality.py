@@ -158,7 +158,8 @@ def inspect_chunk(cloud: PointCloud, *, max_gap: float = 1.0, n_total: int | Non
 
 def _occupied_cells(world: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return sorted keys of the cells that hold points; runs of points in one cell are cut before sorting."""
-    cells = np.floor(world[:, :2] / DENSITY_CELL).astype(np.int64)
+    with np.errstate(invalid="ignore"):  # damaged files have coordinates beyond any integer
+        cells = np.floor(world[:, :2] / DENSITY_CELL).astype(np.int64)
     keys = (cells[:, 0] << 32) + cells[:, 1]
     return np.unique(keys[np.diff(keys, prepend=keys[:1] - 1) != 0])
 

@@ -121,11 +121,11 @@ class FeatureParameters:
         Raster cell of the column features, metres.
     relief_radius : float, default 5.0
         How far the lowest point is sought, metres.
-    ball_radii : sequence of float, default [1.0, 2.0]
+    ball_radii : sequence of float, default [0.5, 1.0, 2.0]
         Radii of the balls whose shape is described, metres.
     ball_voxel_size : float, default 0.2
         Edge of the voxels in them, metres.
-    footprint_radii : sequence of float, default [3.0, 6.0]
+    footprint_radii : sequence of float, default [1.5, 3.0, 6.0]
         Radii within which the columns around are described, metres.
 
     Raises
@@ -138,9 +138,9 @@ class FeatureParameters:
     region: Literal["own", "neighborhood", "both"] = "both"
     column_size: float = 0.5
     relief_radius: float = 5.0
-    ball_radii: Sequence[float] = field(default_factory=lambda: [1.0, 2.0])
+    ball_radii: Sequence[float] = field(default_factory=lambda: [0.5, 1.0, 2.0])
     ball_voxel_size: float = 0.2
-    footprint_radii: Sequence[float] = field(default_factory=lambda: [3.0, 6.0])
+    footprint_radii: Sequence[float] = field(default_factory=lambda: [1.5, 3.0, 6.0])
 
     def __post_init__(self) -> None:
         for name in ("column_size", "relief_radius"):

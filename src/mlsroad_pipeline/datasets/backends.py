@@ -138,8 +138,9 @@ def warm_workers(execution: Execution) -> None:
         How many.
     """
     n_workers = max(execution.n_local_workers, 2)
-    with _pool_lock:
-        for _ in _processes(range(n_workers), n_workers, warm_up):
+    at_once = max(int(joblib.cpu_count()) - 1, 1)  # a core is left to this process, which has its own start to make
+    with _pool_lock, tempfile.TemporaryDirectory(prefix="mlsroad-start-") as folder:
+        for _ in _processes([f"{folder}/{i % at_once}" for i in range(n_workers)], n_workers, warm_up):
             pass
 
 

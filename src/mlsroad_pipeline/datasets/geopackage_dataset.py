@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import uuid
 import warnings
 from pathlib import Path
-from typing import Any
 
 import geopandas as gpd
 import numpy as np
 import pandas as pd
 import pyogrio
 import shapely
-from kedro.io import AbstractDataset
 from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
@@ -22,8 +18,8 @@ from mlsroad_pipeline.algorithms.object_boxes import polygon_area
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.datasets import qgis_styles
 from mlsroad_pipeline.datasets.geopackage_tables import add_tables
+from mlsroad_pipeline.datasets.inventory_file import InventoryFileDataset, footprint_text, replaced, with_empty_text
 from mlsroad_pipeline.datasets.road_inventory import (
-    MAY_LACK,
     RoadInventory,
     attributes,
     base_points,
@@ -76,27 +72,29 @@ def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
     """
     target = Path(path)
     table, crs = checked(inventory, target)
-    shown, points = attributes(table), base_points(table)
-    temporary = target.with_name(f".{target.stem}-{uuid.uuid4().hex}.gpkg")
     before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
     pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": _FIXED_DATE})  # otherwise the file tells when it was written
     try:
-        _write_layer(temporary, "objects", shown, geometry=points, kind=_POINT, crs=crs)
-        for layer, kind in LAYERS.items():
-            mine = (table["kind"] == kind).to_numpy()
-            shapes = vehicle_boxes(table[mine]) if kind == "vehicle" else points[mine]
-            shape = _POLYGON if kind == "vehicle" else _POINT
-            _write_layer(temporary, layer, shown[mine], geometry=shapes, kind=shape, crs=crs)
-        _write_footprints(temporary, table, crs=crs)
-        if inventory.trajectory is not None:
-            line = np.array([shapely.LineString(inventory.trajectory.xyz)])
-            length = pd.DataFrame({"length": [round(inventory.trajectory.length, 3)]})
-            _write_layer(temporary, "trajectory", length, geometry=line, kind=_LINE, crs=crs)
-        add_tables(temporary, {layer: qgis_styles.qml(layer) for layer in qgis_styles.LAYERS}, date=_FIXED_DATE)
-        os.replace(temporary, target)
+        with replaced(target) as temporary:
+            _write_layers(temporary, inventory, table, crs)
     finally:
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
-        temporary.unlink(missing_ok=True)
+
+
+def _write_layers(path: Path, inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> None:
+    shown, points = attributes(table), base_points(table)
+    _write_layer(path, "objects", shown, geometry=points, kind=_POINT, crs=crs)
+    for layer, kind in LAYERS.items():
+        mine = (table["kind"] == kind).to_numpy()
+        shapes = vehicle_boxes(table[mine]) if kind == "vehicle" else points[mine]
+        shape = _POLYGON if kind == "vehicle" else _POINT
+        _write_layer(path, layer, shown[mine], geometry=shapes, kind=shape, crs=crs)
+    _write_footprints(path, table, crs=crs)
+    if inventory.trajectory is not None:
+        line = np.array([shapely.LineString(inventory.trajectory.xyz)])
+        length = pd.DataFrame({"length": [round(inventory.trajectory.length, 3)]})
+        _write_layer(path, "trajectory", length, geometry=line, kind=_LINE, crs=crs)
+    add_tables(path, {layer: qgis_styles.qml(layer) for layer in qgis_styles.LAYERS}, date=_FIXED_DATE)
 
 
 def _write_footprints(path: Path, table: pd.DataFrame, *, crs: CRS | None) -> None:
@@ -150,15 +148,13 @@ def read_geopackage(path: str | Path) -> RoadInventory:
 
 def _objects_of(source: Path, frame: gpd.GeoDataFrame) -> pd.DataFrame:
     shapes = gpd.read_file(source, layer="footprints")
-    text = shapely.to_wkt(shapes.geometry.to_numpy(), rounding_precision=2, trim=False)
-    objects = pd.DataFrame(frame.drop(columns="geometry"))
+    text = footprint_text(shapes.geometry.to_numpy())
+    objects = with_empty_text(frame.drop(columns="geometry"))
     objects["footprint"] = objects["object_id"].map(dict(zip(shapes["object_id"], text, strict=True))).fillna("")
-    for name in MAY_LACK:
-        objects[name] = objects[name].astype(object).where(objects[name].notna(), "")
     return objects[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
 
 
-class GeoPackageDataset(AbstractDataset[RoadInventory, RoadInventory]):
+class GeoPackageDataset(InventoryFileDataset):
     """An inventory of road objects in a GeoPackage, with the style of the layer `objects` beside it.
 
     Parameters
@@ -178,22 +174,9 @@ class GeoPackageDataset(AbstractDataset[RoadInventory, RoadInventory]):
           filepath: data/07_model_output/inventory.gpkg
     """
 
-    def __init__(self, *, filepath: str, metadata: dict[str, Any] | None = None) -> None:
-        self._filepath = Path(filepath)
-        self.metadata = metadata
-
-    def load(self) -> RoadInventory:
-        """Read the inventory."""
+    def _read(self) -> RoadInventory:
         return read_geopackage(self._filepath)
 
-    def save(self, data: RoadInventory) -> None:
-        """Write the inventory, creating its folder."""
-        self._filepath.parent.mkdir(parents=True, exist_ok=True)
+    def _write(self, data: RoadInventory) -> None:
         write_geopackage(data, self._filepath)
         self._filepath.with_suffix(".qml").write_text(qgis_styles.qml("objects"), encoding="utf-8")
-
-    def _exists(self) -> bool:
-        return self._filepath.is_file()
-
-    def _describe(self) -> dict[str, Any]:
-        return {"filepath": str(self._filepath)}

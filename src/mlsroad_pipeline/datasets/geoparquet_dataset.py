@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
-import uuid
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import shapely
-from kedro.io import AbstractDataset
 from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
 from mlsroad_pipeline.algorithms.inventory_table import FIELDS, OBJECT_FIELDS
-from mlsroad_pipeline.datasets.road_inventory import MAY_LACK, RoadInventory, attributes, base_points, checked, hulls
+from mlsroad_pipeline.datasets.inventory_file import InventoryFileDataset, footprint_text, replaced, with_empty_text
+from mlsroad_pipeline.datasets.road_inventory import RoadInventory, attributes, base_points, checked, hulls
 
 VERSION = "1.1.0"
 _CORNERS = ("xmin", "ymin", "xmax", "ymax")
@@ -86,12 +83,8 @@ def write_geoparquet(inventory: RoadInventory, path: str | Path) -> None:
     boxes = _boxes(points)
     schema = pa.schema([*fields, pa.field("bbox", boxes.type)])
     schema = schema.with_metadata({"geo": json.dumps(_geo_metadata(points, footprints, crs))})
-    temporary = target.with_name(f".{target.stem}-{uuid.uuid4().hex}.parquet")
-    try:
+    with replaced(target) as temporary:
         pq.write_table(pa.Table.from_arrays([*columns, boxes], schema=schema), temporary, compression="zstd")
-        os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def read_geoparquet(path: str | Path) -> RoadInventory:
@@ -126,17 +119,13 @@ def read_geoparquet(path: str | Path) -> RoadInventory:
     if missing:
         raise ReadError(f"{source}: no column {missing[0]!r}")
     objects = table.select(list(OBJECT_FIELDS)).to_pandas()
-    shapes = shapely.from_wkb(objects["footprint"].to_numpy(dtype=object))
-    text = shapely.to_wkt(shapes, rounding_precision=2, trim=False)
-    objects["footprint"] = np.where(shapely.is_missing(shapes), "", text)
-    for name in MAY_LACK:
-        objects[name] = objects[name].astype(object).where(objects[name].notna(), "")
+    objects["footprint"] = footprint_text(shapely.from_wkb(objects["footprint"].to_numpy(dtype=object)))
     system = json.loads(metadata[b"geo"])["columns"]["geometry"]["crs"]
     crs = None if system is None else CRS.from_json_dict(system).to_wkt()
-    return RoadInventory(pd.DataFrame(objects).astype(OBJECT_FIELDS), crs)
+    return RoadInventory(with_empty_text(objects).astype(OBJECT_FIELDS), crs)
 
 
-class GeoParquetDataset(AbstractDataset[RoadInventory, RoadInventory]):
+class GeoParquetDataset(InventoryFileDataset):
     """An inventory of road objects in a GeoParquet file.
 
     Parameters
@@ -155,21 +144,8 @@ class GeoParquetDataset(AbstractDataset[RoadInventory, RoadInventory]):
           filepath: data/07_model_output/inventory.parquet
     """
 
-    def __init__(self, *, filepath: str, metadata: dict[str, Any] | None = None) -> None:
-        self._filepath = Path(filepath)
-        self.metadata = metadata
-
-    def load(self) -> RoadInventory:
-        """Read the inventory."""
+    def _read(self) -> RoadInventory:
         return read_geoparquet(self._filepath)
 
-    def save(self, data: RoadInventory) -> None:
-        """Write the inventory, creating its folder."""
-        self._filepath.parent.mkdir(parents=True, exist_ok=True)
+    def _write(self, data: RoadInventory) -> None:
         write_geoparquet(data, self._filepath)
-
-    def _exists(self) -> bool:
-        return self._filepath.is_file()
-
-    def _describe(self) -> dict[str, Any]:
-        return {"filepath": str(self._filepath)}

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.ingest import (
-    SplitPart,
     axis_of_samples,
     corridor_from_arrays,
     corridor_to_arrays,
@@ -21,7 +20,9 @@ from mlsroad_pipeline.algorithms.ingest import (
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud, concatenate
 from mlsroad_pipeline.algorithms.quality import inspect_chunk
 from mlsroad_pipeline.algorithms.quality_storage import chunk_to_arrays
+from mlsroad_pipeline.algorithms.split_parts import SplitPart
 from mlsroad_pipeline.algorithms.trajectory_estimation import trajectory_from_windows
+from mlsroad_pipeline.datasets.formats.files import spread_starts
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
 from mlsroad_pipeline.datasets.formats.registry import get_format
 from mlsroad_pipeline.datasets.sbet import coverage_note, in_weeks_of
@@ -108,8 +109,8 @@ def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: boo
     n_points = form.info(Path(path), chosen).n_points
     if n_points == 0:
         raise ReadError(f"{path} is empty: it holds no points")
-    starts = np.unique(np.linspace(0, max(n_points - SAMPLE_SIZE, 0), SAMPLE_RUNS).astype(int))
-    runs = [form.read(Path(path), chosen, start=int(start), stop=int(start) + SAMPLE_SIZE) for start in starts]
+    starts = spread_starts(n_points, SAMPLE_RUNS, SAMPLE_SIZE)
+    runs = [form.read(Path(path), chosen, start=start, stop=start + SAMPLE_SIZE) for start in starts]
     sample = concatenate(runs)
     stretches = read_time_windows(form, path, chosen, sample=sample, n_points=n_points) if windows else None
     return {

@@ -28,6 +28,8 @@ ASPRS = {
 """Names of the standard codes of a LAS file's `classification`."""
 
 MOST_PICTURES = 12
+MANY = 4
+"""A warning that this many files share is told once."""
 
 
 def survey_warnings(files: Sequence[FileInspection], unread: Mapping[str, str]) -> pd.DataFrame:
@@ -46,7 +48,7 @@ def survey_warnings(files: Sequence[FileInspection], unread: Mapping[str, str]) 
         Columns ``file`` and ``warning``.
     """
     found = [(name, f"cannot be read: {reason}") for name, reason in unread.items()]
-    found += [(file.name, warning) for file in files for warning in file.warnings]
+    found += _gathered([(file.name, warning) for file in files for warning in file.warnings], len(files))
     systems = {file.info.crs: file.name for file in reversed(files)}
     if len(systems) > 1:
         examples = "; ".join(f"{name}: {crs_label(crs)}" for crs, name in systems.items())
@@ -59,6 +61,21 @@ def survey_warnings(files: Sequence[FileInspection], unread: Mapping[str, str]) 
         some = sorted(name for name, count in n_files.items() if count < len(columns))
         found.append((files[0].name, f"only some of the files have {', '.join(some)}"))
     return pd.DataFrame(found, columns=["file", "warning"])
+
+
+def _gathered(found: Sequence[tuple[str, str]], n_files: int) -> list[tuple[str, str]]:
+    """Say once what is so in many files."""
+    names: dict[str, list[str]] = {}
+    for name, warning in found:
+        names.setdefault(warning, []).append(name)
+    return [
+        (
+            f"{len(names[warning])} of {n_files} files, the first {name}" if len(names[warning]) >= MANY else name,
+            warning,
+        )
+        for name, warning in found
+        if len(names[warning]) < MANY or name == names[warning][0]
+    ]
 
 
 def crs_label(crs: str | None) -> str:
@@ -130,13 +147,13 @@ def survey_page(survey: str, files: Sequence[FileInspection], warnings: pd.DataF
     }
     told = [f"{row.file}: {row.warning}" for row in warnings.itertuples()]
     pictures = {f"{file.name}": survey_map_figure(file.picture) for file in files[:MOST_PICTURES]}
-    note = f"The first {MOST_PICTURES} of {len(files)} files." if len(files) > MOST_PICTURES else ""
+    some = f": the first {MOST_PICTURES} of {len(files)} files" if len(files) > MOST_PICTURES else ""
     sections: list[Section] = [
         FactsSection("Survey", summary),
         WarningsSection("Warnings", told),
         TableSection("Files", pd.DataFrame([_file_row(fact) for fact in facts])),
-        FiguresSection("From above", pictures),
-        TableSection("Columns", pd.DataFrame([row for fact in facts for row in _column_rows(fact)]), note),
+        FiguresSection(f"From above{some}", pictures),
+        TableSection("Columns", pd.DataFrame([row for fact in facts for row in _column_rows(fact)])),
         TableSection("Times and scan lines", pd.DataFrame([_time_row(fact) for fact in facts])),
         TableSection("Codes", pd.DataFrame([row for fact in facts for row in _code_rows(fact)])),
     ]

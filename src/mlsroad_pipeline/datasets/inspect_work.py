@@ -24,6 +24,7 @@ from mlsroad_pipeline.algorithms.inspection import (
 from mlsroad_pipeline.algorithms.quality import ChunkQuality, inspect_chunk, merge
 from mlsroad_pipeline.algorithms.validation import check_positive
 from mlsroad_pipeline.datasets.formats.base import FileInfo, PointFormat, ReadOptions
+from mlsroad_pipeline.datasets.formats.crs import SAME_UNIT, crs_unit
 from mlsroad_pipeline.datasets.formats.registry import get_format
 from mlsroad_pipeline.datasets.sbet import coverage_note, in_weeks_of
 from mlsroad_pipeline.datasets.survey_files import Survey
@@ -188,6 +189,11 @@ def inspect_file(
 def _unit_warnings(form: PointFormat, info: FileInfo, options: ReadOptions) -> list[str]:
     if options.metres != 1.0:
         return []
+    unit = None if info.crs is None else crs_unit(info.crs)
+    if unit is not None and abs(unit[1] - 1.0) > SAME_UNIT:
+        return [
+            f"its coordinate reference system counts in {unit[0]}, and the coordinates are taken for metres; set units"
+        ]
     units = form.read(info.path, replace(options, only=(), coding=None), stop=SAMPLE_RUNS * SAMPLE_SIZE).world_xyz()
     if len(units) < SAMPLE_SIZE or np.abs(units - np.rint(units)).max() > 1e-6:
         return []

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.ingest import corridor_from_arrays
-from mlsroad_pipeline.algorithms.inventory import SceneObjects
 from mlsroad_pipeline.algorithms.label_confidence import confidence_table, confidence_warnings
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, bundle_scheme, missing_attributes
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule
@@ -26,17 +25,20 @@ from mlsroad_pipeline.algorithms.rendering.report_sections import (
     TableSection,
     WarningsSection,
 )
-from mlsroad_pipeline.algorithms.survey_labelling import join_inventories
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.datasets.formats.coloured_ply import coloured_path
 from mlsroad_pipeline.datasets.formats.copc import copc_path
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
+from mlsroad_pipeline.datasets.label_work import join_objects
 from mlsroad_pipeline.datasets.road_inventory import RoadInventory
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import Deferred
+from mlsroad_pipeline.datasets.scene_task import Deferred, SceneTask
 from mlsroad_pipeline.datasets.survey_plan import LabelParameters, PlannedFile, SurveyPlan
 
 logger = logging.getLogger(__name__)
+
+OBJECTS = "inventory"
+"""What the table of the objects is called beside the written files, whose names begin with the split."""
 
 WRITING_THREADS = 2
 _ELSEWHERE = ("scene", "method", "model_version", "footprint")  # what the report's list of objects leaves to the files
@@ -50,22 +52,19 @@ def _scenes_of(drive: str, results: SceneCollection) -> list[str]:
     return [key for key in results if key.rpartition(".")[0] == drive]
 
 
-def inventory_of(
+def objects_task(
     plan: SurveyPlan,
-    files: SceneCollection,
     corridors: SceneCollection,
     results: SceneCollection,
     rules: Mapping[str, ObjectRule],
     bundle: ModelBundle,
-) -> RoadInventory:
-    """Join the objects of all scenes of a survey.
+) -> SceneTask:
+    """Plan the work that joins the objects of all scenes of a survey.
 
     Parameters
     ----------
     plan : SurveyPlan
         The files.
-    files : SceneCollection
-        Their samples, for the coordinate reference system.
     corridors : SceneCollection
         Their trajectories.
     results : SceneCollection
@@ -77,31 +76,83 @@ def inventory_of(
 
     Returns
     -------
+    SceneTask
+        It gives the table of the objects.
+    """
+    drives = {drive: _scenes_of(drive, results) for drive in plan.drives()}
+    parts = {
+        name: {drive: {key: found[key] for key in keys} for drive, keys in drives.items()}
+        for name in ("objects", "fragments")
+        for found in [results.part(name)]
+    }
+    registered = bundle.metadata.get("registered")
+    version = "" if registered is None else f"{registered['name']} {registered['version']}"
+    return SceneTask(
+        join_objects,
+        {"corridors": {drive: corridors[drive] for drive in drives}, **parts},
+        {"rules": dict(rules), "method": bundle.slug, "model_version": version},
+    )
+
+
+def survey_crs(plan: SurveyPlan, files: SceneCollection) -> str | None:
+    """Return the coordinate reference system of a survey.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+    files : SceneCollection
+        Their samples.
+
+    Returns
+    -------
+    str or None
+        As WKT; None where the files have none.
+
+    Raises
+    ------
+    DataError
+        If the files have different ones: one map cannot hold them.
+    """
+    samples = files.part("sample")
+    systems = {file.source.name: samples[file.key].load().crs for file in plan.files}
+    one, crs = next(iter(systems.items()))
+    other = next((name for name, system in systems.items() if system != crs), None)
+    if other is not None:
+        raise DataError(f"{one} and {other} have different coordinate reference systems: label them one by one")
+    return crs
+
+
+def inventory_of(
+    plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, written: SceneCollection
+) -> RoadInventory:
+    """Return the inventory of a survey.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+    files : SceneCollection
+        Their samples, for the coordinate reference system.
+    corridors : SceneCollection
+        Their trajectories.
+    written : SceneCollection
+        What was written, the table of the objects among it.
+
+    Returns
+    -------
     RoadInventory
         The objects, the coordinate reference system, and the trajectory of a survey with one drive.
 
     Raises
     ------
     DataError
-        If the files have different coordinate reference systems: one map cannot hold them.
+        If the files have different coordinate reference systems.
     """
-    found, fragments = results.part("objects"), results.part("fragments")
-    drives, systems = [], {}
-    for drive, members in plan.drives().items():
-        corridor = corridor_from_arrays(corridors[drive].load())
-        scenes = [SceneObjects(key, found[key].load(), fragments[key].load()) for key in _scenes_of(drive, results)]
-        drives.append((scenes, corridor if isinstance(corridor, Trajectory) else None))
-        for file in members:
-            systems[file.source.name] = files.part("sample")[file.key].load().crs
-    if len(set(systems.values())) > 1:
-        one, first = next(iter(systems.items()))
-        other = next(name for name, crs in systems.items() if crs != first)
-        raise DataError(f"{one} and {other} have different coordinate reference systems: label them one by one")
-    trajectory = drives[0][1] if len(drives) == 1 else None
-    registered = bundle.metadata.get("registered")
-    version = "" if registered is None else f"{registered['name']} {registered['version']}"
-    objects = join_inventories(drives, rules).assign(method=bundle.slug, model_version=version)
-    return RoadInventory(objects, next(iter(systems.values())), trajectory)
+    drives = list(plan.drives())
+    corridor = corridor_from_arrays(corridors[drives[0]].load()) if len(drives) == 1 else None
+    trajectory = corridor if isinstance(corridor, Trajectory) else None
+    return RoadInventory(written[OBJECTS].load(), survey_crs(plan, files), trajectory)
 
 
 @dataclass(frozen=True)
@@ -270,7 +321,7 @@ def label_report_sections(
         "files": len(quality),
         "points": int(quality["n_points"].sum()),
     }
-    outputs = pd.DataFrame({"file": [str(name) for part in written.values() for name in part["files"]]})
+    outputs = pd.DataFrame({"file": [str(n) for key, part in written.items() if key != OBJECTS for n in part["files"]]})
     shares = dict(zip((*scheme.classes, "unlabelled"), total.tolist(), strict=True))
     return [
         FactsSection("What was run", facts),

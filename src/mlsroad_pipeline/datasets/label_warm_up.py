@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.detrended_forest.nearest import nearest_supervoxels
-from mlsroad_pipeline.algorithms.inventory import extract_objects
+from mlsroad_pipeline.algorithms.inventory import extract_objects, merge_across_scenes
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.quality import inspect_chunk
@@ -62,13 +62,15 @@ def run_stages() -> None:
     supervoxels = build_supervoxels(scene, SupervoxelParameters())
     features = describe_supervoxels(scene, ground, supervoxels, FeatureParameters())
     nearest_supervoxels(scene.xyz, features["centroids"])
-    extract_objects(
+    rules = {"pole": ObjectRule("pole", (1,), 0.3, split_spacing=1.0)}
+    found = extract_objects(
         scene.xyz,
         np.where(ground["ground"], 0, 1).astype(np.int16),
         np.ones(len(scene), np.float32),
-        classes={"pole": ObjectRule("pole", (1,), 0.3, split_spacing=1.0)},
+        classes=rules,
         core=scene["core"],
         origin=scene.origin,
         height_above_ground=np.nan_to_num(ground["height"]),
         scene="small",
     )
+    merge_across_scenes([found], classes=rules, trajectory=drive)

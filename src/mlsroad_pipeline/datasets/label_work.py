@@ -8,14 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.ingest import OutlierParameters, join_pieces
+from mlsroad_pipeline.algorithms.ingest import OutlierParameters, corridor_from_arrays, join_pieces
+from mlsroad_pipeline.algorithms.inventory import SceneObjects
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-from mlsroad_pipeline.algorithms.survey_labelling import label_new_scene
+from mlsroad_pipeline.algorithms.survey_labelling import join_inventories, label_new_scene
 from mlsroad_pipeline.algorithms.tiling import SceneSpan
+from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.datasets.formats.coloured_ply import coloured_path, write_coloured_ply
 from mlsroad_pipeline.datasets.formats.copc import copc_path, write_copc
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
@@ -204,3 +207,38 @@ def write_file(
         write_coloured_ply(target, coloured_path(target))
         written.append(Path(coloured_path(target)))
     return {"files": np.array([str(item) for item in written])}
+
+
+def join_objects(
+    corridors: Mapping[str, Mapping[str, NDArray]],
+    objects: Mapping[str, Mapping[str, pd.DataFrame]],
+    fragments: Mapping[str, Mapping[str, pd.DataFrame]],
+    *,
+    rules: Mapping[str, ObjectRule],
+    method: str,
+    model_version: str,
+) -> pd.DataFrame:
+    """Join the objects that the scenes of a survey found.
+
+    Parameters
+    ----------
+    corridors : mapping of str to mapping
+        What each drive was cut along.
+    objects, fragments : mapping of str to mapping of str to DataFrame
+        Per drive and scene, its whole objects and what its borders cut.
+    rules : mapping of str to ObjectRule
+        The rules that the objects were found with.
+    method, model_version : str
+        The model, whose names stand beside each object.
+
+    Returns
+    -------
+    DataFrame
+        Columns of `OBJECT_FIELDS`; objects are numbered through.
+    """
+    drives = []
+    for drive, arrays in corridors.items():
+        corridor = corridor_from_arrays(arrays)
+        scenes = [SceneObjects(key, found, fragments[drive][key]) for key, found in objects[drive].items()]
+        drives.append((scenes, corridor if isinstance(corridor, Trajectory) else None))
+    return join_inventories(drives, rules).assign(method=method, model_version=model_version)

@@ -15,21 +15,16 @@ from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.validation import check_column
 from mlsroad_pipeline.datasets.formats.base import PointFormat, ReadOptions, WriteOptions
-from mlsroad_pipeline.datasets.formats.files import atomic_file
+from mlsroad_pipeline.datasets.formats.files import LAZ_CHUNK, atomic_file
+from mlsroad_pipeline.datasets.formats.labelled_names import CLASS, CONFIDENCE
 from mlsroad_pipeline.datasets.formats.las_extra import ExtraDimension
 from mlsroad_pipeline.datasets.formats.las_header import LasHeader, read_header
-from mlsroad_pipeline.datasets.formats.las_layers import CHUNK_POINTS, LayerCopier, has_layers
+from mlsroad_pipeline.datasets.formats.las_layers import LayerCopier, has_layers
 from mlsroad_pipeline.datasets.formats.las_layout import new_header, pack_records, with_extra
 from mlsroad_pipeline.datasets.formats.las_records import RecordReader
 from mlsroad_pipeline.datasets.formats.las_upgrade import upgrade_records, upgraded_header
 from mlsroad_pipeline.datasets.formats.las_writer import RecordWriter
-from mlsroad_pipeline.datasets.formats.native_labels import (
-    CLASS,
-    CONFIDENCE,
-    LabelSink,
-    native_path,
-    native_sink,
-)
+from mlsroad_pipeline.datasets.formats.native_labels import LabelSink, native_path, native_sink
 from mlsroad_pipeline.datasets.formats.registry import get_format
 
 LabelsOf = Callable[[int, int], tuple[NDArray[np.uint8], NDArray[np.float32]]]
@@ -71,8 +66,8 @@ def write_labelled(
     stay.
 
     Other formats are written at 0.001 m, their columns as dimensions of the same name or else as extra dimensions,
-    and also in their own format in the same folder: PLY and text with two more columns and everything else as it was,
-    KITTI as a ``.label`` with the codes. (A PLY file whose vertices are not first is written as LAZ only.)
+    and also in their own format in the same folder: PLY, text, Parquet, NPZ and binary PCD with two more columns and
+    everything else as it was, KITTI as a ``.label`` with the codes. (`native_path` says what is written as LAZ only.)
 
     The same input gives the same bytes, whatever the number of threads. Points are streamed; files appear whole or not
     at all.
@@ -179,7 +174,7 @@ def _las_source(path: Path, had_classes: bool | None, n_threads: int, chunk_size
     target = _with_results(upgraded, keep_class=had_classes)
     own = len(upgraded.extra_dimensions)
     added = {dimension.name: dimension for dimension in target.extra_dimensions[own:]}
-    if has_layers(header) and CONFIDENCE in added and chunk_size % CHUNK_POINTS == 0:
+    if has_layers(header) and CONFIDENCE in added and chunk_size % LAZ_CHUNK == 0:
         copier = LayerCopier(path, header, added, classes=ORIGINAL_CLASS in added, n_threads=n_threads)
         stack.enter_context(copier)
         return _Source(header.n_points, target, copier.read, copier)

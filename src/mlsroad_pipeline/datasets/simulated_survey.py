@@ -17,7 +17,7 @@ from PIL import Image as Picture
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.simulation.cameras import Image
-from mlsroad_pipeline.algorithms.simulation.devices import scanner_system
+from mlsroad_pipeline.algorithms.simulation.known_scanners import scanner_system
 from mlsroad_pipeline.algorithms.simulation.presets import OF_THE_SCANNER, PRESETS, SimulationParameters
 from mlsroad_pipeline.algorithms.simulation.street_parameters import street_parameters
 from mlsroad_pipeline.algorithms.simulation.survey import SurveyPieces

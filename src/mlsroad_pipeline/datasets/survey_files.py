@@ -10,7 +10,7 @@ from itertools import combinations
 from pathlib import Path
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.algorithms.ingest import SplitPart
+from mlsroad_pipeline.algorithms.split_parts import SplitPart
 from mlsroad_pipeline.algorithms.splits import check_splits_along, check_splits_sectors
 from mlsroad_pipeline.datasets.formats.registry import format_of_name
 from mlsroad_pipeline.datasets.survey import find_surveys, resolve_splits

@@ -6,11 +6,13 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from mlsroad_pipeline.algorithms.classes import Coding
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.ingest import IngestParameters, SplitPart, split_config
+from mlsroad_pipeline.algorithms.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.algorithms.ingest import IngestParameters
+from mlsroad_pipeline.algorithms.split_parts import SplitPart, split_config
 from mlsroad_pipeline.datasets.formats.options import TAXONOMY_CODING, ReadOptions
 from mlsroad_pipeline.datasets.survey_files import Survey, SurveyFile, files_to_label
 
@@ -39,6 +41,8 @@ class SurveyParameters:
         Name of the trajectory's file in the folder of the points.
     read : mapping
         Arguments of `ReadOptions`.
+    source : str, optional
+        Where the survey is to be had, which is said where `root` is no folder.
 
     Raises
     ------
@@ -53,11 +57,24 @@ class SurveyParameters:
     coding: str = "taxonomy"
     trajectory: str | None = None
     read: Mapping[str, Any] = field(default_factory=dict)
+    source: str | None = None
 
     def __post_init__(self) -> None:
         for name in self.splits:
             if re.fullmatch(r"[A-Za-z0-9_-]+", str(name)) is None:
                 raise ParameterError(f"a split is named by letters, digits, '_' and '-', got {name!r}")
+
+    def check_root(self) -> None:
+        """Make sure that the survey is there.
+
+        Raises
+        ------
+        ReadError
+            If its root is not a folder; the message says where the survey is to be had, where that is known.
+        """
+        if not Path(str(self.root)).is_dir():
+            where = f"; it is to be had from {self.source}" if self.source else ""
+            raise ReadError(f"{self.root} is not a folder (survey.root){where}")
 
     def options(self, codings: Mapping[str, Mapping[int, str] | None]) -> ReadOptions:
         """Return how the files are read.
@@ -251,8 +268,9 @@ def plan_comparison(parameters: SurveyParameters, ingest: IngestParameters, codi
     ParameterError
         If a parameter is wrong or splits share points.
     ReadError
-        If a split matches nothing.
+        If the root is not a folder or a split matches nothing.
     """
+    parameters.check_root()
     configured = {name: split_config(value) for name, value in parameters.splits.items() if value is not None}
     files = Survey(str(parameters.root)).split_files(configured, trajectory=parameters.trajectory)
     parts = {name: part for name, (_, part) in configured.items()}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import fcntl
 import functools
+import gc
 import importlib
 import os
 import sys
@@ -12,6 +14,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, cast
 
 from joblib.externals.loky import process_executor
@@ -150,23 +153,27 @@ def _settle() -> None:
     _keep_worker()
 
 
-def warm_up(number: int) -> int:
+def warm_up(turn: str) -> str:
     """Load the libraries and compiled kernels that labelling a scene takes; runs in a process of loky.
 
     Parameters
     ----------
-    number : int
-        Anything.
+    turn : str
+        A file, made if it is not there: workers with the same one do this one after the other.
 
     Returns
     -------
-    int
+    str
         The same.
     """
     _settle()
-    with _one_inner_thread(for_good=True):
+    with Path(turn).open("w") as stream, _one_inner_thread(for_good=True):
+        fcntl.flock(stream, fcntl.LOCK_EX)
+        gc.disable()  # nothing that is loaded here is ever unused
         importlib.import_module("mlsroad_pipeline.datasets.label_warm_up").run_stages()
-    return number
+        gc.freeze()
+        gc.enable()
+    return turn
 
 
 @functools.lru_cache(maxsize=1)

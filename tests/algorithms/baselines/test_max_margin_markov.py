@@ -139,7 +139,7 @@ def test_context_tells_what_sites_alone_cannot(rng, fitted):
 
 
 def test_same_seed_same_model_and_round_trip(rng, fitted):
-    again = fit_max_margin(*training_set(np.random.default_rng(4)), n_classes=4, parameters=QUICK)
+    again = fit_max_margin(*training_set(np.random.default_rng(4)), n_classes=4, parameters=QUICK, n_threads=3)
     arrays = fitted.to_arrays()
     assert all(np.array_equal(arrays[name], other) for name, other in again.to_arrays().items())
     assert all(array.dtype != object for array in arrays.values())

@@ -73,6 +73,13 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_jobs(blobs):
     assert before.tobytes() == values.tobytes()
 
 
+def test_without_the_out_of_bag_error_the_forest_is_the_same(blobs):
+    values, labels = blobs
+    one, two = fit(values, labels), fit(values, labels, out_of_bag=False)
+    assert one.predict_proba(values).tobytes() == two.predict_proba(values).tobytes()
+    assert hasattr(one, "oob_error_curve_") and not hasattr(two, "oob_error_curve_")
+
+
 def test_it_survives_a_trip_to_disk_without_pickles(blobs, tmp_path):
     values, labels = blobs
     model = fit(named(values), labels)

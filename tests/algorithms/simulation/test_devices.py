@@ -5,8 +5,9 @@ import pytest
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.simulation import PRESETS
-from mlsroad_pipeline.algorithms.simulation.devices import SCANNERS, Device, scanner_system
+from mlsroad_pipeline.algorithms.simulation.devices import Device
 from mlsroad_pipeline.algorithms.simulation.drive import Drive
+from mlsroad_pipeline.algorithms.simulation.known_scanners import SCANNERS, scanner_system
 from mlsroad_pipeline.algorithms.simulation.meshes import rotation_matrix
 from mlsroad_pipeline.algorithms.simulation.scanner import draw_calibration, georeference, send_pulses
 from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
@@ -128,6 +129,8 @@ def test_a_scanner_of_ones_own_is_read_from_configuration():
         ({"like": "hdl64", "pulse_rate": 5000.0}, "pulse_rate must be at least 16 pulses per profile"),
         ({"like": "hdl64", "yaw": float("nan")}, "yaw must be finite"),
         ({"like": "hdl64", "accuracy": -1.0}, "accuracy must be between 0 and 100"),
+        ({"like": "hdl64", "accuracy": "fine"}, "accuracy must be between 0 and 100, got 'fine'"),
+        ({"like": "hdl64", "yaw": "left"}, "yaw must be finite, got 'left'"),
         ({"like": "hdl64", "divergence": 0.0}, "divergence must be a finite number > 0"),
     ],
 )

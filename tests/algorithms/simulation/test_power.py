@@ -5,10 +5,13 @@ import pytest
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.simulation import PRESETS
-from mlsroad_pipeline.algorithms.simulation.devices import SCANNERS, Device, ScannerSystem, scanner_system
+from mlsroad_pipeline.algorithms.simulation.devices import Device, ScannerSystem
+from mlsroad_pipeline.algorithms.simulation.ground import GRASS
+from mlsroad_pipeline.algorithms.simulation.ground_mesh import ground_mesh
+from mlsroad_pipeline.algorithms.simulation.known_scanners import SCANNERS, scanner_system
 from mlsroad_pipeline.algorithms.simulation.meshes import RETRO, Surface
 from mlsroad_pipeline.algorithms.simulation.power import lowered_power, power_of
-from mlsroad_pipeline.algorithms.simulation.receiver import receive
+from mlsroad_pipeline.algorithms.simulation.receiver import FULL_SCALE_DB, receive
 from mlsroad_pipeline.algorithms.simulation.scanner import Pulses
 from mlsroad_pipeline.algorithms.simulation.scene import RayScene
 from mlsroad_pipeline.algorithms.simulation.solids import box
@@ -129,3 +132,26 @@ def test_a_fixed_power_costs_and_changes_nothing(street):
 def test_wrong_fields_are_named(fields, message):
     with pytest.raises(ParameterError, match=message):
         scanner_system({"like": "vmx450", **fields})
+
+
+def test_grass_is_brighter_by_its_gain_and_nothing_else(street):
+    meshes = [ground_mesh(street, k) for k in range(3)]
+    s, left = (g.ravel() for g in np.meshgrid(np.arange(20, 40, 0.2), np.linspace(-14, 14, 141)))
+    xy, _ = street.alignment.place(s, left)
+    origin = np.column_stack([xy, street.ground.height(s, left) + 4.0])
+    d = np.tile([0.0, 0.0, -1.0], (len(s), 1))
+    pulses = Pulses(np.zeros(len(s)), np.zeros(len(s)), d.astype(np.float32), np.hstack([origin, d]).astype(np.float32))
+    found = []
+    for gain in (0.0, 3.0):
+        system = ScannerSystem("one", (Device(1e5, 10.0, range_noise=0.0, turf_gain=gain),))
+        none = dict.fromkeys(("profile_rate", "pulse_rate", "range_noise", "beam_divergence", "max_range"))
+        parameters = replace(PRESETS["tiny"], scanner=system, beam_rays=1, **none)
+        scene = RayScene(street, meshes, [0] * 3, [], np.zeros(3))
+        found.append(receive(scene, pulses, parameters, np.random.default_rng(5)))
+    (plain, surfaces), (bright, _) = found
+    np.testing.assert_array_equal(plain.distance, bright.distance)
+    rise = (bright.intensity - plain.intensity) * FULL_SCALE_DB
+    grass = surfaces.label == GRASS
+    assert grass.sum() > 300 and (~grass).sum() > 300
+    np.testing.assert_allclose(rise[grass], 3.0, atol=1e-3)
+    np.testing.assert_allclose(rise[~grass], 0.0, atol=1e-6)

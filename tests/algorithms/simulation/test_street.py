@@ -262,6 +262,7 @@ def test_drains_lie_in_the_gutter(street):
         ({"median": float("nan")}, "median must be 0 or between 1.5 and 12, got nan"),
         ({"lanes": 4}, "lanes must be 0, 1, 2 or 3, got 4"),
         ({"palms": -1.0}, "palms must be between 0 and 5, got -1.0"),
+        ({"palms": "lots"}, "palms must be between 0 and 5, got 'lots'"),
         ({"grass_height": 0.5}, "grass_height must be between 0 and 0.2, got 0.5"),
     ],
 )

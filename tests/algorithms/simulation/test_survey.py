@@ -186,6 +186,8 @@ def test_a_stream_gives_the_points_of_the_whole(survey, stream, scene):
     [
         ({"seed": -1}, "seed must be an integer >= 0, got -1"),
         ({"seed": 1.5}, "seed must be an integer"),
+        ({"seed": "first"}, "seed must be an integer >= 0, got 'first'"),
+        ({"length": "many"}, "length must be between 10 and 5000 m, got 'many'"),
         ({"length": 5.0}, "length must be between 10 and 5000 m, got 5.0"),
         ({"length": float("nan")}, "length must be between"),
         ({"speed": 0.0}, "speed must be a finite number > 0, got 0.0"),

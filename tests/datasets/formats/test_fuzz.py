@@ -37,6 +37,7 @@ NAMES = {
     },
     **{"e57": "a.e57", "text": "a.csv", "gzip": "a.txt.gz", "kitti": "a.bin", "sydney": "tree.0.1.bin"},
     **{"parquet": "a.parquet", "npz": "a.npz"},
+    **{"packed_ply": "a.ply.gz", "packed_binary_pcd": "a.pcd.gz", "packed_las": "a.las.gz", "packed_e57": "a.e57.gz"},
 }
 
 
@@ -51,8 +52,12 @@ def make_cloud(rng, n=400):
 def make_seed(family, path, rng):
     """Write a sound file of a family."""
     cloud = make_cloud(rng)
-    if family in ("las", "laz"):
-        make_las(path, rng)
+    if family in ("packed_las", "packed_e57"):
+        plain = path.with_suffix("")
+        make_seed(family.removeprefix("packed_"), plain, rng)
+        path.write_bytes(gzip.compress(plain.read_bytes()))
+    elif family in ("las", "laz"):
+        make_las(path, rng, geotiff=25832)
     elif family == "ascii_ply":
         rows = "\n".join(" ".join(map(str, row)) for row in cloud.xyz.tolist())
         properties = "property float x\nproperty float y\nproperty float z\n"
@@ -137,7 +142,7 @@ def test_damaged_files(tmp_path, rng, family):
     try:
         for case in range(N_CASES):
             case_rng = np.random.default_rng([case, len(family)])
-            if family == "gzip" and case % 2:  # what is packed, not the packing
+            if NAMES[family].endswith(".gz") and case % 2:  # what is packed, not the packing
                 content = gzip.compress(mutated(gzip.decompress(sound), case_rng))
             else:
                 content = mutated(sound, case_rng)

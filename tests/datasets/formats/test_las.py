@@ -1,5 +1,6 @@
 """LAS and LAZ against laspy, which reads and writes them on its own."""
 
+import struct
 from dataclasses import replace
 
 import laspy
@@ -8,7 +9,7 @@ import pyproj
 import pytest
 from references_formats import LAYOUTS, UTM, las_column, make_las, raw_vlrs
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, MissingColumnError, UnknownClassError
+from mlsroad_pipeline.algorithms.exceptions import DataError, MissingColumnError, ReadError, UnknownClassError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.datasets.formats.las import LasFormat
@@ -270,3 +271,55 @@ def test_recordings_come_back_unchanged(tmp_path, real_data, parts):
         assert getattr(new.header, field) == getattr(old.header, field)
     if path.suffix == ".las":
         assert back.read_bytes() == path.read_bytes()
+
+
+def as_version_1_0(path):
+    """Turn a file of version 1.1 into 1.0, which has a signature before the points and one in each record's head."""
+    data = bytearray(path.read_bytes())
+    data[25] = 0
+    begin, count = struct.unpack_from("<I", data, 96)[0], struct.unpack_from("<I", data, 100)[0]
+    at = 227
+    for _ in range(count):
+        struct.pack_into("<H", data, at, 0xAABB)
+        at += 54 + struct.unpack_from("<H", data, at + 20)[0]
+    struct.pack_into("<I", data, 96, begin + 2)
+    path.write_bytes(bytes(data[:begin]) + b"\xdd\xcc" + bytes(data[begin:]))
+
+
+def as_version_1_5(path):
+    """Turn a file of version 1.4 into 1.5, whose header has the least and the greatest time and an offset of time."""
+    data = bytearray(path.read_bytes())
+    data[25] = 5
+    begin, extended = struct.unpack_from("<I", data, 96)[0], struct.unpack_from("<Q", data, 235)[0]
+    struct.pack_into("<HI", data, 94, 393, begin + 18)
+    struct.pack_into("<Q", data, 235, extended + 18 * (extended > 0))
+    path.write_bytes(bytes(data[:375]) + struct.pack("<ddh", 1.0, 2.0, 3) + bytes(data[375:]))
+
+
+@pytest.mark.parametrize(
+    ("version", "point_format", "turn"), [("1.1", 1, as_version_1_0), ("1.4", 7, as_version_1_5)], ids=["1.0", "1.5"]
+)
+def test_oldest_and_newest_version(tmp_path, rng, version, point_format, turn):
+    path = tmp_path / "a.las"
+    las = make_las(path, rng, version=version, point_format=point_format)
+    turn(path)
+    cloud = LAS.read(path, DEFAULT)
+    assert LAS.info(path, DEFAULT).details["version"] == ("1.0" if version == "1.1" else "1.5")
+    np.testing.assert_allclose(cloud.world_xyz(), las.xyz, rtol=0, atol=1e-6)
+    for name in ("gps_time", "ring", "normal", "point_source_id"):
+        np.testing.assert_array_equal(cloud[name], las_column(las, name))
+    LAS.write(tmp_path / "b.las", cloud, WriteOptions())
+    assert (tmp_path / "b.las").read_bytes() == path.read_bytes()
+    LAS.write(tmp_path / "c.laz", cloud, WriteOptions())
+    LAS.write(tmp_path / "d.las", LAS.read(tmp_path / "c.laz", DEFAULT), WriteOptions())
+    assert (tmp_path / "d.las").read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize("scale", [0.0, 1e-300, 1e300, 1e306, np.nan])
+def test_absurd_scales_are_damage(tmp_path, rng, scale):
+    make_las(tmp_path / "a.las", rng)
+    data = bytearray((tmp_path / "a.las").read_bytes())
+    struct.pack_into("<d", data, 139, scale)
+    (tmp_path / "a.las").write_bytes(data)
+    with pytest.raises(ReadError, match=r"a\.las is damaged: scale \[0\.001, .*\], offset"):
+        LAS.info(tmp_path / "a.las", DEFAULT)

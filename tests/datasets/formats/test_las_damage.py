@@ -110,13 +110,3 @@ def test_flipped_bytes_never_end_in_anything_but_a_read_error(tmp_path, laz):
         else:
             assert np.isfinite(cloud.xyz).all()
     assert refused >= 10
-
-
-def test_overflowing_coordinates(tmp_path, rng):
-    path = tmp_path / "inf.las"
-    make_las(path, rng, version="1.2", point_format=0, extras=False)
-    data = bytearray(path.read_bytes())
-    data[131:139] = np.float64(1e306).tobytes()
-    path.write_bytes(data)
-    with pytest.raises(DataError, match=r"inf\.las: \d+ points with NaN or infinite coordinates .* at row \d+"):
-        LAS.read(path, ReadOptions())

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from references_formats import make_las
 
 from mlsroad_pipeline.algorithms.classes import Coding
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.datasets.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.datasets.formats.registry import get_format
 
 
 def test_from_configuration():
@@ -40,6 +42,11 @@ def test_from_configuration():
         ({"intensity_scale": -1}, r"intensity_scale must be .* got -1"),
         ({"rgb_bits": 12}, r"rgb_bits must be 8, 16 or None, got 12"),
         ({"n_threads": 0}, r"n_threads must be at least 1, got 0"),
+        ({"columns": 5}, r"columns must map standard names .* got 5"),
+        ({"columns": {"rgb": [4, 5]}}, r"columns\.rgb must be three columns, by name or by index, got \[4, 5\]"),
+        ({"columns": {"rgb": "abc"}}, r"columns\.rgb must be three columns, .* got 'abc'"),
+        ({"columns": {"label": [1, 2]}}, r"columns\.label must be a column, by name or by index, got \[1, 2\]"),
+        ({"columns": {"x": 1.5}}, r"columns\.x must be a column, .* got 1\.5"),
     ],
 )
 def test_reading_refuses(options, message):
@@ -60,3 +67,25 @@ def test_reading_refuses(options, message):
 def test_writing_refuses(options, message):
     with pytest.raises(ParameterError, match=message):
         WriteOptions(**options)
+
+
+def test_every_guess_is_told_once_and_how_to_change_it(tmp_path, rng, caplog):
+    make_las(tmp_path / "a.las", rng, point_format=7)
+    (tmp_path / "b.csv").write_text("x,y,z,reflectance,red,green,blue\n1,2,3,40,0.5,1.0,0.25\n4,5,6,200,0,0,0\n")
+    with caplog.at_level("INFO"):
+        for name in ("a.las", "b.csv"):
+            form = get_format(tmp_path / name)
+            for start in (0, 1, 0):
+                form.read(tmp_path / name, ReadOptions(), start=start, stop=start + 1)
+    for text in (
+        "a.las: intensity (uint16) is divided by 65535; intensity_scale changes that",
+        "a.las: colours are taken for 16 bits in fields of 16; rgb_bits changes that",
+        "b.csv: column 'reflectance' is taken for intensity",
+        "b.csv: intensity (float64) is divided by 255; intensity_scale changes that",
+        "b.csv: colours are fractional numbers up to 1",
+    ):
+        assert caplog.text.count(text) == 1, text
+    caplog.clear()
+    with caplog.at_level("INFO"):
+        get_format(tmp_path / "a.las").read(tmp_path / "a.las", ReadOptions(intensity_scale=65535, rgb_bits=16))
+    assert "is divided by" not in caplog.text and "colours are taken" not in caplog.text

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -132,15 +133,19 @@ def _boost(
     weights: NDArray[np.float64],
     round_number: int,
     p: MarginParameters,
+    pool: ThreadPoolExecutor,
 ) -> float:
     """Add one tree of each kind; return the share of sites that the search found a wrong label for."""
     wishes: dict[str, list[NDArray]] = {part: [] for part in PARTS}
     rows: dict[str, list[NDArray]] = {part: [] for part in PARTS}
     counts: dict[str, list[NDArray]] = {part: [] for part in PARTS}
     wrong = 0
-    for scene in batch:
+
+    def search(scene: _Scene) -> NDArray[np.int32]:
         bonus = 1.0 - np.eye(network.n_labels)[scene.truth]
-        found = network.best_labels(scene.graph, network.potentials(scene.graph), bonus)
+        return network.best_labels(scene.graph, network.potentials(scene.graph), bonus)
+
+    for scene, found in zip(batch, pool.map(search, batch), strict=True):
         wrong += int((found != scene.truth).sum())
         for part, wish in _wishes(scene, found, network).items():
             wishes[part].append(wish)
@@ -165,7 +170,12 @@ def _boost(
 
 
 def fit_max_margin(
-    patches: Patches, edges: NDArray[np.int32], *, n_classes: int, parameters: MarginParameters | None = None
+    patches: Patches,
+    edges: NDArray[np.int32],
+    *,
+    n_classes: int,
+    parameters: MarginParameters | None = None,
+    n_threads: int = 1,
 ) -> MaxMarginMarkov:
     """Learn from labelled patches.
 
@@ -179,6 +189,8 @@ def fit_max_margin(
         Classes of the scheme; one without patches is never given.
     parameters : MarginParameters, optional
         The parameters; the defaults where None.
+    n_threads : int, default 1
+        Threads that label the scenes of a round; the network does not depend on it.
 
     Returns
     -------
@@ -207,9 +219,10 @@ def fit_max_margin(
     network.known = sizes > 0
     scenes = _split(patches, np.asarray(edges), p.clique_shares)
     errors = []
-    for number, batch in enumerate(_rounds(scenes, p.batch_patches, p.n_rounds, p.seed)):
-        errors.append(_boost(network, batch, weights, number, p))
-        logger.debug("round %d: %.3f of the sites wrong", number + 1, errors[-1])
+    with ThreadPoolExecutor(n_threads) as pool:
+        for number, batch in enumerate(_rounds(scenes, p.batch_patches, p.n_rounds, p.seed)):
+            errors.append(_boost(network, batch, weights, number, p, pool))
+            logger.debug("round %d: %.3f of the sites wrong", number + 1, errors[-1])
     colour = np.zeros(0, np.float32) if patches.rgb is None else patches.rgb.mean(axis=0, dtype=np.float64)
     return MaxMarginMarkov(network, p.clique_shares, p.temperature, colour.astype(np.float32), errors)
 
@@ -227,7 +240,7 @@ def _split(patches: Patches, edges: NDArray[np.int32], clique_shares: Sequence[f
     return scenes
 
 
-def train(training: PatchTraining, *, parameters: MarginParameters) -> ModelBundle:
+def train(training: PatchTraining, *, parameters: MarginParameters, n_threads: int = 1) -> ModelBundle:
     """Train on the training scenes and pack the network.
 
     Parameters
@@ -236,6 +249,8 @@ def train(training: PatchTraining, *, parameters: MarginParameters) -> ModelBund
         The training scenes.
     parameters : MarginParameters
         Parameters of the network.
+    n_threads : int, default 1
+        Threads; the model does not depend on it.
 
     Returns
     -------
@@ -247,5 +262,7 @@ def train(training: PatchTraining, *, parameters: MarginParameters) -> ModelBund
     DataError
         If all patches are of one class.
     """
-    classifier = fit_max_margin(training.patches, training.edges, n_classes=len(training.scheme), parameters=parameters)
+    classifier = fit_max_margin(
+        training.patches, training.edges, n_classes=len(training.scheme), parameters=parameters, n_threads=n_threads
+    )
     return bundle_model(SLUG, classifier, training, entry_point=ENTRY_POINT, parameters=parameters)

@@ -38,12 +38,14 @@ class ForestParameters:
     ----------
     n_trees : int, default 200
         Trees. More settle the out-of-bag error and cost time (tomic2019: 200, by that error).
+    fallback_trees : int, default 100
+        Trees of the forests for surveys that lack colour or intensity, which most surveys never need.
     min_samples_leaf : int, default 2
         Fewest supervoxels in a leaf. Larger smooths the probabilities and shrinks the model.
     max_features : float, default 0.1
         Share of the features tried at each split; training time grows with it.
-    class_weight : {"sqrt", "balanced", "none"}, default "sqrt"
-        What all supervoxels of a class weigh together: the square root of their number, the same, or their number.
+    class_weight : {"balanced", "sqrt", "none"}, default "balanced"
+        What all supervoxels of a class weigh together: the same, the square root of their number, or their number.
     max_per_class : int, default 3000
         Most supervoxels of a class to train on. Bounds the time of training.
     smoothing : float, default 0.3
@@ -61,16 +63,17 @@ class ForestParameters:
     """
 
     n_trees: int = 200
+    fallback_trees: int = 100
     min_samples_leaf: int = 2
     max_features: float = 0.1
-    class_weight: Literal["sqrt", "balanced", "none"] = "sqrt"
+    class_weight: Literal["balanced", "sqrt", "none"] = "balanced"
     max_per_class: int = 3000
     smoothing: float = 0.3
     rule: Literal["nearest", "own"] = "nearest"
     seed: int = 2019
 
     def __post_init__(self) -> None:
-        for name in ("n_trees", "min_samples_leaf", "max_per_class"):
+        for name in ("n_trees", "fallback_trees", "min_samples_leaf", "max_per_class"):
             if getattr(self, name) < 1:
                 raise ParameterError(f"detrended_forest.{name} must be at least 1, got {getattr(self, name)!r}")
         if not 0 < self.max_features <= 1:
@@ -205,7 +208,7 @@ def fit(
     for size in range(0 if fallbacks else len(attributes), len(attributes) + 1):
         for subset in combinations(attributes, size):
             chosen = _restrict(table, subset)
-            classifier = _train(chosen, labels, parameters, scheme, n_jobs)
+            classifier = _train(chosen, labels, parameters, scheme, n_jobs, fallback=size < len(attributes))
             variant = "+".join(("geometry", *subset))
             variants[variant] = list(chosen.names)
             arrays |= {f"{variant}.{key}": array for key, array in classifier.to_arrays().items()}
@@ -256,14 +259,17 @@ def _train(
     parameters: ForestParameters,
     scheme: ClassScheme,
     n_jobs: int,
+    *,
+    fallback: bool,
 ) -> DetrendedForestClassifier:
     forest = DetrendedForestClassifier(
         n_classes=len(scheme),
-        n_trees=parameters.n_trees,
+        n_trees=parameters.fallback_trees if fallback else parameters.n_trees,
         min_samples_leaf=parameters.min_samples_leaf,
         max_features=parameters.max_features,
         class_weight=None if parameters.class_weight == "none" else parameters.class_weight,
         max_per_class=parameters.max_per_class,
+        out_of_bag=not fallback,
         random_state=parameters.seed,
         n_jobs=n_jobs,
     )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 _FREE = -1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _incidence(edges: NDArray[np.int32], n_nodes: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Return, for each node, its neighbours and the edges to them: (row starts, (2 e, 2) of neighbour and edge)."""
     start = np.zeros(n_nodes + 1, np.int64)
@@ -35,7 +35,7 @@ def _incidence(edges: NDArray[np.int32], n_nodes: int) -> tuple[NDArray[np.int64
     return start, incident
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _fix(
     gain: NDArray[np.float64],
     slack: NDArray[np.float64],
@@ -76,7 +76,7 @@ def _fix(
         gain[i] = 0.5 * (bound[i, 0] + bound[i, 1])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _free_part(
     gain: NDArray[np.float64],
     slack: NDArray[np.float64],

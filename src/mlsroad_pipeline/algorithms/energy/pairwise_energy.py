@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.graphs import check_edges
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _pair(
     e: int,
     a: int,
@@ -29,7 +29,7 @@ def _pair(
     return cost - agreement[e, a] if a == b and len(agreement) else cost
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _energy(
     labels: NDArray[np.int32],
     unary: NDArray[np.float64],
@@ -46,7 +46,7 @@ def _energy(
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _move_terms(
     labels: NDArray[np.int32],
     alpha: int,

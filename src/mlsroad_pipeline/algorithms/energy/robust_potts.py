@@ -105,7 +105,7 @@ class Cliques:
         return np.asarray(self.weights, dtype=np.float64)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _deviating(
     c: int, labels: NDArray[np.int32], indptr: NDArray[np.int64], members: NDArray[np.int32], weights: NDArray
 ) -> NDArray[np.float64]:
@@ -116,7 +116,7 @@ def _deviating(
     return share.sum() - share
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _clique_energy(
     labels: NDArray[np.int32],
     indptr: NDArray[np.int64],
@@ -136,7 +136,7 @@ def _clique_energy(
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _clique_terms(
     labels: NDArray[np.int32],
     alpha: int,

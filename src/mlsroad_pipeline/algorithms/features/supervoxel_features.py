@@ -121,9 +121,9 @@ def compute_supervoxel_features(
     region: Region = "both",
     column_size: float = 0.5,
     relief_radius: float = 5.0,
-    ball_radii: Sequence[float] = (1.0, 2.0),
+    ball_radii: Sequence[float] = (0.5, 1.0, 2.0),
     ball_voxel_size: float = 0.2,
-    footprint_radii: Sequence[float] = (3.0, 6.0),
+    footprint_radii: Sequence[float] = (1.5, 3.0, 6.0),
 ) -> SupervoxelFeatures:
     """Describe supervoxels by the features of Tomic et al. 2019, section 2.1, equations 2 and 3.
 
@@ -155,12 +155,12 @@ def compute_supervoxel_features(
         Raster cell of the column features in metres, see `build_columns`.
     relief_radius : float, default 5.0
         How far the lowest point is sought that stands in for the ground, metres.
-    ball_radii : sequence of float, default (1.0, 2.0)
+    ball_radii : sequence of float, default (0.5, 1.0, 2.0)
         Radii, metres, within which shape and orientation of the occupied voxels are described, see `describe_balls`;
         empty for none (the paper). Larger ones see past gaps of a sparse scan and blur small objects.
     ball_voxel_size : float, default 0.2
         Edge of those voxels, metres. Smaller follows the density of the scan and costs time.
-    footprint_radii : sequence of float, default (3.0, 6.0)
+    footprint_radii : sequence of float, default (1.5, 3.0, 6.0)
         Radii, metres, within which the columns around are described, see `describe_footprints`; empty for none (the
         paper).
 

@@ -7,7 +7,7 @@ NEAR = 0.1
 """Metres in front of the viewer below which nothing is painted."""
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def splat(xyz, first, rotation, scale, perspective, splat_metres, largest, depth, winner):  # type: ignore[no-untyped-def]  # numba infers the types
     """Paint square splats; the nearest point wins a pixel, of equally near ones the first."""
     height, width = depth.shape
@@ -33,7 +33,7 @@ def splat(xyz, first, rotation, scale, perspective, splat_metres, largest, depth
                     winner[row, column] = first + i
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def block_minimum(depth, side):  # type: ignore[no-untyped-def]  # numba infers the types
     """Return the least depth of each block of pixels and the blocks around it."""
     rows, columns = (depth.shape[0] + side - 1) // side, (depth.shape[1] + side - 1) // side
@@ -48,7 +48,7 @@ def block_minimum(depth, side):  # type: ignore[no-untyped-def]  # numba infers 
     return least
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def close(depth, winner, around, side, step, closed_depth, closed_winner):  # type: ignore[no-untyped-def]  # numba infers the types
     """Give gaps the nearest of the surfaces around them: a pixel lies in a gap if in three of four pairs of opposite
     sectors there is something nearer than itself. `around` lists offsets (down, right, sector), the closest first.
@@ -77,7 +77,7 @@ def close(depth, winner, around, side, step, closed_depth, closed_winner):  # ty
                 closed_winner[row, column] = winner[y, x]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def darken(log_depth, radius, strength, shade):  # type: ignore[no-untyped-def]  # numba infers the types
     """Multiply `shade` by eye-dome lighting: pixels darken by how far their neighbours stand in front of them."""
     height, width = log_depth.shape
@@ -96,7 +96,7 @@ def darken(log_depth, radius, strength, shade):  # type: ignore[no-untyped-def] 
             shade[row, column] *= np.exp(-strength * covered * np.float32(0.125))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def compose(index, shade, colours, background, factor, picture):  # type: ignore[no-untyped-def]  # numba infers the types
     """Average blocks of factor by factor shaded colours into one pixel."""
     height, width, _ = picture.shape

@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.simulation.compiled import leaf
+from mlsroad_pipeline.algorithms.simulation.ground import GRASS
 from mlsroad_pipeline.algorithms.simulation.meshes import GLASS, GROUND, PAINT, RETRO
 from mlsroad_pipeline.algorithms.simulation.power import Power
 from mlsroad_pipeline.algorithms.simulation.surfaces import WET, Hits, Surfaces
@@ -153,7 +154,7 @@ def _recorded(amplitude: float, distance: float, gain: float, receiver: Receiver
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def answers(
-    hits: Hits, surfaces: Surfaces, rays: NDArray[np.float32], sensitivity: float
+    hits: Hits, surfaces: Surfaces, rays: NDArray[np.float32], sensitivity: float, turf_gain: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Return range, amplitude and tangent of the incidence of what each ray met, infinite where nothing."""
     n = len(hits.face)
@@ -170,6 +171,8 @@ def answers(
         shortened = min(surfaces.relief[i] / max(cosine, 0.12), 0.4)
         distance[i] = hits.distance[i] - shortened
         amplitude[i] = sensitivity + amplitude_of(surfaces.reflectivity[i], int(surfaces.kind[i]), cosine, distance[i])
+        if turf_gain != 0.0 and surfaces.label[i] == GRASS and surfaces.kind[i] == GROUND:
+            amplitude[i] += turf_gain
         tangent[i] = np.sqrt(1.0 - cosine * cosine) / max(cosine, 0.1)
     return distance, amplitude, tangent
 
@@ -310,6 +313,7 @@ def measure(
     source = np.empty(_MOST, np.int64)
     of_centre, amplitude, tangent = central
     lowered, gain = power
+    controlled, uneven = len(lowered) > 0, len(gain) > 0
     for i in range(n):
         if slots.edge[i] < 0 and receiver.blooming == 0.0 and not np.isfinite(of_centre[i]):
             continue
@@ -325,12 +329,13 @@ def measure(
                 count += 1
         if count > 1:
             count = _mix(count, receiver.pulse_length, r, a, source, slant)
-        for k in range(count if len(lowered) else 0):
-            a[k] -= lowered[i]
+        if controlled:
+            for k in range(count):
+                a[k] -= lowered[i]
         count = _detect(i, count, chance, noise, receiver, r, a, source, slant)
         for k in range(count):
             pulse[m], distance[m], origin[m] = i, r[k], source[k]
-            intensity[m] = _recorded(a[k], r[k], gain[i] if len(gain) else 0.0, receiver)
+            intensity[m] = _recorded(a[k], r[k], gain[i] if uneven else 0.0, receiver)
             number[m], total[m] = k + 1, count
             m += 1
     return pulse[:m], distance[:m], intensity[:m], origin[:m], number[:m], total[:m]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from numbers import Integral, Real
 from typing import Any
 
 import pyproj
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.simulation.devices import SCANNERS, Device, ScannerSystem
+from mlsroad_pipeline.algorithms.simulation.devices import Device, ScannerSystem
+from mlsroad_pipeline.algorithms.simulation.known_scanners import SCANNERS
 from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS, StreetParameters
 from mlsroad_pipeline.algorithms.validation import check_positive
 
@@ -114,7 +116,7 @@ class SimulationParameters:
     street: StreetParameters = field(default_factory=StreetParameters)
 
     def __post_init__(self) -> None:
-        if isinstance(self.seed, bool) or self.seed != int(self.seed) or self.seed < 0:
+        if isinstance(self.seed, bool) or not isinstance(self.seed, Integral) or self.seed < 0:
             raise ParameterError(f"seed must be an integer >= 0, got {self.seed!r}")
         for name in ("speed", "image_interval"):
             check_positive(getattr(self, name), name)
@@ -123,7 +125,7 @@ class SimulationParameters:
                 check_positive(getattr(self, name), name)
         for name, low, high, unit in _DOMAINS:
             value = getattr(self, name)
-            if value is not None and not low <= value <= high:
+            if value is not None and not (isinstance(value, Real) and low <= value <= high):
                 raise ParameterError(f"{name} must be between {low:g} and {high:g}{unit}, got {value!r}")
         for name in ("beam_rays", "passes"):
             if getattr(self, name) != int(getattr(self, name)):

@@ -102,8 +102,8 @@ def receive(
     slots, rays, extra = _extra_rays(scene, pulses, hits, central, parameters.beam_rays, device, chance, rng)
     around = scene.resolve(extra, rays)
     receiver = _receiver(device)
-    of_centre = answers(hits, central, pulses.rays, device.sensitivity)
-    of_extra = answers(extra, around, rays, device.sensitivity)
+    of_centre = answers(hits, central, pulses.rays, device.sensitivity, device.turf_gain)
+    of_extra = answers(extra, around, rays, device.sensitivity, device.turf_gain)
     _by_mirror(slots.ghost, of_centre, of_extra, hits, pulses.rays, around)
     power = power_of(device, pulses.time, of_centre[1], seed=parameters.seed, scanner=scanner)
     pulse, distance, intensity, source, number, total = measure(

@@ -112,7 +112,7 @@ class StreetParameters:
 
     def _check(self, name: str, low: float, high: float, *, zero: bool = False) -> None:
         value = getattr(self, name)
-        if not (low <= value <= high or (zero and value == 0)):
+        if not (isinstance(value, int | float) and (low <= value <= high or (zero and value == 0))):
             either = "0 or " if zero else ""
             raise ParameterError(f"{name} must be {either}between {low:g} and {high:g}, got {value!r}")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -110,11 +111,14 @@ def train_detector(
     variants = [WITH_INTENSITY, GEOMETRY] if intensity else [GEOMETRY]
     arrays: dict[str, NDArray] = {}
     facts: dict[str, Any] = {}
-    for variant in variants:
-        vocabulary, detector = _train_variant(
-            [groups[key] for key in keys], [labels[key] for key in keys], variant == WITH_INTENSITY, parameters,
-            detection, n_threads,
-        )  # fmt: skip
+    with ThreadPoolExecutor(min(n_threads, len(variants))) as pool:
+        jobs = [
+            pool.submit(_train_variant, [groups[key] for key in keys], [labels[key] for key in keys],
+                        variant == WITH_INTENSITY, parameters, detection, n_threads)
+            for variant in variants
+        ]  # fmt: skip
+    for variant, job in zip(variants, jobs, strict=True):
+        vocabulary, detector = job.result()
         arrays |= {f"{variant}.{name}": part for name, part in _arrays(vocabulary, detector).items()}
         facts[variant] = {
             "words": len(vocabulary),

@@ -15,6 +15,8 @@ from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, file_k
 
 SIDECAR = ".prj"
 LARGEST = 1 << 20
+SAME_UNIT = 1e-7
+"""Share by which two units may differ to be one: a foot and a US survey foot differ by 2e-6."""
 
 
 def parse_crs(crs: str) -> str:
@@ -89,6 +91,80 @@ def write_sidecar(path: Path, crs: str | None) -> None:
     if crs:
         with atomic_file(path.with_name(_stem(path) + SIDECAR)) as stream:
             stream.write(crs.encode() + b"\n")
+
+
+@lru_cache(maxsize=64)
+def crs_unit(crs: str) -> tuple[str, float] | None:
+    """Return the unit of a projected system.
+
+    Parameters
+    ----------
+    crs : str
+        The system as WKT.
+
+    Returns
+    -------
+    tuple of str and float, or None
+        Its name and what it is in metres; None where the system is not projected or not understood.
+    """
+    try:
+        system = pyproj.CRS.from_user_input(crs)
+    except pyproj.exceptions.CRSError:
+        return None
+    system = system.sub_crs_list[0] if system.is_compound else system
+    return (system.axis_info[0].unit_name, system.axis_info[0].unit_conversion_factor) if system.is_projected else None
+
+
+@lru_cache(maxsize=64)
+def is_geographic(crs: str | None) -> bool:
+    """Tell whether a system counts in degrees.
+
+    Parameters
+    ----------
+    crs : str or None
+        The system as WKT.
+
+    Returns
+    -------
+    bool
+        False where there is none, or none that PROJ understands.
+    """
+    try:
+        return crs is not None and bool(pyproj.CRS.from_user_input(crs).is_geographic)
+    except pyproj.exceptions.CRSError:
+        return False
+
+
+@lru_cache(maxsize=64)
+def in_metres(crs: str, metres: float) -> str:
+    """Return the system that coordinates are in when they have been turned from its unit into metres.
+
+    Parameters
+    ----------
+    crs : str
+        The system as WKT.
+    metres : float
+        The factor that they were multiplied with.
+
+    Returns
+    -------
+    str
+        The same projection and heights in metres, without the code; the system itself where its unit is another.
+    """
+    unit = crs_unit(crs)
+    if metres == 1.0 or unit is None or abs(unit[1] / metres - 1.0) > SAME_UNIT:
+        return crs
+    system = pyproj.CRS.from_user_input(crs)
+    parts = []
+    for part in system.sub_crs_list or [system]:
+        described = part.to_json_dict()
+        described.pop("id", None)
+        described["name"] += " in metres"
+        for axis in described["coordinate_system"]["axis"]:
+            axis["unit"] = "metre"
+        parts.append(pyproj.CRS.from_json_dict(described))
+    joined = parts[0] if len(parts) == 1 else pyproj.crs.CompoundCRS(" + ".join(p.name for p in parts), parts)
+    return str(joined.to_wkt())
 
 
 def reproject(

@@ -10,9 +10,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
+
 from mlsroad_pipeline.algorithms.exceptions import ReadError
 
 logger = logging.getLogger(__name__)
+
+LAZ_CHUNK = 50_000
+"""Points of a chunk in LAZ files that LASzip, lazrs and PDAL write."""
 
 FileKey = tuple[str, int, int]
 """Path, size and time of modification: what is remembered about a file holds as long as these stay."""
@@ -48,6 +53,30 @@ def check_file(path: str | Path) -> Path:
     except OSError as error:
         raise ReadError(f"{path} cannot be read: {error.strerror}") from error
     return path
+
+
+def spread_starts(n_points: int, runs: int, size: int) -> list[int]:
+    """Choose where runs of points begin that are spread evenly over a file.
+
+    Parameters
+    ----------
+    n_points : int
+        Points of the file.
+    runs : int
+        How many runs are wanted.
+    size : int
+        Points of a run.
+
+    Returns
+    -------
+    list of int
+        First rows, ascending, fewer in small files. In large ones they are first points of chunks of LAZ, which can be
+        decompressed from their first point only.
+    """
+    starts = np.linspace(0, max(n_points - size, 0), runs).astype(np.int64)
+    if n_points >= runs * LAZ_CHUNK:
+        starts -= starts % LAZ_CHUNK
+    return [int(start) for start in np.unique(starts)]
 
 
 def file_key(path: Path) -> FileKey:

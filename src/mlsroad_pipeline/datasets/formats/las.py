@@ -15,14 +15,23 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
 from mlsroad_pipeline.datasets.formats.content import refuse_packed, with_packed
 from mlsroad_pipeline.datasets.formats.copc import SUFFIX, is_copc, without_copc, write_copc
-from mlsroad_pipeline.datasets.formats.files import FileKey, atomic_file, check_file, clip_range, file_key
+from mlsroad_pipeline.datasets.formats.files import (
+    FileKey,
+    atomic_file,
+    check_file,
+    clip_range,
+    file_key,
+    log_once,
+    spread_starts,
+)
 from mlsroad_pipeline.datasets.formats.las_crs import read_crs, with_crs_of
 from mlsroad_pipeline.datasets.formats.las_dimensions import dimension, dimension_names, file_origin, local_xyz
 from mlsroad_pipeline.datasets.formats.las_header import read_header
-from mlsroad_pipeline.datasets.formats.las_layout import header_like, new_header, pack_records
+from mlsroad_pipeline.datasets.formats.las_layout import header_like, new_header, pack_records, with_room
 from mlsroad_pipeline.datasets.formats.las_records import RecordReader
 from mlsroad_pipeline.datasets.formats.las_writer import RecordWriter
 from mlsroad_pipeline.datasets.formats.standard_columns import (
+    COLOUR_DEPTH,
     COLOURS,
     COORDINATES,
     resolve_columns,
@@ -120,6 +129,7 @@ class LasFormat(PointFormat):
         bits = options.rgb_bits
         if set(COLOURS) <= names.keys() and bits is None:
             bits = colour_bits(file_key(path))
+            log_once(str(path), COLOUR_DEPTH.format(bits))
         with RecordReader(path, header, n_threads=options.n_threads) as reader:
             records = reader.read(start, stop)
         origin = file_origin(header, options.metres)
@@ -172,7 +182,8 @@ class LasFormat(PointFormat):
         like = _template(cloud, options)
         header = new_header(cloud, options) if like is None else header_like(like, cloud)
         if like is not None:
-            header = without_copc(with_crs_of(header, cloud, path))
+            placed = with_crs_of(header, cloud, path, options.metres)
+            header = without_copc(header if placed is header else with_room(placed, cloud, options.metres))
         eight_bit = like is not None and "red" in dimension_names(header) and colour_bits(file_key(like)) == 8
         with atomic_file(path) as stream:
             compress = path.suffix.lower() == ".laz"
@@ -215,8 +226,8 @@ def colour_bits(key: FileKey) -> int:
     header = read_header(path)
     greatest = 0
     with RecordReader(path, header) as reader:
-        for start in np.linspace(0, max(header.n_points - SAMPLE_SIZE, 0), SAMPLES).astype(int):
-            records = reader.read(int(start), int(start) + SAMPLE_SIZE)
+        for start in spread_starts(header.n_points, SAMPLES, SAMPLE_SIZE):
+            records = reader.read(start, start + SAMPLE_SIZE)
             greatest = max(greatest, *(int(records[name].max(initial=0)) for name in COLOURS))
     return 8 if 0 < greatest <= 255 else 16
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.formats.crs import sidecar_crs
+from mlsroad_pipeline.datasets.formats.crs import in_metres, sidecar_crs
 from mlsroad_pipeline.datasets.formats.files import log_once
 from mlsroad_pipeline.datasets.formats.geotiff_keys import DIRECTORY, DOUBLES, TEXTS, GeotiffKeys, pack_directory
 from mlsroad_pipeline.datasets.formats.las_header import WKT_BIT, LasHeader
@@ -54,7 +54,7 @@ def _geotiff_wkt(header: LasHeader, path: Path | None) -> str | None:
         return None
 
 
-def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path) -> LasHeader:
+def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path, metres: float = 1.0) -> LasHeader:
     """Give another file's header the system of a cloud, where the two differ.
 
     Parameters
@@ -65,6 +65,8 @@ def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path) -> LasHeader:
         The points.
     path : Path
         The file to write, for messages.
+    metres : float, default 1.0
+        Factor from the unit that is written to metres.
 
     Returns
     -------
@@ -77,7 +79,8 @@ def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path) -> LasHeader:
         If the header's version holds GeoTIFF keys, not WKT, and the system has no EPSG code.
     """
     stated = read_crs(header)
-    if cloud.crs is None or cloud.crs == stated or cloud.crs == sidecar_crs(Path(cloud.source)):
+    same = {stated, None if stated is None else in_metres(stated, metres), sidecar_crs(Path(cloud.source))}
+    if cloud.crs is None or cloud.crs in same:
         return header
     if header.minor >= 4:
         return with_wkt(header, cloud.crs)

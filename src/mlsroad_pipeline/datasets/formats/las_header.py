@@ -26,6 +26,9 @@ RECORD_SIZES = (20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67)
 
 COMPRESSED = 0x80
 WKT_BIT = 0x10
+SMALLEST_STEP, LARGEST_STEP = 1e-20, 1e6
+"""Scales beyond these are damage."""
+
 EXTRA_BYTES = (b"LASF_Spec", 4)
 LASZIP = (b"laszip encoded", 22204)
 
@@ -242,7 +245,8 @@ def _check_version(block: bytes, header_size: int, path: Path) -> None:
 
 
 def _check_records(header: LasHeader, path: Path) -> None:
-    if not (np.isfinite(header.scale).all() and (header.scale != 0).all() and np.isfinite(header.offset).all()):
+    steps = np.abs(header.scale)
+    if not (((steps > SMALLEST_STEP) & (steps < LARGEST_STEP)).all() and np.isfinite(header.offset).all()):
         raise ReadError(f"{path} is damaged: scale {header.scale.tolist()}, offset {header.offset.tolist()}")
     if header.compressed and header.n_points and header.find(LASZIP) is None:
         raise ReadError(f"{path} is damaged: its points are compressed, but it has no LASzip record")

@@ -21,14 +21,12 @@ import numpy as np
 from laspy.point.dims import ALL_POINT_FORMATS_DTYPE
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.datasets.formats.files import LAZ_CHUNK
 from mlsroad_pipeline.datasets.formats.las_chunks import LAYERS
 from mlsroad_pipeline.datasets.formats.las_extra import ExtraDimension
 from mlsroad_pipeline.datasets.formats.las_header import LASZIP, RECORD_SIZES, LasHeader
 from mlsroad_pipeline.datasets.formats.las_records import RecordReader
 from mlsroad_pipeline.datasets.formats.las_writer import CHANNEL_BITS
-
-CHUNK_POINTS = 50_000
-"""Points of a chunk in files that LASzip, lazrs and PDAL write."""
 
 CLASS = "classification"
 
@@ -48,7 +46,7 @@ def has_layers(header: LasHeader) -> bool:
     Returns
     -------
     bool
-        True for LAZ of point formats 6 to 8 in chunks of `CHUNK_POINTS` points, compressed by the version that lazrs
+        True for LAZ of point formats 6 to 8 in chunks of `LAZ_CHUNK` points, compressed by the version that lazrs
         writes.
     """
     found = header.find(LASZIP)
@@ -135,7 +133,7 @@ class LayerCopier:
         Parameters
         ----------
         start : int
-            First row, a multiple of `CHUNK_POINTS`.
+            First row, a multiple of `LAZ_CHUNK`.
         records : structured ndarray of shape (n,)
             What `read` gave: whole chunks, or those up to the file's end.
         values : mapping of str to ndarray of shape (n,)
@@ -151,9 +149,9 @@ class LayerCopier:
         changed["classification_flags"] = records["classification_flags"] & CHANNEL_BITS
         for name, column in values.items():
             changed[name] = column
-        first = start // CHUNK_POINTS
+        first = start // LAZ_CHUNK
         return [
-            (min(CHUNK_POINTS, len(records) - i * CHUNK_POINTS), self._spliced(self._reader.compressed(first + i), new))
+            (min(LAZ_CHUNK, len(records) - i * LAZ_CHUNK), self._spliced(self._reader.compressed(first + i), new))
             for i, new in enumerate(self._compressed(changed))
         ]
 

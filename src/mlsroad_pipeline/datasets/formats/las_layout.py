@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.base import WriteOptions
+from mlsroad_pipeline.datasets.formats.crs import is_geographic
 from mlsroad_pipeline.datasets.formats.las_crs import with_wkt
 from mlsroad_pipeline.datasets.formats.las_extra import DESCRIPTOR_TYPES, ExtraDimension, pack_descriptors
 from mlsroad_pipeline.datasets.formats.las_header import (
@@ -30,6 +31,8 @@ DERIVED = ("rgb", "rgb16")
 """Columns that are written as red, green and blue."""
 
 SOFTWARE = b"mlsroad"
+DEGREE_STEP = 1e-7
+"""Resolution of longitudes and latitudes, degrees: 11 mm, the finest that holds all of them in 32 bits."""
 
 
 def with_extra(header: LasHeader, added: list[ExtraDimension], *, existing: list[ExtraDimension]) -> LasHeader:
@@ -121,7 +124,7 @@ def new_header(cloud: PointCloud, options: WriteOptions) -> LasHeader:
     cloud : PointCloud
         What is to be written.
     options : WriteOptions
-        Its `scale` and `units`.
+        Its `scale` and `units`; longitudes and latitudes are stored in steps of `DEGREE_STEP`.
 
     Returns
     -------
@@ -138,9 +141,39 @@ def new_header(cloud: PointCloud, options: WriteOptions) -> LasHeader:
     struct.pack_into("<4s20xBB32s32s", block, 0, SIGNATURE, 1, 4, b"OTHER", SOFTWARE)
     struct.pack_into("<HH", block, 90, 1, 1970)
     struct.pack_into("<BH", block, 104, point_format, RECORD_SIZES[point_format])
-    struct.pack_into("<6d", block, 131, *(options.scale / options.metres,) * 3, *cloud.origin / options.metres)
+    step = options.scale / options.metres
+    flat = DEGREE_STEP if is_geographic(cloud.crs) else step
+    struct.pack_into("<6d", block, 131, flat, flat, step, *cloud.origin / options.metres)
     header = with_wkt(LasHeader(bytes(block)), cloud.crs)
     return with_extra(header, _extra_for(cloud, _standard_names(header)), existing=[])
+
+
+def with_room(header: LasHeader, cloud: PointCloud, metres: float) -> LasHeader:
+    """Give another file's header a scale and an offset that hold the points where they have come to lie.
+
+    Parameters
+    ----------
+    header : LasHeader
+        The header to write.
+    cloud : PointCloud
+        The points.
+    metres : float
+        Factor from the file's unit to metres.
+
+    Returns
+    -------
+    LasHeader
+        The same where they fit; else with the offset of the cloud, and degrees in steps of `DEGREE_STEP`.
+    """
+    if not len(cloud):
+        return header
+    low, high = ((cloud.origin + f(cloud.xyz.astype(np.float64), axis=0)) / metres for f in (np.min, np.max))
+    reach = np.maximum(np.abs(low - header.offset), np.abs(high - header.offset)) / np.abs(header.scale)
+    if is_geographic(cloud.crs) and header.scale[:2].max() > DEGREE_STEP:
+        return header.patched(("2d", 131, (DEGREE_STEP,) * 2), ("2d", 155, (0.0,) * 2))
+    if (reach[:2] < 2**31 - 1).all():
+        return header
+    return header.patched(("2d", 155, tuple(np.floor(cloud.origin[:2] / metres))))
 
 
 def pack_records(

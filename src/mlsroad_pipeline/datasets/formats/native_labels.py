@@ -1,9 +1,9 @@
-"""Copies of PLY, text and KITTI files in their own format, with class and confidence beside what they had."""
+"""Copies of surveys in their own format, with class and confidence beside what they had: PLY, text and KITTI."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, Protocol, cast
@@ -17,14 +17,14 @@ from mlsroad_pipeline.datasets.formats.base import PointFormat, ReadOptions
 from mlsroad_pipeline.datasets.formats.content import BLOCK, open_content, output_file
 from mlsroad_pipeline.datasets.formats.flat_table import join_rows, number_text
 from mlsroad_pipeline.datasets.formats.kitti import label_path
+from mlsroad_pipeline.datasets.formats.labelled_names import CLASS, CONFIDENCE, kept_name
+from mlsroad_pipeline.datasets.formats.native_tables import SINKS, can_hold
 from mlsroad_pipeline.datasets.formats.ply import PlyFormat, vertex_rows
 from mlsroad_pipeline.datasets.formats.ply_header import PlyHeader, read_ply_header
 from mlsroad_pipeline.datasets.formats.text import TextFormat
 from mlsroad_pipeline.datasets.formats.text_layout import open_table
 from mlsroad_pipeline.datasets.formats.text_rows import TextRows
 from mlsroad_pipeline.datasets.formats.text_values import WHITESPACE
-
-CLASS, CONFIDENCE = "classification", "confidence"
 
 
 class LabelSink(Protocol):
@@ -44,27 +44,6 @@ class LabelSink(Protocol):
         """
 
 
-def kept_name(name: str, taken: Sequence[str]) -> str:
-    """Return what an own column of the input is called when the result needs its name.
-
-    Parameters
-    ----------
-    name : str
-        The column's name.
-    taken : sequence of str
-        All names of the input.
-
-    Returns
-    -------
-    str
-        The name with ``original_`` before it, as often as it takes to be free.
-    """
-    free = f"original_{name}"
-    while free in taken:
-        free = f"original_{free}"
-    return free
-
-
 def native_path(source: Path, folder: Path, form: PointFormat) -> Path | None:
     """Return where the copy in a survey's own format goes.
 
@@ -80,8 +59,9 @@ def native_path(source: Path, folder: Path, form: PointFormat) -> Path | None:
     Returns
     -------
     Path or None
-        PLY and text: the same file name in `folder`; KITTI: the ``.label`` of that name. None where the format cannot
-        hold labels, and for a PLY file whose vertices are not first or hold lists.
+        KITTI: the ``.label`` of that name in `folder`; others: the same file name there. None where the format has no
+        place for labels (E57, NPY), for a PLY file whose vertices are not first or hold lists, and for PCD that is not
+        binary, has padding, or has beams without return.
 
     Raises
     ------
@@ -93,7 +73,8 @@ def native_path(source: Path, folder: Path, form: PointFormat) -> Path | None:
         if target.exists() and label_path(source) is not None and target.samefile(cast(Path, label_path(source))):
             raise DataError(f"{target} holds the labels of {source} and would be overwritten; choose another folder")
         return target
-    if isinstance(form, TextFormat) or (isinstance(form, PlyFormat) and read_ply_header(source).vertex_first):
+    is_ply = isinstance(form, PlyFormat) and read_ply_header(source).vertex_first
+    if isinstance(form, TextFormat) or is_ply or can_hold(source, form.name):
         target = folder / source.name
         if target.exists() and target.samefile(source):
             raise DataError(f"{target} is the survey itself and would be overwritten; choose another folder")
@@ -128,6 +109,10 @@ def native_sink(source: Path, target: Path, form: PointFormat, options: ReadOpti
             sink = _PlySink(source, stream)
             yield sink
             sink.copy_rest()
+        elif form.name in SINKS:
+            table = SINKS[form.name](source, stream)
+            yield table
+            table.finish()
         else:
             yield _KittiSink(source, stream)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Self
@@ -37,12 +37,33 @@ def _unit_factor(units: str | float) -> float:
     return float(units)
 
 
-def _from_config(cls: type, config: Mapping[str, Any] | None) -> Any:
-    known = [f.name for f in fields(cls)]
-    unknown = sorted(set(config or {}) - set(known))
-    if unknown:
-        raise ParameterError(f"unknown {cls.__name__} {', '.join(unknown)} (known: {', '.join(known)})")
-    return cls(**(config or {}))
+class _Configured:
+    """Options that a configuration mapping gives by their names."""
+
+    @classmethod
+    def from_config(cls, config: Mapping[str, Any] | None) -> Self:
+        """Build options from a configuration mapping.
+
+        Parameters
+        ----------
+        config : mapping or None
+            Parameter names to values; None and {} give the defaults.
+
+        Returns
+        -------
+        ReadOptions or WriteOptions
+            The options.
+
+        Raises
+        ------
+        ParameterError
+            If a key is unknown or a value outside its domain.
+        """
+        known = [f.name for f in fields(cls)]  # type: ignore[arg-type]  # every subclass is a dataclass
+        unknown = sorted(set(config or {}) - set(known))
+        if unknown:
+            raise ParameterError(f"unknown {cls.__name__} {', '.join(unknown)} (known: {', '.join(known)})")
+        return cls(**(config or {}))
 
 
 def _as_coding(coding: Coding | Mapping[int, str] | str | None) -> Coding | None:
@@ -55,8 +76,19 @@ def _as_coding(coding: Coding | Mapping[int, str] | str | None) -> Coding | None
     return Coding("of the options", {int(code): str(name) for code, name in coding.items()})
 
 
+def _as_columns(columns: Any) -> dict[str, Any]:
+    if not isinstance(columns, Mapping):
+        raise ParameterError(f"columns must map standard names to columns of the file, got {columns!r}")
+    for name, wanted in columns.items():
+        parts = wanted if name == "rgb" and isinstance(wanted, Sequence) and not isinstance(wanted, str) else (wanted,)
+        if len(parts) != (3 if name == "rgb" else 1) or not all(isinstance(part, int | str) for part in parts):
+            kind = "three columns" if name == "rgb" else "a column"
+            raise ParameterError(f"columns.{name} must be {kind}, by name or by index, got {wanted!r}")
+    return dict(columns)
+
+
 @dataclass(frozen=True)
-class ReadOptions:
+class ReadOptions(_Configured):
     """How to read a survey; the defaults suit a file that says everything itself.
 
     Parameters
@@ -120,7 +152,7 @@ class ReadOptions:
     def __post_init__(self) -> None:
         _unit_factor(self.units)
         object.__setattr__(self, "coding", _as_coding(self.coding))
-        object.__setattr__(self, "columns", dict(self.columns))
+        object.__setattr__(self, "columns", _as_columns(self.columns))
         if self.only is not None:
             object.__setattr__(self, "only", (self.only,) if isinstance(self.only, str) else tuple(self.only))
         if self.delimiter is not None and self.delimiter != "whitespace" and len(self.delimiter) != 1:
@@ -147,31 +179,9 @@ class ReadOptions:
         """Return the factor that turns the file's coordinates into metres."""
         return _unit_factor(self.units)
 
-    @classmethod
-    def from_config(cls, config: Mapping[str, Any] | None) -> Self:
-        """Build options from a configuration mapping.
-
-        Parameters
-        ----------
-        config : mapping or None
-            Parameter names to values; None and {} give the defaults.
-
-        Returns
-        -------
-        ReadOptions
-            The options.
-
-        Raises
-        ------
-        ParameterError
-            If a key is unknown or a value outside its domain.
-        """
-        result: Self = _from_config(cls, config)
-        return result
-
 
 @dataclass(frozen=True)
-class WriteOptions:
+class WriteOptions(_Configured):
     """How to write a cloud.
 
     Parameters
@@ -218,25 +228,3 @@ class WriteOptions:
     def metres(self) -> float:
         """Return the factor that turns the file's coordinates into metres."""
         return _unit_factor(self.units)
-
-    @classmethod
-    def from_config(cls, config: Mapping[str, Any] | None) -> Self:
-        """Build options from a configuration mapping.
-
-        Parameters
-        ----------
-        config : mapping or None
-            Parameter names to values; None and {} give the defaults.
-
-        Returns
-        -------
-        WriteOptions
-            The options.
-
-        Raises
-        ------
-        ParameterError
-            If a key is unknown or a value outside its domain.
-        """
-        result: Self = _from_config(cls, config)
-        return result

@@ -18,7 +18,7 @@ from mlsroad_pipeline.datasets.formats.column_values import (
     join_colours,
     scale_intensity,
 )
-from mlsroad_pipeline.datasets.formats.crs import parse_crs, reproject, sidecar_crs
+from mlsroad_pipeline.datasets.formats.crs import in_metres, parse_crs, reproject, sidecar_crs
 from mlsroad_pipeline.datasets.formats.files import log_once
 
 COORDINATES = ("x", "y", "z")
@@ -35,6 +35,8 @@ ALIASES: dict[str, tuple[str, ...]] = {
     "label": ("scalar_label", "semantic"),
 }
 """Standard name to what other programs call it, in lower case."""
+
+COLOUR_DEPTH = "colours are taken for {} bits in fields of 16; rgb_bits changes that"
 
 INTEGER_COLUMNS = ("label", "instance")
 NEAR = 1000.0
@@ -204,13 +206,18 @@ def standard_cloud(
         values = columns["intensity"]
         divisor = intensity_divisor(values.dtype, options.intensity_scale, lambda: maximum(["intensity"]))
         columns["intensity"] = scale_intensity(values, divisor, source=source)
+        if isinstance(options.intensity_scale, str) and divisor != 1.0:
+            log_once(str(source), f"intensity ({values.dtype}) is divided by {divisor:g}; intensity_scale changes that")
     if set(COLOURS) <= columns.keys():
         parts = [columns.pop(name) for name in COLOURS]
         if np.issubdtype(parts[0].dtype, np.floating):
             greatest = maximum(COLOURS)
+            log_once(str(source), f"colours are fractional numbers up to {greatest:g}")
             columns["rgb"] = join_colours([float_colours(p, greatest, source=source) for p in parts], 0, source=source)
         else:
             shift = 8 if parts[0].dtype.itemsize == 2 and options.rgb_bits != 8 else 0
+            if parts[0].dtype.itemsize == 2 and options.rgb_bits is None:
+                log_once(str(source), COLOUR_DEPTH.format(8 + shift))
             columns["rgb"] = join_colours(parts, shift, source=source)
     if "gps_time" in columns and (options.time_scale != 1.0 or options.time_offset):
         columns["gps_time"] = columns["gps_time"].astype(np.float64) * options.time_scale + options.time_offset
@@ -220,6 +227,7 @@ def standard_cloud(
     if options.coding is not None and "label" in columns:
         columns["label"] = options.coding.encode(columns["label"], source=str(source))
     system = parse_crs(options.crs) if options.crs else crs or sidecar_crs(source)
+    system = None if system is None else in_metres(system, options.metres)
     if options.reproject is None:
         return PointCloud(xyz, columns, origin, system, str(source))
     near = origin_near(reproject(anchor[None], system, options.reproject, name=source)[0][0])

@@ -15,10 +15,13 @@ from mlsroad_pipeline.algorithms.rendering.report import build_report
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.survey_labelling import object_rules, output_codes
 from mlsroad_pipeline.datasets.label_results import (
+    OBJECTS,
     attribute_warnings,
     inventory_of,
     label_report_sections,
+    objects_task,
     planned_outputs,
+    survey_crs,
 )
 from mlsroad_pipeline.datasets.label_work import label_pieces, write_file
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
@@ -125,15 +128,16 @@ def label_new_scenes(
     }
 
 
-def make_inventory(
+def write_labelled_files(
     plan: SurveyPlan,
     files: SceneCollection,
     corridors: SceneCollection,
+    pieces: SceneCollection,
     results: SceneCollection,
     model: SourceFile,
     parameters: LabelParameters,
-) -> tuple[RoadInventory, RoadInventory]:
-    """Join the objects of all scenes.
+) -> dict[str, SceneTask]:
+    """Name the work that writes each file with its labels, and the work that joins the objects meanwhile.
 
     Parameters
     ----------
@@ -143,54 +147,59 @@ def make_inventory(
         Their samples, for the coordinate reference system.
     corridors : SceneCollection
         Their trajectories.
-    results : SceneCollection
-        What the scenes found.
-    model : SourceFile
-        The model's folder.
-    parameters : LabelParameters
-        Rules of objects.
-
-    Returns
-    -------
-    inventory, inventory_table : RoadInventory
-        The inventory, for the GeoPackage and the GeoParquet file.
-    """
-    bundle = open_model(model.path)
-    found = inventory_of(plan, files, corridors, results, object_rules(bundle, parameters.inventory), bundle)
-    return found, found
-
-
-def write_labelled_files(
-    plan: SurveyPlan, pieces: SceneCollection, results: SceneCollection, parameters: LabelParameters
-) -> dict[str, SceneTask]:
-    """Name the work that writes each file with its labels.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
     pieces : SceneCollection
         Their ranges, which know whether there were classes.
     results : SceneCollection
-        Labels of all scenes.
+        Labels and objects of all scenes.
+    model : SourceFile
+        The model's folder.
     parameters : LabelParameters
-        The folder for the results.
+        The folder for the results, and rules of objects.
 
     Returns
     -------
     dict of str to SceneTask
-        One task per file.
+        One task per file, and one for the table of the objects.
     """
+    survey_crs(plan, files)  # an inventory needs a single one: that is better known before hours of writing
+    bundle = open_model(model.path)
+    rules = object_rules(bundle, parameters.inventory)
     copies = {"copc": parameters.copc, "coloured_ply": parameters.coloured_ply}
-    return {
+    outputs = planned_outputs(plan, pieces, results, str(parameters.output), **copies)
+    return {OBJECTS: objects_task(plan, corridors, results, rules, bundle)} | {
         output.file.key: SceneTask(
             write_file,
             {"path": SourceFile(output.file.source.path), "scenes": output.scenes},
             output.parameters(plan.options),
             outputs=output.written,
         )
-        for output in planned_outputs(plan, pieces, results, str(parameters.output), **copies)
+        for output in outputs
     }
+
+
+def make_inventory(
+    plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, written: SceneCollection
+) -> tuple[RoadInventory, RoadInventory]:
+    """Put the objects on the map.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+    files : SceneCollection
+        Their samples, for the coordinate reference system.
+    corridors : SceneCollection
+        Their trajectories.
+    written : SceneCollection
+        What was written, the table of the objects among it.
+
+    Returns
+    -------
+    inventory, inventory_table : RoadInventory
+        The inventory, for the GeoPackage and the GeoParquet file.
+    """
+    found = inventory_of(plan, files, corridors, written)
+    return found, found
 
 
 def write_report(

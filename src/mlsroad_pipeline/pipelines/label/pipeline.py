@@ -56,7 +56,15 @@ def _labelling() -> list[Node]:
         ),
         Node(
             write_labelled_files,
-            inputs=["label_plan", "label_pieces_store", "label_results_store", "params:label"],
+            inputs=[
+                "label_plan",
+                "label_files_store",
+                "label_corridors_store",
+                "label_pieces_store",
+                "label_results_store",
+                "label_model",
+                "params:label",
+            ],
             outputs="label_written_store",
             name="write_labelled_files",
         ),
@@ -67,14 +75,7 @@ def _reporting() -> list[Node]:
     return [
         Node(
             make_inventory,
-            inputs=[
-                "label_plan",
-                "label_files_store",
-                "label_corridors_store",
-                "label_results_store",
-                "label_model",
-                "params:label",
-            ],
+            inputs=["label_plan", "label_files_store", "label_corridors_store", "label_written_store"],
             outputs=["label_inventory", "label_inventory_table"],
             name="make_inventory",
         ),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from joblib import cpu_count
+
 from mlsroad_pipeline.algorithms.baselines.max_margin_training import MarginParameters, train
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.pipelines.patch_method import TrainingScenes
@@ -22,5 +24,5 @@ def train_max_margin_markov(training: TrainingScenes, parameters: MarginParamete
     model, registered : ModelBundle
         The model, for the workers and for the registry.
     """
-    bundle = train(training.load(), parameters=parameters)
+    bundle = train(training.load(), parameters=parameters, n_threads=cpu_count())
     return bundle, bundle

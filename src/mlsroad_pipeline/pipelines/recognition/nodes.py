@@ -74,6 +74,7 @@ def read_object_folds(
     dict of str to SceneTask
         One task per fold.
     """
+    survey.check_root()
     scheme = find_scheme(classes["schemes"], recognition.scheme)
     return {
         name: SceneTask(
