@@ -32,7 +32,7 @@ __all__ = ["StudyTables", "study_figures", "study_sections", "wide_table"]
 
 
 def wide_table(table: pd.DataFrame, metric: str) -> pd.DataFrame:
-    """Write Table III for people: a row per method, "mean (paper)" per class, with "± spread" of the means over classes.
+    """Write Table III for people: a row per method, "mean (paper)" per class, and "± spread" of means over classes.
 
     Parameters
     ----------
