@@ -42,7 +42,8 @@ from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameter
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
 from mlsroad_pipeline.datasets.inspect_work import InspectParameters
 from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
-from mlsroad_pipeline.datasets.survey_plan import LabelParameters, SurveyParameters, plan_comparison, plan_labelling
+from mlsroad_pipeline.datasets.survey_parameters import LabelParameters, SurveyParameters
+from mlsroad_pipeline.datasets.survey_plan import plan_comparison, plan_labelling
 
 CONF = REPOSITORY / "conf"
 ENVIRONMENTS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name != "local")

@@ -14,7 +14,8 @@ from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion
 from mlsroad_pipeline.algorithms.ingest import IngestParameters
 from mlsroad_pipeline.datasets.image_work import LabelledImages, images_of_drives
 from mlsroad_pipeline.datasets.model_registry_dataset import load_registered_bundle
-from mlsroad_pipeline.datasets.survey_plan import SurveyParameters, plan_comparison
+from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
+from mlsroad_pipeline.datasets.survey_plan import plan_comparison
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

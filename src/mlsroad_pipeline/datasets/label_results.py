@@ -33,7 +33,8 @@ from mlsroad_pipeline.datasets.label_work import join_objects
 from mlsroad_pipeline.datasets.road_inventory import RoadInventory
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import Deferred, SceneTask
-from mlsroad_pipeline.datasets.survey_plan import LabelParameters, PlannedFile, SurveyPlan
+from mlsroad_pipeline.datasets.survey_parameters import LabelParameters
+from mlsroad_pipeline.datasets.survey_plan import PlannedFile, SurveyPlan
 
 logger = logging.getLogger(__name__)
 

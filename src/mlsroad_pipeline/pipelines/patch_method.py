@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.datasets.method_work import label_prepared_patches
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
-from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
+from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
 
 TRAIN = "train."
 

@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundPa
 from mlsroad_pipeline.datasets.forest_work import label_prepared_scene
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
-from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
+from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
 
 TRAIN = "train."
 

@@ -29,7 +29,8 @@ from mlsroad_pipeline.algorithms.visible_evaluation import count_seen_scene, see
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
-from mlsroad_pipeline.datasets.survey_plan import SurveyParameters, middle_scenes
+from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
+from mlsroad_pipeline.datasets.survey_plan import middle_scenes
 
 logger = logging.getLogger(__name__)
 

@@ -12,7 +12,7 @@ from mlsroad_pipeline.datasets.fusion_work import fuse_labelled_scene
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
-from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
+from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
 
 
 def take_test_set_1(

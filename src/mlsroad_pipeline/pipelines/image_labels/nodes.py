@@ -20,7 +20,8 @@ from mlsroad_pipeline.datasets.image_work import (
 )
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
-from mlsroad_pipeline.datasets.survey_plan import SurveyParameters, plan_comparison
+from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
+from mlsroad_pipeline.datasets.survey_plan import plan_comparison
 
 TRAIN = "train."
 

@@ -14,13 +14,8 @@ from mlsroad_pipeline.datasets.ingest_work import describe_file, find_corridor, 
 from mlsroad_pipeline.datasets.scene_planning import cut_ranges, plan_drive
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
-from mlsroad_pipeline.datasets.survey_plan import (
-    SurveyParameters,
-    SurveyPlan,
-    estimated_drives,
-    plan_comparison,
-    trajectory_beside,
-)
+from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
+from mlsroad_pipeline.datasets.survey_plan import SurveyPlan, estimated_drives, plan_comparison, trajectory_beside
 
 logger = logging.getLogger(__name__)
 

@@ -7,7 +7,7 @@ import pandas as pd
 
 from mlsroad_pipeline.datasets.inspect_report import survey_facts, survey_page, survey_warnings
 from mlsroad_pipeline.datasets.inspect_work import InspectParameters, inspect_survey
-from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
+from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
 
 logger = logging.getLogger(__name__)
 

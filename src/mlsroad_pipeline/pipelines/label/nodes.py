@@ -29,7 +29,8 @@ from mlsroad_pipeline.datasets.road_inventory import RoadInventory
 from mlsroad_pipeline.datasets.scene_planning import plan_drive
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
-from mlsroad_pipeline.datasets.survey_plan import LabelParameters, SurveyPlan, plan_labelling
+from mlsroad_pipeline.datasets.survey_parameters import LabelParameters
+from mlsroad_pipeline.datasets.survey_plan import SurveyPlan, plan_labelling
 
 logger = logging.getLogger(__name__)
 

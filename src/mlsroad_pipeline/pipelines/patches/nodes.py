@@ -10,7 +10,7 @@ from mlsroad_pipeline.algorithms.patch_labelling import build_patches, label_pat
 from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask
-from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
+from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
 
 TRAIN = "train."
 

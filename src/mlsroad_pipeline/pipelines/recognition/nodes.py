@@ -27,7 +27,7 @@ from mlsroad_pipeline.datasets.object_files import find_folds, listed_files, rea
 from mlsroad_pipeline.datasets.recognition_work import recognise_with_model
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
-from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
+from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
 
 TRAIN = "train."
 

@@ -8,7 +8,7 @@ import pandas as pd
 
 from mlsroad_pipeline.algorithms.comparison_report import comparison_sections
 from mlsroad_pipeline.algorithms.rendering.report import build_report
-from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
+from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
 from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS
 
 

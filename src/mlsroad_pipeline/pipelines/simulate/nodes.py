@@ -14,7 +14,7 @@ from mlsroad_pipeline.datasets.simulated_survey import (
     survey_files,
     write_simulated_survey,
 )
-from mlsroad_pipeline.datasets.survey_plan import SurveyParameters
+from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
 
 THREADS = 2
 """Workers of a survey that is simulated alone; several are simulated side by side with one each."""
