@@ -43,7 +43,9 @@ def draw_panels(
     return figure, panels
 
 
-def name_axes(axes: Axes, *, x: str = "", y: str = "", title: str = "", unit_range: str = "") -> None:
+def name_axes(
+    axes: Axes, *, x: str = "", y: str = "", title: str = "", unit_range: str = "", lowest: float = 0.0
+) -> None:
     """Name the axes of a panel.
 
     Parameters
@@ -53,15 +55,17 @@ def name_axes(axes: Axes, *, x: str = "", y: str = "", title: str = "", unit_ran
     x, y, title : str, default ""
         What stands at the axes and above; nothing where empty.
     unit_range : str, default ""
-        The axes, of ``x`` and ``y``, that run from 0 to 1.
+        The axes, of ``x`` and ``y``, that end at 1.
+    lowest : float, default 0
+        Where they begin.
     """
     axes.set_xlabel(x, fontsize=9, color=INK)
     axes.set_ylabel(y, fontsize=9, color=INK)
     axes.set_title(title, fontsize=9, color=INK)
     if "x" in unit_range:
-        axes.set_xlim(0, 1.02)
+        axes.set_xlim(lowest, 1.02)
     if "y" in unit_range:
-        axes.set_ylim(0, 1.02)
+        axes.set_ylim(lowest, 1.02)
 
 
 def draw_bars(
@@ -99,6 +103,7 @@ def draw_bars(
             marks = np.asarray(paper[name], np.float64)
             axes.plot(places, marks, "D", color="white", markeredgecolor=INK, markersize=3.2)
     axes.set_xticks(range(len(groups)), list(groups), fontsize=8)
+    axes.set_xlim(-0.6, len(groups) - 0.4)
 
 
 def _style(k: int) -> str:
@@ -123,6 +128,7 @@ def draw_lines(axes: Axes, x: ArrayLike, series: Mapping[str, ArrayLike], *, bol
     for k, (name, values) in enumerate(series.items()):
         width, colour = (2.2, INK) if name in bold else (1.2, SERIES[k % len(SERIES)])
         axes.plot(x, values, _style(k), marker="o", markersize=3, label=name, linewidth=width, color=colour)
+    axes.set_xticks(np.asarray(x))  # what was tried, and nothing between
 
 
 def draw_curves(axes: Axes, curves: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> None:

@@ -36,7 +36,10 @@ _F1 = {
     "patch_graph": (0.98, 0.914, 0.884, 0.735, 0.59, 0.689, 0.59),
     "patch_graph_mrf": _REFINED,
 }
-FIGURE_7 = {0.2: dict(zip(CLASSES, _REFINED, strict=True)), 0.35: {"vehicle": 0.69}}
+FIGURE_7 = {
+    0.2: {**dict(zip(CLASSES, _REFINED, strict=True)), "mean of seven": 0.862},
+    0.35: {"vehicle": 0.69},
+}
 """Patch size, metres, to the F1 that Table III and the text on Figure 7 tell (0.85 for vehicles at 0.2 m)."""
 
 FIGURE_9 = {1.0: FIGURE_7[0.2]}

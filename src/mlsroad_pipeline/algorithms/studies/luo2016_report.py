@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,7 +32,7 @@ __all__ = ["StudyTables", "study_figures", "study_sections", "wide_table"]
 
 
 def wide_table(table: pd.DataFrame, metric: str) -> pd.DataFrame:
-    """Write Table III for people: a row per method, "mean ± spread (paper)" per class.
+    """Write Table III for people: a row per method, "mean (paper)" per class, and "± spread" of means over classes.
 
     Parameters
     ----------
@@ -46,7 +47,9 @@ def wide_table(table: pd.DataFrame, metric: str) -> pd.DataFrame:
         Column `method`, then the classes and the means over classes; a dash for what a method cannot give.
     """
     chosen = table[table["metric"] == metric]
-    cells = [_cell(*row) for row in chosen[["mean", "spread", "paper"]].itertuples(index=False, name=None)]
+    spread = chosen["spread"].where(chosen["class"].isin(MEANS))  # ten columns with spreads are wider than a page
+    rows = zip(chosen["mean"], spread, chosen["paper"], strict=True)
+    cells = [_cell(*row) for row in rows]
     wide = chosen.assign(cell=cells).pivot(index="method", columns="class", values="cell")
     order = list(dict.fromkeys(chosen["method"]))
     return wide.reindex(index=order, columns=[*CLASSES, *MEANS]).rename_axis(columns=None).reset_index()
@@ -103,12 +106,22 @@ def _lines(
         for name, f1 in classes.items():
             colour = INK if name in MEANS else SERIES[names.index(name)]
             panels[0].plot(value, f1, "D", color="white", markeredgecolor=colour, markersize=4)
-    name_axes(panels[0], x=label, y="F1 (diamonds: luo2016)", unit_range="y")
+    known = [*table[names].min().dropna(), *(f1 for classes in paper.values() for f1 in classes.values())]
+    lowest = np.floor(10 * min(known, default=0.0)) / 10
+    name_axes(panels[0], x=label, y="F1 (diamonds: luo2016)", unit_range="y", lowest=lowest)
     for axes, column in zip(panels[1:], columns, strict=True):
         draw_lines(axes, table["value"], {column: table[column]})
         name_axes(axes, x=label, y=_LABELS[column])
+        if column == "train_seconds":
+            axes.set_ylim(bottom=0)
     legend_below(figure, panels[0], 4)
     return figure
+
+
+def _listed(values: Mapping[str, Any]) -> str:
+    """Write names and values in a row, nested ones in brackets."""
+    pairs = ((key, f"({_listed(v)})" if isinstance(v, Mapping) else v) for key, v in values.items())
+    return ", ".join(f"{key} {value}" for key, value in pairs)
 
 
 def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figure]) -> list[Section]:
@@ -131,8 +144,8 @@ def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figur
     scale = plan.scale
     facts = {
         "scale": plan.study.scale,
-        "streets": ", ".join(f"{key} {value}" for key, value in scale.survey.items()),
-        "test streets": ", ".join(f"{key} {value}" for key, value in scale.test_survey.items()) or "likewise",
+        "streets": _listed(scale.survey),
+        "test streets": _listed(scale.test_survey) or "likewise",
         **{f"test streets {list(r['test'])}": f"trained on {list(r['train'])}" for r in scale.repetitions},
     }
     swapped = "Ours ± standard deviation over test streets (the paper's in brackets). "
@@ -146,12 +159,12 @@ def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figur
         ),
         TableSection(
             "Differences from label transfer with refinement",
-            tables.differences,
+            tables.differences.round(3),
             note="Mean F1 of a method minus that of patch_graph_mrf, with 95 % intervals of the paired differences.",
         ),
         FiguresSection("Figures", dict(zip(captions, figures, strict=True))),
-        TableSection("Patch size", tables.patch_size, note=PAPER_ON_PATCH_SIZE),
-        TableSection("Local search radius", tables.search_radius, note=PAPER_ON_SEARCH_RADIUS),
+        TableSection("Patch size", tables.patch_size.round(3), note=PAPER_ON_PATCH_SIZE),
+        TableSection("Local search radius", tables.search_radius.round(3), note=PAPER_ON_SEARCH_RADIUS),
         TableSection("Times", tables.times, note="Processor seconds here; hours of the paper's computer."),
         TableSection("Settings tried on training streets", tables.tuning),
     ]
