@@ -38,7 +38,7 @@ class ForestParameters:
     ----------
     n_trees : int, default 200
         Trees. More settle the out-of-bag error and cost time (tomic2019: 200, by that error).
-    fallback_trees : int, default 100
+    fallback_trees : int, default 50
         Trees of the forests for surveys that lack colour or intensity, which most surveys never need.
     min_samples_leaf : int, default 2
         Fewest supervoxels in a leaf. Larger smooths the probabilities and shrinks the model.
@@ -63,7 +63,7 @@ class ForestParameters:
     """
 
     n_trees: int = 200
-    fallback_trees: int = 100
+    fallback_trees: int = 50
     min_samples_leaf: int = 2
     max_features: float = 0.1
     class_weight: Literal["balanced", "sqrt", "none"] = "balanced"

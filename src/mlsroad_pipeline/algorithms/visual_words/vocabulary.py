@@ -32,7 +32,7 @@ class VocabularyParameters:
     n_words : int or None, default None
         Words; None takes one per `groups_per_word` groups, at most 120,000, the paper's number for 40 samples of 50 m.
         More tell objects apart more finely, until words no longer repeat.
-    groups_per_word : float, default 10
+    groups_per_word : float, default 50
         Groups that a word stands for on average, where `n_words` is None.
     matrix : int, default 500
         The largest cluster whose distances are all computed at once; larger follows equation 18 more closely, and
@@ -55,7 +55,7 @@ class VocabularyParameters:
     """
 
     n_words: int | None = None
-    groups_per_word: float = 10.0
+    groups_per_word: float = 50.0
     matrix: int = 500
     branches: int = 16
     stop_scenes: float = 0.95
