@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Installs everything into .venv: the system library that Open3D needs, the locked packages, this project.
+# Installs everything into .venv: the system library that Open3D needs, the locked packages, this project. Then compiles its
+# kernels for this processor.
 # It does nothing where .venv already holds what requirements.lock and pyproject.toml ask for.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -66,5 +67,20 @@ say "Installing the locked packages into .venv (several minutes the first time) 
 .venv/bin/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
 .venv/bin/python -c 'import open3d' || { say "Open3D does not import; the message above says why."; exit 1; }
+
+# numba keeps what it compiles beside the sources. The comparison on two tiny streets, in a folder that is thrown away, meets
+# nearly every kernel; what it does not meet is compiled when it is first used.
+say "Compiling kernels for this processor (two to three minutes, once) ..."
+scratch=$(mktemp -d)
+trap 'rm -rf "$scratch"' EXIT
+cp -r conf pyproject.toml "$scratch"
+mkdir -p "$scratch/src" "$scratch/conf/local"
+cp conf/tiny.yml "$scratch/conf/local/parameters.yml"
+kedro=$PWD/.venv/bin/kedro
+if ! (cd "$scratch" && "$kedro" run --params=execution.backend=sequential) > .venv/compiling.log 2>&1; then
+    tail -n 20 .venv/compiling.log >&2
+    say "The kernels could not all be compiled; .venv/compiling.log says why. They are compiled when they are first used."
+fi
+
 printf '%s' "$want" > "$stamp"
 say "Installed."

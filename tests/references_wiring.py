@@ -21,30 +21,7 @@ from kedro.framework.startup import bootstrap_project
 REPOSITORY = Path(__file__).resolve().parents[1]
 SURVEYS = {"train": {"preset": "tiny", "seed": 7}, "test": {"preset": "tiny", "seed": 11}}
 TINY: dict[str, Any] = {
-    "simulation": {
-        "surveys": {
-            "train": {"preset": "tiny", "seed": 7},
-            "train_2": None,
-            "train_3": None,
-            "train_4": None,
-            "test": {"preset": "tiny", "seed": 11},
-        },
-    },
-    "ingest": {"scene_length": 15.0},
-    "detrended_forest": {"n_trees": 10},
-    "patch_svm": {"costs": [10.0], "gammas": [0.1], "cv_per_class": 30, "max_per_class": 60},
-    "visual_words": {"regions": {"voxel_size": 0.1, "seed_resolution": 0.3}, "detector": {"candidates": 20}},
-    "hough_forest": {"n_trees": 4},
-    "object_matching": {"candidates": 4, "n_turns": 4},
-    "bottom_up_top_down": {"candidates": 4, "max_images": 200},
-    "segmentation": {"normalized_cut": {"tolerance": 0.5}},
-    "detection": {"classes": ["light pole", "car"], "min_points": 10},
-    "patch_graph": {"n_matches": 2, "scene_length": 3.0, "max_patches": 300},
-    "patch_graph_mrf": {"smoothness": [6.4], "colour_decay": [0.0]},
-    "max_margin_markov": {"n_rounds": 3, "fit_rows": 2000},
-    "shape_based": {"n_trees": 10},
-    "image_labels": {"network": {"n_steps": 12, "batch_size": 2, "crop": 65}},
-    "fusion": {"pool": {"n_points": 500}},
+    **yaml.safe_load((REPOSITORY / "conf/tiny.yml").read_text(encoding="utf-8")),
     "execution": {"backend": "sequential"},
 }
 """Parameters with which the whole comparison takes seconds."""
