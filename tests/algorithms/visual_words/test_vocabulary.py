@@ -63,7 +63,7 @@ def test_every_planted_kind_has_its_word(rng, matrix):
 
 def test_number_of_words_and_same_seed_same_words(rng):
     groups, _ = planted(rng, 1200, kinds=40, spread=0.05)
-    parameters = VocabularyParameters(matrix=100, branches=4)
+    parameters = VocabularyParameters(groups_per_word=10.0, matrix=100, branches=4)
     one, two = (build_vocabulary(groups, np.zeros(1200, int), parameters=parameters, n_threads=n) for n in (1, 2))
     assert len(one) == pytest.approx(120, abs=3)
     assert one.words.descriptors.tobytes() == two.words.descriptors.tobytes()
