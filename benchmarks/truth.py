@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, TAXONOMY_NAMES
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.simulation import PRESETS
 from mlsroad_pipeline.algorithms.simulation.blocks import PASS_INSTANCES
 from mlsroad_pipeline.algorithms.simulation.ground import GROUND_LABELS
@@ -36,9 +37,9 @@ class Gathered:
         self.points, self.numbered = 0, 0
         self.without: dict[int, int] = {}
 
-    def add(self, cloud: object, pieces: SurveyPieces) -> None:
+    def add(self, cloud: PointCloud, pieces: SurveyPieces) -> None:
         """Add a piece: points that have a number, in the frame of their object's box."""
-        number, label = cloud["instance"], cloud["label"]  # type: ignore[index]
+        number, label = cloud["instance"], cloud["label"]
         rows = np.flatnonzero(number)
         self.points += len(number)
         self.numbered += len(rows)
@@ -47,7 +48,7 @@ class Gathered:
         table = pieces.objects.set_index("instance")
         order = rows[np.argsort(number[rows], kind="stable")]
         mine = table.reindex(number[order])
-        xyz = cloud.xyz[order] + pieces.origin  # type: ignore[attr-defined]
+        xyz = cloud.xyz[order] + pieces.origin
         dx, dy = xyz[:, 0] - mine["box_x"].to_numpy(), xyz[:, 1] - mine["box_y"].to_numpy()
         c, s = np.cos(mine["heading"].to_numpy()), np.sin(mine["heading"].to_numpy())
         along, across = np.abs(c * dx + s * dy), np.abs(c * dy - s * dx)

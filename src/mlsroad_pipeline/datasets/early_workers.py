@@ -84,7 +84,7 @@ def end_workers(thread: threading.Thread) -> None:
     thread : Thread
         What `start_early` gave.
     """
-    from joblib.externals.loky import get_reusable_executor  # noqa: PLC0415
+    from joblib.externals.loky import get_reusable_executor  # noqa: PLC0415  this module is loaded before all others
 
     thread.join()
     get_reusable_executor(reuse=True, kill_workers=True).shutdown(wait=True, kill_workers=True)

@@ -38,7 +38,7 @@ def chosen_scale(kind: type[Scale], study: str, name: str, scales: Mapping[str, 
     if name not in scales:
         raise ParameterError(f"{study}.scale {name!r} is unknown (scales: {', '.join(scales)})")
     given = dict(scales[name])
-    known = {entry.name for entry in fields(kind)}  # type: ignore[arg-type]
+    known = {entry.name for entry in fields(kind)}  # type: ignore[arg-type]  # every kind of scale is a dataclass
     if set(given) != known:
         raise ParameterError(f"{study}.scales.{name} must have {sorted(known)}, got {sorted(given)}")
     return kind(**given)
