@@ -1,4 +1,4 @@
-"""What `label` makes of its scenes' results: the inventory, the plan of what is written, the report."""
+"""What `label` makes of its scenes' results: the plan of what is written, the report."""
 
 from __future__ import annotations
 
@@ -12,11 +12,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.ingest import corridor_from_arrays
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.label_confidence import confidence_table, confidence_warnings
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, bundle_scheme, missing_attributes
-from mlsroad_pipeline.algorithms.object_rules import ObjectRule
 from mlsroad_pipeline.algorithms.rendering.report import Section
 from mlsroad_pipeline.algorithms.rendering.report_sections import (
     DistributionSection,
@@ -25,21 +23,16 @@ from mlsroad_pipeline.algorithms.rendering.report_sections import (
     TableSection,
     WarningsSection,
 )
-from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.datasets.formats.coloured_ply import coloured_path
 from mlsroad_pipeline.datasets.formats.copc import copc_path
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
-from mlsroad_pipeline.datasets.label_work import join_objects
-from mlsroad_pipeline.datasets.road_inventory import RoadInventory
+from mlsroad_pipeline.datasets.label_inventory import OBJECTS, scenes_of
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import Deferred, SceneTask
+from mlsroad_pipeline.datasets.scene_task import Deferred
 from mlsroad_pipeline.datasets.survey_parameters import LabelParameters
 from mlsroad_pipeline.datasets.survey_plan import PlannedFile, SurveyPlan
 
 logger = logging.getLogger(__name__)
-
-OBJECTS = "inventory"
-"""What the table of the objects is called beside the written files, whose names begin with the split."""
 
 WRITING_THREADS = 2
 _ELSEWHERE = ("scene", "method", "model_version", "footprint")  # what the report's list of objects leaves to the files
@@ -47,113 +40,6 @@ CONFIDENCE_NOTE = (
     "The probability that the model gives to the class of a point. Where a fifth of all points lie below 0.5, or half "
     "of a class, there is a warning above."
 )
-
-
-def _scenes_of(drive: str, results: SceneCollection) -> list[str]:
-    return [key for key in results if key.rpartition(".")[0] == drive]
-
-
-def objects_task(
-    plan: SurveyPlan,
-    corridors: SceneCollection,
-    results: SceneCollection,
-    rules: Mapping[str, ObjectRule],
-    bundle: ModelBundle,
-) -> SceneTask:
-    """Plan the work that joins the objects of all scenes of a survey.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    corridors : SceneCollection
-        Their trajectories.
-    results : SceneCollection
-        What the scenes found.
-    rules : mapping of str to ObjectRule
-        The rules that the objects were found with.
-    bundle : ModelBundle
-        The model, whose method and version stand beside each object.
-
-    Returns
-    -------
-    SceneTask
-        It gives the table of the objects.
-    """
-    drives = {drive: _scenes_of(drive, results) for drive in plan.drives()}
-    parts = {
-        name: {drive: {key: found[key] for key in keys} for drive, keys in drives.items()}
-        for name in ("objects", "fragments")
-        for found in [results.part(name)]
-    }
-    registered = bundle.metadata.get("registered")
-    version = "" if registered is None else f"{registered['name']} {registered['version']}"
-    return SceneTask(
-        join_objects,
-        {"corridors": {drive: corridors[drive] for drive in drives}, **parts},
-        {"rules": dict(rules), "method": bundle.slug, "model_version": version},
-    )
-
-
-def survey_crs(plan: SurveyPlan, files: SceneCollection) -> str | None:
-    """Return the coordinate reference system of a survey.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    files : SceneCollection
-        Their samples.
-
-    Returns
-    -------
-    str or None
-        As WKT; None where the files have none.
-
-    Raises
-    ------
-    DataError
-        If the files have different ones: one map cannot hold them.
-    """
-    samples = files.part("sample")
-    systems = {file.source.name: samples[file.key].load().crs for file in plan.files}
-    one, crs = next(iter(systems.items()))
-    other = next((name for name, system in systems.items() if system != crs), None)
-    if other is not None:
-        raise DataError(f"{one} and {other} have different coordinate reference systems: label them one by one")
-    return crs
-
-
-def inventory_of(
-    plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, written: SceneCollection
-) -> RoadInventory:
-    """Return the inventory of a survey.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    files : SceneCollection
-        Their samples, for the coordinate reference system.
-    corridors : SceneCollection
-        Their trajectories.
-    written : SceneCollection
-        What was written, the table of the objects among it.
-
-    Returns
-    -------
-    RoadInventory
-        The objects, the coordinate reference system, and the trajectory of a survey with one drive.
-
-    Raises
-    ------
-    DataError
-        If the files have different coordinate reference systems.
-    """
-    drives = list(plan.drives())
-    corridor = corridor_from_arrays(corridors[drives[0]].load()) if len(drives) == 1 else None
-    trajectory = corridor if isinstance(corridor, Trajectory) else None
-    return RoadInventory(written[OBJECTS].load(), survey_crs(plan, files), trajectory)
 
 
 @dataclass(frozen=True)
@@ -253,7 +139,7 @@ def planned_outputs(
             raise ParameterError(f"{taken[target]} and {file.source.name} would both be written to {target}")
         taken[target] = file.source.name
         chosen, rows = [], []
-        for key in _scenes_of(file.drive, results):
+        for key in scenes_of(file.drive, results):
             found = spans[key]["spans"]
             for number, first, last in found[found[:, 0] == file.number]:
                 del number

@@ -14,15 +14,8 @@ from mlsroad_pipeline.algorithms.quality_storage import quality_table
 from mlsroad_pipeline.algorithms.rendering.report import build_report
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.survey_labelling import object_rules, output_codes
-from mlsroad_pipeline.datasets.label_results import (
-    OBJECTS,
-    attribute_warnings,
-    inventory_of,
-    label_report_sections,
-    objects_task,
-    planned_outputs,
-    survey_crs,
-)
+from mlsroad_pipeline.datasets.label_inventory import OBJECTS, inventory_of, objects_task, survey_crs
+from mlsroad_pipeline.datasets.label_results import attribute_warnings, label_report_sections, planned_outputs
 from mlsroad_pipeline.datasets.label_work import label_pieces, write_file
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
 from mlsroad_pipeline.datasets.road_inventory import RoadInventory
