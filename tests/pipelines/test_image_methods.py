@@ -1,8 +1,10 @@
 """Labels through images and their fusion, from a tiny survey to scores and registered models."""
 
 import logging
+import re
 import shutil
 
+import laspy
 import numpy as np
 import pandas as pd
 import pytest
@@ -152,7 +154,13 @@ def test_picture_and_labels_that_are_lost_are_named(project, stored, tmp_path):
             samples[broken]
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_label_refuses_methods_that_need_images(project, tmp_path, method):
-    with pytest.raises(Exception, match=rf"label\.method '{method}' needs camera images"):
-        label(project, project / "data/01_raw", tmp_path / "out", method=method)
+@pytest.fixture(scope="module")
+def fused(project, tmp_path_factory):
+    """A survey with images, labelled by the fusion."""
+    return label(project, project / "data/01_raw/simulated/test", tmp_path_factory.mktemp("out"), method="fusion")
+
+
+def test_label_with_images_gives_what_the_fusion_of_its_parts_gives(project, fused):
+    las = laspy.read(fused / "survey.laz")
+    print(np.unique(las.classification, return_counts=True))
+    print(re.findall("seen by cameras.{0,80}", (fused / "report.html").read_text()))

@@ -13,7 +13,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -205,7 +205,78 @@ def bundle_scheme(bundle: ModelBundle) -> ClassScheme:
     )
 
 
-def label_cloud(bundle: ModelBundle, cloud: PointCloud) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+def with_members(bundle: ModelBundle, members: Mapping[str, ModelBundle]) -> ModelBundle:
+    """Put the models that a model works with into it, so that it can be used without them.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model.
+    members : mapping of str to ModelBundle
+        Slug to model. The first one prepares the scenes: its `attributes` and its ground filter become the whole's.
+
+    Returns
+    -------
+    ModelBundle
+        The model with its members; `member` gives them back.
+
+    Raises
+    ------
+    DataError
+        If a member has other classes.
+    """
+    arrays, described = dict(bundle.arrays), {}
+    for slug, one in members.items():
+        if one.classes != bundle.classes:
+            raise DataError(f"model {bundle.slug!r} has classes {bundle.classes}, its member {slug!r} {one.classes}")
+        arrays |= {f"{slug}/{name}": values for name, values in one.arrays.items()}
+        described[slug] = dict(one.metadata)
+    first = next(iter(described.values()))
+    parameters = dict(bundle.metadata.get("parameters", {}))
+    if "ground" in first.get("parameters", {}):
+        parameters["ground"] = first["parameters"]["ground"]
+    metadata = {
+        **bundle.metadata,
+        "attributes": first.get("attributes", []),
+        "parameters": parameters,
+        "members": described,
+    }
+    return replace(bundle, arrays=arrays, metadata=metadata)
+
+
+def member(bundle: ModelBundle, slug: str) -> ModelBundle:
+    """Return one of the models that a model works with.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        A model of `with_members`, or the one that is asked for itself.
+    slug : str
+        The member.
+
+    Returns
+    -------
+    ModelBundle
+        The member.
+
+    Raises
+    ------
+    ParameterError
+        If the model does not hold it.
+    """
+    if bundle.slug == slug:
+        return bundle
+    described = bundle.metadata.get("members", {}).get(slug)
+    if described is None:
+        raise ParameterError(f"model {bundle.slug!r} holds no {slug!r}: train it again with this version")
+    prefix = f"{slug}/"
+    arrays = {key.removeprefix(prefix): array for key, array in bundle.arrays.items() if key.startswith(prefix)}
+    return ModelBundle(slug, arrays, described)
+
+
+def label_cloud(
+    bundle: ModelBundle, cloud: PointCloud, *, labeller: Labeller | None = None
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
     """Label a cloud with the function that the model names.
 
     Parameters
@@ -214,6 +285,8 @@ def label_cloud(bundle: ModelBundle, cloud: PointCloud) -> tuple[NDArray[np.int1
         The model.
     cloud : PointCloud
         Points that it has never seen.
+    labeller : callable, optional
+        Another function, for models that need more than the points.
 
     Returns
     -------
@@ -229,13 +302,7 @@ def label_cloud(bundle: ModelBundle, cloud: PointCloud) -> tuple[NDArray[np.int1
     DataError
         If it returns another number of labels, or labels outside the classes.
     """
-    module_name, function_name = bundle.metadata["entry_point"].split(":")
-    try:
-        function: Labeller = getattr(importlib.import_module(module_name), function_name)
-    except (ModuleNotFoundError, AttributeError) as error:
-        raise ParameterError(
-            f"model {bundle.slug!r} needs {bundle.metadata['entry_point']}, which this version lacks: {error}"
-        ) from error
+    function = _entry_point(bundle) if labeller is None else labeller
     labels, confidence = (np.asarray(values) for values in function(cloud, bundle))
     if labels.shape != (len(cloud),) or confidence.shape != (len(cloud),):
         raise DataError(
@@ -247,6 +314,17 @@ def label_cloud(bundle: ModelBundle, cloud: PointCloud) -> tuple[NDArray[np.int1
             f"model {bundle.slug!r} gave labels {labels.min()}..{labels.max()} of {len(bundle.classes)} classes"
         )
     return labels.astype(np.int16), confidence.astype(np.float32)
+
+
+def _entry_point(bundle: ModelBundle) -> Labeller:
+    module_name, function_name = bundle.metadata["entry_point"].split(":")
+    try:
+        function: Labeller = getattr(importlib.import_module(module_name), function_name)
+    except (ModuleNotFoundError, AttributeError) as error:
+        raise ParameterError(
+            f"model {bundle.slug!r} needs {bundle.metadata['entry_point']}, which this version lacks: {error}"
+        ) from error
+    return function
 
 
 def refuse_points(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.integer], NDArray[np.floating]]:
