@@ -1,4 +1,4 @@
-"""What workers of `label` do with a scene and its images; what other methods do without is imported where it is used."""
+"""What workers of `label` do with a scene and its images; what few runs need is imported where it is used."""
 
 from __future__ import annotations
 
