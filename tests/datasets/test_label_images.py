@@ -55,9 +55,11 @@ def survey(tmp_path):
     return tmp_path
 
 
-def plan_of(folder, *drives):
+def plan_of(folder, *drives, trajectory=None):
     files = [
-        PlannedFile(f"survey.{d}", "survey", 0, f"survey.{d}", SurveyFile(str(folder / d / "a.laz"), d, d, None), None)
+        PlannedFile(
+            f"survey.{d}", "survey", 0, f"survey.{d}", SurveyFile(str(folder / d / "a.laz"), d, d, trajectory), None
+        )
         for d in drives
     ]
     return SurveyPlan(tuple(files), None, False)
@@ -122,6 +124,27 @@ def test_pictures_and_cameras_that_do_not_fit_are_named_before_any_work(survey, 
     del told["images"][4]["K"]
     calibration.write_text(json.dumps(told))
     with pytest.raises(ReadError, match=r"calibration\.json: camera 'side' of image 'i4' has no calibration: no 'K'"):
+        images_to_label(plan, network, "calibration.json")
+
+
+def test_cameras_on_the_vehicle_take_its_poses_where_they_cover_the_images(survey, network):
+    calibration, track = (survey / "north" / name for name in ("calibration.json", "trajectory.csv"))
+    fixed = images_to_label(plan_of(survey, "north"), network, "calibration.json").drives["survey.north"]
+    told = json.loads(calibration.read_text())
+    mounted = {key: told["images"][0][key] for key in ("K", "distortion", "width", "height", "R")}
+    told["cameras"] = {key: {**mounted, "t": (-np.array(AXES) @ [0.0, 0, 2]).tolist()} for key in CAMERAS}
+    told["images"] = [{key: row[key] for key in ("name", "camera", "gps_time")} for row in told["images"]]
+    calibration.write_text(json.dumps(told))
+    with pytest.raises(ReadError, match="image 'i0' has no pose, and no trajectory with poses is given"):
+        images_to_label(plan_of(survey, "north"), network, "calibration.json")
+    rows = "".join(f"{k},{500 + 10 * k},0,0,0,0,0\n" for k in range(10))
+    track.write_text("gps_time,x,y,z,roll,pitch,heading\n" + rows)
+    plan = plan_of(survey, "north", trajectory=str(track))
+    carried = images_to_label(plan, network, "calibration.json").drives["survey.north"]
+    for one, other in zip(fixed, carried, strict=True):
+        np.testing.assert_allclose(one.camera.centre, other.camera.centre, atol=1e-9)
+    track.write_text("gps_time,x,y,z,roll,pitch,heading\n" + "".join(rows.splitlines(keepends=True)[:8]))
+    with pytest.raises(DataError, match=r"trajectory\.csv: 2 of 10 times lie outside .* 0.000 to 7.000 s; .* 8.000 s"):
         images_to_label(plan, network, "calibration.json")
 
 
