@@ -228,12 +228,3 @@ def test_label_with_images_goes_on_where_it_stopped_and_gives_two_workers_the_sa
     computed, valid = stage_counts(caplog.messages)["results"]
     assert computed == 1 and valid >= 1
     assert (tmp_path / "out" / "survey.laz").read_bytes() == (fused / "survey.laz").read_bytes()
-
-
-def test_label_names_a_picture_that_is_lost_before_it_labels_anything(project, survey, tmp_path):
-    shutil.copytree(survey, tmp_path / "survey")
-    lost = sorted((tmp_path / "survey/images").glob("*.png"))[3]
-    lost.unlink()
-    with pytest.raises(Exception, match=rf"{lost.stem}.*: no such picture"):
-        label(project, tmp_path / "survey", tmp_path / "out", method="fusion", **LONG)
-    assert not (tmp_path / "out").exists()
