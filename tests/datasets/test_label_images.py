@@ -9,7 +9,8 @@ from PIL import Image as Picture
 
 from mlsroad_pipeline.algorithms.corridor import MainAxis
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, member, with_members
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.model_members import member, with_members
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.tiling import PiecedCloud, SceneSpan
 from mlsroad_pipeline.datasets import label_image_work

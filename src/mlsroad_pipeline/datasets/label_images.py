@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.corridor import Corridor
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, member
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.model_members import member
 from mlsroad_pipeline.algorithms.tiling import SceneSpan
 from mlsroad_pipeline.datasets.survey_images import PosedImage, SurveyImages
 from mlsroad_pipeline.datasets.survey_plan import PlannedFile, SurveyPlan, trajectory_beside

@@ -7,7 +7,8 @@ from typing import Any
 
 from mlsroad_pipeline.algorithms.evaluation import find_scheme
 from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters, core_answers, divide_scenes, fit
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, with_members
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.model_members import with_members
 from mlsroad_pipeline.datasets.fusion_work import fuse_labelled_scene
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
