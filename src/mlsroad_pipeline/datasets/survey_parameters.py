@@ -120,7 +120,7 @@ class LabelParameters:
         Whether a cloud-optimised copy (``.copc.laz``), which web viewers and QGIS stream, is written beside each LAZ.
     coloured_ply : bool, default False
         Whether a PLY in the colours of the classes, for viewers that know none, is written beside each LAZ.
-    images : str, optional
+    images : str or None, default "calibration.json"
         Name of the file of cameras in the folder of the points, or its path, for methods that look at images; see
         `camera_files.read_images`. None means a survey without images.
 
