@@ -79,6 +79,17 @@ def test_images_that_show_no_labelled_point_are_not_segmented():
     np.testing.assert_array_equal(found.probabilities, again.probabilities[:, :n])
 
 
+def test_points_farther_than_the_limit_hide_others_but_take_nothing():
+    xyz = np.concatenate([wall(6.0, (-2, 0)), wall(9.0, (-2.5, 2.5))])
+    image = ("a", looking_along_x([0, 0, 0]), halves(1, 2))
+    whole, near = (
+        label_through_images(xyz, [image], groups=["a"], n_classes=3, max_distance=limit).labels[0]
+        for limit in (np.inf, 8.0)
+    )
+    close = np.linalg.norm(xyz, axis=1) <= 8.0
+    assert np.array_equal(near[close], whole[close]) and (near[~close] == -1).all() and (whole[~close] >= 0).any()
+
+
 def test_images_that_do_not_fit_are_named():
     camera = looking_along_x([0, 0, 0])
     with pytest.raises(DataError, match=r"camera 'c', the survey's cameras are \['a'\]"):

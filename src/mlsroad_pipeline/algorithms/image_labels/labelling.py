@@ -66,7 +66,8 @@ class ImageLabels:
 
 def label_through_images(
     xyz: ArrayLike, images: Iterable[SegmentedImage], *, groups: Sequence[str], n_classes: int,
-    visibility: DepthBuffer | HiddenPointRemoval | None = None, n_labelled: int | None = None,
+    visibility: DepthBuffer | HiddenPointRemoval | None = None, max_distance: float = np.inf,
+    n_labelled: int | None = None,
 ) -> ImageLabels:  # fmt: skip
     """Give points the classes of the pixels that show them.
 
@@ -82,6 +83,9 @@ def label_through_images(
         Number of classes.
     visibility : DepthBuffer or HiddenPointRemoval, optional
         How hidden points are found; see `visible_points`.
+    max_distance : float, default infinite
+        Points farther from the camera take nothing from its image, metres. Far things are a few pixels wide, and the
+        network knows them less; but points that only far images show stay without a label.
     n_labelled : int, optional
         How many points, from the first, receive labels; the others only hide them. None takes all.
 
@@ -105,7 +109,10 @@ def label_through_images(
             raise DataError(f"an image is of camera {group!r}, the survey's cameras are {list(groups)}")
         if not project_points(points[:labelled], camera)[2].any():
             continue
-        rows = np.flatnonzero(visible_points(points, camera, method=visibility)[:labelled])
+        seen = visible_points(points, camera, method=visibility)[:labelled]
+        if np.isfinite(max_distance):
+            seen &= np.linalg.norm(points[:labelled] - camera.centre, axis=1) <= max_distance
+        rows = np.flatnonzero(seen)
         if len(rows) == 0:
             continue
         found = probabilities() if callable(probabilities) else probabilities
