@@ -1,7 +1,5 @@
 """Planted objects, and models of all recognisers that learned them in seconds."""
 
-import numpy as np
-
 from mlsroad_pipeline.algorithms import recognisers, recognition_objects
 from mlsroad_pipeline.algorithms.baselines.descriptor_machine import DescriptorParameters
 from mlsroad_pipeline.algorithms.baselines.pointnet_parameters import PointNetParameters
