@@ -1,6 +1,7 @@
 """The six labellers of Luo et al. 2016 on Oakland 3-D, every setting chosen on training blocks alone.
 
     python benchmarks/oakland_splits.py [FOLDER] [--splits conf exchanged 1 2 3] [--methods patch_graph ...]
+        [--patches 0 4]
 
 FOLDER holds the blocks (*.xyz_label_conf.gz); by default it is $MLSROAD_DATA/oakland. The split ``conf`` is that of
 conf/oakland, ``exchanged`` has training and test blocks exchanged, a number is the seed of a draw of as many training
@@ -65,6 +66,8 @@ PATCHES = [  # edge of a patch; its voxels, normals and histograms
     {"patch_size": 0.4, "voxel_size": 0.2, "normal_radius": 0.5, "fpfh_radius": 1.6},
     {"patch_size": 0.4, "voxel_size": 0.2, "normal_radius": 0.8, "fpfh_radius": 1.6},
     {"patch_size": 0.5, "voxel_size": 0.25, "normal_radius": 0.5, "fpfh_radius": 1.6},
+    {"patch_size": 0.5, "voxel_size": 0.25, "normal_radius": 0.8, "fpfh_radius": 1.6},
+    {"patch_size": 0.6, "voxel_size": 0.3, "normal_radius": 0.8, "fpfh_radius": 1.6},
 ]
 SETTINGS: dict[str, list[dict[str, Any]]] = {
     "patch_forest": [
@@ -156,10 +159,10 @@ class Trials:
                     totals[value] += confusion_matrix(truth, labels, len(self.scheme))
         return {value: accuracy(total) for value, total in totals.items()}
 
-    def choose_patches(self, names: Sequence[str]) -> PatchParameters:
+    def choose_patches(self, names: Sequence[str], tried: Sequence[int]) -> PatchParameters:
         """Return the patches that serve the forest and the refined graph best on held-out training blocks."""
         best, chosen = -1.0, self.sizes
-        for setting in PATCHES:
+        for setting in [PATCHES[number] for number in tried]:
             sizes = changed(self.sizes, setting)
             blocks = self.blocks(sizes, names)
             forest = self.held_out(blocks, "patch_forest", sizes, {})
@@ -203,12 +206,16 @@ def main() -> None:
     parser.add_argument("folder", nargs="?", type=Path, default=default)
     parser.add_argument("--splits", nargs="+", default=["conf", "exchanged", "1", "2", "3"])
     parser.add_argument("--methods", nargs="+", choices=RUNS, default=list(RUNS))
+    every = range(len(PATCHES))
+    parser.add_argument(
+        "--patches", nargs="+", type=int, choices=every, default=list(every), help="places in `PATCHES`"
+    )
     options = parser.parse_args()
     trials = Trials(options.folder)
     for split in options.splits:
         train, test = split_blocks(split, list(trials.points))
         print(f"\nsplit {split}: trained on {', '.join(train)}", flush=True)
-        sizes = trials.choose_patches(train)
+        sizes = trials.choose_patches(train, options.patches)
         blocks = trials.blocks(sizes, train)
         settings = {method: trials.choose_setting(blocks, method, sizes) for method in options.methods}
         for method, setting in settings.items():
