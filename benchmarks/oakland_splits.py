@@ -165,7 +165,7 @@ class Trials:
         for setting in [PATCHES[number] for number in tried]:
             sizes = changed(self.sizes, setting)
             blocks = self.blocks(sizes, names)
-            forest = self.held_out(blocks, "patch_forest", sizes, {})
+            forest = self.held_out(blocks, "patch_forest", sizes, SETTINGS["patch_forest"][0])
             graph = self.graph_held_out(blocks, {}, refined=True)
             told = " ".join(f"{value:g}: {share:.4f}" for value, share in graph.items())
             print(f"{setting}: forest {forest:.4f}; refined graph by lambda {told}", flush=True)
