@@ -122,7 +122,7 @@ class Crops:
         out = np.empty((how.crop, how.crop, 3), dtype=np.uint8)
         out[:] = self._filling
         target = np.full((how.crop, how.crop), -1, dtype=np.int64)
-        out[: shape[0], : shape[1]] = picture.resize(shape[::-1], Picture.Resampling.BILINEAR)
+        out[: shape[0], : shape[1]] = np.asarray(picture.resize(shape[::-1], Picture.Resampling.BILINEAR))
         target[: shape[0], : shape[1]] = np.asarray(marks.resize(shape[::-1], Picture.Resampling.NEAREST)) - np.int64(1)
         if how.flip and rng.random() < 0.5:
             out, target = out[:, ::-1], target[:, ::-1]
