@@ -131,9 +131,7 @@ def label_scene(
     keep = np.flatnonzero(inliers(scene))
     others = [part.moved_to(scene.origin).xyz[part["core"] & inliers(part)] for part in around]
     xyz = np.concatenate([scene.xyz[keep], *others])
-    found = label_through_images(
-        xyz, _segmented(views, network_of(bundle), scheme), groups=groups, n_classes=len(scheme)
-    )
+    found = label_through_images(xyz, _segmented(views, bundle, scheme), groups=groups, n_classes=len(scheme))
     pooled = found.pooled()[: len(keep)]
     seen = ~np.isnan(pooled[:, 0])
     out: dict[str, NDArray] = {
@@ -151,9 +149,9 @@ def label_scene(
     return out
 
 
-def _segmented(views: Iterable[View], network: PSPNet, scheme: ClassScheme) -> Iterator[SegmentedImage]:
-    classes = image_classes(scheme)
+def _segmented(views: Iterable[View], bundle: ModelBundle, scheme: ClassScheme) -> Iterator[SegmentedImage]:
+    classes, network = image_classes(scheme), network_of(bundle)
     for group, camera, read in views:
-        given = segment_image(network, read())
+        given = segment_image(network, read(), magnification=bundle.metadata["parameters"]["magnification"])
         flat = point_probabilities(given.reshape(-1, len(classes)), classes, scheme)
         yield group, camera, flat.reshape(camera.height, camera.width, len(scheme))
