@@ -55,7 +55,7 @@ class StageCostsHooks:
     def __init__(self) -> None:
         self._interval: float | None = None
         self._catalog: CatalogProtocol | None = None
-        self._rows: dict[str, dict[str, float]] = {}
+        self._rows: dict[str, dict[str, str | float]] = {}
         self._start, self._used = 0.0, dict[int, float]()
         self._peak = 0
         self._stop = threading.Event()
@@ -135,6 +135,7 @@ class StageCostsHooks:
             self._start, self._used, self._peak = time.perf_counter(), used, 0
         self._peak = max(self._peak, _memory())
         self._rows[node.name] = {
+            "makes": node.outputs[0] if node.outputs else "",
             "seconds": time.perf_counter() - self._start,
             "cpu_seconds": sum(max(total - self._used.get(pid, 0.0), 0.0) for pid, total in used.items()),
             "peak_gib": self._peak / GIB,

@@ -74,10 +74,11 @@ def test_methods_without_a_common_street_are_not_compared(scores):
         comparison.of_methods([scores, scores])
 
 
-def test_costs_go_to_the_method_whose_name_is_longest():
-    nodes = ["train_patch_graph", "train_patch_graph_mrf", "label_with_patch_graph_mrf", "cut_scenes"]
+def test_costs_go_to_the_method_that_is_made():
+    nodes = ["train_graph", "refine", "label_with_patch_graph_mrf", "cut_scenes"]
+    makes = ["patch_graph.model", "patch_graph_mrf.model", "patch_graph_mrf.labels", "scenes"]
     costs = pd.DataFrame(
-        {"node": nodes, "seconds": [1.0, 2.0, 3.0, 9.0], "cpu_seconds": 1.0, "peak_gib": [1, 2, 3, 4.0]}
+        {"node": nodes, "makes": makes, "seconds": [1.0, 2.0, 3.0, 9.0], "cpu_seconds": 1.0, "peak_gib": [1, 2, 3, 4.0]}
     )
     found = costs_table(costs, ["patch_graph", "patch_graph_mrf"]).set_index("method")
     assert found["seconds"].to_dict() == {"cut_scenes": 9.0, "patch_graph_mrf": 5.0, "patch_graph": 1.0}

@@ -109,21 +109,18 @@ def costs_table(costs: pd.DataFrame, methods: Sequence[str]) -> pd.DataFrame:
     Parameters
     ----------
     costs : DataFrame
-        Columns `node`, `seconds`, `cpu_seconds`, `peak_gib`.
+        Columns `node`, `makes` (its first output), `seconds`, `cpu_seconds`, `peak_gib`.
     methods : sequence of str
-        Slugs; a node belongs to the longest slug in its name, all others to the stage of their name.
+        Slugs; what a method's node makes begins with its slug. All other nodes are stages of their own.
 
     Returns
     -------
     DataFrame
         Columns `method` (or stage), `seconds`, `cpu_seconds` (sums) and `peak_gib` (the largest), the dearest first.
     """
-    by_length = sorted(methods, key=len, reverse=True)
-
-    def owner(node: str) -> str:
-        return next((slug for slug in by_length if slug in node), node)
-
-    grouped = costs.assign(method=costs["node"].map(owner)).groupby("method", sort=False)
+    maker = costs["makes"].fillna("").str.partition(".")[0]
+    owner = maker.where(maker.isin(methods), costs["node"])
+    grouped = costs.assign(method=owner).groupby("method", sort=False)
     table = grouped.agg(seconds=("seconds", "sum"), cpu_seconds=("cpu_seconds", "sum"), peak_gib=("peak_gib", "max"))
     return table.sort_values("seconds", ascending=False, kind="stable").reset_index()
 
