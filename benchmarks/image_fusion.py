@@ -25,8 +25,10 @@ from mlsroad_pipeline.algorithms.image_labels.cityscapes import (
     segmentation_table,
 )
 from mlsroad_pipeline.algorithms.image_labels.labelling import ImageLabels, label_through_images
-from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet, from_arrays, to_arrays
-from mlsroad_pipeline.algorithms.image_labels.pspnet_training import segment_image, train_network
+from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet
+from mlsroad_pipeline.algorithms.image_labels.pspnet_training import train_network
+from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import from_arrays, to_arrays
+from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle

@@ -16,9 +16,12 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.cityscapes import image_classes, point_probabilities
+from mlsroad_pipeline.algorithms.image_labels.crops import Sample
 from mlsroad_pipeline.algorithms.image_labels.labelling import SegmentedImage, label_through_images
-from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet, from_arrays, to_arrays
-from mlsroad_pipeline.algorithms.image_labels.pspnet_training import Sample, segment_image, train_network
+from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet
+from mlsroad_pipeline.algorithms.image_labels.pspnet_training import train_network
+from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import from_arrays, to_arrays
+from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
@@ -162,7 +165,7 @@ def label_points(
     scheme, groups = bundle_scheme(bundle), list(cameras)
     keep = np.flatnonzero(inliers(scene))
     found = label_through_images(
-        np.concatenate([scene.xyz[keep], *others]), _segmented(views, network_of(bundle), scheme), groups=groups,
+        np.concatenate([scene.xyz[keep], *others]), _segmented(views, bundle, scheme), groups=groups,
         n_classes=len(scheme), n_labelled=len(keep),
     )  # fmt: skip
     pooled = found.pooled()
@@ -182,11 +185,12 @@ def label_points(
     return out
 
 
-def _segmented(views: Iterable[View], network: PSPNet, scheme: ClassScheme) -> Iterator[SegmentedImage]:
-    classes = image_classes(scheme)
+def _segmented(views: Iterable[View], bundle: ModelBundle, scheme: ClassScheme) -> Iterator[SegmentedImage]:
+    classes, network = image_classes(scheme), network_of(bundle)
+    magnification = bundle.metadata["parameters"]["magnification"]
 
     def segmented(camera: Camera, read: Callable[[], NDArray[np.uint8]]) -> NDArray[np.float32]:
-        given = segment_image(network, read())
+        given = segment_image(network, read(), magnification=magnification)
         flat = point_probabilities(given.reshape(-1, len(classes)), classes, scheme)
         return flat.reshape(camera.height, camera.width, len(scheme))
 
