@@ -6,6 +6,7 @@ import pytest
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
 from mlsroad_pipeline.algorithms.segmentation.poles import separate_poles
+from mlsroad_pipeline.algorithms.segmentation.rejoining import rejoin_floating_parts
 
 UNCUT = {"max_cut": 0.0}  # what is told apart then was not cut apart
 
@@ -106,3 +107,33 @@ def test_nothing_to_take_out_is_no_error():
 def test_negative_length_is_an_error():
     with pytest.raises(ParameterError, match="pole_length"):
         NormalizedCutParameters(pole_length=-1.0)
+
+
+def test_parts_without_a_foot_go_to_what_they_touch_most():
+    def column(x, low, high):
+        z = np.arange(low, high, 0.1)
+        return np.column_stack([np.full(len(z), x), np.zeros(len(z)), z])
+
+    # A crown's half hangs on the left tree along 30 voxels and on the right one along 10; something else has its own foot.
+    pieces = [column(0.0, 0, 6), column(0.1, 3, 6), column(0.2, 0, 4), column(5.0, 4, 6), column(9.0, 0, 1)]
+    places = np.concatenate(pieces)
+    parts = np.repeat(np.arange(5), [len(piece) for piece in pieces])
+    clusters = np.array([0, 0, 0, 1, 0], np.int32)[parts]
+    found = rejoin_floating_parts(places, clusters, parts, foot_height=2.0, reach=0.11)
+    first = [found[parts == k][0] for k in range(5)]
+    assert first[1] == first[0]
+    assert len({first[0], first[2], first[3], first[4]}) == 4  # the fourth is a cluster of its own: nothing to go to
+    np.testing.assert_array_equal(rejoin_floating_parts(places, clusters, parts, foot_height=4.0, reach=0.11), parts)
+    order = np.random.default_rng(1).permutation(len(parts))
+    again = rejoin_floating_parts(places[order], clusters[order], parts[order], foot_height=2.0, reach=0.11)
+    np.testing.assert_array_equal(again, found[order])
+
+
+def test_half_a_crown_that_was_cut_off_is_joined_again(rng):
+    long_crown = np.concatenate([crown(rng, x, 0, 5, 1.5, 5000) for x in (0.0, 3.0)])
+    stem = np.column_stack([rng.normal(0, 0.05, 2000), rng.normal(0, 0.05, 2000), rng.uniform(0, 4, 2000)])
+    points = np.concatenate([long_crown, stem])
+    cut = segment(points, parameters=NormalizedCutParameters(tolerance=0.3, foot_height=0))
+    joined = segment(points, parameters=NormalizedCutParameters(tolerance=0.3))
+    assert cut.max() == 1
+    assert joined.max() == 0
