@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.inventory import SceneObjects, extract_objects, merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory import SceneObjects, extract_objects
+from mlsroad_pipeline.algorithms.inventory_merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory_table import OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.label_confidence import count_confidences
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, bundle_scheme, label_cloud
