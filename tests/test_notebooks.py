@@ -18,6 +18,7 @@ SAYS = {
     "gallery": ("single_arm_lamp", "utility_pole", "length"),
     "jointnet": ("HSSI", "(1, 5, 16, 16)", "correlation"),
     "patch_graph": ("matches of the same class", "smoothness"),
+    "visual_words": ("points", "reference", "threshold", "detected"),
     "tour": ("train/survey.laz", "man-made terrain", "paved ground"),
 }
 """Words that the outputs of a notebook hold."""

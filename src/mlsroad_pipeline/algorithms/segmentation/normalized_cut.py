@@ -21,6 +21,8 @@ from mlsroad_pipeline.algorithms.segmentation._bisection import (
     smoothness,
 )
 from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
+from mlsroad_pipeline.algorithms.segmentation.poles import separate_poles
+from mlsroad_pipeline.algorithms.segmentation.rejoining import rejoin_floating_parts
 from mlsroad_pipeline.algorithms.segmentation.spacing import cluster_by_spacing
 from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
 from mlsroad_pipeline.algorithms.voxels.grid import build_voxel_grid
@@ -61,6 +63,12 @@ class NormalizedCutParameters:
         their histogram over the fullest (Shi and Malik 2000). 1 never stops; smaller cuts less.
     max_nodes : int, default 256
         Size of the graph that a cut is found on; more follows the voxels more closely, and time grows with its square.
+    pole_length : float, default 1.2
+        Poles that stand free over this length, below a crown or above a shrub, are taken out of their clusters before
+        these are cut, metres; see `separate_poles`. Larger takes out fewer; 0 takes out none, as the paper.
+    foot_height : float, default 2.0
+        A part that does not come down to within this height above the foot of its cluster is joined again with the
+        part that it touches most, metres: half a crown is no object. Larger joins fewer; 0 joins none, as the paper.
 
     Raises
     ------
@@ -80,6 +88,8 @@ class NormalizedCutParameters:
     min_voxels: int = 20
     max_smoothness: float = 0.15
     max_nodes: int = 256
+    pole_length: float = 1.2
+    foot_height: float = 2.0
 
     def __post_init__(self) -> None:
         for name in (
@@ -95,7 +105,7 @@ class NormalizedCutParameters:
             check_positive(getattr(self, name), name)
         if not 0 <= self.max_cut <= 2:
             raise ParameterError(f"max_cut must be between 0 and 2, got {self.max_cut!r}")
-        for name in ("spacing_factor", "max_smoothness"):
+        for name in ("spacing_factor", "max_smoothness", "pole_length", "foot_height"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise ParameterError(f"{name} must be at least 0, got {getattr(self, name)!r}")
         if self.max_nodes < 8:
@@ -148,13 +158,19 @@ def segment(
     grid = build_voxel_grid(points, voxel_size=parameters.voxel_size)
     voxel = _cluster_voxels(clusters, grid.voxel_of_point)
     places, of_voxel = _places(points - grid.origin, values, voxel, clusters)
+    if parameters.pole_length > 0:
+        of_voxel = separate_poles(places[:, :3], np.bincount(voxel), of_voxel, free_length=parameters.pole_length)
     order = np.argsort(of_voxel, kind="stable")
-    starts = np.searchsorted(of_voxel[order], np.arange(int(clusters.max()) + 2))
+    starts = np.searchsorted(of_voxel[order], np.arange(int(of_voxel.max()) + 2))
     scale = 1.0 / np.square([parameters.sigma_h, parameters.sigma_v, parameters.sigma_i])
     parts = _cut_clusters(
         places, order, starts, scale, parameters.max_distance**2, parameters.voxel_size, parameters.max_cut,
         parameters.max_smoothness, parameters.min_voxels, parameters.max_nodes,
     )  # fmt: skip
+    if parameters.foot_height > 0:
+        parts = rejoin_floating_parts(
+            places[:, :3], of_voxel, parts, foot_height=parameters.foot_height, reach=2.0 * parameters.voxel_size
+        )
     return number_objects(parts[voxel], min_points)
 
 

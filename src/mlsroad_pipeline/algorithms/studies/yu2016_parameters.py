@@ -25,9 +25,11 @@ class StudySurvey:
     Parameters
     ----------
     survey : mapping
-        ``preset`` and changes of `SimulationParameters`, without the seed.
+        ``preset`` and changes of `SimulationParameters`, without the seed; ``street`` is a mapping.
     train, test : sequence of int
         Seeds of the streets to learn from, and of those to be scored on; no street is in both.
+    train_survey, test_survey : mapping
+        What differs in the streets to learn from, and in those to be scored on.
 
     Raises
     ------
@@ -38,6 +40,8 @@ class StudySurvey:
     survey: Mapping[str, Any]
     train: Sequence[int]
     test: Sequence[int]
+    train_survey: Mapping[str, Any] = field(default_factory=dict)
+    test_survey: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         both = sorted(set(self.train) & set(self.test))
@@ -46,8 +50,25 @@ class StudySurvey:
                 f"yu2016_study: training and test streets must be different and some of each, got {list(self.train)} "
                 f"and {list(self.test)}"
             )
-        if "seed" in self.survey:
+        if any("seed" in given for given in (self.survey, self.train_survey, self.test_survey)):
             raise ParameterError("yu2016_study: the seeds of the streets stand in train and test")
+
+    def street(self, seed: int) -> dict[str, Any]:
+        """Return what is simulated for a street.
+
+        Parameters
+        ----------
+        seed : int
+            One of `train` or `test`.
+
+        Returns
+        -------
+        dict
+            ``preset`` and changes of `SimulationParameters`.
+        """
+        own = self.train_survey if seed in self.train else self.test_survey
+        street = {**self.survey.get("street", {}), **own.get("street", {})}
+        return {**self.survey, **own, "street": street, "seed": seed}
 
 
 @dataclass(frozen=True)

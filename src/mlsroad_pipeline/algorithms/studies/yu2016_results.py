@@ -95,6 +95,24 @@ def street_key(survey: str, seed: int) -> str:
     return f"{survey}.seed_{seed}"
 
 
+def run_key(survey: str, seed: int) -> str:
+    """Return the name of a street in the results of a run.
+
+    Parameters
+    ----------
+    survey : str
+        Its survey.
+    seed : int
+        Its seed.
+
+    Returns
+    -------
+    str
+        The name.
+    """
+    return f"{survey}_{seed}"
+
+
 def study_tables(
     plan: StudyPlan, streets: Results, segmented: Results, described: Results, runs: Results, variants: Results
 ) -> StudyTables:
@@ -108,7 +126,7 @@ def study_tables(
         ``facts`` of `make_survey`, ``scores`` of `segment_street` and ``facts`` of `describe_street`, by street; the
         latter two with the method before it.
     runs, variants : mapping
-        What `train_and_detect` gave, by method and survey, and by setting.
+        What `train_and_detect` gave, by method, and by setting.
 
     Returns
     -------
@@ -119,7 +137,7 @@ def study_tables(
     every = range(len(classes))
     cars = [classes.index("car")] if "car" in classes else list(every)
     counted = {
-        method: {survey: _tests(runs[f"{method}.{survey}"]) for survey in plan.scale.surveys} for method in DETECTORS
+        method: {survey: _tests(plan, runs[method], survey) for survey in plan.scale.surveys} for method in DETECTORS
     }
     scores = [
         detection_table(
@@ -134,7 +152,7 @@ def study_tables(
         for name, chosen in (("car", cars), ("all", list(every)))
     ]
     figure_12, curves = yu2016.sensitivity_table(
-        {name: _tests(found) for name, found in variants.items()},
+        {name: _tests(plan, found, next(iter(plan.scale.surveys))) for name, found in variants.items()},
         {name: found["facts"]["thresholds"] for name, found in variants.items()},
         len(classes),
     )
@@ -154,8 +172,9 @@ def study_tables(
     )
 
 
-def _tests(run: Mapping[str, Any]) -> dict[str, Any]:
-    return {street: found for street, found in run.items() if street != "facts"}
+def _tests(plan: StudyPlan, run: Mapping[str, Any], survey: str) -> dict[str, Any]:
+    """Return what a run found in the test streets of a survey."""
+    return {key: run[key] for key in (run_key(survey, seed) for seed in plan.scale.surveys[survey].test)}
 
 
 def _wide(figures: pd.DataFrame) -> pd.DataFrame:
@@ -187,7 +206,7 @@ def _times(plan: StudyPlan, streets: Results, segmented: Results, described: Res
             "ground removal": sum(float(streets[key]["seconds"]) for key in keys),
             "segmentation": sum(float(segmented[f"{CUT}.{key}"]["seconds"]) for key in keys),
             "quantisation": sum(float(described[f"{WORDS}.{key}"]["seconds"]) for key in keys),
-            "detection": sum(float(found["seconds"]) for found in _tests(runs[f"{WORDS}.{survey}"]).values()),
+            "detection": sum(float(found["seconds"]) for found in _tests(plan, runs[WORDS], survey).values()),
         }
         steps["all"] = sum(steps.values())
         rows += [(survey, step, seconds, points / max(seconds, 1e-9)) for step, seconds in steps.items()]

@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.studies import yu2016_runs
 from mlsroad_pipeline.algorithms.studies.parameters import changed
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import CUT, DETECTORS, SEGMENTATIONS, WORDS, StudyParameters
-from mlsroad_pipeline.algorithms.studies.yu2016_results import StudyPlan, street_key, study_tables
+from mlsroad_pipeline.algorithms.studies.yu2016_results import StudyPlan, run_key, street_key, study_tables
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask
@@ -74,7 +74,7 @@ def make_surveys(plan: StudyPlan) -> dict[str, SceneTask]:
         One task per street.
     """
     surveys = {
-        street_key(name, seed): {**given.survey, "seed": seed}
+        street_key(name, seed): given.street(seed)
         for name, given in plan.scale.surveys.items()
         for seed in (*given.train, *given.test)
     }
@@ -160,26 +160,31 @@ def _safe(name: str) -> str:
 
 
 def _run(
-    plan: StudyPlan, name: str, survey: str, stores: Sequence[SceneCollection], method: str, parameters: Any
+    plan: StudyPlan,
+    name: str,
+    surveys: Sequence[str],
+    stores: Sequence[SceneCollection],
+    method: str,
+    parameters: Any,
 ) -> SceneTask:
     points, objects, parts = (
         store.part(part) for store, part in zip(stores, ("points", "objects", "parts"), strict=True)
     )
 
-    def inputs(seeds: Sequence[int]) -> dict[str, Any]:
+    def inputs(split: str) -> dict[str, Any]:
         return {
-            f"seed_{seed}": {
+            run_key(survey, seed): {
                 "points": points[street_key(survey, seed)],
                 "objects": objects[f"{CUT}.{street_key(survey, seed)}"],
                 "parts": parts[f"{name}.{street_key(survey, seed)}"],
             }
-            for seed in seeds
+            for survey in surveys
+            for seed in getattr(plan.scale.surveys[survey], split)
         }
 
-    given = plan.scale.surveys[survey]
     return SceneTask(
         yu2016_runs.train_and_detect,
-        {"train": inputs(given.train), "test": inputs(given.test)},
+        {"train": inputs("train"), "test": inputs("test")},
         {
             "method": method, "parameters": parameters, "stages": plan.stages, "detection": plan.detection,
             "scheme": plan.scheme,
@@ -188,7 +193,7 @@ def _run(
 
 
 def run_detectors(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that trains each detector on each survey and detects in its test streets.
+    """Name the work that trains each detector on the training streets of all surveys and detects in the test streets.
 
     Parameters
     ----------
@@ -200,13 +205,10 @@ def run_detectors(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneT
     Returns
     -------
     dict of str to SceneTask
-        One task per detector and survey.
+        One task per detector.
     """
-    return {
-        f"{slug}.{survey}": _run(plan, slug, survey, stores, slug, plan.methods[slug])
-        for slug in DETECTORS
-        for survey in plan.scale.surveys
-    }
+    surveys = list(plan.scale.surveys)
+    return {slug: _run(plan, slug, surveys, stores, slug, plan.methods[slug]) for slug in DETECTORS}
 
 
 def run_settings(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTask]:
@@ -226,7 +228,7 @@ def run_settings(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTa
     """
     survey = next(iter(plan.scale.surveys))
     return {
-        _safe(name): _run(plan, described, survey, stores, WORDS, parameters)
+        _safe(name): _run(plan, described, [survey], stores, WORDS, parameters)
         for name, (described, parameters) in _settings(plan).items()
     }
 

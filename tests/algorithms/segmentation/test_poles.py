@@ -1,0 +1,139 @@
+"""Poles taken out of planted crowns and shrubs, and trees that keep their trunks."""
+
+import numpy as np
+import pytest
+
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
+from mlsroad_pipeline.algorithms.segmentation.poles import separate_poles
+from mlsroad_pipeline.algorithms.segmentation.rejoining import rejoin_floating_parts
+
+UNCUT = {"max_cut": 0.0}  # what is told apart then was not cut apart
+
+
+def pole(rng, x, y, height=7.0, n=5000, lean=0.0):
+    """A tube of 0.06 m radius with a lamp on an arm."""
+    angle, z = rng.uniform(0, 2 * np.pi, n), rng.uniform(0, height, n)
+    tube = np.column_stack([x + 0.06 * np.cos(angle) + lean * z, y + 0.06 * np.sin(angle), z])
+    arm = np.column_stack(
+        [x + lean * height + rng.uniform(0, 1.2, 400), y + rng.normal(0, 0.02, 400), np.full(400, height)]
+    )
+    return np.concatenate([tube, arm])
+
+
+def crown(rng, x, y, z, radius, n=12000):
+    """A ball of leaves."""
+    direction = rng.normal(size=(n, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return direction * radius * rng.random((n, 1)) ** (1 / 3) + [x, y, z]
+
+
+def tree(rng, x, y, height=5.0, radius=2.0, n=12000):
+    """A crown on a trunk of 0.12 m radius."""
+    angle, z = rng.uniform(0, 2 * np.pi, n // 5), rng.uniform(0, height, n // 5)
+    trunk = np.column_stack([x + 0.12 * np.cos(angle), y + 0.12 * np.sin(angle), z])
+    return np.concatenate([crown(rng, x, y, height, radius, n), trunk])
+
+
+def segmented(parts, **changes):
+    """Return the IoU of each part with the segment that holds most of it, and the number of segments."""
+    truth = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    found = segment(np.concatenate(parts), parameters=NormalizedCutParameters(**{**UNCUT, **changes}))
+    overlap = []
+    for k in range(len(parts)):
+        best = np.bincount(found[truth == k]).argmax()
+        overlap.append(((truth == k) & (found == best)).sum() / ((truth == k) | (found == best)).sum())
+    return overlap, found.max() + 1
+
+
+@pytest.mark.parametrize(("aside", "lean"), [(0.8, 0.0), (1.2, 0.03), (1.8, -0.02)])
+def test_lamp_in_a_crown_is_an_object_of_its_own(aside, lean, rng):
+    parts = [tree(rng, 0, 0), pole(rng, aside, 0, lean=lean)]
+    assert segmented(parts, pole_length=0)[1] == 1
+    overlap, n_found = segmented(parts)
+    assert n_found == 2
+    assert min(overlap) > 0.85
+
+
+def test_lamp_that_rises_from_a_shrub_is_an_object_of_its_own(rng):
+    parts = [crown(rng, 0.2, 0, 0.5, 0.8, 4000), pole(rng, 0, 0)]
+    assert segmented(parts, pole_length=0)[1] == 1
+    overlap, n_found = segmented(parts)
+    assert n_found == 2
+    assert min(overlap) > 0.85
+
+
+def test_trees_keep_their_trunks_and_lone_lamps_their_arms(rng):
+    for parts in ([tree(rng, 0, 0)], [tree(rng, 0, 0), tree(rng, 3.5, 0.5)], [pole(rng, 0, 0)]):
+        assert segmented(parts)[1] == 1
+
+
+def test_a_wall_is_no_row_of_poles(rng):
+    streaks = [
+        np.column_stack([np.full(400, 0.25 * k), rng.normal(0, 0.005, 400), rng.uniform(0, 5, 400)]) for k in range(20)
+    ]
+    sill = np.column_stack([rng.uniform(0, 5, 3000), rng.normal(0, 0.005, 3000), np.full(3000, 2.5)])
+    assert segmented([np.concatenate([*streaks, sill])])[1] == 1
+
+
+def test_two_trees_joined_by_a_lamp_fall_apart_with_it(rng):
+    parts = [tree(rng, 0, 0, radius=1.6), pole(rng, 2.0, 0), tree(rng, 4.0, 0, radius=1.6)]
+    overlap, n_found = segmented(parts, tolerance=0.5)
+    assert n_found == 3
+    assert min(overlap) > 0.8
+
+
+def test_parts_are_those_of_the_clusters_in_any_order_and_elsewhere(rng):
+    places = np.unique(np.round(np.concatenate([tree(rng, 0, 0), pole(rng, 0.9, 0)]), 1), axis=0)
+    clusters = np.zeros(len(places), np.int32)
+    counts = np.full(len(places), 3)
+    found = separate_poles(places, counts, clusters, free_length=1.2)
+    assert set(found) == {0, 1}
+    order = rng.permutation(len(places))
+    np.testing.assert_array_equal(separate_poles(places[order], counts, clusters, free_length=1.2), found[order])
+    again = separate_poles(np.concatenate([places, places + [30.0, 0, 0]]), np.tile(counts, 2),
+                           np.repeat(np.array([0, 1], np.int32), len(places)), free_length=1.2)  # fmt: skip
+    assert len(set(again)) == 4
+    np.testing.assert_array_equal(again[: len(places)] != 0, found != 0)
+
+
+def test_nothing_to_take_out_is_no_error():
+    none = separate_poles(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int32), free_length=1.2)
+    assert len(none) == 0
+    flat = separate_poles(np.zeros((1, 3)), np.ones(1, np.int64), np.zeros(1, np.int32), free_length=1.2)
+    assert flat.tolist() == [0]
+
+
+def test_negative_length_is_an_error():
+    with pytest.raises(ParameterError, match="pole_length"):
+        NormalizedCutParameters(pole_length=-1.0)
+
+
+def test_parts_without_a_foot_go_to_what_they_touch_most():
+    def column(x, low, high):
+        z = np.arange(low, high, 0.1)
+        return np.column_stack([np.full(len(z), x), np.zeros(len(z)), z])
+
+    # A crown's half hangs on the left tree along 30 voxels and on the right one along 10; something else has its own foot.
+    pieces = [column(0.0, 0, 6), column(0.1, 3, 6), column(0.2, 0, 4), column(5.0, 4, 6), column(9.0, 0, 1)]
+    places = np.concatenate(pieces)
+    parts = np.repeat(np.arange(5), [len(piece) for piece in pieces])
+    clusters = np.array([0, 0, 0, 1, 0], np.int32)[parts]
+    found = rejoin_floating_parts(places, clusters, parts, foot_height=2.0, reach=0.11)
+    first = [found[parts == k][0] for k in range(5)]
+    assert first[1] == first[0]
+    assert len({first[0], first[2], first[3], first[4]}) == 4  # the fourth is a cluster of its own: nothing to go to
+    np.testing.assert_array_equal(rejoin_floating_parts(places, clusters, parts, foot_height=4.0, reach=0.11), parts)
+    order = np.random.default_rng(1).permutation(len(parts))
+    again = rejoin_floating_parts(places[order], clusters[order], parts[order], foot_height=2.0, reach=0.11)
+    np.testing.assert_array_equal(again, found[order])
+
+
+def test_half_a_crown_that_was_cut_off_is_joined_again(rng):
+    long_crown = np.concatenate([crown(rng, x, 0, 5, 1.5, 5000) for x in (0.0, 3.0)])
+    stem = np.column_stack([rng.normal(0, 0.05, 2000), rng.normal(0, 0.05, 2000), rng.uniform(0, 4, 2000)])
+    points = np.concatenate([long_crown, stem])
+    cut = segment(points, parameters=NormalizedCutParameters(tolerance=0.3, foot_height=0))
+    joined = segment(points, parameters=NormalizedCutParameters(tolerance=0.3))
+    assert cut.max() == 1
+    assert joined.max() == 0
