@@ -280,6 +280,6 @@ class _Problem:
             gradient += [(slope * mask[:, None]).sum(axis=0) for mask in self.seen]
             return value, np.concatenate(gradient) + penalty * away
 
-        options = {"maxiter": 300, "gtol": 1e-6}
+        options = {"maxiter": 100, "gtol": 1e-6}
         found: NDArray[np.float64] = minimize(loss, self.start, jac=True, method="L-BFGS-B", options=options).x
         return found

@@ -63,7 +63,7 @@ class ImageLabels:
 
 def label_through_images(
     xyz: ArrayLike, images: Iterable[SegmentedImage], *, groups: Sequence[str], n_classes: int,
-    visibility: DepthBuffer | HiddenPointRemoval | None = None,
+    visibility: DepthBuffer | HiddenPointRemoval | None = None, max_distance: float = np.inf,
 ) -> ImageLabels:  # fmt: skip
     """Give points the classes of the pixels that show them.
 
@@ -79,6 +79,9 @@ def label_through_images(
         Number of classes.
     visibility : DepthBuffer or HiddenPointRemoval, optional
         How hidden points are found; see `visible_points`.
+    max_distance : float, default infinite
+        Points farther from the camera take nothing from its image, metres. Far things are a few pixels wide, and the
+        network knows them less; but points that only far images show stay without a label.
 
     Returns
     -------
@@ -101,7 +104,8 @@ def label_through_images(
         if probabilities.shape != expected:
             raise DataError(f"probabilities of an image must have shape {expected}, got {probabilities.shape}")
         seen = visible_points(points, camera, method=visibility)
-        rows = np.flatnonzero(seen)
+        near = np.linalg.norm(points - camera.centre, axis=1) <= max_distance if np.isfinite(max_distance) else seen
+        rows = np.flatnonzero(seen & near)
         pixels, _, _ = project_points(points[rows], camera)
         k = list(groups).index(group)
         total[k, rows] += sample_image(probabilities, pixels, np.ones(len(rows), dtype=np.bool_))

@@ -205,6 +205,7 @@ def label_by_images(
     parameters: ImageLabelsParameters,
     division: Division,
     scheme: ClassScheme,
+    max_distance: float = np.inf,
 ) -> dict[str, Any]:
     """Segment the images that show the test half of a survey and label its points through them.
 
@@ -248,7 +249,9 @@ def label_by_images(
             yield str(images["camera"][row]), _camera(images, row), flat.reshape(*given.shape[:2], len(scheme))
 
     groups = sorted(set(images["camera"].tolist()))
-    found = label_through_images(points.xyz[around], segmented(), groups=groups, n_classes=len(scheme))
+    found = label_through_images(
+        points.xyz[around], segmented(), groups=groups, n_classes=len(scheme), max_distance=max_distance
+    )
     place = np.searchsorted(around, test)
     best = pictured(images, sorted(shown))
     return {
