@@ -56,14 +56,31 @@ def reproducible(seed: int) -> Iterator[None]:
     None
         One thread computes meanwhile: sums over threads depend on their number.
     """
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
+    with limited_threads(1), torch.random.fork_rng():
+        torch.manual_seed(seed)
+        yield
+
+
+@contextmanager
+def limited_threads(count: int) -> Iterator[None]:
+    """Let PyTorch use so many threads: on busy cores its threads wait for each other more than they help.
+
+    Parameters
+    ----------
+    count : int
+        Threads.
+
+    Yields
+    ------
+    None
+        Their former number holds again afterwards.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
     try:
-        with torch.random.fork_rng():
-            torch.manual_seed(seed)
-            yield
+        yield
     finally:
-        torch.set_num_threads(threads)
+        torch.set_num_threads(before)
 
 
 def learning_rate(step: int, n_steps: int, greatest: float) -> float:

@@ -24,6 +24,8 @@ from mlsroad_pipeline.datasets.survey_plan import SurveyPlan
 
 logger = logging.getLogger(__name__)
 
+_KEPT = 2**30  # bytes of decoded images
+
 
 @dataclass(frozen=True)
 class DriveImages:
@@ -86,7 +88,7 @@ def images_of_drives(plan: SurveyPlan, calibration: str) -> dict[str, DriveImage
 
 
 class LabelledImages(Sequence[tuple[NDArray[np.uint8], NDArray[np.int16]]]):
-    """Images and their labels, read when they are asked for.
+    """Images and their labels, read when they are asked for; a gigabyte of them is kept.
 
     Parameters
     ----------
@@ -101,6 +103,8 @@ class LabelledImages(Sequence[tuple[NDArray[np.uint8], NDArray[np.int16]]]):
     def __init__(self, drives: Sequence[DriveImages], folder: str, scheme: ClassScheme) -> None:
         self._images = [image for drive in drives for image in drive.images]
         self._folder, self._scheme = folder, scheme
+        self._kept: dict[int, tuple[NDArray[np.uint8], NDArray[np.int16]]] = {}
+        self._room = _KEPT
 
     def __len__(self) -> int:
         """Return the number of images."""
@@ -108,9 +112,16 @@ class LabelledImages(Sequence[tuple[NDArray[np.uint8], NDArray[np.int16]]]):
 
     def __getitem__(self, index: Any) -> Any:
         """Return an image and its labels."""
+        if index in self._kept:
+            return self._kept[index]
         image = self._images[index]
         codes = image.load_labels(self._folder)
-        return image.load(), encode_label_image(codes, self._scheme, source=f"labels of image {image.name!r}")
+        labels = encode_label_image(codes, self._scheme, source=f"labels of image {image.name!r}")
+        pair = image.load(), labels
+        if pair[0].nbytes + labels.nbytes <= self._room:
+            self._room -= pair[0].nbytes + labels.nbytes
+            self._kept[index] = pair
+        return pair
 
 
 def label_scene_through_images(

@@ -7,7 +7,7 @@ from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.image_labels import labeller
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.image_labels.pspnet_training import segment_image
+from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.model_bundle import label_cloud, load_bundle, save_bundle
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud

@@ -1,20 +1,22 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError, ReadError
-from mlsroad_pipeline.algorithms.image_labels.pspnet import (
-    PSPNet,
+from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet, network_input
+from mlsroad_pipeline.algorithms.image_labels.pspnet_training import overlap_loss, train_network
+from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import (
     from_arrays,
     load_published,
     load_state,
-    network_input,
     to_arrays,
 )
-from mlsroad_pipeline.algorithms.image_labels.pspnet_training import segment_image, train_network
+from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
 
-QUICK = TrainingParameters(n_steps=25, batch_size=4, crop=49, warm_up=3, learning_rate=0.05, class_balance=0.5)
+QUICK = TrainingParameters(n_steps=25, batch_size=4, crop=49, warm_up=3, learning_rate=0.01, class_balance=0.5)
 
 
 def published_shapes(blocks, n_classes):
@@ -80,11 +82,22 @@ def test_pooled_levels_are_means_over_their_regions():
     x = torch.arange(36.0).reshape(1, 1, 6, 6)
     expected = x.reshape(3, 2, 3, 2).mean(dim=(1, 3))
     assert torch.equal(level[0](x)[0, 0], expected)
-    features = torch.rand(1, 96, 12, 9)
+    features = torch.rand(1, 192, 12, 9)
     out = network.ppm(features)
-    assert out.shape == (1, 192, 12, 9) and torch.equal(out[:, :96], features)
-    whole = out[0, 96 : 96 + 24]  # one cell: the same everywhere
+    assert out.shape == (1, 384, 12, 9) and torch.equal(out[:, :192], features)
+    whole = out[0, 192 : 192 + 48]  # one cell: the same everywhere
     assert torch.allclose(whole, whole[:, :1, :1].expand_as(whole))
+
+
+@pytest.mark.parametrize("size", [(64, 96), (65, 97), (33, 70)])
+def test_small_network_sharpens_at_the_size_of_the_image(size):
+    network = PSPNet(3).eval()
+    with torch.inference_mode():
+        main, auxiliary = network(torch.rand(1, 3, *size))
+        level = network.layer3(network.layer2(network.layer1(network.layer0(torch.zeros(1, 3, 64, 96)))))
+    assert main.shape == (1, 3, *size) and auxiliary.shape[1] == 3
+    assert level.shape[2:] == (4, 6)  # a 16th, not dilated
+    assert network.layer4[0].conv2.dilation == (1, 1) and network.layer4[0].conv1.stride == (2, 2)
 
 
 def test_a_published_file_is_read_with_or_without_its_auxiliary_head(tmp_path):
@@ -119,8 +132,8 @@ def test_weights_that_do_not_fit_are_counted_and_named():
         load_state(network, {name: value for name, value in state.items() if name != "cls.0.weight"})
     with pytest.raises(DataError, match=r"1 weights are unknown .* the first is layer9.weight"):
         load_state(network, {**state, "layer9.weight": torch.zeros(1)})
-    with pytest.raises(DataError, match=r"of another shape .* cls.4.bias: \(5,\) instead of \(4,\)"):
-        load_state(network, {**state, "cls.4.bias": torch.zeros(5)})
+    with pytest.raises(DataError, match=r"of another shape .* aux.4.bias: \(5,\) instead of \(4,\)"):
+        load_state(network, {**state, "aux.4.bias": torch.zeros(5)})
 
 
 def test_arrays_give_the_network_back():
@@ -156,6 +169,32 @@ def test_training_learns_and_is_repeated_by_its_seed():
     assert all(np.array_equal(again[0][name], again[1][name]) for name in again[0])
 
 
+@pytest.mark.parametrize("changes", [{"optimiser": "sgd", "learning_rate": 0.05}, {"precision": "bfloat16"}])
+def test_other_ways_of_training_learn_too(changes):
+    way = replace(QUICK, n_steps=15, crop=33, **changes)
+    _, losses = train_network(painted(8), n_classes=2, parameters=way)
+    assert np.mean(losses[-5:]) < 0.8 * np.mean(losses[:5])
+
+
+def test_overlap_loss_is_the_soft_iou_of_the_classes_that_are_shown():
+    generator = torch.Generator().manual_seed(0)
+    given = torch.softmax(torch.rand(2, 4, 6, 5, generator=generator), dim=1)
+    labels = torch.randint(-1, 3, (2, 6, 5), generator=generator)  # class 3 is not shown
+    iou = []
+    for c in range(3):
+        shared = covered = size = 0.0
+        for place in np.ndindex(2, 6, 5):
+            label, own = int(labels[place]), float(given[place[0], c, place[1], place[2]])
+            if label >= 0:
+                covered, size = covered + own, size + (label == c)
+                shared += own * (label == c)
+        iou.append(shared / (size + covered - shared))
+    assert float(overlap_loss(given, labels)) == pytest.approx(1 - np.mean(iou), abs=1e-6)
+    perfect = torch.nn.functional.one_hot(labels.clamp(min=0), 4).permute(0, 3, 1, 2).float()
+    assert float(overlap_loss(perfect, labels)) == pytest.approx(0, abs=1e-6)
+    assert float(overlap_loss(given, torch.full_like(labels, -1))) == 0
+
+
 def test_windows_cover_the_image_and_their_means_are_probabilities():
     network = PSPNet(3).eval()
     image = np.random.default_rng(0).integers(0, 256, (50, 70, 3), dtype=np.uint8)
@@ -184,6 +223,9 @@ def test_colours_are_centred():
         (lambda: PSPNet(3, backbone="vgg"), ParameterError, "backbone 'vgg' is unknown"),
         (lambda: TrainingParameters(crop=8), ParameterError, "crop must be an integer >= 17, got 8"),
         (lambda: TrainingParameters(scale=(2, 1)), ParameterError, r"scale .* got \(2, 1\)"),
+        (lambda: TrainingParameters(class_crops=1.5), ParameterError, r"class_crops must be in \[0, 1\], got 1.5"),
+        (lambda: TrainingParameters(optimiser="adam"), ParameterError, "optimiser must be one of adamw, sgd, got 'ada"),
+        (lambda: TrainingParameters(precision="half"), ParameterError, "precision must be one of auto, .* got 'half'"),
         (lambda: train_network([], n_classes=2), DataError, "at least one image"),
         (
             lambda: train_network(

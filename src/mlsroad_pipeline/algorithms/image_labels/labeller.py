@@ -15,9 +15,12 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.cityscapes import image_classes, point_probabilities
+from mlsroad_pipeline.algorithms.image_labels.crops import Sample
 from mlsroad_pipeline.algorithms.image_labels.labelling import SegmentedImage, label_through_images
-from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet, from_arrays, to_arrays
-from mlsroad_pipeline.algorithms.image_labels.pspnet_training import Sample, segment_image, train_network
+from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet
+from mlsroad_pipeline.algorithms.image_labels.pspnet_training import train_network
+from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import from_arrays, to_arrays
+from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud

@@ -13,38 +13,49 @@ from mlsroad_pipeline.algorithms.validation import check_positive
 
 @dataclass(frozen=True)
 class TrainingParameters:
-    """How a PSPNet is trained; defaults suit the small backbone on two cores.
+    """How a PSPNet is trained; defaults suit the small backbone and five minutes on two cores.
 
     Parameters
     ----------
     backbone : str, default "small"
         ``small``, ``resnet50`` or ``resnet101``; the paper's are ResNets that were trained on ImageNet before.
-    n_steps : int, default 1000
+    n_steps : int, default 2400
         Batches. More is better and takes longer.
-    batch_size : int, default 6
-        Crops per batch; 16 in the PSPNet's paper.
-    crop : int, default 225
+    batch_size : int, default 3
+        Crops per batch; 16 in the PSPNet's paper. In a given time more steps of fewer crops do better.
+    crop : int, default 288
         Side of the crops, pixels; 713 on Cityscapes. Larger shows more of a scene.
-    scale : tuple of float, default (0.5, 1.5)
+    scale : tuple of float, default (0.6, 1.4)
         Least and largest scale of a crop; 0.5 to 2 in the PSPNet's paper.
     flip : bool, default True
         Whether half of the crops are mirrored.
-    learning_rate : float, default 0.04
-        At the start; falls as (1 - step / n_steps) ** `power`. 0.01 for ResNets that were trained before.
+    class_crops : float, default 0.5
+        Share of the crops that are laid around a pixel of a class drawn evenly from all; the others lie anywhere.
+        Larger shows more of the rare classes, which are few and small. 0 in the PSPNet's paper.
+    optimiser : {"adamw", "sgd"}, default "adamw"
+        AdamW learns faster from random weights; stochastic gradient descent is the PSPNet's.
+    learning_rate : float, default 0.003
+        At the start; falls as (1 - step / n_steps) ** `power`. 0.01 for ResNets that were trained before, with sgd.
     power : float, default 0.9
         Of that polynomial.
-    warm_up : int, default 30
+    warm_up : int, default 100
         Steps in which the rate rises to its start.
     momentum : float, default 0.9
-        Of the stochastic gradient descent.
-    weight_decay : float, default 0.0001
-        Of the stochastic gradient descent; larger keeps the weights smaller.
+        Of the stochastic gradient descent; AdamW does not use it.
+    weight_decay : float, default 0.01
+        Larger keeps the weights smaller; 0.0001 in the PSPNet's paper, with sgd.
     auxiliary_weight : float, default 0.4
         Weight of the auxiliary head's loss.
+    overlap_weight : float, default 1.0
+        Weight of 1 less the mean IoU of probabilities, beside the cross-entropy; 0 in the PSPNet's paper. Larger
+        favours rare classes, each of which counts as much as a common one.
     dropout : float, default 0.1
         Share of the heads' channels that is left out.
-    class_balance : float, default 0.3
+    class_balance : float, default 0.4
         Power of the inverse class frequency by which pixels weigh; 0 is none, larger favours rare classes.
+    precision : {"auto", "float32", "bfloat16"}, default "auto"
+        Of products in training; weights and sums are float32. ``auto`` is bfloat16 where the processor has
+        instructions for it, which takes half the time.
     n_threads : int, default 1
         Threads that torch may use; sums, and so the weights, differ in their last digits with it.
     random_state : int, default 0
@@ -57,31 +68,30 @@ class TrainingParameters:
     """
 
     backbone: str = "small"
-    n_steps: int = 1000
-    batch_size: int = 6
-    crop: int = 225
-    scale: tuple[float, float] = (0.5, 1.5)
+    n_steps: int = 2400
+    batch_size: int = 3
+    crop: int = 288
+    scale: tuple[float, float] = (0.6, 1.4)
     flip: bool = True
-    learning_rate: float = 0.04
+    class_crops: float = 0.5
+    optimiser: str = "adamw"
+    learning_rate: float = 0.003
     power: float = 0.9
-    warm_up: int = 30
+    warm_up: int = 100
     momentum: float = 0.9
-    weight_decay: float = 1e-4
+    weight_decay: float = 0.01
     auxiliary_weight: float = 0.4
+    overlap_weight: float = 1.0
     dropout: float = 0.1
-    class_balance: float = 0.3
+    class_balance: float = 0.4
+    precision: str = "auto"
     n_threads: int = 1
     random_state: int = 0
 
     def __post_init__(self) -> None:
         for name, least in (
-            ("n_steps", 1),
-            ("batch_size", 2),
-            ("crop", 17),
-            ("warm_up", 1),
-            ("n_threads", 1),
-            ("random_state", 0),
-        ):
+            ("n_steps", 1), ("batch_size", 2), ("crop", 17), ("warm_up", 1), ("n_threads", 1), ("random_state", 0)
+        ):  # fmt: skip
             value = getattr(self, name)
             if isinstance(value, bool) or value != int(value) or value < least:
                 raise ParameterError(f"{name} must be an integer >= {least}, got {value!r}")
@@ -89,10 +99,17 @@ class TrainingParameters:
         low, high = self.scale
         if not 0 < low <= high < np.inf:
             raise ParameterError(f"scale must be two numbers with 0 < least <= largest, got {self.scale!r}")
-        for name in ("power", "momentum", "weight_decay", "auxiliary_weight", "dropout", "class_balance"):
+        for name in (
+            "power", "momentum", "weight_decay", "auxiliary_weight", "overlap_weight", "dropout", "class_balance"
+        ):  # fmt: skip
             value = getattr(self, name)
             if not np.isfinite(value) or value < 0:
                 raise ParameterError(f"{name} must be a finite number >= 0, got {value!r}")
+        if not 0 <= self.class_crops <= 1:
+            raise ParameterError(f"class_crops must be in [0, 1], got {self.class_crops!r}")
+        for name, known in (("optimiser", ("adamw", "sgd")), ("precision", ("auto", "float32", "bfloat16"))):
+            if getattr(self, name) not in known:
+                raise ParameterError(f"{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,171 @@
+"""Dilated residual networks under a PSPNet. Importing this module imports torch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from torch import Tensor, nn
+from torch.nn import functional
+
+
+@dataclass(frozen=True)
+class Backbone:
+    """The sizes of a dilated residual network and of the head on it.
+
+    Parameters
+    ----------
+    stem : tuple of int
+        Channels of the 3 x 3 convolutions before the first stage.
+    planes : tuple of int
+        Channels within the blocks of the four stages.
+    blocks : tuple of int
+        Blocks per stage.
+    expansion : int
+        4 for bottlenecks (three convolutions, four times the channels at the end), 1 for basic blocks (two).
+    head, auxiliary : int
+        Channels of the head and of the auxiliary head.
+    decoder : tuple of int
+        Channels on the way back to a 16th, an eighth, a quarter and half of the image's size, where the features of the
+        stages and of the stem are taken up again; each stage then halves the size instead of being dilated. Empty for
+        none, as in the paper.
+    """
+
+    stem: tuple[int, ...]
+    planes: tuple[int, int, int, int]
+    blocks: tuple[int, int, int, int]
+    expansion: int
+    head: int
+    auxiliary: int
+    decoder: tuple[int, ...] = ()
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        """Channels after the stem and after each stage."""
+        return (self.stem[-1], *(planes * self.expansion for planes in self.planes))
+
+
+BACKBONES = {
+    "resnet50": Backbone((64, 64, 128), (64, 128, 256, 512), (3, 4, 6, 3), 4, 512, 256),
+    "resnet101": Backbone((64, 64, 128), (64, 128, 256, 512), (3, 4, 23, 3), 4, 512, 256),
+    "small": Backbone((24,), (48, 96, 144, 192), (1, 2, 2, 2), 1, 128, 48, (96, 64, 32, 24)),
+}
+"""ResNet-50 and -101 with the stem of three convolutions that published PSPNets have, and one that a CPU can train."""
+
+
+class Block(nn.Module):
+    """A residual block; names of the parameters are those of published ResNets.
+
+    Parameters
+    ----------
+    inputs, planes : int
+        Channels before and within the block.
+    expansion : int
+        Channels after it, as a multiple of those within; 4 makes it a bottleneck.
+    stride, dilation : int
+        Of its 3 x 3 convolutions; only the first has the stride.
+    """
+
+    def __init__(self, inputs: int, planes: int, expansion: int, stride: int, dilation: int) -> None:
+        super().__init__()
+        outputs = planes * expansion
+        wide: dict[str, Any] = {"padding": dilation, "dilation": dilation, "bias": False}
+        if expansion == 1:
+            self.conv1 = nn.Conv2d(inputs, planes, 3, stride, **wide)
+            self.conv2 = nn.Conv2d(planes, planes, 3, 1, **wide)
+        else:
+            self.conv1 = nn.Conv2d(inputs, planes, 1, bias=False)
+            self.conv2 = nn.Conv2d(planes, planes, 3, stride, **wide)
+            self.conv3 = nn.Conv2d(planes, outputs, 1, bias=False)
+            self.bn3 = nn.BatchNorm2d(outputs)
+        self.bn1, self.bn2 = nn.BatchNorm2d(planes), nn.BatchNorm2d(planes)
+        self.downsample = None
+        if stride != 1 or inputs != outputs:
+            self.downsample = nn.Sequential(nn.Conv2d(inputs, outputs, 1, stride, bias=False), nn.BatchNorm2d(outputs))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Return the input plus what the convolutions add."""
+        out = self.bn2(self.conv2(functional.relu(self.bn1(self.conv1(x)))))
+        if hasattr(self, "conv3"):
+            out = self.bn3(self.conv3(functional.relu(out)))
+        return functional.relu(out + (x if self.downsample is None else self.downsample(x)))
+
+
+def make_stem(size: Backbone) -> nn.Sequential:
+    """Return the convolutions before the first stage: to a quarter of the size by pooling, or to half of it.
+
+    Parameters
+    ----------
+    size : Backbone
+        The sizes.
+
+    Returns
+    -------
+    Sequential
+        The layers.
+    """
+    if size.decoder:
+        # One convolution over 6 x 6 pixels: as wide a view as three of 3 x 3, at a fraction of the cost.
+        return nn.Sequential(nn.Conv2d(3, size.stem[-1], 6, 2, 2, bias=False), *normalised(size.stem[-1]))
+    parts: list[nn.Module] = []
+    for k, (inputs, outputs) in enumerate(pairwise((3, *size.stem))):
+        parts += [nn.Conv2d(inputs, outputs, 3, 2 if k == 0 else 1, 1, bias=False), *normalised(outputs)]
+    return nn.Sequential(*parts, nn.MaxPool2d(3, 2, 1))
+
+
+def make_stages(size: Backbone) -> list[nn.Sequential]:
+    """Return the four stages.
+
+    Parameters
+    ----------
+    size : Backbone
+        The sizes.
+
+    Returns
+    -------
+    list of Sequential
+        The stages; without a decoder the third and fourth keep an eighth of the image's size and are dilated instead.
+    """
+    strides, dilations = ((2, 2, 2, 2), (1, 1, 1, 1)) if size.decoder else ((1, 2, 1, 1), (1, 1, 2, 4))
+    stages = []
+    for k, planes in enumerate(size.planes):
+        first = Block(size.widths[k], planes, size.expansion, strides[k], dilations[k])
+        others = [Block(size.widths[k + 1], planes, size.expansion, 1, dilations[k]) for _ in range(size.blocks[k] - 1)]
+        stages.append(nn.Sequential(first, *others))
+    return stages
+
+
+def normalised(width: int) -> tuple[nn.Module, nn.Module]:
+    """Return what follows a convolution: batch normalisation and a rectifier.
+
+    Parameters
+    ----------
+    width : int
+        Channels.
+
+    Returns
+    -------
+    tuple of Module
+        The layers.
+    """
+    return nn.BatchNorm2d(width), nn.ReLU(inplace=True)
+
+
+def resized(x: Tensor, size: Sequence[int]) -> Tensor:
+    """Return features interpolated to another size.
+
+    Parameters
+    ----------
+    x : Tensor of shape (images, channels, height, width)
+        The features.
+    size : sequence of int
+        Height and width.
+
+    Returns
+    -------
+    Tensor
+        Features of that size.
+    """
+    return functional.interpolate(x, size=tuple(size), mode="bilinear", align_corners=True)
