@@ -34,7 +34,9 @@ def test_tables_agree_with_the_scores(project):
         for row in rows.itertuples():
             assert row.f1 == pytest.approx(scores[row.method, "seed_1.test2", row._2, "f1"], nan_ok=True)
     gains = table(project, "gains").iloc[0]
-    assert gains["overall_accuracy"] == pytest.approx(overall.loc[("test2", "fusion.printed_forest"), "overall_accuracy"])
+    assert gains["overall_accuracy"] == pytest.approx(
+        overall.loc[("test2", "fusion.printed_forest"), "overall_accuracy"]
+    )
     alone = overall.loc["test2"].loc[["printed_forest", "image_labels"], "overall_accuracy"].max()
     assert gains["error_ratio"] == pytest.approx((1 - gains["overall_accuracy"]) / (1 - alone))
 

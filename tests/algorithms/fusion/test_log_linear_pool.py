@@ -123,7 +123,11 @@ def test_balance_raises_the_recall_of_rare_classes(rng):
             r"labeller 0 must have shape \(2, 2\), got \(3, 2\)",
         ),
         (lambda: LogLinearPool.fit([[[np.nan, 1.0]]], [0]), DataError, "row 0 is NaN in part"),
-        (lambda: PoolParameters(penalties=(-1,)), ParameterError, r"penalties must be finite numbers >= 0, got \(-1,\)"),
+        (
+            lambda: PoolParameters(penalties=(-1,)),
+            ParameterError,
+            r"penalties must be finite numbers >= 0, got \(-1,\)",
+        ),
         (lambda: PoolParameters(penalties=()), ParameterError, r"penalties must be finite numbers >= 0, got \(\)"),
         (lambda: PoolParameters(start="last"), ParameterError, "start must be 'first' or 'product', got 'last'"),
         (lambda: PoolParameters(n_folds=1), ParameterError, "n_folds must be an integer >= 2, got 1"),

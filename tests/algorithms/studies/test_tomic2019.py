@@ -96,13 +96,16 @@ def test_parts_of_a_survey_share_no_point_and_leave_the_gaps_out():
 
 def test_streets_in_both_lists_are_refused():
     with pytest.raises(ParameterError, match=r"must be different and some of each, got \[1, 2\] and \[2\]"):
-        StudyScale({}, [1, 2], {}, [2])
+        StudyScale({}, [1, 2], [{}], [2])
     with pytest.raises(ParameterError, match="stand in seeds and photograph_seeds"):
-        StudyScale({"seed": 1}, [1], {}, [2])
+        StudyScale({}, [1], [{}, {"seed": 1}], [2])
+    with pytest.raises(ParameterError, match="at least one kind of street"):
+        StudyScale({}, [1], [], [2])
 
 
 @pytest.mark.parametrize(
-    ("method", "accuracy", "mean_f1"), [("features", 0.721, 2.8 / 9), ("images", 0.649, 0.2995), ("fusion", 0.868, 0.3483)]
+    ("method", "accuracy", "mean_f1"),
+    [("features", 0.721, 2.8 / 9), ("images", 0.649, 0.2995), ("fusion", 0.868, 0.3483)],
 )
 def test_the_papers_figures_agree_with_each_other(method, accuracy, mean_f1):
     """Precision, recall, IoU and F1 of a class determine each other, but for the rounding of the third digit."""

@@ -20,18 +20,18 @@ class PoolParameters:
 
     Parameters
     ----------
-    penalties : tuple of float, default (1e-4, 1e-3, 1e-2, 1e-1)
+    penalties : tuple of float, default (1e-2,)
         Weights of the squared distance of the weights from where they start; of several, stretches of test set 1 held
         out in turn choose. Larger trusts the start; smaller trusts few points of test set 1.
     start : {"first", "product"}, default "first"
         What the penalty draws to: the first labeller alone, or the product of all probabilities (Bayes' rule for
         independent labellers, which labellers that see the same thing are not).
-    balance : float, default 0.5
+    balance : float, default 0.0
         Power of the inverse class frequency by which points weigh: 0 aims at overall accuracy, 1 at the mean recall of
         the classes.
     floor : float, default 1e-3
         Least probability: a labeller that is sure may still be wrong.
-    n_points : int, default 100000
+    n_points : int, default 5000
         Points of test set 1 that are used at most, evenly spaced; more take longer and change little.
     n_folds : int, default 5
         Stretches that test set 1 is cut into, in the order of its points.
@@ -42,11 +42,11 @@ class PoolParameters:
         If a value is outside its domain.
     """
 
-    penalties: tuple[float, ...] = (1e-4, 1e-3, 1e-2, 1e-1)
+    penalties: tuple[float, ...] = (1e-2,)
     start: Literal["first", "product"] = "first"
-    balance: float = 0.5
+    balance: float = 0.0
     floor: float = 1e-3
-    n_points: int = 100_000
+    n_points: int = 5_000
     n_folds: int = 5
 
     def __post_init__(self) -> None:

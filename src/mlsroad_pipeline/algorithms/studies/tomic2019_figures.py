@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -157,7 +156,7 @@ def _bars(tables: StudyTables) -> Figure:
         PRINTED: tables.table_3, answer_name(IMAGES, ""): tables.table_4,
         answer_name(RULE, PRINTED): tables.table_5, answer_name(POOL, PRINTED): tables.table_5,
     }  # fmt: skip
-    rows: dict[str, pd.DataFrame] = {
+    rows = {
         name: table[table["method"] == name].set_index("class") for name, table in shown.items()
     }
     classes = list(rows[PRINTED].index)
@@ -167,7 +166,7 @@ def _bars(tables: StudyTables) -> Figure:
         classes,
         {name: table["f1"] for name, table in rows.items()},
         spread={name: table["f1_spread"] for name, table in rows.items()},
-        paper={name: table["paper_f1"] for name, table in rows.items()} | empty,
+        paper={name: table["paper_f1"].to_numpy() for name, table in rows.items()} | empty,
     )
     axes.tick_params("x", rotation=20)
     name_axes(axes, y="F1 on test set 2 (diamonds: tomic2019)", unit_range="y")

@@ -138,8 +138,8 @@ class StudyScale:
         ``preset`` and changes of `SimulationParameters` of the surveys that are divided, without the seed.
     seeds : sequence of int
         Seeds of these surveys; one experiment each.
-    photographs : mapping
-        Likewise of the streets whose images the network learns from.
+    photographs : sequence of mapping
+        Likewise of the streets whose images the network learns from, taken in turn.
     photograph_seeds : sequence of int
         Their seeds, none of which is in `seeds`.
     gap : float
@@ -155,19 +155,21 @@ class StudyScale:
 
     survey: Mapping[str, Any]
     seeds: Sequence[int]
-    photographs: Mapping[str, Any]
+    photographs: Sequence[Mapping[str, Any]]
     photograph_seeds: Sequence[int]
     gap: float = 10.0
     methods: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         every = [*self.seeds, *self.photograph_seeds]
+        if not self.photographs:
+            raise ParameterError("tomic2019_study.photographs must name at least one kind of street")
         if not self.seeds or not self.photograph_seeds or len(set(every)) < len(every):
             raise ParameterError(
                 f"tomic2019_study: seeds and photograph_seeds must be different and some of each, got "
                 f"{list(self.seeds)} and {list(self.photograph_seeds)}"
             )
-        if "seed" in self.survey or "seed" in self.photographs:
+        if any("seed" in survey for survey in (self.survey, *self.photographs)):
             raise ParameterError("tomic2019_study: the seeds of the streets stand in seeds and photograph_seeds")
 
 

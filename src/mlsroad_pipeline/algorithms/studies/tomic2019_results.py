@@ -14,7 +14,16 @@ from mlsroad_pipeline.algorithms.metrics.confusion import scores as figures_of
 from mlsroad_pipeline.algorithms.metrics.scores import CLASS_METRICS, labelling_scores
 from mlsroad_pipeline.algorithms.studies import tomic2019_paper as paper
 from mlsroad_pipeline.algorithms.studies.tables import Tables, mean_and_spread
-from mlsroad_pipeline.algorithms.studies.tomic2019 import ALL_POINTS, ANSWERS, BY_F1, FEATURES, IMAGES, POOL, RULE, VISIBLE
+from mlsroad_pipeline.algorithms.studies.tomic2019 import (
+    ALL_POINTS,
+    ANSWERS,
+    BY_F1,
+    FEATURES,
+    IMAGES,
+    POOL,
+    RULE,
+    VISIBLE,
+)
 from mlsroad_pipeline.algorithms.studies.tomic2019_plan import OWN, PRINTED, StudyPlan
 
 Results = Mapping[str, Mapping[str, Any]]

@@ -1,4 +1,4 @@
-"""What the workers of the study of Tomic et al. 2019 do: make surveys, and label them by features and through images."""
+"""What the workers of the study of Tomic et al. 2019 do: make surveys, label them by features and through images."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from mlsroad_pipeline.algorithms.image_labels.cityscapes import (
     point_probabilities,
 )
 from mlsroad_pipeline.algorithms.image_labels.labelling import label_through_images
-from mlsroad_pipeline.algorithms.image_labels.pspnet import from_arrays
-from mlsroad_pipeline.algorithms.image_labels.pspnet_training import segment_image
+from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import from_arrays
+from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
@@ -205,7 +205,6 @@ def label_by_images(
     parameters: ImageLabelsParameters,
     division: Division,
     scheme: ClassScheme,
-    max_distance: float = np.inf,
 ) -> dict[str, Any]:
     """Segment the images that show the test half of a survey and label its points through them.
 
@@ -216,7 +215,7 @@ def label_by_images(
     network : mapping
         ``weights`` of `train_network`.
     parameters : ImageLabelsParameters
-        The network, and how far from an image points are labelled.
+        The network, and how far from a camera points are labelled.
     division : Division
         Where the survey is cut.
     scheme : ClassScheme
@@ -239,18 +238,18 @@ def label_by_images(
     shown: dict[int, NDArray] = {}
 
     def segmented() -> Iterator[tuple[str, Camera, NDArray[np.float32]]]:
-        for row in taken:
+        for row in taken.tolist():
             given = segment_image(model, images["rgb"][row])
             if images["station"][row] >= low:
                 truth = encode_label_image(images["label"][row], scheme)
                 matrix[:] += confusion_matrix(truth.ravel(), given.argmax(axis=2).ravel(), len(names))
-                shown[int(row)] = given.argmax(axis=2).astype(np.int16)
+                shown[row] = given.argmax(axis=2).astype(np.int16)
             flat = point_probabilities(given.reshape(-1, len(names)), names, scheme)
             yield str(images["camera"][row]), _camera(images, row), flat.reshape(*given.shape[:2], len(scheme))
 
     groups = sorted(set(images["camera"].tolist()))
     found = label_through_images(
-        points.xyz[around], segmented(), groups=groups, n_classes=len(scheme), max_distance=max_distance
+        points.xyz[around], segmented(), groups=groups, n_classes=len(scheme), max_distance=parameters.reach
     )
     place = np.searchsorted(around, test)
     best = pictured(images, sorted(shown))

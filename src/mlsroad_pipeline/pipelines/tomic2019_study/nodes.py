@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import cycle
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -90,7 +91,10 @@ def make_photographs(plan: StudyPlan) -> dict[str, SceneTask]:
         One task per street.
     """
     scale = plan.study.chosen_scale()
-    surveys = {street_key(seed): {**scale.photographs, "seed": seed} for seed in scale.photograph_seeds}
+    kinds = cycle(scale.photographs)
+    surveys = {
+        street_key(seed): {**kind, "seed": seed} for seed, kind in zip(scale.photograph_seeds, kinds, strict=False)
+    }
     return street_tasks(tomic2019_runs.make_photographs, surveys, plan.ground)
 
 

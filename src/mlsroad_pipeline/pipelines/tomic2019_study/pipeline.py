@@ -50,7 +50,7 @@ def create_pipeline(**_: object) -> Pipeline:
             Node(label_by_features, inputs=[plan, streets], outputs=features, name="label_tomic2019_by_features"),
             Node(label_by_images, inputs=[plan, streets, networks], outputs=images, name="label_tomic2019_by_images"),
             Node(fuse_surveys, inputs=[plan, streets, features, images], outputs=runs, name="fuse_tomic2019_surveys"),
-            Node(tabulate_study, inputs=[plan, features, images, runs], outputs=tables, name="tabulate_tomic2019_study"),
+            Node(tabulate_study, [plan, features, images, runs], tables, name="tabulate_tomic2019_study"),
             Node(
                 draw_study,
                 inputs=[plan, streets, features, images, runs, *tables],
