@@ -26,13 +26,14 @@ class PoolParameters:
     start : {"first", "product"}, default "first"
         What the penalty draws to: the first labeller alone, or the product of all probabilities (Bayes' rule for
         independent labellers, which labellers that see the same thing are not).
-    balance : float, default 0.0
+    balance : float, default 0.25
         Power of the inverse class frequency by which points weigh: 0 aims at overall accuracy, 1 at the mean recall of
         the classes.
     floor : float, default 1e-3
         Least probability: a labeller that is sure may still be wrong.
     n_points : int, default 5000
-        Points of test set 1 that are used at most, evenly spaced; more take longer and change little.
+        Points of test set 1 that are used at most, evenly spaced within each class, rare classes whole; more take
+        longer and change little.
     n_folds : int, default 5
         Stretches that test set 1 is cut into, in the order of its points.
 
@@ -44,7 +45,7 @@ class PoolParameters:
 
     penalties: tuple[float, ...] = (1e-2,)
     start: Literal["first", "product"] = "first"
-    balance: float = 0.0
+    balance: float = 0.25
     floor: float = 1e-3
     n_points: int = 5_000
     n_folds: int = 5
@@ -131,14 +132,16 @@ class LogLinearPool:
         known = np.flatnonzero(truth >= 0)
         if not len(known):
             raise DataError("fusion needs labelled points to learn from")
-        known = known[:: int(np.ceil(len(known) / how.n_points))]
         n_classes = tables.shape[2]
         if int(truth[known].max()) >= n_classes:
             raise DataError(f"labels must be below {n_classes}, got {int(truth[known].max())}")
-        features, seen = _features(tables[:, known], how.floor)
         count = np.bincount(truth[known], minlength=n_classes)
-        weight = np.divide(1.0, count, out=np.zeros(n_classes), where=count > 0) ** how.balance * (count > 0)
-        problem = _Problem(features, seen, truth[known], weight[truth[known]], _start(count, len(tables), how))
+        prior = np.divide(1.0, count, out=np.zeros(n_classes), where=count > 0) ** how.balance * (count > 0)
+        chosen, stands_for = _sample(truth[known], how.n_points)
+        known = known[chosen]
+        features, seen = _features(tables[:, known], how.floor)
+        weight = prior[truth[known]] * stands_for
+        problem = _Problem(features, seen, truth[known], weight, _start(count, len(tables), how))
         penalty = problem.chosen_penalty(how.penalties, how.n_folds)
         return cls(*problem.solve(penalty), floor=how.floor, penalty=penalty)
 
@@ -194,6 +197,22 @@ def _features(tables: NDArray[np.float64], floor: float) -> tuple[NDArray[np.flo
     """Return log probabilities (0 where unseen) and which labellers see which points."""
     seen = ~np.isnan(tables[:, :, 0])
     return np.where(seen[:, :, None], np.log(np.maximum(np.nan_to_num(tables), floor)), 0.0), seen
+
+
+def _sample(truth: NDArray[np.integer], n_points: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return rows, evenly spaced within each class and as many of each as there are, and how many each stands for."""
+    count = np.bincount(truth)
+    left, most = n_points, 0
+    for k, size in enumerate(np.sort(count[count > 0])):  # what small classes leave over goes to larger ones
+        most = max(left // (int((count > 0).sum()) - k), 1)
+        left -= min(int(size), most)
+    step = np.ceil(count / most).astype(np.int64)
+    order = np.argsort(truth, kind="stable")
+    rank = np.empty(len(truth), dtype=np.int64)
+    rank[order] = np.arange(len(truth)) - np.repeat(np.cumsum(count) - count, count)
+    rows = np.flatnonzero(rank % np.maximum(step, 1)[truth] == 0)
+    stands_for: NDArray[np.float64] = count[truth[rows]] / np.bincount(truth[rows], minlength=len(count))[truth[rows]]
+    return rows, stands_for
 
 
 def _log_prior(count: NDArray[np.int64], floor: float) -> NDArray[np.float64]:

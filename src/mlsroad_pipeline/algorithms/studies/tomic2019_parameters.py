@@ -23,7 +23,7 @@ PAPER_FEATURES = (
 )  # fmt: skip
 """The features that section 2.1 names: shape from eigenvalues, height, orientation and radiometry."""
 
-PAPER_COLUMNS = ("intensity", "label", "ground", "height")
+PAPER_COLUMNS = ("intensity", "label")
 """What that method knows of the points: no colour, which the images bring."""
 
 Part = Literal["train", "test", "test1", "test2"]
