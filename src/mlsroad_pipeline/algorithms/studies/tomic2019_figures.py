@@ -156,9 +156,7 @@ def _bars(tables: StudyTables) -> Figure:
         PRINTED: tables.table_3, answer_name(IMAGES, ""): tables.table_4,
         answer_name(RULE, PRINTED): tables.table_5, answer_name(POOL, PRINTED): tables.table_5,
     }  # fmt: skip
-    rows = {
-        name: table[table["method"] == name].set_index("class") for name, table in shown.items()
-    }
+    rows = {name: table[table["method"] == name].set_index("class") for name, table in shown.items()}
     classes = list(rows[PRINTED].index)
     empty = dict.fromkeys([answer_name(POOL, PRINTED)], np.full(len(classes), np.nan))
     draw_bars(
