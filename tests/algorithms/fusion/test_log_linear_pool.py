@@ -4,9 +4,9 @@ from sklearn.linear_model import LogisticRegression
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.fusion.class_preference import ClassPreference
-from mlsroad_pipeline.algorithms.fusion.log_linear_pool import LogLinearPool, PoolParameters
+from mlsroad_pipeline.algorithms.fusion.log_linear_pool import LogLinearPool, PoolParameters, _sample
 
-PLAIN = PoolParameters(penalties=(1e-6,), balance=0.0)
+PLAIN = PoolParameters(penalties=(1e-6,), balance=0.0, n_points=100_000)
 CONFUSIONS = np.array(
     [
         [[0.8, 0.15, 0.05], [0.1, 0.6, 0.3], [0.3, 0.3, 0.4]],
@@ -93,12 +93,25 @@ def test_a_strong_penalty_leaves_the_first_labeller_alone(rng):
 def test_stretches_that_are_held_out_choose_the_penalty(rng):
     """The second labeller is right on one stretch of five and wrong elsewhere: only a strong penalty is safe then."""
     truth, answers, _ = planted(rng, 5000)
+    alone = PRIOR[:, None] * CONFUSIONS[0]
+    answers[0] = answers[0] @ (alone / alone.sum(axis=0)).T  # honest as it is
     choice = PoolParameters(penalties=(1e-6, 1e3), balance=0)
     assert LogLinearPool.fit(answers, truth, parameters=choice).penalty == 1e-6
     moody = np.where(np.arange(5000) < 1000, truth, rng.integers(0, 3, 5000))
     told = [answers[0], np.eye(3)[moody]]
     few = PoolParameters(penalties=(1e-6, 1e3), balance=0, n_points=50)
     assert LogLinearPool.fit(told, truth, parameters=few).penalty == 1e3
+
+
+def test_the_sample_has_rare_classes_whole_and_stands_for_all_points(rng):
+    truth = rng.permutation(np.repeat([0, 1, 3], [9000, 900, 20]))
+    rows, stands_for = _sample(truth, 300)
+    count = np.bincount(truth[rows], minlength=4)
+    assert count[3] == 20 and count[2] == 0 and 250 <= count.sum() <= 300 and count[:2].min() >= 120
+    np.testing.assert_allclose(np.bincount(truth[rows], stands_for), [9000, 900, 0, 20])
+    assert (np.diff(rows) > 0).all()
+    everything, ones = _sample(truth, 10_000)
+    assert len(everything) == len(truth) and (ones == 1).all()
 
 
 def test_balance_raises_the_recall_of_rare_classes(rng):
