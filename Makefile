@@ -5,7 +5,7 @@ export MLFLOW_TRACKING_URI ?= sqlite:///mlflow.db
 export KEDRO_DISABLE_TELEMETRY := true
 export DO_NOT_TRACK := 1
 
-.PHONY: setup run test lint bench docs clean
+.PHONY: setup run compare test lint bench docs clean
 
 setup:
 	@./scripts/setup.sh
@@ -13,6 +13,10 @@ setup:
 run: setup
 	@$(BIN)/kedro run
 	@$(BIN)/python -m mlsroad_pipeline.summary
+
+compare: setup
+	@$(BIN)/kedro run --env=compare
+	@$(BIN)/kedro run --env=compare --pipeline=comparison_report
 
 test: setup lint
 	@$(BIN)/python -m pytest -n auto

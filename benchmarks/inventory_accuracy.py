@@ -22,13 +22,14 @@ import numpy as np
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, TAXONOMY_NAMES
-from mlsroad_pipeline.algorithms.inventory import SceneObjects, extract_objects, measure_points, merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory import SceneObjects, extract_objects, measure_points
 from mlsroad_pipeline.algorithms.inventory_accuracy import (
     kinds_of_truth,
     match_to_truth,
     measurement_errors,
     summarise_errors,
 )
+from mlsroad_pipeline.algorithms.inventory_merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, load_bundle
 from mlsroad_pipeline.algorithms.object_rules import KIND_OF_CLASS, ObjectRule
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud

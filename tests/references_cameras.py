@@ -3,14 +3,14 @@
 import numpy as np
 
 
-def nearest_disc(u, v, z, *, focal, spacing, width, height, largest=12.0):
+def nearest_disc(u, v, z, *, focal, diameter, width, height, largest=12.0):
     """Return the row of the nearest disc in each cell: every cell asks every point."""
     index = np.full((height, width), -1)
     for y in range(height):
         for x in range(width):
             best = np.inf
             for i in range(len(z)):
-                radius = min(0.5 * spacing * focal / z[i], largest)
+                radius = min(0.5 * diameter * focal / z[i], largest)
                 own = (x, y) == (round(float(u[i])), round(float(v[i])))
                 covered = (
                     np.hypot(x - u[i], y - v[i]) <= radius

@@ -5,22 +5,9 @@ from __future__ import annotations
 from kedro.framework.project import find_pipelines
 from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS
+from mlsroad_pipeline.pipelines.methods import COMPARISON
 
-COMPARISON = (
-    "simulate",
-    "ingest",
-    "ground_removal",
-    "supervoxelise",
-    "features",
-    "patches",
-    *LABELLERS,
-    "segmentation",
-    *DETECTORS,
-    "evaluation",
-    "compare",
-    "report",
-)
+__all__ = ["COMPARISON", "register_pipelines"]
 
 
 def register_pipelines() -> dict[str, Pipeline]:

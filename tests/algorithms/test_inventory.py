@@ -1,6 +1,9 @@
 """The inventory: planted objects with known measures, and surveys cut anywhere."""
 
 import re
+import weakref
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,8 +12,10 @@ import pandas as pd
 import pytest
 from references_inventory import planted_box, planted_pole, planted_tree
 
+from mlsroad_pipeline.algorithms import inventory_merging
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory import extract_objects, merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory import SceneObjects, extract_objects
+from mlsroad_pipeline.algorithms.inventory_merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory_table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
@@ -55,8 +60,13 @@ def street():
     return xyz[order], labels[order], np.random.default_rng(2).random(len(xyz))
 
 
-def inventory(street, *, cuts=(), buffer=2.0, trajectory=None, shift=0.0, known_ground=True):
+def inventory(street, *, trajectory=None, **how):
     """Cut a street at x values, extract each scene with its buffers, merge."""
+    return merge_across_scenes(cut_street(street, **how)[::-1], classes=RULES, trajectory=trajectory)
+
+
+def cut_street(street, *, cuts=(), buffer=2.0, shift=0.0, known_ground=True):
+    """Cut a street at x values and extract each scene with its buffers."""
     xyz, labels, confidence = street
     borders = [-np.inf, *cuts, np.inf]
     pieces = []
@@ -76,7 +86,7 @@ def inventory(street, *, cuts=(), buffer=2.0, trajectory=None, shift=0.0, known_
                 scene=f"scene_{i:05d}",
             )
         )
-    return merge_across_scenes(pieces[::-1], classes=RULES, trajectory=trajectory)
+    return pieces
 
 
 @pytest.fixture(scope="module")
@@ -226,6 +236,37 @@ def test_input_is_not_modified(street):
         np.testing.assert_array_equal(column, old)
 
 
+class _OneAtATime(Sequence):
+    """Pieces that are made when they are asked for; tells how many are alive."""
+
+    def __init__(self, pieces):
+        self.pieces, self.alive, self.most = pieces, weakref.WeakSet(), 0
+
+    def __len__(self):
+        return len(self.pieces)
+
+    def __getitem__(self, index):
+        piece = _Piece(*vars(self.pieces[index]).values())
+        self.alive.add(piece)
+        self.most = max(self.most, len(self.alive))
+        return piece
+
+
+class _Piece(SceneObjects):
+    __hash__ = object.__hash__
+
+
+def test_few_voxels_at_a_time_give_the_same_table(street, monkeypatch):
+    pieces = cut_street(street, cuts=(12.0, 25.0, 31.5, 40.0))
+    whole = merge_across_scenes(pieces, classes=RULES)
+    assert sum(len(piece.fragments) for piece in pieces) > 100
+    for batch in (1, 10, 100):
+        monkeypatch.setattr(inventory_merging, "BATCH", batch)
+        scenes = _OneAtATime(pieces)
+        pd.testing.assert_frame_equal(merge_across_scenes(scenes, classes=RULES), whole)
+        assert scenes.most <= 2  # the one at hand, and the one before until its name is taken again
+
+
 def test_every_field_is_in_the_data_dictionary():
     page = (Path(__file__).parents[2] / "docs/inventory.md").read_text(encoding="utf-8")
     rows = [line.split("|")[1] for line in page.split("## Fields")[1].split("\n## ")[0].splitlines() if "|" in line]
@@ -256,8 +297,12 @@ def test_bad_input_is_named(street):
     with pytest.raises(DataError, match=r"core must have shape \(1,\)"):
         extract_objects(np.zeros((1, 3)), [1], [1], core=[True, False], **good)
     piece = extract_objects(xyz, labels, confidence, **good)
+    cut = extract_objects(xyz, labels, confidence, core=xyz[:, 0] < 30, **good)
     with pytest.raises(DataError, match="scene 'scene_00000' comes twice"):
         merge_across_scenes([piece, piece], **good)
+    far = replace(piece, scene="far", fragments=cut.fragments.assign(i=cut.fragments["i"] + 2**32))
+    with pytest.raises(DataError, match="voxels from those of another scene"):
+        merge_across_scenes([cut, far], **good)
     with pytest.raises(DataError, match="class 'vehicle', which has no rule"):
         merge_across_scenes([piece], classes={name: RULES[name] for name in ("pole", "sign", "tree")})
 

@@ -1,12 +1,14 @@
 """Labels through images and their fusion, from a tiny survey to scores and registered models."""
 
 import logging
+import re
 import shutil
 
+import laspy
 import numpy as np
 import pandas as pd
 import pytest
-from references_wiring import TINY, label, run, session_of, shared_run
+from references_wiring import TINY, label, run, session_of, shared_run, stage_counts
 
 from mlsroad_pipeline.algorithms.evaluation import find_scheme
 from mlsroad_pipeline.algorithms.exceptions import ReadError
@@ -152,7 +154,77 @@ def test_picture_and_labels_that_are_lost_are_named(project, stored, tmp_path):
             samples[broken]
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_label_refuses_methods_that_need_images(project, tmp_path, method):
-    with pytest.raises(Exception, match=rf"label\.method '{method}' needs camera images"):
-        label(project, project / "data/01_raw", tmp_path / "out", method=method)
+LONG = {"ingest": {"scene_length": 15.0}}
+"""Two or three scenes, so that an image is segmented as seldom as may be."""
+
+
+@pytest.fixture(scope="module")
+def survey(project):
+    """A survey with a trajectory, images and their cameras beside the points."""
+    return project / "data/01_raw/simulated/test"
+
+
+@pytest.fixture(scope="module")
+def fused(project, survey, tmp_path_factory):
+    """That survey, labelled by the fusion."""
+    return label(project, survey, tmp_path_factory.mktemp("out"), method="fusion", **LONG)
+
+
+def text_of(folder):
+    return re.sub(r"<[^>]+>|\s+", " ", (folder / "report.html").read_text(encoding="utf-8")).replace(",", "")
+
+
+def codes_of(folder):
+    las = laspy.read(folder / "survey.laz")
+    return np.asarray(las.classification), np.asarray(las["confidence"])
+
+
+def test_label_tells_which_share_of_the_points_cameras_saw(project, survey, fused, stored):
+    n_points = len(laspy.read(survey / "survey.laz").points)
+    told = re.search(r"seen by cameras +(\d+) points +([\d.]+) %", text_of(fused))
+    assert told is not None and len(codes_of(fused)[0]) == n_points
+    assert float(told[2]) == pytest.approx(100 * int(told[1]) / n_points, abs=0.06)
+    found, _, _ = stored  # the comparison looked with scenes of another length at the same points
+    seen = [
+        int((part["seen"] & found["scenes"][key]["core"]).sum()) for key, part in found["image_labels.labels"].items()
+    ]
+    assert int(told[1]) == pytest.approx(sum(seen), rel=0.03)
+
+
+def test_label_through_images_leaves_points_that_no_camera_sees_without_a_class(project, survey, fused, tmp_path):
+    out = label(project, survey, tmp_path / "out", method="image_labels", **LONG)
+    codes, confidence = codes_of(out)
+    seen = re.search(r"seen by cameras +(\d+) points", text_of(out))
+    assert seen is not None and int(seen[1]) == (codes != 1).sum() == (confidence > 0).sum()
+    assert re.search(rf"seen by cameras +{seen[1]} points", text_of(fused))
+    assert ((codes_of(fused)[0] != codes)[codes == 1]).mean() > 0.9  # there the fusion has the labels of the features
+
+
+def test_fusion_of_a_survey_without_images_falls_back_on_its_features_and_says_so(project, survey, tmp_path, caplog):
+    (tmp_path / "bare").mkdir()
+    for name in ("survey.laz", "trajectory.csv"):
+        shutil.copy(survey / name, tmp_path / "bare")
+    out = label(project, tmp_path / "bare", tmp_path / "fusion", method="fusion", **LONG)
+    forest = label(project, tmp_path / "bare", tmp_path / "forest", method="detrended_forest", **LONG)
+    assert (out / "survey.laz").read_bytes() == (forest / "survey.laz").read_bytes()
+    assert "No images (calibration.json)" in caplog.text
+    assert "seen by cameras 0 points" in re.sub(" +", " ", text_of(out))
+    assert "the points there have the labels of the features alone" in text_of(out)
+    with pytest.raises(Exception, match=r"'image_labels' needs images: there is no .*bare/calibration\.json"):
+        label(project, tmp_path / "bare", tmp_path / "images", method="image_labels", **LONG)
+    assert not (tmp_path / "images").exists()
+
+
+def test_label_with_images_goes_on_where_it_stopped_and_gives_two_workers_the_same_bytes(
+    project, survey, fused, tmp_path, caplog
+):
+    results = project / "data/02_intermediate/label/results"
+    label(project, survey, tmp_path / "out", method="fusion", **LONG)
+    shutil.rmtree(next(path for path in sorted(results.iterdir()) if path.is_dir()))
+    caplog.clear()
+    with caplog.at_level("INFO", logger="mlsroad_pipeline"):
+        workers = {"execution": {"backend": "loky", "n_workers": 2}}
+        label(project, survey, tmp_path / "out", method="fusion", **LONG, **workers)
+    computed, valid = stage_counts(caplog.messages)["results"]
+    assert computed == 1 and valid >= 1
+    assert (tmp_path / "out" / "survey.laz").read_bytes() == (fused / "survey.laz").read_bytes()

@@ -2,28 +2,25 @@
 
 A scene finds the connected objects of its core and buffers (`extract_objects`). What lies wholly in the core is
 measured there. Of an object that reaches into a buffer only the voxels of its core points are kept, and
-`merge_across_scenes` joins those of all scenes that share a voxel and measures the whole: as cores share no point,
-nothing counts twice, and an object may be as long as it likes.
+`inventory_merging.merge_across_scenes` joins those of all scenes that share a voxel and measures the whole: as cores
+share no point, nothing counts twice, and an object may be as long as it likes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.graphs import connected_components
-from mlsroad_pipeline.algorithms.inventory_table import OBJECT_FIELDS, empty_table, finish_table, object_table
+from mlsroad_pipeline.algorithms.inventory_table import empty_table, object_table
 from mlsroad_pipeline.algorithms.object_measures import Voxels, measure
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule
 from mlsroad_pipeline.algorithms.object_splitting import split_at_valleys
 from mlsroad_pipeline.algorithms.object_voxels import FRAGMENT_FIELDS, find_fragments, join_voxels, voxelise
-from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.validation import check_column, check_xyz
 
 
@@ -46,10 +43,29 @@ class SceneObjects:
     fragments: pd.DataFrame
 
 
-def _measured(
+def measured_rows(
     voxels: Voxels, number: NDArray[np.int64], name: str, rule: ObjectRule, scenes: Sequence[str]
 ) -> list[dict[str, float | int | str]]:
-    """Measure the objects of one class and drop the false ones."""
+    """Measure the objects of one class and drop the false ones.
+
+    Parameters
+    ----------
+    voxels : Voxels
+        Their voxels, sorted by object.
+    number : ndarray of int64
+        The object of each voxel.
+    name : str
+        The class.
+    rule : ObjectRule
+        What its objects are like.
+    scenes : sequence of str
+        Names of the scenes that `voxels` counts.
+
+    Returns
+    -------
+    list of dict
+        One per object, with what `object_measures.measure` gives, class, kind and scene.
+    """
     rows = []
     starts = np.flatnonzero(np.diff(number, prepend=-1))
     for first, stop in zip(starts, np.append(starts[1:], len(number)), strict=True):
@@ -107,7 +123,7 @@ def extract_objects(
     Returns
     -------
     SceneObjects
-        Measured objects, and the fragments of those that reach into a buffer; `merge_across_scenes` makes the table.
+        Measured objects, and the fragments of those that reach into a buffer; `inventory_merging` makes the table.
 
     Raises
     ------
@@ -134,7 +150,7 @@ def extract_objects(
         )
         if len(whole):
             table = whole.assign(object=whole["fragment"].astype(np.int64), scene=0)
-            rows += _measured(*join_voxels(table, resolution=rule.resolution), name, rule, [scene])
+            rows += measured_rows(*join_voxels(table, resolution=rule.resolution), name, rule, [scene])
         if len(cut):
             fragments.append(cut.assign(**{"class": name}))
     joined = pd.concat(fragments, ignore_index=True) if fragments else empty_table(FRAGMENT_FIELDS)
@@ -147,69 +163,6 @@ def _finite(values: ArrayLike, n_points: int, name: str) -> NDArray[np.float64]:
         row = int(np.flatnonzero(~np.isfinite(array))[0])
         raise DataError(f"{name} at row {row} is {array[row]}")
     return array
-
-
-def _join_fragments(table: pd.DataFrame) -> NDArray[np.int64]:
-    """Number the objects that fragments of one class make up: those that share a voxel are one."""
-    fragment = table.groupby(["scene", "fragment"], sort=True).ngroup().to_numpy()
-    voxel = table.groupby(["i", "j", "k"], sort=True).ngroup().to_numpy()
-    n_fragments = int(fragment.max()) + 1
-    edges = np.column_stack([fragment, voxel + n_fragments])
-    return connected_components(edges, n_nodes=n_fragments + int(voxel.max()) + 1)[fragment].astype(np.int64)
-
-
-def _of_class(fragments: pd.DataFrame, name: str) -> pd.DataFrame:
-    return fragments[fragments["class"] == name].drop(columns="class")
-
-
-def merge_across_scenes(
-    pieces: Sequence[SceneObjects], *, classes: Mapping[str, ObjectRule], trajectory: Trajectory | None = None
-) -> pd.DataFrame:
-    """Make the inventory of a survey from what its scenes found.
-
-    Fragments are joined where they share a voxel, directly or through others, then measured and judged as a whole. An
-    object belongs to the scene whose core holds its foot. The result does not depend on the order of the pieces.
-
-    Parameters
-    ----------
-    pieces : sequence of SceneObjects
-        One per scene; all scenes of the survey.
-    classes : mapping of str to ObjectRule
-        The rules that the objects were extracted with.
-    trajectory : Trajectory, optional
-        The survey's path, for station and offset.
-
-    Returns
-    -------
-    DataFrame
-        Columns of `OBJECT_FIELDS`, sorted by class (in the order of `classes`) and place, numbered from 1; `pole_id` is
-        0 where there is no link, `station` and `offset` NaN without a trajectory. Lengths are rounded to millimetres.
-
-    Raises
-    ------
-    DataError
-        If a scene comes twice, a scene's objects are of a class without a rule, or fragments of a scene are missing.
-    """
-    ordered = sorted(pieces, key=lambda piece: piece.scene)
-    scenes = [piece.scene for piece in ordered]
-    for one, other in pairwise(scenes):
-        if one == other:
-            raise DataError(f"scene {one!r} comes twice")
-    named = {name for piece in ordered for table in (piece.objects, piece.fragments) for name in table["class"]}
-    if named - set(classes):
-        raise DataError(f"objects of class {sorted(named - set(classes))[0]!r}, which has no rule: {sorted(classes)}")
-    tables = [piece.objects for piece in ordered if len(piece.objects)]
-    for name, rule in classes.items():  # class by class: the fragments of a long survey are its largest table
-        parts = [_of_class(piece.fragments, name).assign(scene=i) for i, piece in enumerate(ordered)]
-        filled = [part for part in parts if len(part)]
-        if filled:
-            mine = pd.concat(filled, ignore_index=True)
-            del parts, filled
-            mine["object"] = _join_fragments(mine)
-            tables.append(object_table(_measured(*join_voxels(mine, resolution=rule.resolution), name, rule, scenes)))
-    tables = [table for table in tables if len(table)]
-    objects = pd.concat(tables, ignore_index=True) if tables else empty_table(OBJECT_FIELDS)
-    return finish_table(objects, list(classes), trajectory)
 
 
 def measure_points(

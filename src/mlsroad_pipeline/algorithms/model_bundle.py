@@ -205,7 +205,9 @@ def bundle_scheme(bundle: ModelBundle) -> ClassScheme:
     )
 
 
-def label_cloud(bundle: ModelBundle, cloud: PointCloud) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+def label_cloud(
+    bundle: ModelBundle, cloud: PointCloud, *, labeller: Labeller | None = None
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
     """Label a cloud with the function that the model names.
 
     Parameters
@@ -214,6 +216,8 @@ def label_cloud(bundle: ModelBundle, cloud: PointCloud) -> tuple[NDArray[np.int1
         The model.
     cloud : PointCloud
         Points that it has never seen.
+    labeller : callable, optional
+        Another function, for models that need more than the points.
 
     Returns
     -------
@@ -229,13 +233,7 @@ def label_cloud(bundle: ModelBundle, cloud: PointCloud) -> tuple[NDArray[np.int1
     DataError
         If it returns another number of labels, or labels outside the classes.
     """
-    module_name, function_name = bundle.metadata["entry_point"].split(":")
-    try:
-        function: Labeller = getattr(importlib.import_module(module_name), function_name)
-    except (ModuleNotFoundError, AttributeError) as error:
-        raise ParameterError(
-            f"model {bundle.slug!r} needs {bundle.metadata['entry_point']}, which this version lacks: {error}"
-        ) from error
+    function = _entry_point(bundle) if labeller is None else labeller
     labels, confidence = (np.asarray(values) for values in function(cloud, bundle))
     if labels.shape != (len(cloud),) or confidence.shape != (len(cloud),):
         raise DataError(
@@ -247,6 +245,17 @@ def label_cloud(bundle: ModelBundle, cloud: PointCloud) -> tuple[NDArray[np.int1
             f"model {bundle.slug!r} gave labels {labels.min()}..{labels.max()} of {len(bundle.classes)} classes"
         )
     return labels.astype(np.int16), confidence.astype(np.float32)
+
+
+def _entry_point(bundle: ModelBundle) -> Labeller:
+    module_name, function_name = bundle.metadata["entry_point"].split(":")
+    try:
+        function: Labeller = getattr(importlib.import_module(module_name), function_name)
+    except (ModuleNotFoundError, AttributeError) as error:
+        raise ParameterError(
+            f"model {bundle.slug!r} needs {bundle.metadata['entry_point']}, which this version lacks: {error}"
+        ) from error
+    return function
 
 
 def refuse_points(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.integer], NDArray[np.floating]]:

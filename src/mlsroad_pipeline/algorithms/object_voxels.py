@@ -69,7 +69,7 @@ def voxelise(
         Columns of `FRAGMENT_FIELDS` but the class, sorted by fragment and voxel.
     """
     key = np.floor((local + origin) / resolution).astype(np.int64)
-    order = _by_voxel(key)
+    order = voxel_order(key)
     sorted_key = key[order]
     starts = np.flatnonzero(np.concatenate([[True], (np.diff(sorted_key, axis=0) != 0).any(axis=1)]))
     inside = local[order] - (sorted_key * resolution - origin)
@@ -90,9 +90,20 @@ def voxelise(
     return pd.DataFrame({name: values[by_object] for name, values in table.items()})
 
 
-def _by_voxel(key: NDArray[np.int64]) -> NDArray[np.integer]:
-    """Return the order by i, j, k, stably."""
-    relative = key - key.min(axis=0)
+def voxel_order(key: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Sort voxels by i, then j, then k.
+
+    Parameters
+    ----------
+    key : ndarray of int, shape (n, 3)
+        Their numbers along the axes; at least one.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        Their order; voxels that are alike stay as they were.
+    """
+    relative = key.astype(np.int64) - key.min(axis=0)
     bits = [int(size).bit_length() for size in relative.max(axis=0)]
     if sum(bits) > 62:  # objects strewn over more than a packed key holds: slower, same order
         return np.lexsort((key[:, 2], key[:, 1], key[:, 0]))

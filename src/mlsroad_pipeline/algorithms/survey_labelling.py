@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.inventory import SceneObjects, extract_objects, merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory import SceneObjects, extract_objects
+from mlsroad_pipeline.algorithms.inventory_merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory_table import OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.label_confidence import count_confidences
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, bundle_scheme, label_cloud
+from mlsroad_pipeline.algorithms.model_bundle import Labeller, ModelBundle, bundle_scheme, label_cloud
 from mlsroad_pipeline.algorithms.object_rules import ObjectRule, rules_for_scheme
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground, inliers
@@ -32,6 +33,7 @@ def label_new_scene(
     rules: Mapping[str, ObjectRule],
     ground: GroundParameters,
     name: str,
+    labeller: Labeller | None = None,
 ) -> dict[str, Any]:
     """Label the points of a scene and find the objects among them.
 
@@ -49,6 +51,8 @@ def label_new_scene(
         The ground filter, for models that do not bring their own.
     name : str
         The scene's name.
+    labeller : callable, optional
+        What labels the points instead of the model's own function, for models that need more than points.
 
     Returns
     -------
@@ -65,7 +69,7 @@ def label_new_scene(
     """
     stored = bundle.metadata.get("parameters", {}).get("ground")
     found_ground = find_ground(scene, ground if stored is None else GroundParameters(**stored))
-    label, confidence = label_cloud(bundle, scene.with_columns(**found_ground))
+    label, confidence = label_cloud(bundle, scene.with_columns(**found_ground), labeller=labeller)
     core = scene["core"]
     table = np.append(codes, np.uint8(UNCLASSIFIED))
     code = table[label]

@@ -46,7 +46,7 @@ def read_images(
     images : str or Path, optional
         Folder of the pictures; ``images`` beside the file by default. A name may lack the picture's suffix.
     trajectory : str or Path, optional
-        Table of the vehicle's poses; see `read_poses`.
+        Table of the vehicle's poses; see `read_poses`. Read where an image has no pose of its own.
 
     Returns
     -------
@@ -67,7 +67,6 @@ def read_images(
     folder = Path(images) if images is not None else (source if source.is_dir() else source.parent) / "images"
     if source.is_dir() or source.suffix == ".txt":
         return read_kitti(source if source.is_dir() else source.parent)
-    poses = None if trajectory is None else read_poses(trajectory)
     if source.suffix == ".json":
         rows, origin = _json_rows(source)
         make: Callable[[Mapping[str, Any]], tuple[Camera, bool]] = _camera_of_json
@@ -80,7 +79,7 @@ def read_images(
     twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
     if twice:
         raise ReadError(f"{source}: image {twice[0]!r} occurs more than once")
-    return SurveyImages(_in_order(_carried(found, poses, source, origin)), origin, str(source))
+    return SurveyImages(_in_order(_carried(found, trajectory, source, origin)), origin, str(source))
 
 
 def read_poses(path: str | Path, *, max_gap: float = 1.0) -> PoseTrack:
@@ -242,16 +241,16 @@ def _posed(
 
 
 def _carried(
-    found: list[tuple[PosedImage, bool]], poses: PoseTrack | None, source: Path, origin: NDArray[np.float64]
+    found: list[tuple[PosedImage, bool]], trajectory: str | Path | None, source: Path, origin: NDArray[np.float64]
 ) -> list[PosedImage]:
     """Return the images with cameras in the world: those mounted on the vehicle are carried along its track."""
     mounted = [image for image, on_vehicle in found if on_vehicle]
-    if mounted and poses is None:
+    if mounted and trajectory is None:
         raise ReadError(f"{source}: image {mounted[0].name!r} has no pose, and no trajectory with poses is given")
     fixed = [image for image, on_vehicle in found if not on_vehicle]
-    if not mounted or poses is None:
+    if not mounted or trajectory is None:
         return fixed
-    rotations, places = poses.at([image.time for image in mounted])
+    rotations, places = read_poses(trajectory).at([image.time for image in mounted])
     for image, rotation, place in zip(mounted, rotations, places - origin, strict=True):
         fixed.append(PosedImage(image.name, image.group, image.time, image.camera.carried(rotation, place), image.path))
     return fixed

@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.datasets.label_work import join_objects
 from mlsroad_pipeline.datasets.road_inventory import RoadInventory
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask
+from mlsroad_pipeline.datasets.scene_task import Deferred, SceneTask
 from mlsroad_pipeline.datasets.survey_plan import SurveyPlan
 
 OBJECTS = "inventory"
@@ -66,7 +66,7 @@ def objects_task(
     """
     drives = {drive: scenes_of(drive, results) for drive in plan.drives()}
     parts = {
-        name: {drive: {key: found[key] for key in keys} for drive, keys in drives.items()}
+        name: {drive: Deferred(tuple(found[key] for key in keys)) for drive, keys in drives.items()}
         for name in ("objects", "fragments")
         for found in [results.part(name)]
     }

@@ -26,6 +26,7 @@ from mlsroad_pipeline.algorithms.rendering.report_sections import (
 from mlsroad_pipeline.datasets.formats.coloured_ply import coloured_path
 from mlsroad_pipeline.datasets.formats.copc import copc_path
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
+from mlsroad_pipeline.datasets.label_images import IMAGE_LABELS, NEED_IMAGES
 from mlsroad_pipeline.datasets.label_inventory import OBJECTS, scenes_of
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import Deferred
@@ -208,17 +209,49 @@ def label_report_sections(
         "files": len(quality),
         "points": int(quality["n_points"].sum()),
     }
+    facts |= _seen_by_cameras(bundle, counts)
     outputs = pd.DataFrame({"file": [str(n) for key, part in written.items() if key != OBJECTS for n in part["files"]]})
     shares = dict(zip((*scheme.classes, "unlabelled"), total.tolist(), strict=True))
     return [
         FactsSection("What was run", facts),
-        WarningsSection("Warnings", [*unsure, *_warnings(bundle, quality)]),
+        WarningsSection("Warnings", [*unsure, *image_warnings(bundle, counts), *_warnings(bundle, quality)]),
         DistributionSection("Classes", shares, scheme=scheme),
         TableSection("Confidence", sureness, note=CONFIDENCE_NOTE),
         InventorySection("Inventory", objects.drop(columns=list(_ELSEWHERE)), geopackage="inventory.gpkg"),
         TableSection("Quality of the survey", quality),
         TableSection("Files written", outputs),
     ]
+
+
+def _seen_by_cameras(bundle: ModelBundle, counts: Mapping[str, Mapping[str, NDArray]]) -> dict[str, str]:
+    """Tell which share of the points cameras saw, of methods that look at images."""
+    if bundle.slug not in NEED_IMAGES:
+        return {}
+    total = sum(int(found["counts"].sum()) for found in counts.values())
+    seen = sum(int(found["seen"][0]) for found in counts.values() if "seen" in found)
+    return {"seen by cameras": f"{seen} points, {100 * seen / max(total, 1):.1f} %"}
+
+
+def image_warnings(bundle: ModelBundle, counts: Mapping[str, Mapping[str, NDArray]]) -> list[str]:
+    """Say which drives were labelled without images by a method that looks at images.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model.
+    counts : mapping of str to mapping
+        Counts of each scene; ``seen`` is there where its drive has images.
+
+    Returns
+    -------
+    list of str
+        A sentence where there are such drives.
+    """
+    without = list(dict.fromkeys(key.rpartition(".")[0] for key, found in counts.items() if "seen" not in found))
+    if bundle.slug not in NEED_IMAGES or not without:
+        return []
+    instead = "have no class" if bundle.slug == IMAGE_LABELS else "have the labels of the features alone"
+    return [f"There are no images for {', '.join(without)}: the points there {instead}."]
 
 
 def attribute_warnings(bundle: ModelBundle, quality: pd.DataFrame) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 import pandas as pd
@@ -209,10 +209,32 @@ def write_file(
     return {"files": np.array([str(item) for item in written])}
 
 
+class _StoredObjects(Sequence[SceneObjects]):
+    """What the scenes of a drive know of the inventory, read when it is asked for."""
+
+    def __init__(self, objects: Sequence[StoredResult], fragments: Sequence[StoredResult]) -> None:
+        self._handles = list(zip(objects, fragments, strict=True))
+
+    def __len__(self) -> int:
+        return len(self._handles)
+
+    @overload
+    def __getitem__(self, index: int) -> SceneObjects: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[SceneObjects]: ...
+
+    def __getitem__(self, index: int | slice) -> SceneObjects | Sequence[SceneObjects]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(len(self))[index]]
+        found, cut = self._handles[index]
+        return SceneObjects(found.key, found.load(), cut.load())
+
+
 def join_objects(
     corridors: Mapping[str, Mapping[str, NDArray]],
-    objects: Mapping[str, Mapping[str, pd.DataFrame]],
-    fragments: Mapping[str, Mapping[str, pd.DataFrame]],
+    objects: Mapping[str, Sequence[StoredResult]],
+    fragments: Mapping[str, Sequence[StoredResult]],
     *,
     rules: Mapping[str, ObjectRule],
     method: str,
@@ -224,8 +246,8 @@ def join_objects(
     ----------
     corridors : mapping of str to mapping
         What each drive was cut along.
-    objects, fragments : mapping of str to mapping of str to DataFrame
-        Per drive and scene, its whole objects and what its borders cut.
+    objects, fragments : mapping of str to sequence of StoredResult
+        Per drive, the whole objects of its scenes and what their borders cut.
     rules : mapping of str to ObjectRule
         The rules that the objects were found with.
     method, model_version : str
@@ -239,6 +261,7 @@ def join_objects(
     drives = []
     for drive, arrays in corridors.items():
         corridor = corridor_from_arrays(arrays)
-        scenes = [SceneObjects(key, found, fragments[drive][key]) for key, found in objects[drive].items()]
-        drives.append((scenes, corridor if isinstance(corridor, Trajectory) else None))
+        drives.append(
+            (_StoredObjects(objects[drive], fragments[drive]), corridor if isinstance(corridor, Trajectory) else None)
+        )
     return join_inventories(drives, rules).assign(method=method, model_version=model_version)

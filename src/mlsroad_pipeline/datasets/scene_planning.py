@@ -159,7 +159,10 @@ def plan_drive(
         bin_length=ingest.bin_length,
         max_points=ingest.max_points,
     )
-    return [_planned(f"{drive}.{span.id}", span, _pieces_of(span, mine), files) for span in spans]
+    return [
+        _planned(f"{drive}.{span.id}", span, pieces_between(span.buffer_first, span.buffer_stop, mine), files)
+        for span in spans
+    ]
 
 
 def _planned(key: str, span: SceneSpan, pieces: tuple[str, ...], files: Mapping[str, str]) -> PlannedScene:
@@ -168,9 +171,24 @@ def _planned(key: str, span: SceneSpan, pieces: tuple[str, ...], files: Mapping[
     return PlannedScene(key, span, pieces, f"{', '.join(names[:MESSAGE_FILES])}{more} ({span.id})")
 
 
-def _pieces_of(span: SceneSpan, bins: Mapping[str, Mapping[str, NDArray]]) -> tuple[str, ...]:
+def pieces_between(first: int, stop: int, bins: Mapping[str, Mapping[str, NDArray]]) -> tuple[str, ...]:
+    """Name the ranges that hold points of some bins.
+
+    Parameters
+    ----------
+    first, stop : int
+        The first bin, and the one after the last.
+    bins : mapping of str to mapping
+        Per range, its occupied bins, ascending.
+
+    Returns
+    -------
+    tuple of str
+        The ranges in their order.
+    """
+
     def holds(numbers: NDArray) -> bool:
-        first, stop = np.searchsorted(numbers, [span.buffer_first, span.buffer_stop])
-        return bool(stop > first)
+        low, high = np.searchsorted(numbers, [first, stop])
+        return bool(high > low)
 
     return tuple(key for key, part in bins.items() if holds(part["bins"]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -54,8 +55,18 @@ class PosedImage:
         ReadError
             If the file is missing, no picture, or of another size than the camera's images.
         """
-        array: NDArray[np.uint8] = np.asarray(_open(self.path, self.camera, self.name).convert("RGB"), dtype=np.uint8)
-        return array
+        return read_picture(self.path, self.camera, self.name)
+
+    def check(self) -> None:
+        """Look whether the picture is there and of the right size, without reading its pixels.
+
+        Raises
+        ------
+        ReadError
+            As `load`.
+        """
+        with _opened(self.path, self.camera, self.name):
+            pass
 
     def load_labels(self, folder: str) -> NDArray[np.uint8]:
         """Read the label image that lies beside the pictures.
@@ -76,25 +87,53 @@ class PosedImage:
             As `load`.
         """
         path = self.path.parent.parent / folder / f"{self.path.stem}.png"
-        labels: NDArray[np.uint8] = np.asarray(_open(path, self.camera, self.name)).astype(np.uint8)
+        with _opened(path, self.camera, self.name) as picture:
+            labels: NDArray[np.uint8] = np.asarray(picture).astype(np.uint8)
         return labels
 
 
-def _open(path: Path, camera: Camera, name: str) -> Picture.Image:
+def read_picture(path: str | Path, camera: Camera, name: str) -> NDArray[np.uint8]:
+    """Read a picture.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    camera : Camera
+        Its camera, for the size.
+    name : str
+        What messages call the image.
+
+    Returns
+    -------
+    ndarray of shape (height, width, 3), uint8
+        Red, green and blue.
+
+    Raises
+    ------
+    ReadError
+        If the file is missing, no picture, or of another size than the camera's images.
+    """
+    with _opened(Path(path), camera, name) as picture:
+        return np.asarray(picture.convert("RGB"), dtype=np.uint8)
+
+
+@contextmanager
+def _opened(path: Path, camera: Camera, name: str) -> Iterator[Picture.Image]:
+    """Open a picture of the camera's size; its pixels are read where they are asked for."""
     if not path.is_file():
         raise ReadError(f"{path}: no such picture (image {name!r})")
     try:
-        picture = Picture.open(path)
-        picture.load()
+        with Picture.open(path) as picture:
+            if picture.size != (camera.width, camera.height):
+                wide, high = picture.size
+                raise ReadError(
+                    f"{path}: the picture has {wide} x {high} pixels, its camera is calibrated for "
+                    f"{camera.width} x {camera.height}"
+                )
+            yield picture
     except (UnidentifiedImageError, OSError) as error:
         raise ReadError(f"{path}: cannot be read as a picture: {error}") from error
-    if picture.size != (camera.width, camera.height):
-        wide, high = picture.size
-        raise ReadError(
-            f"{path}: the picture has {wide} x {high} pixels, its camera is calibrated for "
-            f"{camera.width} x {camera.height}"
-        )
-    return picture
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,6 @@ from mlsroad_pipeline.algorithms.classes import Coding
 from mlsroad_pipeline.algorithms.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.datasets.formats.options import TAXONOMY_CODING, ReadOptions
 
-NEED_IMAGES = ("image_labels", "fusion")
-"""Methods that `label` cannot use, because it reads no images."""
-
 
 @dataclass(frozen=True)
 class SurveyParameters:
@@ -123,11 +120,14 @@ class LabelParameters:
         Whether a cloud-optimised copy (``.copc.laz``), which web viewers and QGIS stream, is written beside each LAZ.
     coloured_ply : bool, default False
         Whether a PLY in the colours of the classes, for viewers that know none, is written beside each LAZ.
+    images : str or None, default "calibration.json"
+        Name of the file of cameras in the folder of the points, or its path, for methods that look at images; see
+        `camera_files.read_images`. None means a survey without images.
 
     Raises
     ------
     ParameterError
-        If `model` is no version, or `method` needs images.
+        If `model` is no version.
     """
 
     survey: str
@@ -140,13 +140,9 @@ class LabelParameters:
     inventory: Mapping[str, Any] = field(default_factory=dict)
     copc: bool = False
     coloured_ply: bool = False
+    images: str | None = "calibration.json"
 
     def __post_init__(self) -> None:
-        if self.method in NEED_IMAGES:
-            raise ParameterError(
-                f"label.method {self.method!r} needs camera images, which `label` does not read: choose a method "
-                f"that needs points alone, such as detrended_forest"
-            )
         if self.model is not None and re.fullmatch(r"[1-9]\d*", str(self.model)) is None:
             raise ParameterError(
                 f"label.model must be a version such as 3, or null for the highest; got {self.model!r}"

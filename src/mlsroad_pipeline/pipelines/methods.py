@@ -16,6 +16,9 @@ DETECTORS = ("visual_words", "hough_forest", "object_matching", "bottom_up_top_d
 """Slugs of the methods that detect objects; each has a pipeline of its name that writes ``<slug>.model`` and
 ``<slug>.detections``."""
 
+IMAGE_LABELLER = "image_labels"
+"""The method that labels points through images; only surveys with images have it."""
+
 RECOGNISERS = (
     "jointnet",
     "jointnet_printed",
@@ -29,3 +32,19 @@ RECOGNISERS = (
 )
 """Slugs of the methods that recognise objects; each has a pipeline of its name that writes ``<slug>.model`` and
 ``<slug>.recognitions``."""
+
+COMPARISON = (
+    "simulate",
+    "ingest",
+    "ground_removal",
+    "supervoxelise",
+    "features",
+    "patches",
+    *LABELLERS,
+    "segmentation",
+    *DETECTORS,
+    "evaluation",
+    "compare",
+    "report",
+)
+"""Pipelines that make up the default one, in their order."""

@@ -56,6 +56,40 @@ def test_a_survey_without_images_labels_nothing():
     assert (found.labels == -1).all() and np.isnan(found.pooled()).all()
 
 
+def test_images_that_show_no_labelled_point_are_not_segmented():
+    """What is beside the image, hidden, or there only to hide costs no segmentation."""
+    asked = []
+
+    def segmented(name):
+        asked.append(name)
+        return halves(1, 2)
+
+    xyz = np.concatenate([wall(8.0, (-2, 2)), wall(4.0, (-4, 4)), wall(-8.0, (-2, 2))])
+    n = len(wall(8.0, (-2, 2)))
+    behind = Camera([[100.0, 0, 49.5], [0, 100.0, 39.5], [0, 0, 1]], None, AXES * [[-1], [1], [-1]], [0, 0, 0], 100, 80)
+    images = [
+        ("a", looking_along_x([0, 0, 0]), lambda: segmented("hidden")),
+        ("a", behind, lambda: segmented("others alone")),
+        ("a", looking_along_x([9, 0, 0]), lambda: segmented("past it")),
+        ("a", looking_along_x([5, 0, 0]), lambda: segmented("seen")),
+    ]
+    found = label_through_images(xyz, images, groups=["a"], n_classes=3, n_labelled=n)
+    assert asked == ["seen"] and found.labels.shape == (1, n) and (found.labels[0] >= 0).any()
+    again = label_through_images(xyz, [("a", images[-1][1], halves(1, 2))], groups=["a"], n_classes=3)
+    np.testing.assert_array_equal(found.probabilities, again.probabilities[:, :n])
+
+
+def test_points_farther_than_the_limit_hide_others_but_take_nothing():
+    xyz = np.concatenate([wall(6.0, (-2, 0)), wall(9.0, (-2.5, 2.5))])
+    image = ("a", looking_along_x([0, 0, 0]), halves(1, 2))
+    whole, near = (
+        label_through_images(xyz, [image], groups=["a"], n_classes=3, max_distance=limit).labels[0]
+        for limit in (np.inf, 8.0)
+    )
+    close = np.linalg.norm(xyz, axis=1) <= 8.0
+    assert np.array_equal(near[close], whole[close]) and (near[~close] == -1).all() and (whole[~close] >= 0).any()
+
+
 def test_images_that_do_not_fit_are_named():
     camera = looking_along_x([0, 0, 0])
     with pytest.raises(DataError, match=r"camera 'c', the survey's cameras are \['a'\]"):

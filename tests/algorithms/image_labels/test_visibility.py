@@ -5,7 +5,7 @@ from references_cameras import nearest_disc, seen_past_rectangles
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.image_labels.depth_buffer import nearest_discs
+from mlsroad_pipeline.algorithms.image_labels.depth_buffer import ground_relief, nearest_discs, typical_spacing
 from mlsroad_pipeline.algorithms.image_labels.projection import project_points
 from mlsroad_pipeline.algorithms.image_labels.visibility import (
     DepthBuffer,
@@ -59,7 +59,8 @@ def test_a_road_does_not_hide_itself_however_far(rng):
 def test_points_seen_through_the_gaps_of_a_sparse_wall_are_hidden(rng):
     wall, behind = grid([8.0, -2, 0], [8.0, 2, 4.5], 0.12), grid([12.0, -1, 1.0], [12.0, 1, 3.5], 0.05)
     xyz = np.concatenate([wall + rng.uniform(-0.03, 0.03, wall.shape), behind])
-    closed, left_open = visible_points(xyz, CAMERA), visible_points(xyz, CAMERA, method=DepthBuffer(gap=0))
+    small = {"spacing": 0.06}  # half of the wall's own, as where a front is sparser than what else the image shows
+    closed, left_open = (visible_points(xyz, CAMERA, method=DepthBuffer(gap=g, **small)) for g in (5, 0))
     assert closed[: len(wall)].all()
     assert share(closed[len(wall) :]) < 0.1 and share(left_open[len(wall) :]) > 0.5
 
@@ -114,16 +115,68 @@ def test_discs_are_drawn_as_a_slow_painter_draws_them(rng):
     u, v = (rng.uniform(-2, side + 2, n).astype(np.float32) for side in (24, 18))
     inside = (u > -0.5) & (u < 23.5) & (v > -0.5) & (v < 17.5)
     u, v, z = u[inside], v[inside], rng.uniform(1, 20, inside.sum()).astype(np.float32)
-    options = {"focal": 30.0, "spacing": 0.4, "width": 24, "height": 18}
+    options = {"focal": 30.0, "diameter": 0.4, "width": 24, "height": 18}
     painted, depth = nearest_discs(u, v, z, *options.values())
     assert np.array_equal(painted, nearest_disc(u, v, z, **options))
     assert (painted >= 0).sum() > 60
     assert np.array_equal(depth, np.where(painted >= 0, z[painted], np.inf))
 
 
+@pytest.mark.parametrize(("distance", "step"), [(10.0, 0.02), (10.0, 0.05), (30.0, 0.05)])
+def test_spacing_of_a_wall_is_that_of_its_points(distance, step):
+    y, z = np.meshgrid(np.arange(-6, 6, step), np.arange(-3, 3, step))
+    u, v = (700 * values.ravel() / distance + middle for values, middle in ((y, 500), (z, 300)))
+    inside = (u >= 0) & (u < 1000) & (v >= 0) & (v < 600)
+    depth = np.full(inside.sum(), distance, np.float32)
+    places = u[inside].astype(np.float32), v[inside].astype(np.float32)
+    found = typical_spacing(*places, depth, focal=700.0, width=1000, height=600)
+    assert found == pytest.approx(step, rel=0.1)  # shells are a fifth deep, blocks hold whole numbers of points
+
+
+def test_few_points_have_no_spacing():
+    few = np.ones(5, np.float32)
+    assert typical_spacing(few, few, few, focal=700.0, width=100, height=60) == 0.0
+    assert typical_spacing(few[:0], few[:0], few[:0], focal=700.0, width=100, height=60) == 0.0
+
+
+def test_ground_may_be_farther_by_its_roughness_over_the_slope_of_the_line_of_sight():
+    road = grid([3.0, -2, 0], [40.0, 2, 0], 0.25)
+    post = grid([20.0, 0, 0.5], [20.0, 0, 2], 0.1)
+    above = np.array([[20.0, 1.0, 5.0]])
+    xyz = np.concatenate([road, post, above])
+    found = ground_relief(xyz, np.arange(len(xyz)), EYE, 0.5, 0.15, 0.1)
+    expected = 0.1 * np.linalg.norm(road - EYE, axis=1) / 2.4
+    np.testing.assert_allclose(found[: len(road)], expected, rtol=1e-5)
+    assert (found[len(road) :] == 0).all()
+    assert ground_relief(xyz, np.zeros(0, np.int64), EYE, 0.5, 0.15, 0.1).shape == (0,)
+
+
+def test_rough_grass_does_not_hide_itself_and_a_bank_still_hides(rng):
+    grass = grid([20.0, -6, 0], [60.0, 6, 0], 0.08)
+    grass[:, 2] += rng.normal(0, 0.02, len(grass))
+    inside = project_points(grass, CAMERA)[2]
+    rough = share(visible_points(grass, CAMERA)[inside])
+    assert rough > 0.97 > share(visible_points(grass, CAMERA, method=DepthBuffer(relief=0))[inside]) + 0.05
+    bank = grid([20.0, -6, 0.0], [20.0, 6, 1.5], 0.08)
+    seen = visible_points(np.concatenate([grass, bank]), CAMERA)[: len(grass)]
+    truth = seen_past_rectangles(grass, EYE, [([20.0, -6, 0], [20.0, 6, 1.4])])
+    shadow = inside & ~truth & (grass[:, 0] > 22)
+    assert shadow.sum() > 1000 and share(seen[shadow]) < 0.01
+
+
+@pytest.mark.parametrize("step", [0.02, 0.04, 0.08])
+def test_the_back_of_a_box_is_hidden_by_its_front_however_dense_the_points(step):
+    """As a car's back is, that the scanner saw in passing."""
+    front, back = grid([12.0, -1, 0.3], [12.0, 1, 1.8], step), grid([13.0, -0.8, 0.4], [13.0, 0.8, 1.6], step)
+    seen = visible_points(np.concatenate([front, back]), CAMERA)
+    assert seen[: len(front)].all() and share(seen[len(front) :]) < 0.02
+
+
 @pytest.mark.parametrize(
     ("build", "message"),
     [
+        (lambda: DepthBuffer(relief=-1), "relief must be a finite number >= 0, got -1"),
+        (lambda: DepthBuffer(disc=0), "disc must be a finite number > 0, got 0"),
         (lambda: DepthBuffer(spacing=0), "spacing must be a finite number > 0, got 0"),
         (lambda: DepthBuffer(gap=-1), "gap must be a finite number >= 0, got -1"),
         (lambda: DepthBuffer(gap_directions=5), "gap_directions must be 1, 2, 3 or 4, got 5"),

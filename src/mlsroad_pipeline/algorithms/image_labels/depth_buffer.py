@@ -7,13 +7,16 @@ from numba import njit
 from numpy.typing import NDArray
 
 _LARGEST = 12.0  # cells that a disc's radius has at most; bounds the work for points close to the camera
+_BLOCK = 20  # cells along the side of a block in which points are counted
+_SHELL, _SHELLS = 1.2, 32  # each shell of depth is a fifth deeper than the one before, from 1 m to 340 m
+_FILLED = 8  # points that fill a block
 _STEPS = np.array([1, 2, 4, 7, 12, 20], dtype=np.int64)  # cells at which the sides of a gap are looked for
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def nearest_discs(
     u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32],
-    focal: float, spacing: float, width: int, height: int,
+    focal: float, diameter: float, width: int, height: int,
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:  # fmt: skip
     """Return which point's disc is the nearest in each cell, and how deep it is.
 
@@ -25,7 +28,7 @@ def nearest_discs(
         Depths above 0, metres.
     focal : float
         Focal length in cells.
-    spacing : float
+    diameter : float
         Diameter of a disc, metres.
     width, height : int
         Size of the buffer, cells.
@@ -40,7 +43,7 @@ def nearest_discs(
     depth = np.full((height, width), np.float32(np.inf))
     index = np.full((height, width), np.int32(-1))
     for i in range(len(z)):
-        radius = np.float32(min(0.5 * spacing * focal / z[i], _LARGEST))
+        radius = np.float32(min(0.5 * diameter * focal / z[i], _LARGEST))
         left, right = max(int(np.ceil(u[i] - radius)), 0), min(int(np.floor(u[i] + radius)), width - 1)
         top, bottom = max(int(np.ceil(v[i] - radius)), 0), min(int(np.floor(v[i] + radius)), height - 1)
         if right < left:  # a disc smaller than a cell takes the cell that it is in
@@ -56,10 +59,53 @@ def nearest_discs(
     return index, depth
 
 
+def typical_spacing(
+    u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], *, focal: float, width: int, height: int
+) -> float:
+    """Return how far apart the points of a surface are, seen from the camera.
+
+    Points are counted in blocks of the image and shells of depth; each that is filled gives the spacing that its
+    points would have if they were spread evenly across the line of sight.
+
+    Parameters
+    ----------
+    u, v, z : ndarray of shape (n,), float32
+        As for `nearest_discs`.
+    focal : float
+        Focal length in cells.
+    width, height : int
+        Size of the buffer, cells.
+
+    Returns
+    -------
+    float
+        The median over the filled blocks, metres; 0 where none is filled.
+    """
+    counts = _count_blocks(u, v, z, width, height)
+    filled = np.flatnonzero(counts >= _FILLED)
+    if len(filled) == 0:
+        return 0.0
+    depth = _SHELL ** (filled % _SHELLS + 0.5)
+    return float(np.median(depth * (_BLOCK / focal) / np.sqrt(counts[filled])))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _count_blocks(
+    u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], width: int, height: int
+) -> NDArray[np.int32]:  # fmt: skip
+    across, down = width // _BLOCK + 1, height // _BLOCK + 1
+    counts = np.zeros(across * down * _SHELLS, dtype=np.int32)
+    for i in range(len(z)):
+        shell = min(max(int(np.log(z[i]) / np.log(_SHELL)), 0), _SHELLS - 1)
+        x, y = _cell(u[i], width) // _BLOCK, _cell(v[i], height) // _BLOCK
+        counts[(y * across + x) * _SHELLS + shell] += 1
+    return counts
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def behind_discs(
-    u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], index: NDArray[np.int32],
-    depth: NDArray[np.float32], focal: float, slack: float, relative: float, angle: float,
+    u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], relief: NDArray[np.float32],
+    index: NDArray[np.int32], depth: NDArray[np.float32], focal: float, slack: float, relative: float, angle: float,
 ) -> NDArray[np.bool_]:  # fmt: skip
     """Return which points lie behind the disc that their cell shows.
 
@@ -67,6 +113,8 @@ def behind_discs(
     ----------
     u, v, z : ndarray of shape (n,), float32
         As for `nearest_discs`.
+    relief : ndarray of shape (n,), float32
+        What `ground_relief` gave.
     index, depth : ndarray of shape (height, width)
         What `nearest_discs` gave.
     focal : float
@@ -86,21 +134,21 @@ def behind_discs(
     for i in range(len(z)):
         y, x = _cell(v[i], height), _cell(u[i], width)
         if depth[y, x] < z[i] - slack - relative * z[i]:
-            hidden[i] = _beside(u, v, z, index[y, x], i, focal, angle, np.inf)
+            hidden[i] = _beside(u, v, z, relief, index[y, x], i, focal, angle, np.inf)
     return hidden
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hide_in_gaps(
-    u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], index: NDArray[np.int32],
-    depth: NDArray[np.float32], focal: float, gap: float, slack: float, relative: float, angle: float, sides: int,
-    hidden: NDArray[np.bool_],
+    u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], relief: NDArray[np.float32],
+    index: NDArray[np.int32], depth: NDArray[np.float32], focal: float, gap: float, slack: float, relative: float,
+    angle: float, sides: int, hidden: NDArray[np.bool_],
 ) -> None:  # fmt: skip
     """Hide points that are seen through gaps: what is nearer stands at both sides along several directions.
 
     Parameters
     ----------
-    u, v, z, index, depth, focal, slack, relative, angle : as for `behind_discs`
+    u, v, z, relief, index, depth, focal, slack, relative, angle : as for `behind_discs`
         What the discs show.
     gap : float
         How far aside the sides of a gap may be, metres at their own depth.
@@ -123,7 +171,9 @@ def hide_in_gaps(
                     column, row = x + sign * step * dx, y + sign * step * dy
                     if not (0 <= column < width and 0 <= row < height):
                         break
-                    if depth[row, column] < limit and _beside(u, v, z, index[row, column], i, focal, angle, gap):
+                    if depth[row, column] < limit and _beside(
+                        u, v, z, relief, index[row, column], i, focal, angle, gap
+                    ):
                         found = True
                         break
                 if not found:
@@ -134,6 +184,58 @@ def hide_in_gaps(
         hidden[i] = closed >= sides
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def ground_relief(
+    xyz: NDArray[np.floating], rows: NDArray[np.int64], eye: NDArray[np.float64], cell: float, height: float,
+    relief: float,
+) -> NDArray[np.float32]:  # fmt: skip
+    """Return how much farther than the ground in front of it the ground at a point may be and still be seen.
+
+    The ground is rough, and a line of sight that meets it at a small angle runs for metres within its roughness.
+
+    Parameters
+    ----------
+    xyz : ndarray of shape (n, 3)
+        All points, metres, z up.
+    rows : ndarray of shape (m,), int64
+        Those in the image.
+    eye : ndarray of shape (3,), float64
+        Where the camera is.
+    cell : float
+        Edge of the squares whose lowest point is taken for the ground, metres.
+    height : float
+        How far above it points are taken for ground, too, metres.
+    relief : float
+        Height of the roughness, metres.
+
+    Returns
+    -------
+    ndarray of shape (m,), float32
+        Metres along the line of sight; 0 for points that are not on the ground, or not below the camera.
+    """
+    out = np.zeros(len(rows), dtype=np.float32)
+    if len(rows) == 0:
+        return out
+    low_x = high_x = xyz[rows[0], 0]
+    low_y = high_y = xyz[rows[0], 1]
+    for i in rows:
+        low_x, high_x = min(low_x, xyz[i, 0]), max(high_x, xyz[i, 0])
+        low_y, high_y = min(low_y, xyz[i, 1]), max(high_y, xyz[i, 1])
+    nx, ny = int((high_x - low_x) / cell) + 1, int((high_y - low_y) / cell) + 1
+    lowest = np.full((nx, ny), np.inf, dtype=np.float32)
+    for i in rows:
+        a, b = int((xyz[i, 0] - low_x) / cell), int((xyz[i, 1] - low_y) / cell)
+        lowest[a, b] = min(lowest[a, b], np.float32(xyz[i, 2] - eye[2]))
+    for k in range(len(rows)):
+        i = rows[k]
+        below = eye[2] - xyz[i, 2]
+        a, b = int((xyz[i, 0] - low_x) / cell), int((xyz[i, 1] - low_y) / cell)
+        if below > 0 and -below - lowest[a, b] < height:
+            aside = np.sqrt((xyz[i, 0] - eye[0]) ** 2 + (xyz[i, 1] - eye[1]) ** 2 + below * below)
+            out[k] = relief * aside / below
+    return out
+
+
 @njit(cache=True, nogil=True, inline="always")
 def _cell(place: float, size: int) -> int:
     return min(max(int(np.floor(place + np.float32(0.5))), 0), size - 1)
@@ -141,9 +243,11 @@ def _cell(place: float, size: int) -> int:
 
 @njit(cache=True, nogil=True, inline="always")
 def _beside(
-    u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], q: int, i: int,
-    focal: float, angle: float, reach: float,
+    u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], relief: NDArray[np.float32],
+    q: int, i: int, focal: float, angle: float, reach: float,
 ) -> bool:  # fmt: skip
     """Tell whether a nearer point q is beside the line of sight of point i, not farther down a slope."""
+    if relief[q] > 0 and z[i] - z[q] < relief[i]:
+        return False
     aside = np.sqrt((u[i] - u[q]) ** 2 + (v[i] - v[q]) ** 2) * z[q] / focal
     return aside <= reach and aside < (z[i] - z[q]) * angle

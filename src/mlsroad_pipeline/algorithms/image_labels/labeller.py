@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -127,14 +128,47 @@ def label_scene(
     DataError
         If an image is of a camera that the model does not name.
     """
-    scheme, groups = bundle_scheme(bundle), bundle.metadata["cameras"]
-    keep = np.flatnonzero(inliers(scene))
     others = [part.moved_to(scene.origin).xyz[part["core"] & inliers(part)] for part in around]
-    xyz = np.concatenate([scene.xyz[keep], *others])
+    return label_points(scene, others, views, bundle, cameras=bundle.metadata["cameras"])
+
+
+def label_points(
+    scene: PointCloud, others: Sequence[NDArray[np.floating]], views: Iterable[View], bundle: ModelBundle, *,
+    cameras: Sequence[str],
+) -> dict[str, NDArray]:  # fmt: skip
+    """Give the points of a scene the classes of the pixels that show them.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene.
+    others : sequence of ndarray of shape (m, 3)
+        Points around it that may hide its own, relative to its origin, metres.
+    views : iterable of (str, Camera, callable)
+        Images that may show the scene, their poses relative to the scene's origin. Those that show none of its points
+        are not read.
+    bundle : ModelBundle
+        A model of `fit`.
+    cameras : sequence of str
+        Names of the survey's cameras.
+
+    Returns
+    -------
+    dict of str to ndarray
+        As `label_scene`.
+
+    Raises
+    ------
+    DataError
+        If an image is of a camera that is not named.
+    """
+    scheme, groups = bundle_scheme(bundle), list(cameras)
+    keep = np.flatnonzero(inliers(scene))
     found = label_through_images(
-        xyz, _segmented(views, network_of(bundle), scheme), groups=groups, n_classes=len(scheme)
-    )
-    pooled = found.pooled()[: len(keep)]
+        np.concatenate([scene.xyz[keep], *others]), _segmented(views, network_of(bundle), scheme), groups=groups,
+        n_classes=len(scheme), n_labelled=len(keep),
+    )  # fmt: skip
+    pooled = found.pooled()
     seen = ~np.isnan(pooled[:, 0])
     out: dict[str, NDArray] = {
         "label": np.full(len(scene), IGNORE, dtype=np.int16),
@@ -146,14 +180,18 @@ def label_scene(
     out["label"][keep[seen]] = pooled[seen].argmax(axis=1)
     out["confidence"][keep[seen]] = pooled[seen].max(axis=1)
     out["seen"][keep] = seen
-    out["n_images"][keep] = found.n_images[:, : len(keep)].T
-    out["probabilities"][keep] = found.probabilities[:, : len(keep)].transpose(1, 0, 2)
+    out["n_images"][keep] = found.n_images.T
+    out["probabilities"][keep] = found.probabilities.transpose(1, 0, 2)
     return out
 
 
 def _segmented(views: Iterable[View], network: PSPNet, scheme: ClassScheme) -> Iterator[SegmentedImage]:
     classes = image_classes(scheme)
-    for group, camera, read in views:
+
+    def segmented(camera: Camera, read: Callable[[], NDArray[np.uint8]]) -> NDArray[np.float32]:
         given = segment_image(network, read())
         flat = point_probabilities(given.reshape(-1, len(classes)), classes, scheme)
-        yield group, camera, flat.reshape(camera.height, camera.width, len(scheme))
+        return flat.reshape(camera.height, camera.width, len(scheme))
+
+    for group, camera, read in views:
+        yield group, camera, partial(segmented, camera, read)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +15,11 @@ from mlsroad_pipeline.algorithms.image_labels.projection import project_points, 
 from mlsroad_pipeline.algorithms.image_labels.visibility import DepthBuffer, HiddenPointRemoval, visible_points
 from mlsroad_pipeline.algorithms.validation import check_xyz
 
-SegmentedImage = tuple[str, Camera, NDArray[np.float32]]
-"""Which of the survey's cameras took an image, its calibration and pose, and its probabilities (height, width, c)."""
+Probabilities = NDArray[np.float32] | Callable[[], NDArray[np.float32]]
+
+SegmentedImage = tuple[str, Camera, Probabilities]
+"""Which of the survey's cameras took an image, its calibration and pose, and its probabilities (height, width, c), or
+what computes them: that is called where the image shows a point."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,7 @@ class ImageLabels:
 def label_through_images(
     xyz: ArrayLike, images: Iterable[SegmentedImage], *, groups: Sequence[str], n_classes: int,
     visibility: DepthBuffer | HiddenPointRemoval | None = None, max_distance: float = np.inf,
+    n_labelled: int | None = None,
 ) -> ImageLabels:  # fmt: skip
     """Give points the classes of the pixels that show them.
 
@@ -82,11 +86,13 @@ def label_through_images(
     max_distance : float, default infinite
         Points farther from the camera take nothing from its image, metres. Far things are a few pixels wide, and the
         network knows them less; but points that only far images show stay without a label.
+    n_labelled : int, optional
+        How many points, from the first, receive labels; the others only hide them. None takes all.
 
     Returns
     -------
     ImageLabels
-        Means of the probabilities over the images of each camera.
+        Means of the probabilities over the images of each camera, for the points that receive labels.
 
     Raises
     ------
@@ -95,20 +101,27 @@ def label_through_images(
         probabilities do not have its camera's size and the number of classes.
     """
     points = check_xyz(xyz)
-    total = np.zeros((len(groups), len(points), n_classes), dtype=np.float32)
-    count = np.zeros((len(groups), len(points)), dtype=np.int16)
+    labelled = len(points) if n_labelled is None else n_labelled
+    total = np.zeros((len(groups), labelled, n_classes), dtype=np.float32)
+    count = np.zeros((len(groups), labelled), dtype=np.int16)
     for group, camera, probabilities in images:
         if group not in groups:
             raise DataError(f"an image is of camera {group!r}, the survey's cameras are {list(groups)}")
+        if not project_points(points[:labelled], camera)[2].any():
+            continue
+        seen = visible_points(points, camera, method=visibility)[:labelled]
+        if np.isfinite(max_distance):
+            seen &= np.linalg.norm(points[:labelled] - camera.centre, axis=1) <= max_distance
+        rows = np.flatnonzero(seen)
+        if len(rows) == 0:
+            continue
+        found = probabilities() if callable(probabilities) else probabilities
         expected = (camera.height, camera.width, n_classes)
-        if probabilities.shape != expected:
-            raise DataError(f"probabilities of an image must have shape {expected}, got {probabilities.shape}")
-        seen = visible_points(points, camera, method=visibility)
-        near = np.linalg.norm(points - camera.centre, axis=1) <= max_distance if np.isfinite(max_distance) else seen
-        rows = np.flatnonzero(seen & near)
+        if found.shape != expected:
+            raise DataError(f"probabilities of an image must have shape {expected}, got {found.shape}")
         pixels, _, _ = project_points(points[rows], camera)
         k = list(groups).index(group)
-        total[k, rows] += sample_image(probabilities, pixels, np.ones(len(rows), dtype=np.bool_))
+        total[k, rows] += sample_image(found, pixels, np.ones(len(rows), dtype=np.bool_))
         count[k, rows] += 1
     shown = count[:, :, None]
     mean = np.divide(total, shown, out=np.full_like(total, np.nan), where=shown > 0)

@@ -10,9 +10,18 @@ from scipy.spatial import ConvexHull, QhullError
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.image_labels.depth_buffer import behind_discs, hide_in_gaps, nearest_discs
+from mlsroad_pipeline.algorithms.image_labels.depth_buffer import (
+    behind_discs,
+    ground_relief,
+    hide_in_gaps,
+    nearest_discs,
+    typical_spacing,
+)
 from mlsroad_pipeline.algorithms.image_labels.projection import project_points
 from mlsroad_pipeline.algorithms.validation import check_positive, check_xyz
+
+SPACING_OF_FEW = 0.06
+"""Spacing that is taken for points too few to measure it, metres."""
 
 
 @dataclass(frozen=True)
@@ -21,28 +30,37 @@ class DepthBuffer:
 
     Each point is a disc that faces the camera. A point is hidden where the nearest disc is clearly in front of it, or
     where it is seen through a gap between points that are. A surface met at a small angle does not hide itself: what
-    is in front must be near the line of sight by that angle. Defaults were chosen on two simulated streets.
+    is in front must be near the line of sight by that angle. z is up. Defaults were chosen on three simulated streets.
 
     Parameters
     ----------
-    resolution : float, default 0.0014
+    resolution : float, default 0.001
         Angle of a cell, radians. Smaller is sharper and slower; far below the angle between points it changes nothing.
-    spacing : float, default 0.06
-        Diameter of a disc, metres: about the distance between points of a near surface. Larger closes surfaces and
-        thickens thin things.
-    slack, relative_slack : float, default 0.2 and 0.02
-        How much farther than the disc in front a visible point may be, metres and share of its depth.
-    angle : float, default 0.02
+    spacing : float, optional
+        Distance between points of a surface, metres. None measures it in each image, as `typical_spacing` does, so
+        that a survey of any density is treated alike. The next three lengths are multiples of it.
+    disc : float, default 1.0
+        Diameter of a disc. Larger closes surfaces and thickens thin things.
+    gap : float, default 5.0
+        Half the width of gaps that are closed, at the depth of their sides; 0 closes none. Larger closes crowns and
+        hides more of what is seen through them.
+    gap_disc : float, default 2.0
+        Diameter of the discs that the sides of a gap are looked for among.
+    slack, relative_slack : float, default 0.06 and 0.01
+        How much farther than the disc in front a visible point may be, metres and share of its depth. Smaller tells
+        the back of a car from its front, and takes the noise of a surface for another one.
+    angle : float, default 0.08
         The least angle at which surfaces are still told apart from what hides them, radians.
-    gap : float, default 0.25
-        Half the width of gaps that are closed, metres at the depth of their sides; 0 closes none. Larger closes
-        crowns and hides more of what is seen through them.
-    gap_spacing : float, default 0.12
-        Diameter of the discs that the sides of a gap are looked for among, metres.
-    gap_slack, gap_angle : float, default 0.3 and 0.1
+    gap_slack, gap_angle : float, default 0.15 and 0.1
         As `slack` and `angle`, for the sides of a gap.
     gap_directions : int, default 4
         Along how many of four directions, 45 degrees apart, both sides of a gap must be nearer. Fewer close more.
+    relief : float, default 0.1
+        Roughness of the ground, metres. A line of sight that meets it at a small angle runs within it for metres, in
+        which ground does not hide ground.
+    ground_cell, ground_height : float, default 0.5 and 0.15
+        Points that are no higher than `ground_height` above the lowest one in their square of `ground_cell` are on
+        the ground, metres.
     max_range : float, default infinite
         Depth beyond which points are not labelled by the image, metres.
 
@@ -52,22 +70,28 @@ class DepthBuffer:
         If a length or an angle is not positive (`gap` and slacks may be 0), or `gap_directions` not in 1 to 4.
     """
 
-    resolution: float = 0.0014
-    spacing: float = 0.06
-    slack: float = 0.2
-    relative_slack: float = 0.02
-    angle: float = 0.02
-    gap: float = 0.25
-    gap_spacing: float = 0.12
-    gap_slack: float = 0.3
+    resolution: float = 0.001
+    spacing: float | None = None
+    disc: float = 1.0
+    gap: float = 5.0
+    gap_disc: float = 2.0
+    slack: float = 0.06
+    relative_slack: float = 0.01
+    angle: float = 0.08
+    gap_slack: float = 0.15
     gap_angle: float = 0.1
     gap_directions: int = 4
+    relief: float = 0.1
+    ground_cell: float = 0.5
+    ground_height: float = 0.15
     max_range: float = float("inf")
 
     def __post_init__(self) -> None:
-        for name in ("resolution", "spacing", "angle", "gap_spacing", "gap_angle"):
+        for name in ("resolution", "disc", "angle", "gap_disc", "gap_angle", "ground_cell", "ground_height"):
             check_positive(getattr(self, name), name)
-        for name in ("slack", "relative_slack", "gap", "gap_slack"):
+        if self.spacing is not None:
+            check_positive(self.spacing, "spacing")
+        for name in ("slack", "relative_slack", "gap", "gap_slack", "relief"):
             value = getattr(self, name)
             if not np.isfinite(value) or value < 0:
                 raise ParameterError(f"{name} must be a finite number >= 0, got {value!r}")
@@ -145,7 +169,7 @@ def visible_points(
     if isinstance(how, HiddenPointRemoval):
         visible[rows] = _by_hull(points[rows].astype(np.float64) - camera.centre, how)
     else:
-        visible[rows] = _by_buffer(pixels[rows], depth[rows], camera, how)
+        visible[rows] = _by_buffer(points, rows, pixels[rows], depth[rows], camera, how)
     return visible
 
 
@@ -219,20 +243,25 @@ def _by_hull(seen: NDArray[np.float64], how: HiddenPointRemoval) -> NDArray[np.b
 
 
 def _by_buffer(
-    pixels: NDArray[np.float64], depth: NDArray[np.float64], camera: Camera, how: DepthBuffer
-) -> NDArray[np.bool_]:
+    xyz: NDArray[np.floating], rows: NDArray[np.int64], pixels: NDArray[np.float64], depth: NDArray[np.float64],
+    camera: Camera, how: DepthBuffer,
+) -> NDArray[np.bool_]:  # fmt: skip
     focal = 1.0 / how.resolution
     scale = focal / np.sqrt(camera.K[0, 0] * camera.K[1, 1])
     width, height = (int(np.ceil(side * scale)) for side in (camera.width, camera.height))
     u, v = ((pixels.T + 0.5) * scale - 0.5).astype(np.float32)
     z = depth.astype(np.float32)
-    shown = nearest_discs(u, v, z, focal, how.spacing, width, height)
-    hidden = behind_discs(u, v, z, *shown, focal, how.slack, how.relative_slack, how.angle)
+    relief = ground_relief(xyz, rows, camera.centre, how.ground_cell, how.ground_height, how.relief)
+    spacing = how.spacing
+    if spacing is None:
+        spacing = typical_spacing(u, v, z, focal=focal, width=width, height=height) or SPACING_OF_FEW
+    shown = nearest_discs(u, v, z, focal, how.disc * spacing, width, height)
+    hidden = behind_discs(u, v, z, relief, *shown, focal, how.slack, how.relative_slack, how.angle)
     if how.gap > 0:
-        shown = nearest_discs(u, v, z, focal, how.gap_spacing, width, height)
+        shown = nearest_discs(u, v, z, focal, how.gap_disc * spacing, width, height)
         hide_in_gaps(
-            u, v, z, *shown, focal, how.gap, how.gap_slack, how.relative_slack, how.gap_angle, how.gap_directions,
-            hidden,
+            u, v, z, relief, *shown, focal, how.gap * spacing, how.gap_slack, how.relative_slack, how.gap_angle,
+            how.gap_directions, hidden,
         )  # fmt: skip
     return np.logical_not(hidden)
 

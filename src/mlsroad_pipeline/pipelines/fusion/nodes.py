@@ -8,6 +8,7 @@ from typing import Any
 from mlsroad_pipeline.algorithms.evaluation import find_scheme
 from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters, core_answers, divide_scenes, fit
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.model_members import with_members
 from mlsroad_pipeline.datasets.fusion_work import fuse_labelled_scene
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
@@ -57,6 +58,7 @@ def take_test_set_1(
 
 def learn_fusion(
     answers: SceneCollection,
+    features: SourceFile,
     images: SourceFile,
     parameters: FusionParameters,
     survey: SurveyParameters,
@@ -68,8 +70,8 @@ def learn_fusion(
     ----------
     answers : SceneCollection
         What both methods say of the scenes of test set 1, and the truth.
-    images : SourceFile
-        Folder of the model that labels through images, which names the cameras.
+    features, images : SourceFile
+        Folders of the models of the two methods; the fusion takes them along, so that it can label a new survey.
     parameters : FusionParameters
         How.
     survey : SurveyParameters
@@ -82,13 +84,15 @@ def learn_fusion(
     model, registered : ModelBundle
         The model, for the workers and for the registry.
     """
-    model = fit(
+    members = {"detrended_forest": open_model(features.path), "image_labels": open_model(images.path)}
+    learned = fit(
         list(answers.load_all().values()),
         parameters=parameters,
         scheme=find_scheme(classes["schemes"], survey.scheme),
-        cameras=open_model(images.path).metadata["cameras"],
+        cameras=members["image_labels"].metadata["cameras"],
         trained_on={"survey": survey.root, "splits": "test set 1", "scenes": len(answers)},
     )
+    model = with_members(learned, members)
     return model, model
 
 

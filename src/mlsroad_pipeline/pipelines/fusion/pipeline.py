@@ -43,7 +43,7 @@ def create_pipeline(**_: object) -> Pipeline:
             ),
             Node(
                 learn_fusion,
-                inputs=[f"{SLUG}.training_set", "image_labels.model", own, *configured],
+                inputs=[f"{SLUG}.training_set", "detrended_forest.model", "image_labels.model", own, *configured],
                 outputs=[f"{SLUG}.model", f"{SLUG}.registered_model"],
                 name="learn_fusion",
             ),

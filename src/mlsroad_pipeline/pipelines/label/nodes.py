@@ -14,12 +14,13 @@ from mlsroad_pipeline.algorithms.quality_storage import quality_table
 from mlsroad_pipeline.algorithms.rendering.report import build_report
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.survey_labelling import object_rules, output_codes
+from mlsroad_pipeline.datasets.label_images import LabelImages, images_to_label
 from mlsroad_pipeline.datasets.label_inventory import OBJECTS, inventory_of, objects_task, survey_crs
 from mlsroad_pipeline.datasets.label_results import attribute_warnings, label_report_sections, planned_outputs
-from mlsroad_pipeline.datasets.label_work import label_pieces, write_file
+from mlsroad_pipeline.datasets.label_tasks import label_tasks
+from mlsroad_pipeline.datasets.label_work import write_file
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
 from mlsroad_pipeline.datasets.road_inventory import RoadInventory
-from mlsroad_pipeline.datasets.scene_planning import plan_drive
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
 from mlsroad_pipeline.datasets.survey_parameters import LabelParameters
@@ -68,10 +69,32 @@ def _quality(plan: SurveyPlan, pieces: SceneCollection) -> pd.DataFrame:
     return quality_table({f.source.name: f.key for f in plan.files}, pieces.load_all("quality"))
 
 
+def find_label_images(plan: SurveyPlan, model: SourceFile, parameters: LabelParameters) -> LabelImages:
+    """Find the images of the survey, where the model looks at any.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+    model : SourceFile
+        The model's folder.
+    parameters : LabelParameters
+        Name of the file of cameras.
+
+    Returns
+    -------
+    LabelImages
+        The images of each drive.
+    """
+    return images_to_label(plan, open_model(model.path), parameters.images)
+
+
 def label_new_scenes(
     plan: SurveyPlan,
     pieces: SceneCollection,
+    corridors: SceneCollection,
     model: SourceFile,
+    images: LabelImages,
     parameters: LabelParameters,
     ingest: IngestParameters,
     ground: GroundParameters,
@@ -85,8 +108,12 @@ def label_new_scenes(
         The files.
     pieces : SceneCollection
         Their ranges, cut.
+    corridors : SceneCollection
+        Their trajectories.
     model : SourceFile
         The model's folder.
+    images : LabelImages
+        The images of each drive, where the model looks at any.
     parameters : LabelParameters
         Codes and rules of objects.
     ingest : IngestParameters
@@ -110,16 +137,7 @@ def label_new_scenes(
         "rules": object_rules(bundle, parameters.inventory),
         "ground": ground,
     }
-    bins, points = pieces.load_all("bins"), pieces.part("points", mapped=True)
-    return {
-        scene.key: SceneTask(
-            label_pieces,
-            {"pieces": [points[key] for key in scene.pieces], "model": model},
-            {"span": scene.span, "name": scene.key, "source": scene.source, **fixed},
-        )
-        for drive in plan.drives()
-        for scene in plan_drive(drive, plan, bins, ingest)
-    }
+    return label_tasks(plan, pieces, corridors, model, images, ingest, fixed)
 
 
 def write_labelled_files(

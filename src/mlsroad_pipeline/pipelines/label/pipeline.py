@@ -4,6 +4,7 @@ from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.pipelines.ingest.nodes import cut_files, describe_files, find_corridors
 from mlsroad_pipeline.pipelines.label.nodes import (
+    find_label_images,
     label_new_scenes,
     make_inventory,
     plan_label_files,
@@ -41,11 +42,19 @@ def _labelling() -> list[Node]:
     return [
         Node(take_model, inputs="label_registered_model", outputs="label_model", name="take_model"),
         Node(
+            find_label_images,
+            inputs=["label_plan", "label_model", "params:label"],
+            outputs="label_images",
+            name="find_label_images",
+        ),
+        Node(
             label_new_scenes,
             inputs=[
                 "label_plan",
                 "label_pieces_store",
+                "label_corridors_store",
                 "label_model",
+                "label_images",
                 "params:label",
                 "params:ingest",
                 "params:ground_removal",

@@ -1,0 +1,168 @@
+"""Objects that the scenes of a survey cut, joined and measured in memory that does not grow with their number.
+
+The scenes are read twice. The first time tells which fragments make up an object: those that share a voxel, directly
+or through others. The second time adds up voxels scene by scene, and an object is measured once its last scene has
+been read. So only the numbers of all voxels, and the objects that are still open, are held at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.graphs import connected_components
+from mlsroad_pipeline.algorithms.inventory import SceneObjects, measured_rows
+from mlsroad_pipeline.algorithms.inventory_table import OBJECT_FIELDS, empty_table, finish_table, object_table
+from mlsroad_pipeline.algorithms.object_rules import ObjectRule
+from mlsroad_pipeline.algorithms.object_voxels import join_voxels, voxel_order
+from mlsroad_pipeline.algorithms.trajectory import Trajectory
+
+BATCH = 1 << 18
+"""Voxels that are gathered before objects are measured."""
+
+
+@dataclass
+class _Links:
+    """Fragments of one class: their voxels while the scenes are read, their objects afterwards."""
+
+    corner: NDArray[np.int64] | None = None
+    voxels: list[NDArray[np.int32]] = field(default_factory=list)
+    fragment: list[NDArray[np.int32]] = field(default_factory=list)
+    scene: list[NDArray[np.int32]] = field(default_factory=list)
+    starts: dict[int, int] = field(default_factory=dict)
+    n_fragments: int = 0
+
+    def add(self, i: int, table: pd.DataFrame) -> None:
+        """Add the fragments of the i-th scene."""
+        numbers, fragment = np.unique(table["fragment"].to_numpy(), return_inverse=True)
+        key = table[["i", "j", "k"]].to_numpy()
+        if self.corner is None:  # four bytes are enough relative to any voxel of the survey
+            self.corner = key[0]
+        offset = key - self.corner
+        if np.abs(offset).max() > np.iinfo(np.int32).max:
+            raise DataError(f"scene {i}: voxels lie {np.abs(offset).max():,} voxels from those of another scene")
+        self.voxels.append(offset.astype(np.int32))
+        self.fragment.append((fragment + self.n_fragments).astype(np.int32))
+        self.scene.append(np.full(len(numbers), i, dtype=np.int32))
+        self.starts[i] = self.n_fragments
+        self.n_fragments += len(numbers)
+
+    def join(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Return the object of each fragment, and the last scene of each object; the voxels are forgotten."""
+        voxel, fragment = np.concatenate(self.voxels), np.concatenate(self.fragment)
+        self.voxels, self.fragment = [], []
+        order = voxel_order(voxel)
+        same = np.ones(len(order) - 1, dtype=bool)
+        for axis in range(3):
+            same &= np.diff(voxel[order, axis]) == 0
+        sharing = fragment[order]
+        edges = np.column_stack([sharing[:-1], sharing[1:]])[same]
+        number = connected_components(edges, n_nodes=self.n_fragments)
+        last = np.zeros(int(number.max()) + 1, dtype=np.int32)
+        np.maximum.at(last, number, np.concatenate(self.scene))
+        return number, last
+
+
+def _by_class(piece: SceneObjects) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Yield the fragments of a scene class by class."""
+    for name, table in piece.fragments.groupby("class", sort=False):
+        yield str(name), table.drop(columns="class")
+
+
+def _link(pieces: Sequence[SceneObjects], classes: Mapping[str, ObjectRule]) -> tuple[list[str], dict[str, _Links]]:
+    """Read the scenes for the first time: their names, and which fragments share voxels."""
+    scenes: list[str] = []
+    links: dict[str, _Links] = {}
+    for i, piece in enumerate(pieces):
+        if piece.scene in scenes:
+            raise DataError(f"scene {piece.scene!r} comes twice")
+        scenes.append(piece.scene)
+        named = {*piece.objects["class"], *piece.fragments["class"]}
+        if named - set(classes):
+            raise DataError(f"objects of class {min(named - set(classes))!r}, which has no rule: {sorted(classes)}")
+        for name, table in _by_class(piece):
+            links.setdefault(name, _Links()).add(i, table)
+    return scenes, links
+
+
+class _Joiner:
+    """Adds up the voxels of one class and measures each object when it is complete."""
+
+    def __init__(self, name: str, rule: ObjectRule, links: _Links, scenes: Sequence[str]) -> None:
+        self.name, self.rule = name, rule
+        self.ordered = sorted(scenes)
+        rank = {scene: i for i, scene in enumerate(self.ordered)}
+        self.rank = [rank[scene] for scene in scenes]
+        self.starts = links.starts
+        self.number, self.last = links.join()
+        self.open: list[pd.DataFrame] = []
+        self.n_open, self.enough = 0, BATCH
+
+    def add(self, i: int, table: pd.DataFrame) -> pd.DataFrame | None:
+        """Add the fragments of the i-th scene; return the objects that could be measured, if it was time to."""
+        fragment = np.unique(table["fragment"].to_numpy(), return_inverse=True)[1]
+        number = self.number[fragment + self.starts[i]].astype(np.int64)
+        self.open.append(table.assign(object=number, scene=self.rank[i]))
+        self.n_open += len(table)
+        return self.measure(i) if self.n_open >= self.enough else None
+
+    def measure(self, i: int) -> pd.DataFrame | None:
+        """Measure the objects that end at the i-th scene or before it."""
+        if not self.open:
+            return None
+        table = pd.concat(self.open, ignore_index=True)
+        done = self.last[table["object"].to_numpy()] <= i
+        self.open = [table[~done]] if not done.all() else []
+        self.n_open = len(table) - int(done.sum())
+        self.enough = max(BATCH, 2 * self.n_open)  # a large object that stays open is not copied again and again
+        if not done.any():
+            return None
+        voxels, number = join_voxels(table[done], resolution=self.rule.resolution)
+        return object_table(measured_rows(voxels, number, self.name, self.rule, self.ordered))
+
+
+def merge_across_scenes(
+    pieces: Sequence[SceneObjects], *, classes: Mapping[str, ObjectRule], trajectory: Trajectory | None = None
+) -> pd.DataFrame:
+    """Make the inventory of a survey from what its scenes found.
+
+    Fragments are joined where they share a voxel, directly or through others, then measured and judged as a whole. An
+    object belongs to the scene whose core holds its foot. The result does not depend on the order of the pieces, the
+    memory does: in the order of the drive, few objects are open at a time.
+
+    Parameters
+    ----------
+    pieces : sequence of SceneObjects
+        One per scene; all scenes of the survey. They are read one after the other, twice, and none is kept.
+    classes : mapping of str to ObjectRule
+        The rules that the objects were extracted with.
+    trajectory : Trajectory, optional
+        The survey's path, for station and offset.
+
+    Returns
+    -------
+    DataFrame
+        Columns of `OBJECT_FIELDS`, sorted by class (in the order of `classes`) and place, numbered from 1; `pole_id` is
+        0 where there is no link, `station` and `offset` NaN without a trajectory. Lengths are rounded to millimetres.
+
+    Raises
+    ------
+    DataError
+        If a scene comes twice, a scene's objects are of a class without a rule, fragments of a scene are missing, or
+        scenes lie farther apart than numbers of four bytes count voxels.
+    """
+    scenes, links = _link(pieces, classes)
+    joiners = {name: _Joiner(name, classes[name], links.pop(name), scenes) for name in list(links)}
+    tables: list[pd.DataFrame | None] = []
+    for i, piece in enumerate(pieces):
+        tables.append(piece.objects)
+        tables += [joiners[name].add(i, table) for name, table in _by_class(piece)]
+    tables += [joiner.measure(len(scenes)) for joiner in joiners.values()]
+    filled = [table for table in tables if table is not None and len(table)]
+    objects = pd.concat(filled, ignore_index=True) if filled else empty_table(OBJECT_FIELDS)
+    return finish_table(objects, list(classes), trajectory)

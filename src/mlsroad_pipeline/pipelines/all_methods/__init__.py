@@ -1,0 +1,5 @@
+"""Every labeller, detector and recogniser on one survey."""
+
+from mlsroad_pipeline.pipelines.all_methods.pipeline import create_pipeline
+
+__all__ = ["create_pipeline"]

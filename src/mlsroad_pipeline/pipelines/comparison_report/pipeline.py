@@ -1,0 +1,38 @@
+"""Wiring of the comparison over several test streets."""
+
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.algorithms.studies.comparison import TASKS
+from mlsroad_pipeline.pipelines.comparison_report.nodes import METHODS, PICTURED, compare_over_streets
+from mlsroad_pipeline.pipelines.methods import DETECTORS
+
+
+def create_pipeline(**_: object) -> Pipeline:
+    """Return the pipeline: what `kedro run --env=compare` has left behind to one page.
+
+    Parameters
+    ----------
+    **_ : object
+        Not used; Kedro lets callers of any pipeline give keyword arguments.
+
+    Returns
+    -------
+    Pipeline
+        ``<slug>.scores`` and figures of every method and ``stage_costs`` to the tables ``all_methods.*`` and
+        ``all_methods.report``.
+    """
+    parts = [f"{slug}.scores" for methods in METHODS for slug in methods]
+    parts += [f"{slug}.birds_eye_figure" for slug in PICTURED]
+    parts += [f"{slug}.precision_recall_figure" for slug in DETECTORS]
+    tables = [f"{task.name}_{table}" for task in TASKS for table in ("overview", "classes", "differences")]
+    outputs = [*(f"{task.name}_scores" for task in TASKS), *tables, "costs", "report"]
+    return Pipeline(
+        [
+            Node(
+                compare_over_streets,
+                inputs=["stage_costs", "params:survey", *parts],
+                outputs=[f"all_methods.{name}" for name in outputs],
+                name="compare_over_streets",
+            )
+        ]
+    )
