@@ -1,10 +1,10 @@
 """The image network on simulated images of unseen streets: mean IoU of the small backbone, times of training and use.
 
-Run as ``python benchmarks/image_network.py [--streets N] [--threads N] [--steps N] [--development] [--weights FILE]
-[--images FOLDER]``. The network learns the images of ``--streets`` towns, every second of which has more people,
-bicycles, signs and furniture than others, and is scored on three ordinary towns. ``--development`` scores it on other
-streets, on which its settings were chosen. ``--images`` keeps the training images in a folder; ``--weights`` keeps the
-network in a file and reads it from there the next time.
+Run as ``python benchmarks/image_network.py [--streets N] [--threads N] [--steps N] [--magnification FACTOR]
+[--development] [--weights FILE] [--images FOLDER]``. The network learns the images of ``--streets`` towns, every second
+of which has more people, bicycles, signs and furniture than others, and is scored on three ordinary towns.
+``--development`` scores it on other streets, on which its settings were chosen. ``--images`` keeps the training images
+in a folder; ``--weights`` keeps the network in a file and reads it from there the next time.
 """
 
 import argparse
@@ -29,7 +29,10 @@ from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet
 from mlsroad_pipeline.algorithms.image_labels.pspnet_training import train_network
 from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import from_arrays, to_arrays
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
-from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
+from mlsroad_pipeline.algorithms.image_labels.training_parameters import (
+    ImageLabelsParameters,
+    TrainingParameters,
+)
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.simulation import PRESETS, SimulationParameters, simulate_survey
 from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
@@ -86,12 +89,12 @@ def trained(samples: list[Sample], n_classes: int, parameters: TrainingParameter
     return network
 
 
-def confusion(network: PSPNet, samples: Iterable[Sample]) -> NDArray[np.int64]:
+def confusion(network: PSPNet, samples: Iterable[Sample], magnification: float) -> NDArray[np.int64]:
     """Return the confusion of images' pixels."""
     n = network.n_classes
     matrix = np.zeros((n, n + 1), dtype=np.int64)
     for rgb, labels in samples:
-        given = segment_image(network, rgb).argmax(axis=2)
+        given = segment_image(network, rgb, magnification=magnification).argmax(axis=2)
         matrix += confusion_matrix(labels.ravel().astype(np.int64), given.ravel(), n)
     return matrix
 
@@ -99,9 +102,10 @@ def confusion(network: PSPNet, samples: Iterable[Sample]) -> NDArray[np.int64]:
 def main() -> None:
     """Train and score."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--streets", type=int, default=48)
+    parser.add_argument("--streets", type=int, default=24)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--steps", type=int, default=TrainingParameters.n_steps)
+    parser.add_argument("--magnification", type=float, default=ImageLabelsParameters.magnification)
     parser.add_argument("--development", action="store_true")
     parser.add_argument("--weights", type=Path)
     parser.add_argument("--images", type=Path)
@@ -121,7 +125,7 @@ def main() -> None:
     for seed in DEVELOPMENT if options.development else TEST:
         samples = images_of(photographed(seed), scheme)
         spent = time.process_time()
-        matrix = confusion(network, samples)
+        matrix = confusion(network, samples, options.magnification)
         spent = (time.process_time() - spent) / len(samples)
         total += matrix
         mean = float(segmentation_table(matrix, classes)["iou"].iloc[-1])

@@ -208,6 +208,27 @@ def test_windows_cover_the_image_and_their_means_are_probabilities():
     np.testing.assert_allclose(mirrored, segment_image(network, image[:, ::-1].copy(), flip=True)[:, ::-1], atol=1e-5)
 
 
+def test_magnified_image_is_seen_enlarged_and_given_back_in_its_place():
+    class Reddish(torch.nn.Module):
+        """Class 1 where the red is bright; notes the size that it is shown."""
+
+        n_classes = 2
+
+        def forward(self, x):
+            self.shown = tuple(x.shape[2:])
+            return torch.cat([-9 * x[:, :1], 9 * x[:, :1]], dim=1), None
+
+    network, image = Reddish(), np.zeros((30, 41, 3), np.uint8)
+    image[8:20, 10:25, 0] = 255
+    out = segment_image(network, image, magnification=1.4)
+    assert network.shown == (42, 57) and out.shape == (30, 41, 2)
+    wrong = (out.argmax(axis=2) == 1) != (image[:, :, 0] > 0)
+    wrong[7:9, 9:26] = wrong[19:21, 9:26] = wrong[7:21, 9:11] = wrong[7:21, 24:26] = False  # at most a pixel at edges
+    assert not wrong.any()
+    with pytest.raises(ParameterError, match="magnification"):
+        segment_image(network, image, magnification=0)
+
+
 def test_colours_are_centred():
     assert torch.allclose(
         network_input(np.full((1, 2, 2, 3), 128, np.uint8))[0, :, 0, 0],

@@ -165,7 +165,7 @@ def label_points(
     scheme, groups = bundle_scheme(bundle), list(cameras)
     keep = np.flatnonzero(inliers(scene))
     found = label_through_images(
-        np.concatenate([scene.xyz[keep], *others]), _segmented(views, network_of(bundle), scheme), groups=groups,
+        np.concatenate([scene.xyz[keep], *others]), _segmented(views, bundle, scheme), groups=groups,
         n_classes=len(scheme), n_labelled=len(keep),
     )  # fmt: skip
     pooled = found.pooled()
@@ -185,11 +185,12 @@ def label_points(
     return out
 
 
-def _segmented(views: Iterable[View], network: PSPNet, scheme: ClassScheme) -> Iterator[SegmentedImage]:
-    classes = image_classes(scheme)
+def _segmented(views: Iterable[View], bundle: ModelBundle, scheme: ClassScheme) -> Iterator[SegmentedImage]:
+    classes, network = image_classes(scheme), network_of(bundle)
+    magnification = bundle.metadata["parameters"]["magnification"]
 
     def segmented(camera: Camera, read: Callable[[], NDArray[np.uint8]]) -> NDArray[np.float32]:
-        given = segment_image(network, read())
+        given = segment_image(network, read(), magnification=magnification)
         flat = point_probabilities(given.reshape(-1, len(classes)), classes, scheme)
         return flat.reshape(camera.height, camera.width, len(scheme))
 

@@ -239,7 +239,7 @@ def label_by_images(
 
     def segmented() -> Iterator[tuple[str, Camera, NDArray[np.float32]]]:
         for row in taken.tolist():
-            given = segment_image(model, images["rgb"][row])
+            given = segment_image(model, images["rgb"][row], magnification=parameters.magnification)
             if images["station"][row] >= low:
                 truth = encode_label_image(images["label"][row], scheme)
                 matrix[:] += confusion_matrix(truth.ravel(), given.argmax(axis=2).ravel(), len(names))
