@@ -44,6 +44,14 @@ def parameters_of(slug: str, seed: int, changes: dict[str, Any]) -> Any:
     )  # fmt: skip
 
 
+def read_folds(folder: str) -> dict[str, ObjectSet]:
+    scheme = find_scheme(configured("classes")["schemes"], "sydney14")
+    return {
+        name: ObjectSet.from_arrays(read_fold(str(path), [str(f) for f in listed_files(path)], scheme=scheme))
+        for name, path in find_folds(folder, "folds/fold*.txt").items()
+    }
+
+
 def score(
     slug: str, seed: int, changes: dict[str, Any], train: ObjectSet, test: ObjectSet
 ) -> tuple[float, float, float]:
@@ -67,11 +75,7 @@ def main() -> None:
     parser.add_argument("--inner", action="store_true")
     parser.add_argument("--changes", type=json.loads, default={})
     options = parser.parse_args()
-    scheme = find_scheme(configured("classes")["schemes"], "sydney14")
-    folds = {
-        name: ObjectSet.from_arrays(read_fold(str(path), [str(f) for f in listed_files(path)], scheme=scheme))
-        for name, path in find_folds(options.folder, "folds/fold*.txt").items()
-    }
+    folds = read_folds(options.folder)
     if options.inner:
         runs = {f"{a} to {b}": (folds[a], folds[b]) for a, b in permutations(folds, 2)}
     else:

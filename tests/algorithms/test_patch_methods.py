@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.patch_graph import labeller
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.algorithms.patch_labelling import PatchStages, label_patches
-from mlsroad_pipeline.algorithms.patch_training import PatchTraining, join_training_scenes
+from mlsroad_pipeline.algorithms.patch_training import PatchTraining, join_training_scenes, number_surveys
 from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
@@ -62,6 +62,12 @@ def models():
 
 def right(labels, truth, rows):
     return (labels[rows] == truth[rows]).mean()
+
+
+def test_scenes_of_one_file_or_drive_are_one_survey():
+    keys = ["train.b.scene_00001", "train.a.scene_00000", "train.b.scene_00000", "train.a", "train_2.a.scene_00000"]
+    assert number_surveys(keys).tolist() == [0, 0, 1, 1, 2]  # in the order of the names
+    assert number_surveys(["train.block_2", "train.block_1", "7"]).tolist() == [0, 1, 2]
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -2,36 +2,17 @@
 
 import numpy as np
 import pytest
+from references_recognisers import MACHINE, PARAMETERS, RECOGNITION, SCHEME, car, pole, trained, training_set
 from sklearn.metrics import f1_score
 
 from mlsroad_pipeline.algorithms import recognisers, recognition_objects
-from mlsroad_pipeline.algorithms.baselines.descriptor_machine import DescriptorParameters
-from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, label_cloud, load_bundle, save_bundle
-from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
-from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.recognition import ObjectSet
 from mlsroad_pipeline.algorithms.recognition_scores import score_recognitions
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters
-
-SCHEME = ClassScheme(
-    "test", ("pole", "car", "bin", "other"), (("light_pole",), ("car",), ("bin",), ("road", "tree")), ("unlabelled",), (64, 66, 67, 1)
-)  # fmt: skip
-SEGMENTATION = SegmentationParameters(method="euclidean", normalized_cut=NormalizedCutParameters(tolerance=0.8))
-MACHINE = DescriptorParameters(costs=[10.0], gammas=[0.01], n_folds=2)
-RECOGNITION = recognition_objects.RecognitionParameters(scheme="test", min_points=20)
-
-
-def pole(rng, place, n=60):
-    return rng.normal(size=(n, 3)) * [0.05, 0.05, 0] + rng.uniform([0, 0, 0.1], [0, 0, 5.0], (n, 3)) + place
-
-
-def car(rng, place, n=120):
-    return rng.uniform([-2, -0.8, 0.2], [2, 0.8, 1.5], (n, 3)) + place
 
 
 def scene(rng, *, labels=True):
@@ -54,23 +35,6 @@ def scene(rng, *, labels=True):
     if labels:
         columns["label"] = np.append(label, np.full(500, TAXONOMY["road"], np.uint8))[order]
     return PointCloud(xyz, columns), {"objects": np.append(objects, np.full(500, -1, np.int32))[order]}
-
-
-def training_set(rng, n=8):
-    objects = [make(rng, rng.uniform(-40, 40, 3)) for _ in range(n) for make in (pole, car)]
-    return ObjectSet.from_objects(objects, [0, 1] * n)
-
-
-def trained(rng, slug="hierarchy_descriptor", parameters=MACHINE):
-    return recognisers.train_recogniser(
-        [training_set(rng).to_arrays()],
-        slug=slug,
-        parameters=parameters,
-        recognition=RECOGNITION,
-        stages=DetectionStages(GroundParameters(), SEGMENTATION),
-        scheme=SCHEME,
-        trained_on={"survey": "planted"},
-    )
 
 
 def test_objects_are_cut_with_the_class_of_their_points(rng):
@@ -129,11 +93,59 @@ def test_models_label_points_of_scenes_that_they_have_never_seen(rng, tmp_path, 
     assert len(empty) == 0
 
 
-def test_models_that_do_not_fit_are_named(rng):
-    bundle = trained(rng)
+def prepared(*objects):
+    """A cloud whose objects are known to stand off the ground, metres apart."""
+    xyz = np.concatenate([np.asarray(points, dtype=np.float64) + [20.0 * i, 0, 0] for i, points in enumerate(objects)])
+    return PointCloud(xyz, {"ground": np.zeros(len(xyz), bool), "height": np.zeros(len(xyz), np.float32)})
+
+
+@pytest.mark.parametrize("slug", PARAMETERS)
+def test_objects_of_hardly_any_points_are_labelled_or_left_out(rng, slug):
+    bundle = trained(rng, slug, min_points=1)
+    few = [np.zeros((1, 3)), np.zeros((2, 3)), rng.normal(size=(2, 3)), np.full((200, 3), 7.0), pole(rng, [0, 0, 0])]
+    labels, confidence = label_cloud(bundle, prepared(*few))
+    assert set(np.unique(labels)) <= {0, 1} and np.isfinite(confidence).all()  # every object is a pole or a car
+    assert ((confidence > 0) & (confidence <= 1)).all()
+    stored = bundle.metadata["parameters"]
+    asking = {**stored, "recognition": {**stored["recognition"], "min_points": 20}}
+    choosy = ModelBundle(bundle.slug, bundle.arrays, {**bundle.metadata, "parameters": asking})
+    small, score = label_cloud(choosy, prepared(*few))
+    assert (small[:5] == -1).all() and (score[:5] == 0).all()  # below `min_points`
+    assert np.array_equal(small[5:], labels[5:])
+    empty, _ = label_cloud(bundle, PointCloud(np.zeros((0, 3))))
+    assert len(empty) == 0
+    broken = prepared(*few)
+    broken.xyz[3, 1] = np.nan
+    with pytest.raises(DataError, match="NaN"):
+        label_cloud(bundle, broken)
+
+
+@pytest.mark.parametrize("slug", PARAMETERS)
+def test_models_that_are_damaged_or_of_other_classes_are_named(rng, slug, tmp_path):
+    bundle = trained(rng, slug)
     other = {**bundle.arrays, "classes": np.array([0, 9])}
-    with pytest.raises(DataError, match=r"knows the labels \[0, 9\], of 4 classes"):
+    with pytest.raises(DataError, match=rf"model '{slug}' knows the labels \[0, 9\], of 4 classes"):
         recognisers.load_recogniser(ModelBundle(bundle.slug, other, bundle.metadata))
+    swapped = {**bundle.arrays, "classes": np.array([0, 2])}
+    with pytest.raises(DataError, match=rf"model '{slug}' was trained on pole, car; its arrays are of pole, bin"):
+        recognisers.load_recogniser(ModelBundle(bundle.slug, swapped, bundle.metadata))
+    third = {**bundle.arrays, "classes": np.array([0, 1, 2])}
+    with pytest.raises(DataError, match="3 classes|not 3"):
+        recognisers.load_recogniser(ModelBundle(bundle.slug, third, bundle.metadata))
+    lacking = {k: v for k, v in bundle.arrays.items() if k == "classes"}
+    with pytest.raises(DataError, match="lack|do not fit"):
+        recognisers.load_recogniser(ModelBundle(bundle.slug, lacking, bundle.metadata))
+    save_bundle(bundle, tmp_path)
+    file = tmp_path / "arrays.npz"
+    whole = file.read_bytes()
+    for damaged in (whole[:-100], whole[: len(whole) // 2] + b"\0\1\2\3" + whole[len(whole) // 2 + 4 :], b""):
+        file.write_bytes(damaged)
+        with pytest.raises(ReadError, match=rf"{tmp_path.name}.*damaged"):
+            load_bundle(tmp_path)
+
+
+def test_methods_and_parameters_that_do_not_exist_are_named(rng):
+    bundle = trained(rng)
     with pytest.raises(ParameterError, match="'mystery' recognises no objects"):
         recognisers.load_recogniser(ModelBundle("mystery", bundle.arrays, bundle.metadata))
     with pytest.raises(ParameterError, match="'mystery' recognises no objects"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -35,6 +35,8 @@ class PatchTraining:
         The classes.
     trained_on : mapping
         What a model's metadata say of the training data; JSON values.
+    surveys : ndarray of int32, shape (scenes,), optional
+        Survey of each scene, as `number_surveys` gives it; None where that is not known.
     """
 
     patches: Patches
@@ -42,6 +44,24 @@ class PatchTraining:
     stages: PatchStages
     scheme: ClassScheme
     trained_on: Mapping[str, Any]
+    surveys: NDArray[np.int32] | None = None
+
+
+def number_surveys(keys: Iterable[str]) -> NDArray[np.int32]:
+    """Tell which training scenes are of one survey: cut from one file, or along one drive.
+
+    Parameters
+    ----------
+    keys : iterable of str
+        Names of the scenes in the stores: split, file or drive, and where it was cut the scene, with dots between.
+
+    Returns
+    -------
+    ndarray of int32, shape (scenes,)
+        Survey of each scene in the order of their names, from 0: that of `join_training_scenes`.
+    """
+    surveys = [".".join(key.split(".")[:2]) for key in sorted(keys)]
+    return np.unique(surveys, return_inverse=True)[1].astype(np.int32)
 
 
 def join_training_scenes(

@@ -180,6 +180,11 @@ def load_recogniser(bundle: ModelBundle) -> Any:
     labels = np.asarray(found.classes_)
     if labels.dtype.kind not in "iu" or labels.min() < 0 or labels.max() >= len(bundle.classes):
         raise DataError(f"model {bundle.slug!r} knows the labels {labels.tolist()}, of {len(bundle.classes)} classes")
+    named, given = [bundle.classes[label] for label in labels], bundle.metadata["classes_given"]
+    if named != list(given):
+        raise DataError(
+            f"model {bundle.slug!r} was trained on {', '.join(given)}; its arrays are of {', '.join(named)}"
+        )
     return found
 
 

@@ -11,7 +11,7 @@ from kedro.pipeline import Node, Pipeline
 from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.evaluation import find_scheme
 from mlsroad_pipeline.algorithms.patch_labelling import PatchClassifier, PatchStages
-from mlsroad_pipeline.algorithms.patch_training import PatchTraining, join_training_scenes
+from mlsroad_pipeline.algorithms.patch_training import PatchTraining, join_training_scenes, number_surveys
 from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.datasets.method_work import label_prepared_patches
@@ -53,7 +53,7 @@ class TrainingScenes:
             What the methods learn from.
         """
         joined = join_training_scenes({key: self.patches[key].load() for key in self.labels}, self.labels.load_all())
-        return PatchTraining(*joined, self.stages, self.scheme, self.trained_on)
+        return PatchTraining(*joined, self.stages, self.scheme, self.trained_on, number_surveys(self.labels))
 
 
 def gather_training(

@@ -9,6 +9,7 @@ from references_patch_graph import all_costs, field_energy, lowest_energy, optim
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.costs import CostWeights
+from mlsroad_pipeline.algorithms.patch_graph.cross_validation import label_held_out
 from mlsroad_pipeline.algorithms.patch_graph.iterations import SearchParameters
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import (
     GridParameters,
@@ -160,6 +161,68 @@ def test_the_grid_search_takes_what_labels_the_scenes_best():
         choose_parameters([], smoothness=(1.0,), colour_decay=(1.0,))
 
 
+def test_the_criterion_weighs_classes_or_patches():
+    """Smoothing mends the large class and wears a pair of patches of a small one away."""
+    truth = np.zeros(60, np.int16)
+    truth[30:32] = 1
+    noisy = truth.copy()
+    noisy[5:60:8] = 1 - truth[5:60:8]
+    scene = ValidationScene(
+        np.where(noisy[:, None] == [0, 1], 0.7, 0.3), None, np.array([(i, i + 1) for i in range(59)], np.int32), truth
+    )
+    lambdas = (0.3, 2.0)
+    by_class, grid = choose_parameters([scene], smoothness=lambdas, colour_decay=(0.0,))
+    by_patch, same = choose_parameters([scene], smoothness=lambdas, colour_decay=(0.0,), criterion="overall_accuracy")
+    assert grid == same
+    for row, value in zip(grid, lambdas, strict=True):
+        found, _ = refine(scene.probabilities, None, scene.edges, parameters=RefinementParameters(value, 0.0))
+        assert row["overall_accuracy"] == pytest.approx((found == truth).mean())
+        f1 = [2 * ((found == k) & (truth == k)).sum() / ((found == k).sum() + (truth == k).sum()) for k in (0, 1)]
+        assert row["mean_f1"] == pytest.approx(np.mean(f1))
+    assert (by_class.smoothness, by_patch.smoothness) == (0.3, 2.0)
+    with pytest.raises(ParameterError, match="criterion must be one of .* got 'kappa'"):
+        choose_parameters([scene], smoothness=(1.0,), colour_decay=(0.0,), criterion="kappa")
+
+
+def held_out(patches, surveys, n_folds, **options):
+    parameters = PatchGraphParameters(scene_length=100.0, n_matches=4, **options)
+    transfer = PatchGraphClassifier.fit(patches, NO_EDGES, 4, parameters=parameters)
+    edges = np.array([(i, i + 1) for i in range(len(patches) - 1)], np.int32)
+    return label_held_out(
+        transfer, patches, edges, parameters=parameters, max_patches=10**6, surveys=surveys, n_folds=n_folds
+    ), parameters
+
+
+def test_whole_surveys_are_held_out():
+    patches = planted_patches(1200, 12, seed=4)
+    surveys = np.repeat([0, 1], 6).astype(np.int32)
+    scenes, parameters = held_out(patches, surveys, 3)
+    in_survey = surveys[patches.scene]
+    for survey in (0, 1):
+        others = PatchGraphClassifier.fit(patches.take(in_survey != survey), NO_EDGES, 4, parameters=parameters)
+        for scene in np.flatnonzero(surveys == survey):
+            rows = patches.take(patches.scene == scene)
+            assert scenes[scene].probabilities.tobytes() == others.predict_proba(rows, NO_EDGES).tobytes()
+            np.testing.assert_array_equal(scenes[scene].labels, rows.label)
+    own, _ = held_out(patches, surveys, 0)
+    whole, _ = held_out(patches, None, 3)
+    assert [s.probabilities.tobytes() for s in own] == [s.probabilities.tobytes() for s in whole]
+    assert any((a.probabilities != b.probabilities).any() for a, b in zip(own, scenes, strict=True))
+    for found, scene in zip(scenes, range(12), strict=True):  # neighbours in the scene, as places in it
+        rows = np.flatnonzero(patches.scene == scene)
+        both = np.isin(rows + 1, rows)
+        assert found.edges.tolist() == [[i, int(np.searchsorted(rows, rows[i] + 1))] for i in np.flatnonzero(both)]
+
+
+def test_where_no_survey_can_be_spared_scenes_are_held_out(caplog):
+    patches = planted_patches(600, 6, seed=4)
+    surveys = np.array([0, 0, 0, 1, 1, 1], np.int32)
+    scenes, _ = held_out(patches, surveys, 2)
+    assert "without the surveys of a fold 3 training scenes are left, and 4 matches need 5" in caplog.text
+    whole, _ = held_out(patches, None, 2)
+    assert [s.probabilities.tobytes() for s in scenes] == [s.probabilities.tobytes() for s in whole]
+
+
 def test_models_survive_as_arrays():
     known, new = split(planted_patches(900, 10, seed=5), 9)
     edges = np.array([(i, i + 1) for i in range(len(known) - 1) if known.scene[i] == known.scene[i + 1]], np.int32)
@@ -236,6 +299,8 @@ def test_bad_input_is_named():
         (GridParameters, {"smoothness": []}, "at least one value"),
         (GridParameters, {"colour_decay": [-1.0]}, "colour_decay must be a finite number >= 0, got -1.0"),
         (GridParameters, {"max_patches": 0}, "max_patches must be at least 1, got 0"),
+        (GridParameters, {"criterion": "kappa"}, "criterion must be one of .* got 'kappa'"),
+        (GridParameters, {"n_folds": 1}, "n_folds must be 0 or at least 2, got 1"),
         (RefinementParameters, {"floor": 0}, r"floor must be in \(0, 1\), got 0"),
     ],
 )

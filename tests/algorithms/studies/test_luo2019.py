@@ -1,15 +1,21 @@
 """The study of luo2019: figures by hand and by scikit-learn, sets that are split by street, disturbed training."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sklearn.metrics import f1_score, precision_score, recall_score
 
-from mlsroad_pipeline.algorithms.classes import ClassScheme
+from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.object_disturbances import Disturbance
+from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.recognition import ObjectSet
-from mlsroad_pipeline.algorithms.studies import luo2019, luo2019_paper
+from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
+from mlsroad_pipeline.algorithms.simulation.presets import PRESETS
+from mlsroad_pipeline.algorithms.studies import luo2019, luo2019_paper, luo2019_sets
 from mlsroad_pipeline.algorithms.studies.luo2019_parameters import StudyScale
 from mlsroad_pipeline.algorithms.studies.luo2019_runs import disturb_objects, mislabel
 from mlsroad_pipeline.algorithms.studies.luo2019_set_parameters import (
@@ -128,6 +134,26 @@ def test_a_segment_is_named_by_its_instance_unless_it_is_a_piece_or_mixed():
     found = name_segments(instances, classes, segments, purity=0.6, completeness=0.4)
     assert found.tolist() == [4, 4, 2, 7, -1, -1]
     assert not len(name_segments(instances, classes, np.full(len(instances), -1), purity=0.8, completeness=0.5))
+
+
+def test_objects_cut_by_hand_are_the_simulators_instances(rng, monkeypatch):
+    scheme = ClassScheme("two", ("light pole", "car", "other"), (("light_pole",), ("car",), ("road",)), (), (64, 66, 1))
+    instance = rng.permutation(np.repeat([0, 17, 4, 9], [50, 20, 30, 3]))
+    label = np.select([instance == 17, instance > 0], [TAXONOMY["car"], TAXONOMY["light_pole"]], TAXONOMY["road"])
+    columns = {"label": label.astype(np.uint8), "instance": instance, "ground": instance == 0}
+    street = PointCloud(rng.normal(size=(103, 3)), {**columns, "intensity": np.full(103, 0.5, np.float32)})
+    monkeypatch.setattr(luo2019_sets, "make_street", lambda **_: street)
+    found = luo2019_sets.cut_street(
+        simulation=PRESETS["tiny"],
+        ground=GroundParameters(),
+        segmentation=SegmentationParameters(),
+        scheme=scheme,
+        wanted=["light pole", "car"],
+        parameters=replace(CUT, segmentation="by_hand"),
+    )
+    assert found["label"].tolist() == [0, 1]  # numbered by instance; the one of three points is too small
+    for points, number in zip(ObjectSet.from_arrays(found).objects, (4, 17), strict=True):
+        np.testing.assert_array_equal(points, street.xyz[instance == number])
 
 
 def test_large_objects_are_thinned_to_points_of_their_own(rng):

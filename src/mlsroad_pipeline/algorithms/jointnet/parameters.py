@@ -165,6 +165,9 @@ class TrainingParameters:
     ----------
     epochs : int, default 80
         Passes over the training objects (luo2019: 150).
+    copies : int, default 1
+        How often each training object is met in an epoch, changed anew each time (luo2019 does not say). More make
+        training longer in the same number of epochs, which the schedule "halving" counts.
     batch_size : int, default 32
         Objects per step (luo2019: 32).
     learning_rate : float, default 0.05
@@ -201,6 +204,7 @@ class TrainingParameters:
     """
 
     epochs: int = 80
+    copies: int = 1
     batch_size: int = 32
     learning_rate: float = 0.05
     momentum: float = 0.9
@@ -219,7 +223,7 @@ class TrainingParameters:
     def __post_init__(self) -> None:
         if isinstance(self.augmentation, Mapping):
             object.__setattr__(self, "augmentation", AugmentationParameters(**self.augmentation))
-        for name in ("epochs", "n_members", "n_turns", "patience"):
+        for name in ("epochs", "copies", "n_members", "n_turns", "patience"):
             _whole(getattr(self, name), f"training.{name}")
         _whole(self.batch_size, "training.batch_size", 2)
         _whole(self.seed, "training.seed", 0)

@@ -186,29 +186,37 @@ class _Run:
         """Go through the training objects once; all draws depend on the seed, the network and the epoch alone."""
         p = self.parameters.training
         rng = np.random.default_rng(self._seed(epoch + 1))
-        images, measures = to_tensors(
-            *encode(augment(self.train, p.augmentation, rng), self.parameters.inputs), self.device
-        )
-        batches = [b for b in torch.from_numpy(rng.permutation(len(self.target))).split(p.batch_size) if len(b) > 1]
-        total = 0.0
+        losses, counts = [], []
         with reproducible(self._seed(epoch + 1)):
             self.network.train()
-            for i, rows in enumerate(batches):
-                chosen = rows.to(self.device)
-                rate = scheduled_rate(epoch * len(batches) + i, p.epochs * len(batches), epoch, p)
-                for group in self.optimizer.param_groups:
-                    group["lr"] = rate
-                self.optimizer.zero_grad()
-                mixed = p.mixed_precision and self.device.type == "cuda"
-                with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=mixed):
-                    scores = self.network({view: v[chosen] for view, v in images.items()}, measures[chosen])
-                loss = torch.stack([self.loss(head.float(), self.target[chosen]) for head in scores]).sum()
-                loss.backward()
-                self.optimizer.step()
-                total += float(loss.detach()) * len(rows)
-        self.history.append({"loss": total / max(sum(len(b) for b in batches), 1)})
+            for copy in range(p.copies):
+                changed = augment(self.train, p.augmentation, rng)
+                images, measures = to_tensors(*encode(changed, self.parameters.inputs), self.device)
+                order = torch.from_numpy(rng.permutation(len(self.target))).to(self.device)
+                batches = [rows for rows in order.split(p.batch_size) if len(rows) > 1]
+                for i, rows in enumerate(batches):
+                    step = (epoch * p.copies + copy) * len(batches) + i
+                    self._set_rate(scheduled_rate(step, p.epochs * p.copies * len(batches), epoch, p))
+                    losses.append(self._step({view: v[rows] for view, v in images.items()}, measures[rows], rows))
+                    counts.append(len(rows))
+        self.history.append({"loss": float(np.dot(losses, counts)) / max(sum(counts), 1)})
         if len(self.held_target):
             self._validate()
+
+    def _set_rate(self, rate: float) -> None:
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+
+    def _step(self, images: dict[str, Tensor], measures: Tensor, rows: Tensor) -> float:
+        """Go one step down the gradient of a batch and return its loss."""
+        self.optimizer.zero_grad()
+        mixed = self.parameters.training.mixed_precision and self.device.type == "cuda"
+        with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=mixed):
+            scores = self.network(images, measures)
+        loss = torch.stack([self.loss(head.float(), self.target[rows]) for head in scores]).sum()
+        loss.backward()
+        self.optimizer.step()
+        return float(loss.detach())
 
     def _validate(self) -> None:
         self.network.eval()

@@ -81,6 +81,7 @@ def train_refinement(
     *,
     graph_parameters: PatchGraphParameters,
     parameters: GridParameters,
+    n_threads: int = 1,
 ) -> ModelBundle:
     """Choose the parameters of the Markov random field on the training scenes.
 
@@ -94,6 +95,8 @@ def train_refinement(
         The parameters it was made with.
     parameters : GridParameters
         What to choose from.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
 
     Returns
     -------
@@ -112,6 +115,8 @@ def train_refinement(
         graph_parameters=graph_parameters,
         grid=parameters,
         ground=ground_classes(training.scheme),
+        surveys=training.surveys,
+        n_threads=n_threads,
     )
     chosen = {"smoothness": classifier.parameters.smoothness, "colour_decay": classifier.parameters.colour_decay}
     return bundle_model(

@@ -14,15 +14,14 @@ from mlsroad_pipeline.algorithms.patch_graph.classifier import (
     PatchGraphClassifier,
     PatchGraphParameters,
 )
+from mlsroad_pipeline.algorithms.patch_graph.cross_validation import label_held_out
 from mlsroad_pipeline.algorithms.patch_graph.refinement import (
+    CRITERIA,
     GroundClasses,
     RefinementParameters,
-    ValidationScene,
     choose_parameters,
     refine,
 )
-from mlsroad_pipeline.algorithms.patch_graph.training_scenes import cut_scenes
-from mlsroad_pipeline.algorithms.patch_graph.transfer import class_probabilities, match_patches
 from mlsroad_pipeline.algorithms.patches import Patches
 
 
@@ -44,6 +43,13 @@ class GridParameters:
         Whether edges inside grass and inside road are smoothed (luo2016: not, as equation 11 is printed).
     max_patches : int, default 200_000
         The choice takes whole training scenes, evenly spread, up to about this many patches.
+    criterion : {"mean_f1", "overall_accuracy"}, default "mean_f1"
+        What the choice is made by, counted in patches. The paper reports F1; the overall accuracy gives large classes
+        their weight, and asks for a larger lambda where small ones are of few patches.
+    n_folds : int, default 3
+        Folds of whole surveys for the choice, each of which costs the training of a graph. 0 holds out scenes, which
+        other scenes of the same survey then label: quicker, and it asks for a smaller lambda than a new survey does. So
+        it is where all training scenes are of one survey.
 
     Raises
     ------
@@ -57,6 +63,8 @@ class GridParameters:
     floor: float = 0.01
     smooth_ground: bool = False
     max_patches: int = 200_000
+    criterion: str = "mean_f1"
+    n_folds: int = 3
 
     def __post_init__(self) -> None:
         for name in ("smoothness", "colour_decay"):
@@ -68,6 +76,10 @@ class GridParameters:
                 RefinementParameters(weight, decay, self.ground_penalty, self.floor)
         if self.max_patches < 1:
             raise ParameterError(f"patch_graph_mrf.max_patches must be at least 1, got {self.max_patches!r}")
+        if self.criterion not in CRITERIA:
+            raise ParameterError(f"patch_graph_mrf.criterion must be one of {list(CRITERIA)}, got {self.criterion!r}")
+        if self.n_folds < 0 or self.n_folds == 1:
+            raise ParameterError(f"patch_graph_mrf.n_folds must be 0 or at least 2, got {self.n_folds!r}")
 
 
 class RefinedPatchGraphClassifier:
@@ -155,11 +167,10 @@ def refine_classifier(
     graph_parameters: PatchGraphParameters,
     grid: GridParameters,
     ground: GroundClasses,
+    surveys: NDArray[np.int32] | None = None,
+    n_threads: int = 1,
 ) -> tuple[RefinedPatchGraphClassifier, list[dict[str, float]]]:
-    """Choose the parameters of the field by cross-validation over the training scenes.
-
-    The graph labels training scenes by matches in the other scenes alone, and labels whole ones: thinned scenes have
-    fewer edges than those that are to be labelled, and would ask for a larger lambda.
+    """Choose the parameters of the field by cross-validation over the training surveys, or over scenes of one survey.
 
     Parameters
     ----------
@@ -175,6 +186,10 @@ def refine_classifier(
         What to choose from.
     ground : GroundClasses
         The labels of grass and road.
+    surveys : ndarray of int32, shape (scenes,), optional
+        Survey of each scene of the patches; see `label_held_out`.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
 
     Returns
     -------
@@ -183,38 +198,13 @@ def refine_classifier(
     tried : list of dict
         What `choose_parameters` tells of every choice.
     """
-    scenes = _validation_scenes(transfer, patches, edges, graph_parameters, grid.max_patches)
+    scenes = label_held_out(
+        transfer, patches, edges, parameters=graph_parameters, max_patches=grid.max_patches, surveys=surveys,
+        n_folds=grid.n_folds, n_threads=n_threads,
+    )  # fmt: skip
     base = RefinementParameters(ground_penalty=grid.ground_penalty, floor=grid.floor, smooth_ground=grid.smooth_ground)
     parameters, tried = choose_parameters(
-        scenes, smoothness=grid.smoothness, colour_decay=grid.colour_decay, base=base, ground=ground
-    )
+        scenes, smoothness=grid.smoothness, colour_decay=grid.colour_decay, criterion=grid.criterion, base=base,
+        ground=ground,
+    )  # fmt: skip
     return RefinedPatchGraphClassifier(transfer, parameters=parameters, ground=ground), tried
-
-
-def _validation_scenes(
-    transfer: PatchGraphClassifier,
-    patches: Patches,
-    edges: NDArray[np.int32],
-    graph_parameters: PatchGraphParameters,
-    max_patches: int,
-) -> list[ValidationScene]:
-    """Label training scenes, whole ones, by the graph of the others."""
-    whole = cut_scenes(patches, graph_parameters.scene_length)
-    in_graph = np.unique(whole.scene)  # thinning leaves patches of every scene
-    wanted = min(len(in_graph), max(1, round(len(in_graph) * max_patches / len(whole))))
-    places = np.unique(np.linspace(0, len(in_graph) - 1, wanted).round()).astype(np.int64)
-    scenes = []
-    for place in places.tolist():
-        members = np.flatnonzero(whole.scene == in_graph[place])
-        own = np.full(len(whole), -1, np.int32)
-        own[members] = np.arange(len(members))
-        pairs = own[edges]
-        inside = pairs[(pairs >= 0).all(axis=1)]
-        scene = whole.take(members)
-        found = match_patches(
-            scene, transfer.graph, weights=transfer.weights, search=transfer.search,
-            own_scene=np.full(len(scene), place),
-        )  # fmt: skip
-        probabilities = class_probabilities(transfer.graph.labels[found.matches], transfer.n_classes)
-        scenes.append(ValidationScene(probabilities, scene.rgb, inside, scene.label))
-    return scenes

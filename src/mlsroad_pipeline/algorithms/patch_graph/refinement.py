@@ -14,6 +14,9 @@ from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.validation import check_column
 
+CRITERIA = ("mean_f1", "overall_accuracy")
+"""What `choose_parameters` can choose by."""
+
 
 @dataclass(frozen=True)
 class RefinementParameters:
@@ -203,10 +206,11 @@ def choose_parameters(
     *,
     smoothness: Sequence[float],
     colour_decay: Sequence[float],
+    criterion: str = "mean_f1",
     base: RefinementParameters | None = None,
     ground: GroundClasses | None = None,
 ) -> tuple[RefinementParameters, list[dict[str, float]]]:
-    """Choose lambda and beta by grid search with cross-validation over scenes: the best mean F1 of the patches.
+    """Choose lambda and beta by grid search with cross-validation over scenes: those that label the patches best.
 
     Parameters
     ----------
@@ -216,6 +220,8 @@ def choose_parameters(
         Values of lambda.
     colour_decay : sequence of float
         Values of beta; without colour they make no difference and the first is taken.
+    criterion : {"mean_f1", "overall_accuracy"}, default "mean_f1"
+        What is best: the mean F1 over the classes that occur, or the share of patches that are right.
     base : RefinementParameters, optional
         The other parameters.
     ground : GroundClasses, optional
@@ -226,32 +232,36 @@ def choose_parameters(
     parameters : RefinementParameters
         The best, of equally good ones the first.
     grid : list of dict
-        ``smoothness``, ``colour_decay`` and ``mean_f1`` of every pair that was tried.
+        ``smoothness``, ``colour_decay``, ``mean_f1`` and ``overall_accuracy`` of every pair that was tried.
 
     Raises
     ------
     ParameterError
-        If there is no scene or no value to choose from.
+        If there is no scene or no value to choose from, or the criterion is unknown.
     """
+    if criterion not in CRITERIA:
+        raise ParameterError(f"criterion must be one of {list(CRITERIA)}, got {criterion!r}")
     if not scenes or not smoothness or not colour_decay:
         raise ParameterError("a grid search needs at least one scene and one value of each parameter")
     rest = base or RefinementParameters()
     decays = colour_decay if all(scene.rgb is not None for scene in scenes) else colour_decay[:1]
-    tried: list[tuple[float, RefinementParameters]] = []
+    tried: list[RefinementParameters] = []
+    grid: list[dict[str, float]] = []
     for weight, decay in product(smoothness, decays):
         parameters = replace(rest, smoothness=weight, colour_decay=decay)
         total = np.zeros((scenes[0].probabilities.shape[1],) * 2, np.int64)
         for scene in scenes:
             found, _ = refine(scene.probabilities, scene.rgb, scene.edges, parameters=parameters, ground=ground)
             total += confusion_matrix(scene.labels, found, len(total))[:, : len(total)]
-        tried.append((_mean_f1(total), parameters))
-    grid = [{"smoothness": p.smoothness, "colour_decay": p.colour_decay, "mean_f1": f1} for f1, p in tried]
-    return max(tried, key=lambda pair: pair[0])[1], grid
+        tried.append(parameters)
+        grid.append({"smoothness": weight, "colour_decay": decay, **_quality(total)})
+    best = max(range(len(grid)), key=lambda place: grid[place][criterion])
+    return tried[best], grid
 
 
-def _mean_f1(confusion: NDArray[np.int64]) -> float:
-    """Return the mean F1 over the classes that occur."""
-    support = confusion.sum(axis=1)
+def _quality(confusion: NDArray[np.int64]) -> dict[str, float]:
+    """Return the mean F1 over the classes that occur, and the share of patches that are right."""
+    support, right = confusion.sum(axis=1), np.diagonal(confusion)
     both = support + confusion.sum(axis=0)
-    f1 = 2 * np.diagonal(confusion)[support > 0] / both[support > 0]
-    return float(f1.mean())
+    f1 = 2 * right[support > 0] / both[support > 0]
+    return {"mean_f1": float(f1.mean()), "overall_accuracy": float(right.sum() / support.sum())}

@@ -118,7 +118,7 @@ def train_and_score(
         {key: street["labels"] for key, street in train.items()},
     )
     if method == GRAPH:
-        _run_graph(tally, joined, test, parameters[GRAPH], parameters[REFINED], stages)
+        _run_graph(tally, joined, test, parameters[GRAPH], parameters[REFINED], stages, len(train))
     else:
         _run_patches(tally, joined, test, method, parameters[method], stages)
     return tally.result()
@@ -169,12 +169,14 @@ def _run_graph(
     parameters: PatchGraphParameters,
     grid: GridParameters,
     stages: PatchStages,
+    n_streets: int,
 ) -> None:
     ground = ground_classes(tally.scheme)
     transfer, seconds = timed(PatchGraphClassifier.fit, *joined, len(tally.scheme), parameters=parameters)
     (refined, _), more = timed(
-        refine_classifier, transfer, *joined, graph_parameters=parameters, grid=grid, ground=ground
-    )
+        refine_classifier, transfer, *joined, graph_parameters=parameters, grid=grid, ground=ground,
+        surveys=np.arange(n_streets, dtype=np.int32),
+    )  # fmt: skip
     objective = transfer.graph.objective
     told = {"objective": float(objective[-1]), "iterations": len(objective) - 1, "nodes": len(transfer.graph.labels)}
     chosen = {"smoothness": refined.parameters.smoothness, "colour_decay": refined.parameters.colour_decay}

@@ -14,6 +14,9 @@ from mlsroad_pipeline.algorithms.recognition_objects import RecognitionParameter
 from mlsroad_pipeline.algorithms.studies import luo2019_paper
 from mlsroad_pipeline.algorithms.validation import check_positive
 
+BY_HAND = "by_hand"
+"""In place of a segmentation: objects are the simulator's instances."""
+
 
 @dataclass(frozen=True)
 class ObjectSetParameters:
@@ -83,7 +86,8 @@ class CutParameters:
     max_points : int
         Of larger objects as many points are drawn.
     segmentation : str
-        Name of the segmentation, see `SegmentationParameters`; its parameters are those of the stage.
+        Name of the segmentation, see `SegmentationParameters`; its parameters are those of the stage. "by_hand" takes
+        the simulator's instances instead, as the paper's objects were separated by hand.
     reach : float
         Points farther from the track than this are left out, metres.
 
@@ -106,9 +110,10 @@ class CutParameters:
             raise ParameterError(f"simulated_objects.cut.max_points {self.max_points!r} is below min_points")
         if not 0 <= self.completeness <= 1:
             raise ParameterError(f"simulated_objects.cut.completeness must be in [0, 1], got {self.completeness!r}")
-        if self.segmentation not in METHODS:
+        known = (*METHODS, BY_HAND)
+        if self.segmentation not in known:
             raise ParameterError(
-                f"simulated_objects.cut.segmentation must be one of {', '.join(METHODS)}, got {self.segmentation!r}"
+                f"simulated_objects.cut.segmentation must be one of {', '.join(known)}, got {self.segmentation!r}"
             )
         check_positive(self.reach, "simulated_objects.cut.reach")
 

@@ -21,7 +21,7 @@ from mlsroad_pipeline.algorithms.recognition_objects import RecognitionParameter
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
 from mlsroad_pipeline.algorithms.studies import luo2019_paper
-from mlsroad_pipeline.algorithms.studies.luo2019_set_parameters import CutParameters, ObjectSetParameters
+from mlsroad_pipeline.algorithms.studies.luo2019_set_parameters import BY_HAND, CutParameters, ObjectSetParameters
 from mlsroad_pipeline.algorithms.studies.streets import make_street
 
 
@@ -43,7 +43,7 @@ def cut_street(
     ground : GroundParameters
         The ground filter.
     segmentation : SegmentationParameters
-        The segmentation.
+        The segmentation, unless objects are cut by hand.
     scheme : ClassScheme
         The classes.
     wanted : sequence of str
@@ -59,12 +59,17 @@ def cut_street(
     columns = ("intensity", "gps_time", "scanner", "label", "instance")
     street = make_street(simulation=simulation, ground=ground, columns=columns, reach=parameters.reach)
     whole = street.with_columns(core=np.ones(len(street), dtype=np.bool_))
-    method = replace(segmentation, method=parameters.segmentation)
-    segments = segment_scene(whole, {"ground": whole["ground"]}, method)
+    instances, classes = reference_objects(whole, scheme)
+    if parameters.segmentation == BY_HAND:
+        segments = {"objects": instances - np.int32(1)}
+    else:
+        method = replace(segmentation, method=parameters.segmentation)
+        segments = segment_scene(whole, {"ground": whole["ground"]}, method)
     recognition = RecognitionParameters(min_points=parameters.min_points)
     cut = cut_objects(whole.without_columns(["label"]), segments, scheme=scheme, parameters=recognition)
     label = name_segments(
-        *reference_objects(whole, scheme),
+        instances,
+        classes,
         segments["objects"],
         purity=parameters.purity,
         completeness=parameters.completeness,

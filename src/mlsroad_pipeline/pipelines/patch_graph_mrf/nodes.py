@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from joblib import cpu_count
+
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.labeller import train_refinement
@@ -33,6 +35,10 @@ def fit_refinement(
         The model, for the workers and for the registry.
     """
     bundle = train_refinement(
-        training.load(), open_model(graph.load()), graph_parameters=graph_parameters, parameters=parameters
+        training.load(),
+        open_model(graph.load()),
+        graph_parameters=graph_parameters,
+        parameters=parameters,
+        n_threads=cpu_count(),
     )
     return bundle, bundle

@@ -1,0 +1,125 @@
+"""Training scenes labelled by graphs that do not know them: what the refinement's parameters are chosen on."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
+from mlsroad_pipeline.algorithms.patch_graph.refinement import ValidationScene
+from mlsroad_pipeline.algorithms.patch_graph.training_scenes import cut_scenes
+from mlsroad_pipeline.algorithms.patch_graph.transfer import class_probabilities, match_patches
+from mlsroad_pipeline.algorithms.patches import Patches
+
+logger = logging.getLogger(__name__)
+
+
+def label_held_out(
+    transfer: PatchGraphClassifier,
+    patches: Patches,
+    edges: NDArray[np.int32],
+    *,
+    parameters: PatchGraphParameters,
+    max_patches: int,
+    surveys: NDArray[np.int32] | None = None,
+    n_folds: int = 3,
+    n_threads: int = 1,
+) -> list[ValidationScene]:
+    """Label training scenes by matches in other training scenes.
+
+    With patches of two surveys or more whole surveys are held out: a graph of the other folds' surveys labels those of
+    a fold. Else the trained graph labels each piece of a survey by all other pieces, which know the same street. Whole
+    pieces are labelled: thinned ones have fewer edges than the scenes that are to be labelled, and would ask for a
+    larger lambda.
+
+    Parameters
+    ----------
+    transfer : PatchGraphClassifier
+        Label transfer, fitted on the patches.
+    patches : Patches
+        Labelled patches of the training scenes.
+    edges : ndarray of int32, shape (m, 2)
+        Neighbouring patches.
+    parameters : PatchGraphParameters
+        The parameters of the fit.
+    max_patches : int
+        Pieces are taken, evenly spread, up to about this many patches.
+    surveys : ndarray of int32, shape (scenes,), optional
+        Survey of each scene of the patches; None holds out pieces.
+    n_folds : int, default 3
+        Folds that the surveys are dealt to, one after the other; each costs the training of a
+        graph. 0 holds out pieces.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
+
+    Returns
+    -------
+    list of ValidationScene
+        The pieces, in the order of the scenes.
+    """
+    whole = cut_scenes(patches, parameters.scene_length)
+    pieces = np.unique(whole.scene)
+    wanted = min(len(pieces), max(1, round(len(pieces) * max_patches / len(whole))))
+    drawn = pieces[np.unique(np.linspace(0, len(pieces) - 1, wanted).round()).astype(np.int64)]
+    fold = None if surveys is None else _folds(patches, whole.scene, surveys, n_folds, parameters.n_matches)
+    found: dict[int, ValidationScene] = {}
+    if fold is None:
+        for place in drawn.tolist():
+            scene, inside = _piece(whole, edges, place)
+            apart = np.full(len(scene), np.searchsorted(pieces, place))
+            matched = match_patches(
+                scene, transfer.graph, weights=transfer.weights, search=transfer.search, own_scene=apart,
+                n_threads=n_threads,
+            )  # fmt: skip
+            votes = class_probabilities(transfer.graph.labels[matched.matches], transfer.n_classes)
+            found[place] = ValidationScene(votes, scene.rgb, inside, scene.label)
+        return list(found.values())
+    for number, rows in _held_out(fold):
+        others = PatchGraphClassifier.fit(
+            patches.take(~rows), _edges_of(edges, ~rows), transfer.n_classes, parameters=parameters, n_threads=n_threads
+        )
+        logger.info("fold %d: %d of %d patches held out", number, rows.sum(), len(patches))
+        for place in np.intersect1d(whole.scene[rows], drawn).tolist():
+            scene, inside = _piece(whole, edges, place)
+            votes = others.predict_proba(scene, inside)
+            found[place] = ValidationScene(votes, scene.rgb, inside, scene.label)
+    return [found[place] for place in sorted(found)]
+
+
+def _folds(
+    patches: Patches, pieces: NDArray[np.int32], surveys: NDArray[np.int32], n_folds: int, n_matches: int
+) -> NDArray[np.int64] | None:
+    """Return the fold of each patch; None where whole surveys cannot be held out."""
+    survey = np.unique(surveys[patches.scene], return_inverse=True)[1].astype(np.int64)
+    n_surveys = int(survey.max()) + 1
+    if n_folds == 0 or n_surveys == 1:
+        return None
+    fold = survey % n_folds
+    for number in np.unique(fold):
+        left = len(np.unique(pieces[fold != number]))
+        if left < n_matches + 1:
+            logger.warning(
+                "patch_graph_mrf: without the surveys of a fold %d training scenes are left, and %d matches need %d: "
+                "scenes are held out in place of surveys", left, n_matches, n_matches + 1,
+            )  # fmt: skip
+            return None
+    return fold
+
+
+def _held_out(fold: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.bool_]]]:
+    for number in np.unique(fold).tolist():
+        yield number, fold == number
+
+
+def _edges_of(edges: NDArray[np.int32], rows: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Return the edges among some patches, as places among these."""
+    place = np.where(rows, np.cumsum(rows) - 1, -1).astype(np.int32)[edges]
+    return place[(place >= 0).all(axis=1)]
+
+
+def _piece(patches: Patches, edges: NDArray[np.int32], scene: int) -> tuple[Patches, NDArray[np.int32]]:
+    rows = patches.scene == scene
+    return patches.take(rows), _edges_of(edges, rows)
