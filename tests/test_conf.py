@@ -40,6 +40,7 @@ from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundPa
 from mlsroad_pipeline.algorithms.studies.luo2016_parameters import StudyParameters
 from mlsroad_pipeline.algorithms.studies.luo2019_parameters import StudyParameters as Luo2019StudyParameters
 from mlsroad_pipeline.algorithms.studies.luo2019_set_parameters import SimulatedObjectsParameters
+from mlsroad_pipeline.algorithms.studies.tomic2019_parameters import StudyParameters as Tomic2019StudyParameters
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters as Yu2016StudyParameters
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
 from mlsroad_pipeline.datasets.inspect_work import InspectParameters
@@ -74,6 +75,7 @@ TYPED = {
     "luo2016_study": StudyParameters,
     "luo2019_study": Luo2019StudyParameters,
     "simulated_objects": SimulatedObjectsParameters,
+    "tomic2019_study": Tomic2019StudyParameters,
     "yu2016_study": Yu2016StudyParameters,
     "max_margin_markov": MarginParameters,
     "patch_forest": PatchForestParameters,
@@ -85,7 +87,10 @@ TYPED = {
     "supervoxelise": SupervoxelParameters,
     "survey": SurveyParameters,
 }
-CONFIGURED = {"jointnet_printed", "luo2016_study", "luo2019_study", "simulated_objects", "yu2016_study", "survey"}
+CONFIGURED = {
+    "jointnet_printed", "luo2016_study", "luo2019_study", "simulated_objects", "survey", "tomic2019_study",
+    "yu2016_study",
+}  # fmt: skip
 """Groups whose values are those of the embedded survey or of a paper and not the defaults of the code."""
 TREES = {"classes", "simulation"}
 """Groups that are read by functions of their own."""
@@ -182,7 +187,8 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
     # what stages exchange is stored, so that a run can be resumed; only plans, and what merely joins
     # stored scenes, stay in memory
     in_memory = {n for n in names if type(catalog.get(n)).__name__ == "MemoryDataset" and not n.startswith("params:")}
-    plans = {"survey_plan", "label_plan", "luo2016_study.plan", "luo2019_study.plan", "yu2016_study.plan"}
+    plans = {"survey_plan", "label_plan", "luo2016_study.plan", "luo2019_study.plan", "tomic2019_study.plan",
+             "yu2016_study.plan"}  # fmt: skip
     assert in_memory == {*plans, "image_labels.drives", "label_images", "patch_training"}
 
 

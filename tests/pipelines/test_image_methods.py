@@ -12,7 +12,7 @@ from references_wiring import TINY, label, run, session_of, shared_run, stage_co
 
 from mlsroad_pipeline.algorithms.evaluation import find_scheme
 from mlsroad_pipeline.algorithms.exceptions import ReadError
-from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion
+from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion, spread_confidence
 from mlsroad_pipeline.algorithms.ingest import IngestParameters
 from mlsroad_pipeline.datasets.image_work import LabelledImages, images_of_drives
 from mlsroad_pipeline.datasets.model_registry_dataset import load_registered_bundle
@@ -107,7 +107,8 @@ def test_registered_model_holds_what_gives_the_stored_labels(stored):
     for key, labels in found["fusion.labels"].items():
         features = found["detrended_forest.labels"][key]
         cameras = found["image_labels.labels"][key]["probabilities"].transpose(1, 0, 2).astype(np.float32)
-        again = fusion.fuse(features["label"], features["confidence"], cameras)
+        given = spread_confidence(features["label"], features["confidence"], len(bundle.classes))
+        again = fusion.fuse(given, cameras)
         assert np.array_equal(again.rule, labels["label"]) and np.array_equal(again.pool, labels["pool_label"])
         unseen = ~labels["seen"]
         assert unseen.any() and np.array_equal(labels["label"][unseen], features["label"][unseen])

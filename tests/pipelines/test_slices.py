@@ -38,6 +38,7 @@ CONTRACT = {
         "compare",
         "image_labels",
         "fusion",
+        "tomic2019_study",
         "recognition",
         "all_methods",
         "comparison_report",

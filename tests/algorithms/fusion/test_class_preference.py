@@ -26,8 +26,37 @@ def test_scores_are_those_of_scikit_learn_over_the_points_that_are_labelled(rng)
     assert rule.f1[:, 3].tolist() == [0, 0]  # a class that nobody met has no F1
 
 
-def test_a_contradiction_goes_to_the_label_with_the_higher_f1():
-    rule = ClassPreference(np.array([[0.9, 0.3, 0.5], [0.6, 0.8, 0.5]]))
+def test_labels_of_the_preferred_labeller_go_before_others():
+    """The paper's Table 5: people, whom the images know with an F1 of 0.164, keep their labels against all others."""
+    f1 = np.array([[0.84, 0.62, 0.0, 0.3], [0.93, 0.86, 0.16, 0.1]])
+    rule = ClassPreference(f1)
+    assert rule.preferred.tolist() == [1, 1, 1, 0]
+    # Preferred against not; not against preferred; both preferred; neither; the same; one alone.
+    first, second = np.array([0, 3, 3, 0, 1, 0, -1]), np.array([2, 3, 0, 3, 1, -1, 2])
+    label, labeller = rule.fuse([first, second])
+    assert label.tolist() == [2, 3, 0, 0, 1, 0, 2]
+    assert labeller.tolist() == [1, 0, 1, 0, 1, 0, 1]
+    assert rule.fuse([[3], [2]])[0].tolist() == [3]  # 0.3 against 0.16, both preferred
+    assert ClassPreference(f1, delegate=False).fuse([first, second])[0].tolist() == [0, 3, 0, 0, 1, 0, 2]
+
+
+def test_the_rule_is_the_one_told_in_words(rng):
+    """Against a slow reference: preferred labellers first, then the higher F1, then the first labeller."""
+    f1 = rng.integers(0, 5, (3, 4)) / 5
+    labels = rng.integers(-1, 4, (3, 400))
+    label, labeller = ClassPreference(f1).fuse(list(labels))
+    for point in range(400):
+        ranked = [
+            (f1[k, c] == f1[:, c].max() and not (f1[:k, c] == f1[:, c].max()).any(), f1[k, c], -k)
+            for k, c in enumerate(labels[:, point])
+            if c >= 0
+        ]
+        winner = -max(ranked)[2] if ranked else -1
+        assert labeller[point] == winner and label[point] == (labels[winner, point] if ranked else -1)
+
+
+def test_without_delegation_a_contradiction_goes_to_the_label_with_the_higher_f1():
+    rule = ClassPreference(np.array([[0.9, 0.3, 0.5], [0.6, 0.8, 0.5]]), delegate=False)
     first, second = np.array([0, 1, 2, 1, 0, -1, -1, 2]), np.array([1, 0, 0, 1, -1, 2, -1, 2])
     label, labeller = rule.fuse([first, second])
     # 0.9 of class 0 beats 0.8 of class 1; 0.3 of class 1 loses to 0.6; 0.5 of class 2 loses to 0.6.

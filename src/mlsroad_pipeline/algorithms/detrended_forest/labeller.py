@@ -83,6 +83,46 @@ def label_scene(
     DataError
         If the scene lacks features that the model needs.
     """
+    probabilities = supervoxel_probabilities(scene, supervoxels, features, bundle)
+    keep = inliers(scene)
+    label = np.full(len(scene), IGNORE, dtype=np.int16)
+    confidence = np.zeros(len(scene), dtype=np.float32)
+    label[keep], confidence[keep] = label_points(
+        scene.xyz[keep],
+        features["centroids"],
+        probabilities,
+        supervoxel_labels=supervoxels["labels"][keep],
+        rule=bundle.metadata["parameters"]["forest"]["rule"],
+    )
+    return {"label": label, "confidence": confidence}
+
+
+def supervoxel_probabilities(
+    scene: PointCloud, supervoxels: Mapping[str, Any], features: Mapping[str, NDArray], bundle: ModelBundle
+) -> NDArray[np.float32]:
+    """Return the class probabilities of the supervoxels of a prepared scene.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene.
+    supervoxels : mapping
+        What `build_supervoxels` gave.
+    features : mapping
+        What `describe_supervoxels` gave.
+    bundle : ModelBundle
+        A model of `fit`.
+
+    Returns
+    -------
+    ndarray of shape (s, classes), float32
+        Probabilities, those of the neighbours mixed in as the model has it.
+
+    Raises
+    ------
+    DataError
+        If the scene lacks features that the model needs.
+    """
     have = [name for name in bundle.metadata["attributes"] if name in scene]
     variant = "+".join(("geometry", *have))
     names = [str(name) for name in features["names"]]
@@ -94,17 +134,7 @@ def label_scene(
     forest = bundle.metadata["parameters"]["forest"]
     if forest["smoothing"] > 0:
         probabilities = smooth_probabilities(probabilities, supervoxels["adjacency"], weight=forest["smoothing"])
-    keep = inliers(scene)
-    label = np.full(len(scene), IGNORE, dtype=np.int16)
-    confidence = np.zeros(len(scene), dtype=np.float32)
-    label[keep], confidence[keep] = label_points(
-        scene.xyz[keep],
-        features["centroids"],
-        probabilities,
-        supervoxel_labels=supervoxels["labels"][keep],
-        rule=forest["rule"],
-    )
-    return {"label": label, "confidence": confidence}
+    return probabilities
 
 
 def _predict(arrays: Mapping[str, NDArray], values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -17,26 +17,33 @@ from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scor
 class ClassPreference:
     """Which labeller is believed for which class.
 
-    Every labeller is scored by F1 on test set 1, over the points that it labels. Elsewhere a point's labels contradict
-    each other or not: the label wins whose labeller has the highest F1 for it, ties go to the first labeller. A point
-    that only some labellers label takes the label of those; so the rule serves both steps of the paper, the choice
-    among cameras and that between the methods.
+    Every labeller is scored by F1 on test set 1, over the points that it labels, and the best one for a class delivers
+    its labels: a label from the labeller that is preferred for its class beats one from a labeller that is not. Of two
+    labels that are left, both preferred or neither, the one with the higher F1 wins. Ties go to the first labeller. A
+    point that only some labellers label takes the label of those; so the rule serves both steps of the paper, the
+    choice among cameras and that between the methods.
 
     Parameters
     ----------
     f1 : ndarray of shape (labellers, classes), float64
         F1 on test set 1; 0 where it is not defined.
+    delegate : bool, default True
+        Whether preferred labellers go before others. False compares F1 alone, a reading of the paper that its Table 5
+        contradicts.
 
     References
     ----------
     .. [1] D. Tomic et al., "Fusion of feature based and deep learning methods for classification of MMS point clouds",
-       ISPRS Archives, 2019, sections 2.3 and 3.3, Table 2.
+       ISPRS Archives, 2019, sections 2.3 and 3.3, Tables 2 and 5.
     """
 
     f1: NDArray[np.float64]
+    delegate: bool = True
 
     @classmethod
-    def fit(cls, labels: Sequence[ArrayLike], reference: ArrayLike, *, n_classes: int) -> ClassPreference:
+    def fit(
+        cls, labels: Sequence[ArrayLike], reference: ArrayLike, *, n_classes: int, delegate: bool = True
+    ) -> ClassPreference:
         """Score labellers on test set 1.
 
         Parameters
@@ -47,6 +54,8 @@ class ClassPreference:
             True labels; points labelled -1 are ignored.
         n_classes : int
             Number of classes.
+        delegate : bool, default True
+            Whether preferred labellers go before others.
 
         Returns
         -------
@@ -69,7 +78,7 @@ class ClassPreference:
                 raise DataError(f"labels must have shape {truth.shape} as the reference, got {given.shape}")
             known = given != IGNORE
             rows.append(np.nan_to_num(scores(confusion_matrix(truth[known], given[known], n_classes)).f1))
-        return cls(np.array(rows))
+        return cls(np.array(rows), delegate)
 
     @property
     def preferred(self) -> NDArray[np.int64]:
@@ -97,7 +106,11 @@ class ClassPreference:
             If the number of labellers or their lengths differ, or a label is outside -1 to ``classes - 1``.
         """
         table = stack_labels(labels, *self.f1.shape)
-        score = np.where(table == IGNORE, -1.0, np.take_along_axis(self.f1, np.maximum(table, 0), axis=1))
+        named = np.maximum(table, 0)
+        score = np.take_along_axis(self.f1, named, axis=1)
+        if self.delegate:  # F1 is at most 1
+            score += 2.0 * (self.preferred[named] == np.arange(len(table))[:, None])
+        score[table == IGNORE] = -1.0
         best = score.argmax(axis=0)
         label = np.take_along_axis(table, best[None], axis=0)[0]
         return label.astype(np.int16), np.where(label == IGNORE, -1, best).astype(np.int16)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
-from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion
+from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion, spread_confidence
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 
@@ -147,9 +147,9 @@ def fit(
         If no point is labelled.
     """
     joined = {name: np.concatenate([part[name] for part in answers]) for name in answers[0]}
+    features = spread_confidence(joined["labels"], joined["confidence"], len(scheme))
     learned = TwoMethodFusion.fit(
-        joined["labels"], joined["confidence"], _by_camera(joined["cameras"]), joined["reference"],
-        pool=parameters.pool,
+        features, _by_camera(joined["cameras"]), joined["reference"], pool=parameters.pool
     )  # fmt: skip
     metadata = {
         "entry_point": ENTRY_POINT,
@@ -194,9 +194,9 @@ def fuse_scene(
     DataError
         If there are other cameras than on test set 1.
     """
-    found = TwoMethodFusion.from_arrays(dict(bundle.arrays)).fuse(
-        features["label"], features["confidence"], _by_camera(images["probabilities"])
-    )
+    cameras = _by_camera(images["probabilities"])
+    given = spread_confidence(features["label"], features["confidence"], cameras.shape[2])
+    found = TwoMethodFusion.from_arrays(dict(bundle.arrays)).fuse(given, cameras)
     known = features["label"] != IGNORE
     rule, pool = (np.where(known, label, IGNORE).astype(np.int16) for label in (found.rule, found.pool))
     confidence = np.take_along_axis(found.probabilities, np.maximum(rule, 0)[:, None].astype(np.int64), axis=1)[:, 0]

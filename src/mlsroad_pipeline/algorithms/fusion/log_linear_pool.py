@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,16 +20,22 @@ class PoolParameters:
 
     Parameters
     ----------
-    penalty : float, default 1e-3
-        Weight of the squared distance of the weights from plain multiplication of the probabilities (Bayes' rule for
-        independent labellers). Larger trusts the labellers as they are; smaller trusts few points of test set 1.
-    balance : float, default 0.5
+    penalties : tuple of float, default (1e-2,)
+        Weights of the squared distance of the weights from where they start; of several, stretches of test set 1 held
+        out in turn choose. Larger trusts the start; smaller trusts few points of test set 1.
+    start : {"first", "product"}, default "first"
+        What the penalty draws to: the first labeller alone, or the product of all probabilities (Bayes' rule for
+        independent labellers, which labellers that see the same thing are not).
+    balance : float, default 0.25
         Power of the inverse class frequency by which points weigh: 0 aims at overall accuracy, 1 at the mean recall of
         the classes.
     floor : float, default 1e-3
         Least probability: a labeller that is sure may still be wrong.
-    n_points : int, default 100000
-        Points of test set 1 that are used at most, evenly spaced; more take longer and change little.
+    n_points : int, default 5000
+        Points of test set 1 that are used at most, evenly spaced within each class, rare classes whole; more take
+        longer and change little.
+    n_folds : int, default 5
+        Stretches that test set 1 is cut into, in the order of its points.
 
     Raises
     ------
@@ -36,20 +43,27 @@ class PoolParameters:
         If a value is outside its domain.
     """
 
-    penalty: float = 1e-3
-    balance: float = 0.5
+    penalties: tuple[float, ...] = (1e-2,)
+    start: Literal["first", "product"] = "first"
+    balance: float = 0.25
     floor: float = 1e-3
-    n_points: int = 100_000
+    n_points: int = 5_000
+    n_folds: int = 5
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.penalty) or self.penalty < 0:
-            raise ParameterError(f"penalty must be a finite number >= 0, got {self.penalty!r}")
+        object.__setattr__(self, "penalties", tuple(self.penalties))
+        if not self.penalties or not all(np.isfinite(penalty) and penalty >= 0 for penalty in self.penalties):
+            raise ParameterError(f"penalties must be finite numbers >= 0, got {self.penalties!r}")
+        if self.start not in ("first", "product"):
+            raise ParameterError(f"start must be 'first' or 'product', got {self.start!r}")
         if not 0 <= self.balance <= 1:
             raise ParameterError(f"balance must be in [0, 1], got {self.balance!r}")
         if not 0 < self.floor < 0.5:
             raise ParameterError(f"floor must be in (0, 0.5), got {self.floor!r}")
-        if isinstance(self.n_points, bool) or self.n_points != int(self.n_points) or self.n_points < 1:
-            raise ParameterError(f"n_points must be an integer >= 1, got {self.n_points!r}")
+        for name, least in (("n_points", 1), ("n_folds", 2)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or value != int(value) or value < least:
+                raise ParameterError(f"{name} must be an integer >= {least}, got {value!r}")
 
 
 @dataclass(frozen=True)
@@ -70,6 +84,8 @@ class LogLinearPool:
         b_k.
     floor : float
         Least probability that is taken from a labeller.
+    penalty : float, default 0.0
+        That the weights were learned with.
 
     References
     ----------
@@ -82,6 +98,7 @@ class LogLinearPool:
     weights: NDArray[np.float64]
     offsets: NDArray[np.float64]
     floor: float
+    penalty: float = 0.0
 
     @classmethod
     def fit(
@@ -94,7 +111,8 @@ class LogLinearPool:
         probabilities : sequence of array-like, each of shape (n, classes)
             Class probabilities of each labeller; rows of NaN where it does not see the point.
         reference : array-like of int, shape (n,)
-            True labels; points labelled -1 are ignored.
+            True labels; points labelled -1 are ignored. Points come in the order of the road, so that what is held out
+            to choose the penalty is another stretch of it.
         parameters : PoolParameters, optional
             How; the defaults where none are given.
 
@@ -114,17 +132,18 @@ class LogLinearPool:
         known = np.flatnonzero(truth >= 0)
         if not len(known):
             raise DataError("fusion needs labelled points to learn from")
-        known = known[:: int(np.ceil(len(known) / how.n_points))]
         n_classes = tables.shape[2]
         if int(truth[known].max()) >= n_classes:
             raise DataError(f"labels must be below {n_classes}, got {int(truth[known].max())}")
-        features, seen = _features(tables[:, known], how.floor)
         count = np.bincount(truth[known], minlength=n_classes)
-        weight = np.divide(1.0, count, out=np.zeros(n_classes), where=count > 0) ** how.balance * (count > 0)
-        share = weight[truth[known]] / weight[truth[known]].sum()
-        prior = _log_prior(count, how.floor)
-        found = _fit(features, seen, truth[known], share, prior, how.penalty)
-        return cls(*found, floor=how.floor)
+        prior = np.divide(1.0, count, out=np.zeros(n_classes), where=count > 0) ** how.balance * (count > 0)
+        chosen, stands_for = _sample(truth[known], how.n_points)
+        known = known[chosen]
+        features, seen = _features(tables[:, known], how.floor)
+        weight = prior[truth[known]] * stands_for
+        problem = _Problem(features, seen, truth[known], weight, _start(count, len(tables), how))
+        penalty = problem.chosen_penalty(how.penalties, how.n_folds)
+        return cls(*problem.solve(penalty), floor=how.floor, penalty=penalty)
 
     def predict_proba(self, probabilities: Sequence[ArrayLike]) -> NDArray[np.float64]:
         """Pool the probabilities of all labellers.
@@ -180,6 +199,22 @@ def _features(tables: NDArray[np.float64], floor: float) -> tuple[NDArray[np.flo
     return np.where(seen[:, :, None], np.log(np.maximum(np.nan_to_num(tables), floor)), 0.0), seen
 
 
+def _sample(truth: NDArray[np.integer], n_points: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return rows, evenly spaced within each class and as many of each as there are, and how many each stands for."""
+    count = np.bincount(truth)
+    left, most = n_points, 0
+    for k, size in enumerate(np.sort(count[count > 0])):  # what small classes leave over goes to larger ones
+        most = max(left // (int((count > 0).sum()) - k), 1)
+        left -= min(int(size), most)
+    step = np.ceil(count / most).astype(np.int64)
+    order = np.argsort(truth, kind="stable")
+    rank = np.empty(len(truth), dtype=np.int64)
+    rank[order] = np.arange(len(truth)) - np.repeat(np.cumsum(count) - count, count)
+    rows = np.flatnonzero(rank % np.maximum(step, 1)[truth] == 0)
+    stands_for: NDArray[np.float64] = count[truth[rows]] / np.bincount(truth[rows], minlength=len(count))[truth[rows]]
+    return rows, stands_for
+
+
 def _log_prior(count: NDArray[np.int64], floor: float) -> NDArray[np.float64]:
     log_prior: NDArray[np.float64] = np.log(np.maximum(count / count.sum(), floor * 1e-3))
     return log_prior
@@ -195,26 +230,75 @@ def _logits(
     return out
 
 
-def _fit(
-    features: NDArray[np.float64], seen: NDArray[np.bool_], truth: NDArray[np.integer], share: NDArray[np.float64],
-    prior: NDArray[np.float64], penalty: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
-    """Minimise the weighted cross entropy plus the penalty; the problem is convex."""
-    k, _, c = features.shape
-    target = np.zeros((len(truth), c))
-    target[np.arange(len(truth)), truth] = 1.0
-    start = np.concatenate([prior, np.tile(np.eye(c), (k, 1, 1)).ravel(), np.tile(-prior, k)])
+def _start(count: NDArray[np.int64], n_labellers: int, how: PoolParameters) -> NDArray[np.float64]:
+    """Return the weights that the penalty draws to."""
+    prior = _log_prior(count, how.floor)
+    share = np.ones(n_labellers)
+    if how.start == "first":
+        share[1:] = 0.0
+    weights = np.einsum("k,cd->kcd", share, np.eye(len(count)))
+    return np.concatenate([prior, weights.ravel(), np.outer(share, -prior).ravel()])
 
-    def parts(theta: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+
+@dataclass(frozen=True)
+class _Problem:
+    """A convex problem: the weighted cross entropy plus the penalty."""
+
+    features: NDArray[np.float64]
+    seen: NDArray[np.bool_]
+    truth: NDArray[np.integer]
+    weight: NDArray[np.float64]
+    start: NDArray[np.float64]
+
+    def parts(self, theta: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return bias, weights and offsets."""
+        k, _, c = self.features.shape
         return theta[:c], theta[c : c + k * c * c].reshape(k, c, c), theta[c + k * c * c :].reshape(k, c)
 
-    def loss(theta: NDArray) -> tuple[float, NDArray]:
-        log_p = log_softmax(_logits(features, seen, *parts(theta)), axis=1)
-        away = theta - start
-        value = -float((share * log_p[np.arange(len(truth)), truth]).sum()) + 0.5 * penalty * float(away @ away)
-        slope = (np.exp(log_p) - target) * share[:, None]
-        gradient = [slope.sum(axis=0), *((slope.T @ table).ravel() for table in features)]
-        gradient += [(slope * mask[:, None]).sum(axis=0) for mask in seen]
-        return value, np.concatenate(gradient) + penalty * away
+    def of(self, rows: NDArray[np.bool_]) -> _Problem:
+        """Return the problem on some of the points."""
+        return replace(
+            self, features=self.features[:, rows], seen=self.seen[:, rows], truth=self.truth[rows],
+            weight=self.weight[rows],
+        )  # fmt: skip
 
-    return parts(minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 300, "gtol": 1e-6}).x)
+    def entropy(self, theta: NDArray) -> float:
+        """Return the weighted sum of the cross entropies of the points."""
+        log_p = log_softmax(_logits(self.features, self.seen, *self.parts(theta)), axis=1)
+        return -float(self.weight @ log_p[np.arange(len(self.truth)), self.truth])
+
+    def chosen_penalty(self, penalties: Sequence[float], n_folds: int) -> float:
+        """Return the penalty that does best on stretches that are held out."""
+        if len(penalties) == 1:
+            return float(penalties[0])
+        n = len(self.truth)
+        fold = np.arange(n) * min(n_folds, n) // n
+        held_out = [
+            sum(self.of(fold == k).entropy(self.of(fold != k).minimum(penalty)) for k in range(fold[-1] + 1))
+            for penalty in penalties
+        ]
+        return float(penalties[int(np.argmin(held_out))])
+
+    def solve(self, penalty: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return bias, weights and offsets at the minimum."""
+        return self.parts(self.minimum(penalty))
+
+    def minimum(self, penalty: float) -> NDArray[np.float64]:
+        """Return all of them in a row."""
+        n, c = len(self.truth), self.features.shape[2]
+        target = np.zeros((n, c))
+        target[np.arange(n), self.truth] = 1.0
+        share = self.weight / max(self.weight.sum(), 1e-300)
+
+        def loss(theta: NDArray) -> tuple[float, NDArray]:
+            log_p = log_softmax(_logits(self.features, self.seen, *self.parts(theta)), axis=1)
+            away = theta - self.start
+            value = -float((share * log_p[np.arange(n), self.truth]).sum()) + 0.5 * penalty * float(away @ away)
+            slope = (np.exp(log_p) - target) * share[:, None]
+            gradient = [slope.sum(axis=0), *((slope.T @ table).ravel() for table in self.features)]
+            gradient += [(slope * mask[:, None]).sum(axis=0) for mask in self.seen]
+            return value, np.concatenate(gradient) + penalty * away
+
+        options = {"maxiter": 100, "gtol": 1e-6}
+        found: NDArray[np.float64] = minimize(loss, self.start, jac=True, method="L-BFGS-B", options=options).x
+        return found

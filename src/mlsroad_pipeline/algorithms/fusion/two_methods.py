@@ -39,21 +39,21 @@ def spread_confidence(
     return out
 
 
-def camera_labels(cameras: NDArray[np.floating]) -> NDArray[np.int16]:
-    """Return the most probable class by each camera.
+def best_labels(probabilities: NDArray[np.floating]) -> NDArray[np.int16]:
+    """Return the most probable class of points.
 
     Parameters
     ----------
-    cameras : ndarray of shape (groups, n, classes), float
-        Probabilities by each camera; NaN where it does not see the point.
+    probabilities : ndarray of shape (..., classes), float
+        Probabilities; rows of NaN where the labeller does not see the point.
 
     Returns
     -------
-    ndarray of shape (groups, n), int16
-        Labels, -1 where the camera does not see the point.
+    ndarray of shape (...), int16
+        Labels, of equally probable ones the lowest; -1 for rows of NaN.
     """
-    best = np.nan_to_num(cameras).argmax(axis=2)
-    return np.where(np.isnan(cameras[:, :, 0]), IGNORE, best).astype(np.int16)
+    best = np.nan_to_num(probabilities).argmax(axis=-1)
+    return np.where(np.isnan(probabilities[..., 0]), IGNORE, best).astype(np.int16)
 
 
 @dataclass(frozen=True)
@@ -96,23 +96,23 @@ class TwoMethodFusion:
 
     @classmethod
     def fit(
-        cls, labels: NDArray[np.integer], confidence: NDArray[np.floating], cameras: NDArray[np.floating],
-        reference: NDArray[np.integer], *, pool: PoolParameters | None = None,
+        cls, features: NDArray[np.floating], cameras: NDArray[np.floating], reference: NDArray[np.integer], *,
+        pool: PoolParameters | None = None, delegate: bool = True,
     ) -> TwoMethodFusion:  # fmt: skip
         """Learn on test set 1.
 
         Parameters
         ----------
-        labels : ndarray of shape (n,), int
-            Labels of the method that knows features, -1 for none.
-        confidence : ndarray of shape (n,), float
-            Their probabilities.
+        features : ndarray of shape (n, classes), float
+            Probabilities by the method that knows features, NaN where it has no label; points in the order of the road.
         cameras : ndarray of shape (groups, n, classes), float
             Probabilities by each camera; NaN where it does not see the point.
         reference : ndarray of shape (n,), int
             True labels; points labelled -1 are ignored.
         pool : PoolParameters, optional
             Of the probabilistic fusion.
+        delegate : bool, default True
+            See `ClassPreference`.
 
         Returns
         -------
@@ -125,25 +125,23 @@ class TwoMethodFusion:
             If shapes differ or no point is labelled.
         """
         n_classes = cameras.shape[2]
-        given = camera_labels(cameras)
-        among = ClassPreference.fit(list(given), reference, n_classes=n_classes)
+        labels, given = best_labels(features), best_labels(cameras)
+        among = ClassPreference.fit(list(given), reference, n_classes=n_classes, delegate=delegate)
         images, _ = among.fuse(list(given))
         both = (images != IGNORE) & (labels != IGNORE)
-        methods = ClassPreference.fit([labels[both], images[both]], reference[both], n_classes=n_classes)
-        tables = [spread_confidence(labels, confidence, n_classes), *cameras]
-        return cls(among, methods, LogLinearPool.fit(tables, reference, parameters=pool))
+        methods = ClassPreference.fit(
+            [labels[both], images[both]], reference[both], n_classes=n_classes, delegate=delegate
+        )
+        learned = LogLinearPool.fit([features, *cameras], reference, parameters=pool)
+        return cls(among, methods, learned)
 
-    def fuse(
-        self, labels: NDArray[np.integer], confidence: NDArray[np.floating], cameras: NDArray[np.floating]
-    ) -> FusedLabels:
+    def fuse(self, features: NDArray[np.floating], cameras: NDArray[np.floating]) -> FusedLabels:
         """Make one label of those of the method and the cameras.
 
         Parameters
         ----------
-        labels : ndarray of shape (n,), int
-            Labels of the method that knows features, -1 for none.
-        confidence : ndarray of shape (n,), float
-            Their probabilities.
+        features : ndarray of shape (n, classes), float
+            Probabilities by the method that knows features, NaN where it has no label.
         cameras : ndarray of shape (groups, n, classes), float
             Probabilities by each camera; NaN where it does not see the point.
 
@@ -157,10 +155,9 @@ class TwoMethodFusion:
         DataError
             If the number of cameras or classes is another than on test set 1.
         """
-        images, _ = self.cameras.fuse(list(camera_labels(cameras)))
-        rule, _ = self.methods.fuse([labels, images])
-        tables = [spread_confidence(labels, confidence, cameras.shape[2]), *cameras]
-        probabilities = self.pool.predict_proba(tables)
+        images, _ = self.cameras.fuse(list(best_labels(cameras)))
+        rule, _ = self.methods.fuse([best_labels(features), images])
+        probabilities = self.pool.predict_proba([features, *cameras])
         return FusedLabels(images, rule, probabilities.argmax(axis=1).astype(np.int16), probabilities)
 
     def to_arrays(self) -> dict[str, NDArray]:
@@ -174,10 +171,12 @@ class TwoMethodFusion:
         return {
             "camera_f1": self.cameras.f1,
             "method_f1": self.methods.f1,
+            "delegate": np.array([self.methods.delegate]),
             "bias": self.pool.bias,
             "weights": self.pool.weights,
             "offsets": self.pool.offsets,
             "floor": np.array([self.pool.floor]),
+            "penalty": np.array([self.pool.penalty]),
         }
 
     @classmethod
@@ -194,5 +193,9 @@ class TwoMethodFusion:
         TwoMethodFusion
             The same fusion.
         """
-        pool = LogLinearPool(arrays["bias"], arrays["weights"], arrays["offsets"], float(arrays["floor"][0]))
-        return cls(ClassPreference(arrays["camera_f1"]), ClassPreference(arrays["method_f1"]), pool)
+        pool = LogLinearPool(
+            arrays["bias"], arrays["weights"], arrays["offsets"], float(arrays["floor"][0]), float(arrays["penalty"][0])
+        )
+        delegate = bool(arrays["delegate"][0])
+        among, methods = (ClassPreference(arrays[name], delegate) for name in ("camera_f1", "method_f1"))
+        return cls(among, methods, pool)

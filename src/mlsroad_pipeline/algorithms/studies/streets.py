@@ -7,11 +7,12 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
-from mlsroad_pipeline.algorithms.simulation.survey import simulate_survey
+from mlsroad_pipeline.algorithms.simulation.survey import Survey, simulate_survey
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 
 Value = TypeVar("Value")
@@ -66,11 +67,57 @@ def make_street(
     PointCloud
         Points with these columns, `ground` and `height`.
     """
+    source = f"street of seed {simulation.seed}"
     survey = simulate_survey(simulation, n_threads=1)
+    return cut_street(survey, ground=ground, columns=columns, source=source, reach=reach)[0]
+
+
+def cut_street(
+    survey: Survey, *, ground: GroundParameters, columns: Sequence[str], source: str, reach: float = np.inf
+) -> tuple[PointCloud, NDArray[np.float64]]:
+    """Find the ground of a survey and leave out what lies before its start and behind its end.
+
+    Parameters
+    ----------
+    survey : Survey
+        The survey.
+    ground : GroundParameters
+        The ground filter.
+    columns : sequence of str
+        What is kept of the survey.
+    source : str
+        What messages call it.
+    reach : float, default infinite
+        Points farther from the track than this are left out, metres.
+
+    Returns
+    -------
+    cloud : PointCloud
+        Points with these columns, `ground` and `height`.
+    station : ndarray of shape (n,), float64
+        How far along the track each point is, metres.
+    """
     cloud = survey.cloud
     found = find_ground(cloud, ground)
     kept = {name: cloud[name] for name in columns}
-    whole = PointCloud(cloud.xyz, {**kept, **found}, cloud.origin, cloud.crs, f"street of seed {simulation.seed}")
-    path = Trajectory.from_positions(survey.trajectory[["x", "y", "z"]], survey.trajectory["gps_time"])
+    whole = PointCloud(cloud.xyz, {**kept, **found}, cloud.origin, cloud.crs, source)
+    path = survey_path(survey)
     station, offset = path.locate(cloud.xyz, origin=cloud.origin)
-    return whole.select(np.flatnonzero((station >= 0) & (station <= path.length) & (np.abs(offset) <= reach)))
+    rows = np.flatnonzero((station >= 0) & (station <= path.length) & (np.abs(offset) <= reach))
+    return whole.select(rows), station[rows]
+
+
+def survey_path(survey: Survey) -> Trajectory:
+    """Return the track of a simulated survey.
+
+    Parameters
+    ----------
+    survey : Survey
+        The survey.
+
+    Returns
+    -------
+    Trajectory
+        The track.
+    """
+    return Trajectory.from_positions(survey.trajectory[["x", "y", "z"]], survey.trajectory["gps_time"])

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import IGNORE
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.fusion.class_preference import count_agreement
+from mlsroad_pipeline.algorithms.fusion.class_preference import ClassPreference, count_agreement
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
-from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion
-from mlsroad_pipeline.algorithms.image_labels.labelling import ImageLabels
+from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion, best_labels
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
-from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
 
-FEATURES, IMAGES, RULE, POOL = "detrended_forest", "image_labels", "fusion", "fusion_pool"
-"""Names of the two methods, of the paper's fusion, and of the probabilistic one."""
+FEATURES, IMAGES, RULE, BY_F1, POOL = "features", "images", "fusion", "fusion_by_f1", "fusion_pool"
+"""The two methods, the paper's fusion, the reading of it that compares F1 alone, and the probabilistic fusion."""
+
+ANSWERS = (FEATURES, IMAGES, RULE, BY_F1, POOL)
+ALL_POINTS, VISIBLE = "test2", "test2_visible"
+"""Test set 2 whole, unseen points wrong for the images (Tables 3 to 5), and the points that a camera sees."""
 
 
 @dataclass(frozen=True)
@@ -30,103 +30,87 @@ class TestSet:
     ----------
     reference : ndarray of shape (n,), int
         True labels, -1 where they are ignored.
-    labels : ndarray of shape (n,), int
-        Labels of the feature-based method, -1 for none.
-    confidence : ndarray of shape (n,), float
-        Their probabilities.
-    images : ImageLabels
-        What each camera says.
+    features : ndarray of shape (n, classes), float
+        Probabilities by the feature-based method.
+    cameras : ndarray of shape (groups, n, classes), float
+        Probabilities by each camera; NaN where it does not see the point.
     """
 
     __test__ = False  # no test, for pytest
 
     reference: NDArray[np.integer]
-    labels: NDArray[np.integer]
-    confidence: NDArray[np.floating]
-    images: ImageLabels
+    features: NDArray[np.floating]
+    cameras: NDArray[np.floating]
 
     def __post_init__(self) -> None:
         n = len(self.reference)
-        for name, size in (
-            ("labels", len(self.labels)), ("confidence", len(self.confidence)),
-            ("images", self.images.n_images.shape[1]),
-        ):  # fmt: skip
+        for name, size in (("features", len(self.features)), ("cameras", self.cameras.shape[1])):
             if size != n:
                 raise DataError(f"a test set has {n} reference labels but {size} of {name}")
 
 
 @dataclass(frozen=True)
 class FusionStudy:
-    """What the experiment gave.
+    """What the experiment gave on one survey.
 
     Parameters
     ----------
-    scores : pandas.DataFrame
-        The table of scores of `labelling_scores`: methods `FEATURES`, `IMAGES`, `RULE` and `POOL`; splits
-        ``test2`` (all points, unseen ones wrong for the image method: Tables 3 to 5) and ``test2_visible``.
-    camera_f1 : pandas.DataFrame
-        F1 on test set 1 of each camera (row) and class (column).
-    method_f1 : pandas.DataFrame
-        F1 on test set 1 of both methods (rows; Table 2), over the points that both label.
+    answers : dict of str to ndarray of shape (n,), int16
+        Labels of test set 2 by each of `ANSWERS`; -1 where no camera sees a point.
+    confusions : dict of str to ndarray of shape (classes, classes + 1), int64
+        ``<answer>.<split>`` to the confusion on `ALL_POINTS` and `VISIBLE`.
+    camera_f1 : ndarray of shape (groups, classes), float64
+        F1 on test set 1 of each camera.
+    method_f1 : ndarray of shape (2, classes), float64
+        F1 on test set 1 of both methods (Table 2), over the points that both label.
     redundancy : ndarray of shape (k + 1, k + 1), int64
         `count_agreement` of the feature-based method and the cameras with the fusion, on test set 2.
-    fused, pooled : ndarray of shape (n,), int16
-        Labels of test set 2 by both fusions.
+    penalty : float
+        Of the pool, as chosen on test set 1.
     """
 
-    scores: pd.DataFrame
-    camera_f1: pd.DataFrame
-    method_f1: pd.DataFrame
+    answers: dict[str, NDArray[np.int16]]
+    confusions: dict[str, NDArray[np.int64]]
+    camera_f1: NDArray[np.float64]
+    method_f1: NDArray[np.float64]
     redundancy: NDArray[np.int64]
-    fused: NDArray[np.int16]
-    pooled: NDArray[np.int16]
+    penalty: float
 
 
-def fuse_test_sets(
-    first: TestSet, second: TestSet, *, classes: Sequence[str], pool: PoolParameters | None = None
-) -> FusionStudy:
+def fuse_test_sets(first: TestSet, second: TestSet, *, pool: PoolParameters | None = None) -> FusionStudy:
     """Learn on test set 1 which camera and which method to believe, and fuse test set 2.
 
     Parameters
     ----------
     first, second : TestSet
         Test sets 1 and 2; nothing of the second but its labels is used before it is scored.
-    classes : sequence of str
-        Names of the classes.
     pool : PoolParameters, optional
         Of the probabilistic fusion.
 
     Returns
     -------
     FusionStudy
-        Scores, and what was learned.
+        Labels, confusions, and what was learned.
 
     Raises
     ------
     DataError
-        If the test sets have other cameras, or no point of test set 1 is labelled.
+        If the test sets have other cameras or classes, or no point of test set 1 is labelled.
     """
-    if first.images.groups != second.images.groups:
-        raise DataError(f"test set 1 has cameras {first.images.groups}, test set 2 {second.images.groups}")
-    c = len(classes)
-    learned = TwoMethodFusion.fit(
-        first.labels, first.confidence, first.images.probabilities, first.reference, pool=pool
-    )
-    found = learned.fuse(second.labels, second.confidence, second.images.probabilities)
-    answers = {FEATURES: second.labels, IMAGES: found.images, RULE: found.rule, POOL: found.pool}
-    visible = found.images != IGNORE
-    tables = [
-        labelling_scores(
-            confusion_matrix(second.reference[rows], given[rows], c), method=method, split=split, classes=classes
-        )
-        for split, rows in (("test2", slice(None)), ("test2_visible", visible))
-        for method, given in answers.items()
-    ]
+    n_classes = first.features.shape[1]
+    learned = TwoMethodFusion.fit(first.features, first.cameras, first.reference, pool=pool)
+    found = learned.fuse(second.features, second.cameras)
+    labels, each = best_labels(second.features), list(best_labels(second.cameras))
+    plain_cameras, plain = (replace(rule, delegate=False) for rule in (learned.cameras, learned.methods))
+    by_f1 = ClassPreference.fuse(plain, [labels, plain_cameras.fuse(each)[0]])[0]
+    answers = dict(zip(ANSWERS, (labels, found.images, found.rule, by_f1, found.pool), strict=True))
+    rows = {ALL_POINTS: np.arange(len(labels)), VISIBLE: np.flatnonzero(found.images != IGNORE)}
+    confusions = {
+        f"{name}.{split}": confusion_matrix(second.reference[of], given[of], n_classes)
+        for name, given in answers.items()
+        for split, of in rows.items()
+    }
+    redundancy = count_agreement([labels, *each], found.rule)
     return FusionStudy(
-        pd.concat(tables, ignore_index=True),
-        pd.DataFrame(learned.cameras.f1, index=list(first.images.groups), columns=list(classes)),
-        pd.DataFrame(learned.methods.f1, index=[FEATURES, IMAGES], columns=list(classes)),
-        count_agreement([second.labels, *second.images.labels], found.rule),
-        found.rule,
-        found.pool,
-    )
+        answers, confusions, learned.cameras.f1, learned.methods.f1, redundancy, learned.pool.penalty
+    )  # fmt: skip
