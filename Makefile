@@ -19,7 +19,7 @@ compare: setup
 	@$(BIN)/kedro run --env=compare --pipeline=comparison_report
 
 test: setup lint
-	@$(BIN)/python -m pytest -n auto
+	@$(BIN)/python -m pytest -n auto --dist loadfile
 
 lint: setup
 	@$(BIN)/ruff check .
