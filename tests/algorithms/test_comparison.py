@@ -29,7 +29,7 @@ def scores():
 
 
 def test_means_and_spread_are_over_the_streets_that_all_methods_know(scores):
-    assert comparison.test_splits(scores) == ["test_0", "test_1", "test_2"]
+    assert comparison.common_test_streets(scores) == ["test_0", "test_1", "test_2"]
     found = comparison.overview(scores, LABELLING)
     assert found["method"].tolist() == ["b", "a", "c"]
     for row in found.itertuples():

@@ -37,7 +37,7 @@ class _Links:
     starts: dict[int, int] = field(default_factory=dict)
     n_fragments: int = 0
 
-    def add(self, i: int, table: pd.DataFrame) -> None:
+    def add(self, i: int, scene: str, table: pd.DataFrame) -> None:
         """Add the fragments of the i-th scene."""
         numbers, fragment = np.unique(table["fragment"].to_numpy(), return_inverse=True)
         key = table[["i", "j", "k"]].to_numpy()
@@ -45,7 +45,7 @@ class _Links:
             self.corner = key[0]
         offset = key - self.corner
         if np.abs(offset).max() > np.iinfo(np.int32).max:
-            raise DataError(f"scene {i}: voxels lie {np.abs(offset).max():,} voxels from those of another scene")
+            raise DataError(f"scene {scene!r}: voxels lie {np.abs(offset).max():,} voxels from those of another scene")
         self.voxels.append(offset.astype(np.int32))
         self.fragment.append((fragment + self.n_fragments).astype(np.int32))
         self.scene.append(np.full(len(numbers), i, dtype=np.int32))
@@ -86,7 +86,7 @@ def _link(pieces: Sequence[SceneObjects], classes: Mapping[str, ObjectRule]) -> 
         if named - set(classes):
             raise DataError(f"objects of class {min(named - set(classes))!r}, which has no rule: {sorted(classes)}")
         for name, table in _by_class(piece):
-            links.setdefault(name, _Links()).add(i, table)
+            links.setdefault(name, _Links()).add(i, piece.scene, table)
     return scenes, links
 
 

@@ -55,7 +55,7 @@ def train_network(
     if model.n_classes != n_classes:
         raise ParameterError(f"the network has {model.n_classes} classes, not {n_classes}")
     device = find_device("auto")
-    model.to(device).to(memory_format=torch.channels_last).train()  # type: ignore[call-overload]
+    model.to(device).to(memory_format=torch.channels_last).train()  # type: ignore[call-overload]  # not in its types
     weights = _class_weights(crops.shares, how.class_balance).to(device)
     optimiser = _optimiser(model, how)
     schedule = torch.optim.lr_scheduler.LambdaLR(
@@ -73,7 +73,7 @@ def train_network(
             optimiser.step()
             schedule.step()
             losses.append(float(loss.detach()))
-    return model.to("cpu").to(memory_format=torch.contiguous_format).eval(), losses  # type: ignore[call-overload]
+    return model.to("cpu").to(memory_format=torch.contiguous_format).eval(), losses  # type: ignore[call-overload]  # as above
 
 
 def _in_bfloat16(precision: str, device: torch.device) -> bool:

@@ -45,7 +45,7 @@ TASKS = (
 """The tasks that there are methods for."""
 
 
-def test_splits(scores: pd.DataFrame) -> list[str]:
+def common_test_streets(scores: pd.DataFrame) -> list[str]:
     """Return the test streets that all methods of a table were scored on.
 
     Parameters
@@ -72,14 +72,11 @@ def test_splits(scores: pd.DataFrame) -> list[str]:
     return found
 
 
-test_splits.__test__ = False  # type: ignore[attr-defined]  # no test, for pytest
-
-
 def _overall(scores: pd.DataFrame, metric: str) -> pd.DataFrame:
     """Return one figure over all classes: streets by methods."""
     rows = scores[(scores["class"] == ALL) & (scores["metric"] == metric)]
     wide = rows.pivot(index="split", columns="method", values="value")
-    return wide.reindex(index=test_splits(scores), columns=list(dict.fromkeys(scores["method"])))
+    return wide.reindex(index=common_test_streets(scores), columns=list(dict.fromkeys(scores["method"])))
 
 
 def overview(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
@@ -109,7 +106,7 @@ def overview(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
         wide = _overall(table, metric)
         columns |= {metric: wide.mean(), f"{metric}_spread": wide.std(ddof=1)}
     found = pd.DataFrame(columns).rename_axis("method").reset_index()
-    found.insert(1, "streets", len(test_splits(table)))
+    found.insert(1, "streets", len(common_test_streets(table)))
     return found.sort_values(task.metrics[0], ascending=False, kind="stable").reset_index(drop=True)
 
 
@@ -134,7 +131,7 @@ def class_table(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
         If the table is no table of scores, or no test street is common to all methods.
     """
     table = check_scores(scores)
-    chosen = table[table["split"].isin(test_splits(table)) & (table["metric"] == task.class_metric)]
+    chosen = table[table["split"].isin(common_test_streets(table)) & (table["metric"] == task.class_metric)]
     rows = chosen[(chosen["class"] != ALL) & (chosen["support"] > 0)]
     wide = rows.pivot_table(index="method", columns="class", values="value", sort=False, dropna=False)
     order = dict.fromkeys(overview(table, task)["method"])
@@ -212,7 +209,7 @@ def mean_scores(scores: pd.DataFrame) -> pd.DataFrame:
         If the table is no table of scores, or no test street is common to all methods.
     """
     table = check_scores(scores)
-    rows = table[table["split"].isin(test_splits(table))]
+    rows = table[table["split"].isin(common_test_streets(table))]
     grouped = rows.groupby(["method", "class", "metric"], sort=False)
     means = grouped.agg(value=("value", "mean"), support=("support", "sum")).reset_index().assign(split=MEAN)
     return check_scores(means[list(COLUMNS)])

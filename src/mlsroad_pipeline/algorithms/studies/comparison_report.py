@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.metrics.scores import ALL
 from mlsroad_pipeline.algorithms.rendering.figures import SERIES
 from mlsroad_pipeline.algorithms.rendering.report import FactsSection, FiguresSection, Section, TableSection
-from mlsroad_pipeline.algorithms.studies.comparison import Task, class_table, overview, paired_differences, test_splits
+from mlsroad_pipeline.algorithms.studies.comparison import (
+    Task,
+    class_table,
+    common_test_streets,
+    overview,
+    paired_differences,
+)
 from mlsroad_pipeline.algorithms.studies.figures import draw_panels, name_axes
 
 _NOTES = {
@@ -94,9 +100,9 @@ def streets_figure(scores: pd.DataFrame, task: Task, methods: Sequence[str]) -> 
     wide = rows.pivot(index="method", columns="split", values="value").reindex(list(methods))
     figure, (axes,) = draw_panels(1, width=max(6.0, 1.0 + 0.8 * len(methods)), height=3.8)
     places = np.arange(len(methods))
-    for k, split in enumerate(test_splits(scores)):
+    for k, split in enumerate(common_test_streets(scores)):
         axes.plot(places, wide[split], "o-", color=SERIES[k % len(SERIES)], markersize=4, linewidth=0.5, label=split)
-    axes.plot(places, wide[test_splits(scores)].mean(axis=1), "_", color="black", markersize=18, label="mean")
+    axes.plot(places, wide[common_test_streets(scores)].mean(axis=1), "_", color="black", markersize=18, label="mean")
     axes.set_xticks(places, [name.replace("_", "\n") for name in methods], fontsize=7)
     name_axes(axes, y=metric.replace("_", " "), unit_range="y")
     axes.legend(frameon=False, fontsize=7, ncols=3, loc="lower left")
