@@ -42,7 +42,7 @@ TRAINING, DEVELOPMENT, TEST = 3001, (4001, 4002, 4003, 4004, 4005, 4006), (5001,
 """Seeds: the first street of training, streets on which settings are chosen, streets on which they are scored."""
 
 SIZE = {"image_width": 960, "image_height": 720}
-"""Of the images. A quarter of the pixels of the paper's cameras."""
+"""Of the images. A sixth of the pixels of the paper's cameras."""
 
 NETWORK = {"scale": (0.45, 1.2)}
 """What differs from the defaults, which suit images of half that width."""

@@ -19,7 +19,7 @@ class TrainingParameters:
     ----------
     backbone : str, default "small"
         ``small``, ``resnet50`` or ``resnet101``; the paper's are ResNets that were trained on ImageNet before.
-    n_steps : int, default 5000
+    n_steps : int, default 3900
         Batches. More is better and takes longer.
     batch_size : int, default 3
         Crops per batch; 16 in the PSPNet's paper. In a given time more steps of fewer crops do better.
@@ -70,7 +70,7 @@ class TrainingParameters:
     """
 
     backbone: str = "small"
-    n_steps: int = 5000
+    n_steps: int = 3900
     batch_size: int = 3
     crop: int = 320
     scale: tuple[float, float] = (0.9, 2.4)
