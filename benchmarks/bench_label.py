@@ -6,7 +6,7 @@
 
 A simulated street of that many points is made once and kept in FOLDER. The models must be registered (`make run`).
 Memory is PSS summed over the process tree, sampled every half second. What earlier runs of `label` have stored in the
-project is removed first. `digest` is of the labelled LAZ and both inventories: it must not depend on backend and workers.
+project is removed first. `digest` is of the labelled LAZ and both inventories, the same for all backends and workers.
 """
 
 from __future__ import annotations
