@@ -10,6 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
+from mlsroad_pipeline.algorithms.image_labels.convex_hull import hull_vertices
 from mlsroad_pipeline.algorithms.image_labels.depth_buffer import (
     behind_discs,
     ground_relief,
@@ -213,12 +214,17 @@ def hidden_point_removal(xyz: ArrayLike, viewpoint: ArrayLike, *, radius: float)
         return visible
     flipped = np.zeros((len(rows) + 1, 3))
     flipped[1:] = seen[rows] * (2 * radius / distance[rows] - 1)[:, None]
-    try:
-        hull = ConvexHull(flipped)
-    except QhullError:  # all in one plane with the viewpoint: joggled input has a hull
-        hull = ConvexHull(flipped, qhull_options="QJ")
-    visible[rows[hull.vertices[hull.vertices > 0] - 1]] = True
+    found = hull_vertices(flipped)
+    vertices = _vertices_by_qhull(flipped) if found is None else found
+    visible[rows[vertices[vertices > 0] - 1]] = True
     return visible
+
+
+def _vertices_by_qhull(points: NDArray[np.float64]) -> NDArray[np.integer]:
+    try:
+        return ConvexHull(points).vertices
+    except QhullError:  # all in one plane with the viewpoint: joggled input has a hull
+        return ConvexHull(points, qhull_options="QJ").vertices
 
 
 def _unhidden(seen: NDArray[np.float64], distance: NDArray[np.float64]) -> NDArray[np.bool_]:
