@@ -3,10 +3,15 @@
 import numpy as np
 
 
-def normalised(points, isotropic=False):
+def normalised(points, isotropic=False, window=None):
     """Points in [-1, 1] x [-1, 1] x [0, 2]."""
     points = np.asarray(points, dtype=np.float64)
     low, high = points.min(axis=0), points.max(axis=0)
+    if window is not None:
+        half_width, height = window
+        plan = (points[:, :2] - (low[:2] + high[:2]) / 2) / half_width
+        up = 2 * (points[:, 2] - low[2]) / height
+        return np.column_stack([np.clip(plan, -1, 1), np.clip(up, 0, 2)])
     extent = np.full(3, (high - low).max()) if isotropic else high - low
     unit = np.zeros_like(points)
     for axis in range(3):
@@ -15,9 +20,9 @@ def normalised(points, isotropic=False):
     return unit + [0, 0, 1]
 
 
-def images(points, sizes, isotropic=False, relative=True):
+def images(points, sizes, isotropic=False, window=None, relative=True):
     """HSSI, VQAI and VAAI of the whole and of the slices, as lists of arrays."""
-    unit = normalised(points, isotropic)
+    unit = normalised(points, isotropic, window)
     parts = [(unit, np.ones(len(unit), bool))]
     for s in range(4):
         inside = np.clip(np.floor(unit[:, 2] / 0.5), 0, 3) == s

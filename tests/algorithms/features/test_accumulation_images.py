@@ -17,7 +17,7 @@ def objects(rng):
 
 
 @pytest.mark.parametrize("sizes", [SIZES, (5, 3, 2), (1, 1, 1)])
-@pytest.mark.parametrize("options", [{}, {"isotropic": True}, {"relative": False}])
+@pytest.mark.parametrize("options", [{}, {"isotropic": True}, {"relative": False}, {"window": (2.0, 4.0)}])
 def test_images_follow_the_definition(objects, sizes, options):
     found = compute_images(objects, sizes=sizes, **options)
     for i, points in enumerate(objects):
@@ -89,6 +89,26 @@ def test_isotropic_keeps_proportions():
     np.testing.assert_allclose(normalised(box, isotropic=True), [[-0.25, -0.5, 0], [0.25, 0.5, 2]])
     assert np.argwhere(compute_images([box], isotropic=True)[1][0, 0]).tolist() == [[3, 2], [5, 6]]
     assert np.argwhere(compute_images([box])[1][0, 0]).tolist() == [[0, 0], [7, 7]]
+
+
+def test_a_window_shows_size_and_keeps_what_is_outside_at_its_edge():
+    z = np.linspace(0, 2.999, 300)
+    low, high = (np.column_stack([np.full((300, 2), 7.0), 50 + factor * z]) for factor in (1.0, 2.0))
+    hssi, vqai, _ = compute_images([low, high], window=(2.0, 4.0))
+    rows = hssi[:, 0, :, 0]
+    assert (rows[0, :12] > 0).all() and (rows[0, 12:] == 0).all()  # 3 m are three quarters of the height
+    assert rows[1, :15] == pytest.approx(1 / 24, abs=0.004) and rows[1, 15] == pytest.approx(9 / 24, abs=0.004)
+    np.testing.assert_allclose(vqai[:, 0, 4, 4], 1.0, rtol=1e-5)
+    wide = np.array([[-5.0, 0, 0], [5.0, 0, 0], [0.4, 0, 0]])
+    for image in compute_images([wide], window=(2.0, 4.0))[1:]:
+        size = image.shape[-1]
+        assert np.argwhere(image[0, 0]).T[0].tolist() == [0, int(2.4 * size / 4), size - 1]
+    boxes = [np.array([[0, 0, 0], [1, 2, 4.0]]), np.array([[0, 0, 0], [2, 4, 8.0]])]
+    stretched = compute_images(boxes)
+    np.testing.assert_array_equal(stretched[1][0], stretched[1][1])  # without a window size is not seen
+    for window in ((0.0, 4.0), (2.0, np.inf), (np.nan, 4.0)):
+        with pytest.raises(ParameterError, match="window must be two lengths above 0"):
+            compute_images(boxes, window=window)
 
 
 def test_points_that_are_all_alike_lie_in_the_middle():

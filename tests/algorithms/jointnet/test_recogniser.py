@@ -1,6 +1,7 @@
 """JointNet: layers as printed, training that repeats and resumes, and recognition of planted shapes."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -96,6 +97,21 @@ def test_what_the_network_sees(rng, changes):
     if seen.measures:
         heights = [np.log(np.ptp(p[:, 2]) + 0.1) for p in objects]
         np.testing.assert_allclose(measures[:, 0], heights, rtol=1e-5)
+
+
+def test_a_window_lets_the_images_tell_size(rng):
+    """Boxes of the same shape and of two sizes: what is seen of them is the same without a window."""
+    boxes = [rng.uniform(size=(60, 3)) * [1.0, 1.0, 2.0] * size for size in (1, 2) * 6]
+    classes = np.array(["small", "large"] * 6)
+    plain = {"intensity": False, "measures": False}
+    accuracy = {}
+    for window in (None, [2.0, 4.0]):
+        wanted = replace(parameters(epochs=20, schedule="one_cycle"), inputs=InputParameters(window=window, **plain))
+        found = JointNetRecogniser(wanted).fit(boxes, classes)
+        again = JointNetRecogniser.from_arrays(found.to_arrays(), wanted)
+        others = [rng.uniform(size=(60, 3)) * [1.0, 1.0, 2.0] * size for size in (1, 2) * 20]
+        accuracy[window is None] = (again.predict(others) == ["small", "large"] * 20).mean()
+    assert accuracy[False] >= 0.95 and accuracy[True] <= 0.7
 
 
 def test_measures_are_what_they_are_called(rng):
@@ -227,6 +243,9 @@ def test_bad_input_is_named(rng):
         JointNetRecogniser(parameters()).fit(objects, classes[:5])
     with pytest.raises(ParameterError, match="inputs.views must be some of hssi, vqai, vaai, got .'side'."):
         InputParameters(views=["side"])
+    for window, told in ([2.0], r"two lengths, got \[2.0\]"), ([2.0, 0.0], "a finite number > 0, got 0.0"):
+        with pytest.raises(ParameterError, match=f"inputs.window must be {told}"):
+            InputParameters(window=window)
     with pytest.raises(ParameterError, match="training.schedule must be one of one_cycle, halving, got 'steps'"):
         TrainingParameters(schedule="steps")
     with pytest.raises(ParameterError, match="network.cnn3_widths must be 4 numbers"):

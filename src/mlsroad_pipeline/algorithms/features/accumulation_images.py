@@ -53,6 +53,7 @@ def compute_images(
     *,
     sizes: tuple[int, int, int] = (16, 8, 16),
     isotropic: bool = False,
+    window: tuple[float, float] | None = None,
     relative: bool = True,
     weights: Sequence[ArrayLike] | None = None,
     n_threads: int = 1,
@@ -73,7 +74,12 @@ def compute_images(
         Rows and columns of HSSI, VQAI and VAAI (the paper's sizes). More show finer detail, and more noise.
     isotropic : bool, default False
         Whether one factor scales all three axes, so that the largest extent fills its range and proportions are kept.
-        The paper scales each axis by itself.
+        The paper scales each axis by itself, or all objects by the same: see `window`.
+    window : tuple of float, optional
+        Half of the width and the height, in metres, of a space that is the same for all objects: the middle of an
+        object is at x = y = 0, its lowest point at z = 0, and points outside go to the nearest cell. Size is seen
+        then, and `isotropic` has no effect. By default every object fills its space. The paper's "normalized to fixed
+        size space" (4.5) can be read as either.
     relative : bool, default True
         Whether sums are divided by the number of points of the object, so that near and far objects look alike; the
         slices of VQAI then add up to the whole. The paper does not divide.
@@ -95,14 +101,14 @@ def compute_images(
         If an object has no points, is not (n, 3), or has a coordinate that is NaN or infinite, or there is not one
         finite weight per point.
     ParameterError
-        If a size or `n_threads` is below 1.
+        If a size or `n_threads` is below 1, or the window is not two lengths above 0.
     """
     xyz, indptr = join_objects(objects)
     each = np.ones(len(xyz)) if weights is None else join_values(weights, indptr, "weights")
     if relative:
         counts = np.diff(indptr)
         each = each / np.repeat(counts, counts)
-    return draw_images(xyz, indptr, each, sizes=sizes, isotropic=isotropic, n_threads=n_threads)
+    return draw_images(xyz, indptr, each, sizes=sizes, isotropic=isotropic, window=window, n_threads=n_threads)
 
 
 def join_values(values: Sequence[ArrayLike], indptr: NDArray[np.int64], name: str) -> NDArray[np.float64]:
@@ -147,6 +153,7 @@ def draw_images(
     *,
     sizes: tuple[int, int, int],
     isotropic: bool,
+    window: tuple[float, float] | None = None,
     n_threads: int = 1,
 ) -> Images:
     """Draw the images of objects that were joined and checked, as `compute_images` does.
@@ -163,6 +170,8 @@ def draw_images(
         Rows and columns of HSSI, VQAI and VAAI.
     isotropic : bool
         Whether one factor scales all three axes.
+    window : tuple of float, optional
+        Half of the width and the height, in metres, of one space for all objects.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -174,15 +183,18 @@ def draw_images(
     Raises
     ------
     ParameterError
-        If a size or `n_threads` is below 1.
+        If a size or `n_threads` is below 1, or the window is not two lengths above 0.
     """
     if len(sizes) != 3 or min(sizes) < 1:
         raise ParameterError(f"sizes must be three numbers of at least 1, got {sizes!r}")
+    half_width, height = (0.0, 0.0) if window is None else window
+    if window is not None and not (0 < half_width < np.inf and 0 < height < np.inf):
+        raise ParameterError(f"window must be two lengths above 0, got {window!r}")
     n = len(indptr) - 1
     hssi, vqai, vaai = (np.zeros((n, N_PARTS, size, size), dtype=np.float32) for size in sizes)
 
     def draw(first: int, last: int) -> None:
-        _draw(xyz, indptr, weights, hssi, vqai, vaai, isotropic, first, last)
+        _draw(xyz, indptr, weights, hssi, vqai, vaai, isotropic, half_width, height, first, last)
 
     run_in_chunks(draw, n, n_threads=n_threads)
     return hssi, vqai, vaai
@@ -190,9 +202,9 @@ def draw_images(
 
 @njit(cache=True, nogil=True)
 def _scale(
-    xyz: NDArray[np.float64], first: int, last: int, isotropic: bool
+    xyz: NDArray[np.float64], first: int, last: int, isotropic: bool, half_width: float, height: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the middle of the bounding box and the factor of each axis that takes it to [-1, 1]."""
+    """Return the middle of the object's space and the factor of each axis that takes this to [-1, 1]."""
     middle, factor = np.empty(3), np.empty(3)
     widest = 0.0
     for axis in range(3):
@@ -202,7 +214,11 @@ def _scale(
         middle[axis] = 0.5 * (low + high)
         factor[axis] = 2.0 / (high - low) if high > low else 0.0
         widest = max(widest, high - low)
-    if isotropic and widest > 0.0:
+        if axis == 2 and half_width > 0.0:
+            middle[2] = low + 0.5 * height
+    if half_width > 0.0:
+        factor[:2], factor[2] = 1.0 / half_width, 2.0 / height
+    elif isotropic and widest > 0.0:
         factor[:] = 2.0 / widest
     return middle, factor
 
@@ -216,6 +232,8 @@ def _draw(
     vqai: NDArray[np.float32],
     vaai: NDArray[np.float32],
     isotropic: bool,
+    half_width: float,
+    height: float,
     begin: int,
     end: int,
 ) -> None:
@@ -223,13 +241,15 @@ def _draw(
     spin, count, angle = np.zeros((N_PARTS, n_h * n_h)), np.zeros((N_PARTS, n_q * n_q)), np.zeros((N_PARTS, n_a * n_a))
     for k in range(begin, end):
         first, last = indptr[k], indptr[k + 1]
-        middle, factor = _scale(xyz, first, last, isotropic)
+        middle, factor = _scale(xyz, first, last, isotropic, half_width, height)
         spin[:], count[:], angle[:] = 0.0, 0.0, 0.0
         for i in range(first, last):
             weight = weights[i]
             x = (xyz[i, 0] - middle[0]) * factor[0]
             y = (xyz[i, 1] - middle[1]) * factor[1]
             z = (xyz[i, 2] - middle[2]) * factor[2] + 1.0
+            if half_width > 0.0:
+                x, y, z = min(max(x, -1.0), 1.0), min(max(y, -1.0), 1.0), min(max(z, 0.0), 2.0)
             part = min(int(z * 0.5 * _SLICES), _SLICES - 1)
             within = (z - part * (2.0 / _SLICES)) * _SLICES
             flat = x * x + y * y

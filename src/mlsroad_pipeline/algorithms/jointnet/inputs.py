@@ -174,10 +174,13 @@ def encode(
     """
     counts = np.diff(points.indptr)
     sizes = (int(parameters.sizes[0]), int(parameters.sizes[1]), int(parameters.sizes[2]))
+    window = None if parameters.window is None else (float(parameters.window[0]), float(parameters.window[1]))
     weight = 1.0 / np.repeat(counts, counts)
 
     def draw(weights: NDArray[np.float64]) -> Images:
-        return draw_images(points.xyz, points.indptr, weights, sizes=sizes, isotropic=parameters.isotropic)
+        return draw_images(
+            points.xyz, points.indptr, weights, sizes=sizes, isotropic=parameters.isotropic, window=window
+        )
 
     shares = dict(zip(VIEWS, draw(weight), strict=True))
     value = np.where(points.known[points.owner], points.intensity, 0.0)

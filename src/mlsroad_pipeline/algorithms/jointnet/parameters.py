@@ -39,6 +39,9 @@ class InputParameters:
         Rows and columns of HSSI, VQAI and VAAI (luo2019: the same). More show finer detail, and more noise.
     isotropic : bool, default True
         Whether proportions are kept when an object is scaled (luo2019: not).
+    window : sequence of float, optional
+        Half of the width and the height, in metres, of a space that is the same for all objects, so that their size is
+        seen; `isotropic` has no effect then. By default every object fills its space. Luo2019 can be read as either.
     compress : bool, default True
         Whether the square root of the counts is taken, so that few points beside many are seen (luo2019: not).
     intensity : bool, default True
@@ -50,12 +53,13 @@ class InputParameters:
     Raises
     ------
     ParameterError
-        If a view is unknown or there is none, or a size is below 1.
+        If a view is unknown or there is none, a size is below 1, or the window is not two lengths above 0.
     """
 
     views: Sequence[str] = field(default_factory=lambda: list(VIEWS))
     sizes: Sequence[int] = field(default_factory=lambda: [16, 8, 16])
     isotropic: bool = True
+    window: Sequence[float] | None = None
     compress: bool = True
     intensity: bool = True
     measures: bool = True
@@ -67,6 +71,11 @@ class InputParameters:
             raise ParameterError(f"inputs.sizes must be three numbers, got {list(self.sizes)!r}")
         for size in self.sizes:
             _whole(size, "inputs.sizes")
+        if self.window is not None:
+            if len(self.window) != 2:
+                raise ParameterError(f"inputs.window must be two lengths, got {list(self.window)!r}")
+            for length in self.window:
+                check_positive(length, "inputs.window")
 
 
 @dataclass(frozen=True)
