@@ -17,7 +17,8 @@ from mlsroad_pipeline.algorithms.studies.tomic2019 import (
     TestSet,
     fuse_test_sets,
 )
-from mlsroad_pipeline.algorithms.studies.tomic2019_parameters import Division, StudyScale
+from mlsroad_pipeline.algorithms.studies.tomic2019_parameters import Division, StudyParameters, StudyScale
+from mlsroad_pipeline.algorithms.studies.tomic2019_plan import StudyPlan
 
 
 def drawn(rng, truth, right):
@@ -101,6 +102,18 @@ def test_streets_in_both_lists_are_refused():
         StudyScale({}, [1], [{}, {"seed": 1}], [2])
     with pytest.raises(ParameterError, match="at least one kind of street"):
         StudyScale({}, [1], [], [2])
+    with pytest.raises(ParameterError, match=r"train_on is 'other', but seeds name one survey"):
+        StudyScale({}, [1], [{}], [2])
+    with pytest.raises(ParameterError, match=r"train_on must be 'other' or 'same', got 'both'"):
+        StudyScale({}, [1], [{}], [2], train_on="both")
+
+
+@pytest.mark.parametrize(("train_on", "expected"), [("other", ["seed_5", "seed_6", "seed_4"]), ("same", None)])
+def test_features_learn_from_another_survey_or_their_own(train_on, expected):
+    scale = {"survey": {}, "seeds": [4, 5, 6], "photographs": [{}], "photograph_seeds": [1], "train_on": train_on}
+    study = StudyParameters("s", {"s": {**scale, "gap": 1.0, "methods": {}}}, {}, {})
+    plan = StudyPlan(study, None, None, None, {}, None, None)
+    assert [plan.training_street(street) for street in plan.streets] == (expected or plan.streets)
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,7 @@ class Crops:
             for _ in range(self._how.batch_size):
                 label = self._wanted(rng)
                 if label is not None:
-                    row = int(rng.choice(self._rows[self._holding(label)]))
+                    row = int(rng.choice(self._rows, p=self._worth(label)))
                 else:
                     order = order or rng.permutation(len(self._samples)).tolist()
                     row = order.pop()
@@ -102,9 +102,11 @@ class Crops:
         there = np.flatnonzero(self._count.any(axis=0))
         return int(rng.choice(there)) if len(there) else None
 
-    def _holding(self, label: int) -> NDArray[np.bool_]:
+    def _worth(self, label: int) -> NDArray[np.float64]:
+        """Return how often each image serves a class: near things, which have more pixels, more often than far ones."""
         count = self._count[:, label]
-        return count >= min(_LEAST, count.max())
+        worth = np.sqrt(np.where(count >= min(_LEAST, count.max()), count, 0))
+        return worth / worth.sum()
 
     def _crop(
         self, row: int, label: int | None, rng: np.random.Generator

@@ -60,7 +60,9 @@ class _Decoder(nn.Module):
         """Return log odds at twice the size of the last features, and the first level's features."""
         levels = []
         for level, beside in zip(self.levels, skipped, strict=True):
-            x = level(torch.cat([resized(x, beside.shape[2:]), beside], dim=1))
+            rows, columns = beside.shape[2:]
+            twice = functional.interpolate(x, scale_factor=2.0)[:, :, :rows, :columns]  # the convolution smooths it
+            x = level(torch.cat([twice, beside], dim=1))
             levels.append(x)
         return functional.pixel_shuffle(self.pixels(x), 2), levels[0]
 
@@ -121,13 +123,11 @@ class PSPNet(nn.Module):
         Returns
         -------
         main : Tensor of shape (images, n_classes, height, width)
-            Log odds of the head.
+            Log odds of the head; in training the small backbone gives those of every second pixel, from the first on.
         auxiliary : Tensor of shape (images, n_classes, rows, columns)
-            Log odds of the auxiliary head: of the image's size, with the small backbone of a 16th of it.
+            Log odds of the auxiliary head: of the image's size, with the small backbone of a 32nd of it.
         """
         height, width = x.shape[2:]
-        if self.decoder is not None:  # which doubles the last features: sides must be even
-            x = functional.pad(x, (0, width % 2, 0, height % 2))
         stem = self.layer0(x)
         first = self.layer1(stem)
         second = self.layer2(first)
@@ -136,12 +136,18 @@ class PSPNet(nn.Module):
         if self.decoder is None:
             return resized(out, (height, width)), resized(self.aux(third), (height, width))
         main, level = self.decoder(out, (third, second, first, stem))
-        return main[:, :, :height, :width], self.aux(level)
+        return main if self.training else _every_pixel(main, height, width), self.aux(level)
 
 
 def _head(inputs: int, width: int, dropout: float, n_classes: int | None) -> nn.Sequential:
     parts = [nn.Conv2d(inputs, width, 3, padding=1, bias=False), *normalised(width), nn.Dropout2d(dropout)]
     return nn.Sequential(*parts, *([] if n_classes is None else [nn.Conv2d(width, n_classes, 1)]))
+
+
+def _every_pixel(x: Tensor, height: int, width: int) -> Tensor:
+    """Return values of every second pixel, from the first on, interpolated to all pixels."""
+    between = resized(x, [2 * side - 1 for side in x.shape[2:]])
+    return functional.pad(between, (0, 1, 0, 1), mode="replicate")[:, :, :height, :width]
 
 
 def network_input(images: NDArray[np.uint8]) -> Tensor:

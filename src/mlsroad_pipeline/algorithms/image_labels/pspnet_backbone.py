@@ -18,7 +18,7 @@ class Backbone:
     Parameters
     ----------
     stem : tuple of int
-        Channels of the 3 x 3 convolutions before the first stage.
+        Channels of the convolutions before the first stage; with a decoder each of them halves the size.
     planes : tuple of int
         Channels within the blocks of the four stages.
     blocks : tuple of int
@@ -28,9 +28,8 @@ class Backbone:
     head, auxiliary : int
         Channels of the head and of the auxiliary head.
     decoder : tuple of int
-        Channels on the way back to a 16th, an eighth, a quarter and half of the image's size, where the features of the
-        stages and of the stem are taken up again; each stage then halves the size instead of being dilated. Empty for
-        none, as in the paper.
+        Channels on the way back to the sizes of the third, second and first stage and of the stem, whose features are
+        taken up again; each stage then halves the size instead of being dilated. Empty for none, as in the paper.
     """
 
     stem: tuple[int, ...]
@@ -50,7 +49,7 @@ class Backbone:
 BACKBONES = {
     "resnet50": Backbone((64, 64, 128), (64, 128, 256, 512), (3, 4, 6, 3), 4, 512, 256),
     "resnet101": Backbone((64, 64, 128), (64, 128, 256, 512), (3, 4, 23, 3), 4, 512, 256),
-    "small": Backbone((24,), (48, 96, 144, 192), (1, 2, 2, 2), 1, 128, 48, (96, 64, 32, 24)),
+    "small": Backbone((16, 24), (48, 96, 144, 192), (1, 2, 2, 2), 1, 128, 48, (96, 64, 32, 24)),
 }
 """ResNet-50 and -101 with the stem of three convolutions that published PSPNets have, and one that a CPU can train."""
 
@@ -94,7 +93,7 @@ class Block(nn.Module):
 
 
 def make_stem(size: Backbone) -> nn.Sequential:
-    """Return the convolutions before the first stage: to a quarter of the size by pooling, or to half of it.
+    """Return the convolutions before the first stage, which bring the image to a quarter of its size.
 
     Parameters
     ----------
@@ -106,13 +105,11 @@ def make_stem(size: Backbone) -> nn.Sequential:
     Sequential
         The layers.
     """
-    if size.decoder:
-        # One convolution over 6 x 6 pixels: as wide a view as three of 3 x 3, at a fraction of the cost.
-        return nn.Sequential(nn.Conv2d(3, size.stem[-1], 6, 2, 2, bias=False), *normalised(size.stem[-1]))
     parts: list[nn.Module] = []
     for k, (inputs, outputs) in enumerate(pairwise((3, *size.stem))):
-        parts += [nn.Conv2d(inputs, outputs, 3, 2 if k == 0 else 1, 1, bias=False), *normalised(outputs)]
-    return nn.Sequential(*parts, nn.MaxPool2d(3, 2, 1))
+        wide, stride = (5, 2) if k == 0 and size.decoder else (3, 2 if k == 0 or size.decoder else 1)
+        parts += [nn.Conv2d(inputs, outputs, wide, stride, wide // 2, bias=False), *normalised(outputs)]
+    return nn.Sequential(*parts, *([] if size.decoder else [nn.MaxPool2d(3, 2, 1)]))
 
 
 def make_stages(size: Backbone) -> list[nn.Sequential]:

@@ -103,17 +103,22 @@ def _optimiser(model: PSPNet, how: TrainingParameters) -> torch.optim.Optimizer:
 
 
 def _loss(main: Tensor, auxiliary: Tensor, labels: Tensor, weights: Tensor, how: TrainingParameters) -> Tensor:
+    wanted = _thinned(labels, main)
     logarithms = functional.log_softmax(main, dim=1)
-    loss = functional.nll_loss(logarithms, labels, weights, ignore_index=-1)
+    loss = functional.nll_loss(logarithms, wanted, weights, ignore_index=-1)
     if how.overlap_weight:
-        loss = loss + how.overlap_weight * overlap_loss(logarithms.exp(), labels)
+        loss = loss + how.overlap_weight * overlap_loss(logarithms.exp(), wanted)
     if how.auxiliary_weight:
-        fewer = labels
-        if auxiliary.shape[2:] != labels.shape[1:]:
-            fewer = functional.interpolate(labels[:, None].float(), auxiliary.shape[2:])[:, 0].long()
-        rest = functional.cross_entropy(auxiliary, fewer, weights, ignore_index=-1)
+        rest = functional.cross_entropy(auxiliary, _thinned(labels, auxiliary), weights, ignore_index=-1)
         loss = loss + how.auxiliary_weight * rest
     return loss
+
+
+def _thinned(labels: Tensor, like: Tensor) -> Tensor:
+    """Return the labels of as many rows and columns as a head has, evenly spaced from the first on."""
+    if like.shape[2:] == labels.shape[1:]:
+        return labels
+    return functional.interpolate(labels[:, None].float(), like.shape[2:])[:, 0].long()
 
 
 def overlap_loss(probabilities: Tensor, labels: Tensor) -> Tensor:
@@ -138,10 +143,11 @@ def overlap_loss(probabilities: Tensor, labels: Tensor) -> Tensor:
     """
     counted = labels >= 0
     n_classes = probabilities.shape[1]
-    size = torch.bincount(labels[counted], minlength=n_classes)
-    own = probabilities.gather(1, labels.clamp(min=0)[:, None])[:, 0][counted]
-    shared = torch.zeros(n_classes, device=own.device).index_add(0, labels[counted], own)
-    covered = (probabilities * counted[:, None]).sum(dim=(0, 2, 3))
+    known = labels.clamp(min=0)
+    size = torch.bincount(known.flatten(), counted.flatten().float(), n_classes)
+    own = probabilities.gather(1, known[:, None])[:, 0] * counted
+    shared = torch.zeros(n_classes, device=own.device).index_add(0, known.flatten(), own.flatten())
+    covered = (probabilities if counted.all() else probabilities * counted[:, None]).sum(dim=(0, 2, 3))
     shown = size > 0
     if not shown.any():
         return covered.sum() * 0

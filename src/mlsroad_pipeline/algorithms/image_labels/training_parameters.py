@@ -19,19 +19,21 @@ class TrainingParameters:
     ----------
     backbone : str, default "small"
         ``small``, ``resnet50`` or ``resnet101``; the paper's are ResNets that were trained on ImageNet before.
-    n_steps : int, default 3300
+    n_steps : int, default 3900
         Batches. More is better and takes longer.
     batch_size : int, default 3
         Crops per batch; 16 in the PSPNet's paper. In a given time more steps of fewer crops do better.
-    crop : int, default 256
+    crop : int, default 320
         Side of the crops, pixels; 713 on Cityscapes. Larger shows more of a scene.
-    scale : tuple of float, default (0.6, 1.4)
-        Least and largest scale of a crop; 0.5 to 2 in the PSPNet's paper.
+    scale : tuple of float, default (0.9, 2.4)
+        Least and largest scale of a crop; 0.5 to 2 in the PSPNet's paper. The default suits images of 480 pixels width
+        and 75 degrees; those of 960 want half of it, since things are twice as large on them.
     flip : bool, default True
         Whether half of the crops are mirrored.
-    class_crops : float, default 0.4
-        Share of the crops that are laid around a pixel of a class drawn evenly from all; the others lie anywhere.
-        Larger shows more of the rare classes, which are few and small. 0 in the PSPNet's paper.
+    class_crops : float, default 0.5
+        Share of the crops that are laid around a pixel of a class drawn evenly from all, in an image drawn by the root
+        of its pixels of that class; the others lie anywhere. Larger shows more of the rare classes, which are few and
+        small. 0 in the PSPNet's paper.
     optimiser : {"adamw", "sgd"}, default "adamw"
         AdamW learns faster from random weights; stochastic gradient descent is the PSPNet's.
     learning_rate : float, default 0.003
@@ -51,7 +53,7 @@ class TrainingParameters:
         favours rare classes, each of which counts as much as a common one.
     dropout : float, default 0.1
         Share of the heads' channels that is left out.
-    class_balance : float, default 0.3
+    class_balance : float, default 0.4
         Power of the inverse class frequency by which pixels weigh; 0 is none, larger favours rare classes.
     precision : {"auto", "float32", "bfloat16"}, default "auto"
         Of products in training; weights and sums are float32. ``auto`` is bfloat16 where the processor has
@@ -68,12 +70,12 @@ class TrainingParameters:
     """
 
     backbone: str = "small"
-    n_steps: int = 3300
+    n_steps: int = 3900
     batch_size: int = 3
-    crop: int = 256
-    scale: tuple[float, float] = (0.6, 1.4)
+    crop: int = 320
+    scale: tuple[float, float] = (0.9, 2.4)
     flip: bool = True
-    class_crops: float = 0.4
+    class_crops: float = 0.5
     optimiser: str = "adamw"
     learning_rate: float = 0.003
     power: float = 0.9
@@ -83,7 +85,7 @@ class TrainingParameters:
     auxiliary_weight: float = 0.4
     overlap_weight: float = 1.0
     dropout: float = 0.1
-    class_balance: float = 0.3
+    class_balance: float = 0.4
     precision: str = "auto"
     n_threads: int = 1
     random_state: int = 0
@@ -126,7 +128,8 @@ class ImageLabelsParameters:
     labels : str, default "labels"
         Folder of the label images beside that of the pictures; the network learns from them.
     magnification : float, default 1.4
-        Factor by which the network sees the images enlarged. Above 1 thin things are found better and it takes longer.
+        Factor by which the network sees the images enlarged. The default suits images of 480 pixels width, as that of
+        the network's `scale` does. Larger finds thin things better and takes longer.
     network : TrainingParameters or mapping
         How the network is trained.
 

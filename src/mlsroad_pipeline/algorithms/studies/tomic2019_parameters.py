@@ -144,13 +144,17 @@ class StudyScale:
         Their seeds, none of which is in `seeds`.
     gap : float
         See `Division`.
+    train_on : {"other", "same"}, default "other"
+        Whose first half trains the feature-based method: that of the next survey in the list, or of the survey that it
+        then labels. The paper's training streets are others than those of test set 2 (its Figures 7 and 9).
     methods : mapping
         ``image_labels``, ``detrended_forest`` or ``fusion`` to changes of their parameters at this scale.
 
     Raises
     ------
     ParameterError
-        If a list is empty, a street is in both or twice, or a survey names a seed.
+        If a list is empty, a street is in both or twice, a survey names a seed, or there is no other survey to train
+        on.
     """
 
     survey: Mapping[str, Any]
@@ -158,6 +162,7 @@ class StudyScale:
     photographs: Sequence[Mapping[str, Any]]
     photograph_seeds: Sequence[int]
     gap: float = 10.0
+    train_on: str = "other"
     methods: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -169,8 +174,12 @@ class StudyScale:
                 f"tomic2019_study: seeds and photograph_seeds must be different and some of each, got "
                 f"{list(self.seeds)} and {list(self.photograph_seeds)}"
             )
+        if self.train_on not in ("other", "same"):
+            raise ParameterError(f"tomic2019_study.train_on must be 'other' or 'same', got {self.train_on!r}")
         if any("seed" in survey for survey in (self.survey, *self.photographs)):
             raise ParameterError("tomic2019_study: the seeds of the streets stand in seeds and photograph_seeds")
+        if self.train_on == "other" and len(self.seeds) < 2:
+            raise ParameterError("tomic2019_study.train_on is 'other', but seeds name one survey alone")
 
 
 @dataclass(frozen=True)

@@ -67,6 +67,23 @@ class StudyPlan:
         """Names of the surveys."""
         return [street_key(seed) for seed in self.study.chosen_scale().seeds]
 
+    def training_street(self, street: str) -> str:
+        """Return the survey whose first half trains the feature-based method that labels a survey.
+
+        Parameters
+        ----------
+        street : str
+            The survey that is labelled.
+
+        Returns
+        -------
+        str
+            The next of `streets`, or the survey itself; see `StudyScale`.
+        """
+        if self.study.chosen_scale().train_on == "same":
+            return street
+        return self.streets[(self.streets.index(street) + 1) % len(self.streets)]
+
 
 def street_key(seed: int) -> str:
     """Return the name of a street.

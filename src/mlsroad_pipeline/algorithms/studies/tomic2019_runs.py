@@ -37,7 +37,7 @@ from mlsroad_pipeline.algorithms.scene_stages import (
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
 from mlsroad_pipeline.algorithms.simulation.survey import Survey, simulate_survey
 from mlsroad_pipeline.algorithms.studies.streets import cut_street, survey_path, timed
-from mlsroad_pipeline.algorithms.studies.tomic2019_parameters import Division, ForestVariant
+from mlsroad_pipeline.algorithms.studies.tomic2019_parameters import Division, ForestVariant, Part
 
 COLUMNS = ("rgb", "intensity", "label")
 """What the study keeps of the points."""
@@ -143,14 +143,14 @@ def train_network(
 
 
 def train_and_label(
-    points: PointCloud, *, variant: ForestVariant, division: Division, scheme: ClassScheme
+    points: PointCloud, training: PointCloud, *, variant: ForestVariant, division: Division, scheme: ClassScheme
 ) -> dict[str, Any]:
-    """Train a forest on the training half of a survey and let it label the rest.
+    """Train a forest on the training half of a survey and let it label the test half of another, or of the same.
 
     Parameters
     ----------
-    points : PointCloud
-        What `make_survey` gave.
+    points, training : PointCloud
+        The survey that is labelled and the one that is learned from, see `make_survey`.
     variant : ForestVariant
         Which features, and the forest.
     division : Division
@@ -164,11 +164,13 @@ def train_and_label(
         ``labels``: ``probabilities`` float16 (n, classes) of the test half; ``facts``: ``supervoxels`` trained on,
         ``features``, ``out_of_bag`` accuracy and ``seconds``.
     """
-    kept = {name: column for name, column in points.columns.items() if name in variant.columns}
-    train, test = division.rows(points["station"], "train"), division.rows(points["station"], "test")
-    cloud = replace(points, columns=kept)
-    (bundle, facts), trained = timed(_trained, cloud.select(train), variant, scheme)
-    probabilities, labelled = timed(_point_probabilities, cloud.select(test), bundle)
+
+    def known(cloud: PointCloud, part: Part) -> PointCloud:
+        kept = {name: column for name, column in cloud.columns.items() if name in variant.columns}
+        return replace(cloud, columns=kept).select(division.rows(cloud["station"], part))
+
+    (bundle, facts), trained = timed(_trained, known(training, "train"), variant, scheme)
+    probabilities, labelled = timed(_point_probabilities, known(points, "test"), bundle)
     return {
         "labels": {"probabilities": probabilities.astype(np.float16)},
         "facts": {name: np.array(value) for name, value in {**facts, "seconds": trained + labelled}.items()},

@@ -124,7 +124,7 @@ def train_network(plan: StudyPlan, photographs: SceneCollection) -> dict[str, Sc
 
 
 def label_by_features(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that trains each forest on half of a survey and labels the rest.
+    """Name the work that trains each forest on half of a survey and labels the other half of one.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def label_by_features(plan: StudyPlan, streets: SceneCollection) -> dict[str, Sc
     return {
         f"{name}.{street}": SceneTask(
             tomic2019_runs.train_and_label,
-            {"points": points[street]},
+            {"points": points[street], "training": points[plan.training_street(street)]},
             {"variant": variant, "division": plan.division, "scheme": plan.scheme},
         )
         for name, variant in plan.forests.items()
