@@ -241,6 +241,14 @@ def test_a_scene_without_objects_and_a_cloud_without_any(rng):
         found, confidence = label_cloud(cloud, bundle)
         assert (found[label == 41] == 0).mean() > 0.9 and (found[label == 1] == -1).all()
         assert (confidence[found == -1] == 0).all() and (confidence[found == 0] > 0).all()
+    alone = train_detector(
+        {"train.a": groups}, {"train.a": named}, parameters=replace(parameters, without_intensity=False),
+        stages=stages, detection=detection, scheme=scheme, trained_on={},
+    )  # fmt: skip
+    assert alone.metadata["variants"] == ["geometry+intensity"]
+    assert (detect_scene(groups, alone)["label"] == detect_scene(groups, bundle)["label"]).all()
+    with pytest.raises(DataError, match="was trained with intensity alone"):
+        label_cloud(given.without_columns(["intensity"]), alone)
     bare = PointCloud(road, {"core": np.ones(9000, bool), "label": label[:9000]}, source="bare road")
     nothing = segment_scene(bare, {"ground": np.ones(9000, bool)}, stages.segmentation)
     described = describe_objects(bare, nothing, parameters=parameters.groups)

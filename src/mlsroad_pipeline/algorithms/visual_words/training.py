@@ -43,12 +43,16 @@ class VisualWordsParameters:
         How groups become words.
     detector : DetectorParameters or mapping
         How queries are chosen.
+    without_intensity : bool, default True
+        Whether a second vocabulary and detector are made that never saw intensities, for surveys without them. Without
+        it training takes half the time.
     """
 
     regions: RegionParameters = field(default_factory=RegionParameters)
     k: int = 2
     vocabulary: VocabularyParameters = field(default_factory=VocabularyParameters)
     detector: DetectorParameters = field(default_factory=DetectorParameters)
+    without_intensity: bool = True
 
     def __post_init__(self) -> None:
         kinds = {"regions": RegionParameters, "vocabulary": VocabularyParameters, "detector": DetectorParameters}
@@ -97,7 +101,8 @@ def train_detector(
     Returns
     -------
     ModelBundle
-        The model: a vocabulary and a detector with intensity, where all scenes have it, and without.
+        The model: a vocabulary and a detector with intensity, where all scenes have it, and without, where wanted or
+        some scene has none.
 
     Raises
     ------
@@ -108,7 +113,9 @@ def train_detector(
     if not keys:
         raise DataError("no training scenes: the split 'train' is empty")
     intensity = all(bool(groups[key]["intensity"]) for key in keys)
-    variants = [WITH_INTENSITY, GEOMETRY] if intensity else [GEOMETRY]
+    variants = [WITH_INTENSITY] if intensity else []
+    if parameters.without_intensity or not intensity:
+        variants.append(GEOMETRY)
     arrays: dict[str, NDArray] = {}
     facts: dict[str, Any] = {}
     with ThreadPoolExecutor(min(n_threads, len(variants))) as pool:
