@@ -1,15 +1,19 @@
 """`kedro run --pipeline=label` from LAZ to LAZ: points per second, and peak memory of the whole process tree.
 
     python benchmarks/bench_label.py --millions 5 20 100 --folder FOLDER
+    python benchmarks/bench_label.py --millions 5 20 --methods patch_graph_mrf visual_words    # or --methods all
+    python benchmarks/bench_label.py --millions 20 --backends loky dask --workers 4            # the same bytes?
 
-A simulated street of that many points is made once and kept in FOLDER. A model must be registered (`make run`).
+A simulated street of that many points is made once and kept in FOLDER. The models must be registered (`make run`).
 Memory is PSS summed over the process tree, sampled every half second. What earlier runs of `label` have stored in the
-project is removed first.
+project is removed first. `digest` is of the labelled LAZ and both inventories, the same for all backends and workers.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
+import itertools
 import json
 import os
 import re
@@ -27,6 +31,7 @@ import psutil
 
 from mlsroad_pipeline.algorithms.simulation import long_survey, stream_points
 from mlsroad_pipeline.algorithms.simulation.presets import PRESETS
+from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -73,10 +78,23 @@ def stage_seconds(log: str) -> dict[str, float]:
     return {name: float(seconds) for name, seconds in re.findall(r"(\w+): \d+ scenes: \d+ computed in ([\d.]+) s", log)}
 
 
-def run_label(survey: Path, output: Path, env: str) -> dict[str, Any]:
+def digest(folder: Path) -> str:
+    """Return a digest of the labelled points and the inventories."""
+    found = hashlib.blake2b(digest_size=8)
+    for path in sorted(path for path in folder.iterdir() if path.suffix in (".laz", ".gpkg", ".parquet")):
+        with path.open("rb") as file:
+            found.update(hashlib.file_digest(file, "blake2b").digest())
+    return found.hexdigest()
+
+
+def run_label(survey: Path, output: Path, env: str, method: str, backend: str, n_workers: int) -> dict[str, Any]:
     """Label a survey in a fresh process and watch it."""
     command = [sys.executable, "-m", "kedro", "run", f"--env={env}", "--pipeline=label"]
-    command.append(f"--params=label.survey={survey.parent},label.output={output},execution.n_workers=2")
+    command.append(
+        f"--params=label.survey={survey.parent},label.output={output},label.method={method},"
+        f"execution.backend={backend},execution.n_workers={n_workers}"
+    )
+    shutil.rmtree(output, ignore_errors=True)
     folder = REPOSITORY / "data/02_intermediate"
     for store in (folder / "label", folder / env / "label"):
         shutil.rmtree(store, ignore_errors=True)  # what an earlier run computed would be found valid
@@ -106,16 +124,23 @@ def main() -> None:
     parser.add_argument("--millions", type=int, nargs="+", default=[5, 20])
     parser.add_argument("--folder", type=Path, default=REPOSITORY / "data/08_reporting/benchmarks/label")
     parser.add_argument("--env", default="local")
+    parser.add_argument("--methods", nargs="+", default=["detrended_forest"])
+    parser.add_argument("--backends", nargs="+", default=["loky"], choices=["loky", "dask", "sequential"])
+    parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only-make", action="store_true")
     arguments = parser.parse_args()
+    methods = [*LABELLERS, *DETECTORS] if arguments.methods == ["all"] else arguments.methods
     for millions in arguments.millions:
         survey = make_survey(arguments.folder, millions, n_threads=2)
         if arguments.only_make:
             continue
-        found = run_label(survey, arguments.folder / f"labelled_{millions}M", arguments.env)
-        figures = {"points_per_s": round(millions * 1e6 / found["seconds"]), **found}
-        rounded = {key: round(value, 2) if isinstance(value, float) else value for key, value in figures.items()}
-        print(json.dumps({"benchmark": "label", "million_points": millions, **rounded}))
+        for method, backend in itertools.product(methods, arguments.backends):
+            output = arguments.folder / f"labelled_{millions}M_{method}_{backend}"
+            found = run_label(survey, output, arguments.env, method, backend, arguments.workers)
+            figures = {"points_per_s": round(millions * 1e6 / found["seconds"]), **found, "digest": digest(output)}
+            rounded = {key: round(value, 2) if isinstance(value, float) else value for key, value in figures.items()}
+            what = {"method": method, "backend": backend, "workers": arguments.workers, "million_points": millions}
+            print(json.dumps({"benchmark": "label", **what, **rounded}), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,42 @@
-"""How configuration is loaded: catalogs may refer to parameters, so that a path follows the one that names it."""
+"""How configuration is loaded: catalogs may refer to parameters, and their entries know the layer of their data."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from copy import deepcopy
 from typing import Any
 
 from kedro.config import OmegaConfigLoader
 from omegaconf import OmegaConf
+
+_LAYER = re.compile(r"data/(\d\d_\w+?)(/|$)")
+
+
+def with_layers(catalog: Mapping[str, Any]) -> dict[str, Any]:
+    """Tell `kedro viz` the layer of each entry, which is the first folder of its path below ``data``.
+
+    Parameters
+    ----------
+    catalog : mapping
+        Entries of a catalog.
+
+    Returns
+    -------
+    dict
+        The same entries; those with a path in a layer and without metadata of their own have the metadatum ``layer``.
+
+    Examples
+    --------
+    >>> with_layers({"ground": {"filepath": "data/03_primary/ground.csv"}})["ground"]["metadata"]
+    {'kedro-viz': {'layer': '03_primary'}}
+    """
+    found = dict(catalog)
+    for name, entry in catalog.items():
+        match = _LAYER.match(str(entry.get("filepath", ""))) if isinstance(entry, Mapping) else None
+        if match:
+            found[name] = {"metadata": {"kedro-viz": {"layer": match[1]}}, **entry}
+    return found
 
 
 class ParameterConfigLoader(OmegaConfigLoader):
@@ -57,4 +86,4 @@ class ParameterConfigLoader(OmegaConfigLoader):
             # Resolvers are global to the process: that of the loader which loads its catalog now is the right one.
             OmegaConf.register_new_resolver("params", value_of, replace=True)
         loaded: dict[str, Any] = super().__getitem__(key)
-        return loaded
+        return with_layers(loaded) if key == "catalog" else loaded

@@ -5,10 +5,10 @@ from __future__ import annotations
 from kedro.framework.context import KedroContext
 from kedro.framework.hooks import hook_impl
 from kedro.framework.project import pipelines
-from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.pipeline_registry import COMPARISON
+from mlsroad_pipeline.pipelines.methods import joined
 
 KEY = "default_pipeline"
 """The parameter that names it."""
@@ -41,6 +41,7 @@ class DefaultPipelineHooks:
             return
         if name is not None and name not in pipelines:
             raise ParameterError(f"{KEY} is {name!r}, which is no pipeline ({', '.join(sorted(pipelines))})")
-        chosen = COMPARISON if name is None else (name,)
-        pipelines["__default__"] = sum((pipelines[part] for part in chosen), Pipeline([]))
+        pipelines["__default__"] = (
+            joined({part: pipelines[part] for part in COMPARISON}) if name is None else pipelines[name]
+        )
         self._changed = name is not None

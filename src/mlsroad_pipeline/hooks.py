@@ -30,6 +30,7 @@ from mlsroad_pipeline.datasets.metric_series_dataset import MetricSeriesDataset
 from mlsroad_pipeline.datasets.report_file import ReportFileDataset
 from mlsroad_pipeline.datasets.run_details import environment, flatten_parameters, git_state
 from mlsroad_pipeline.datasets.scores_dataset import ScoresDataset
+from mlsroad_pipeline.datasets.tracking_store import check_tracking_store
 
 _BATCH = 100
 _RELATIVE_SQLITE = re.compile(r"sqlite:///(?!/)(?!:memory:)(?P<path>.+)")
@@ -58,12 +59,17 @@ class MlflowDetailsHooks:
 
     @hook_impl(tryfirst=True)
     def after_context_created(self, context: KedroContext) -> None:
-        """Put a relative SQLite store below the project, wherever the command was started.
+        """Put a relative SQLite store below the project, wherever the command was started, and see that it can be used.
 
         Parameters
         ----------
         context : KedroContext
             The context, before kedro-mlflow reads its configuration.
+
+        Raises
+        ------
+        TrackingStoreError
+            If the store is locked, cannot be written or is no database.
         """
         loader = context.config_loader
         if "mlflow" not in getattr(loader, "config_patterns", {}):
@@ -78,6 +84,7 @@ class MlflowDetailsHooks:
             if match:
                 server[key] = f"sqlite:///{Path(context.project_path).resolve() / match['path']}"
         loader["mlflow"] = {**config, "server": server}
+        check_tracking_store(server.get("mlflow_tracking_uri") or "")
 
     @hook_impl(trylast=True)
     def before_pipeline_run(self, run_params: dict[str, Any], pipeline: Pipeline, catalog: CatalogProtocol) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from kedro.framework.project import find_pipelines
 from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.methods import COMPARISON
+from mlsroad_pipeline.pipelines.methods import COMPARISON, joined
 
 __all__ = ["COMPARISON", "register_pipelines"]
 
@@ -22,5 +22,5 @@ def register_pipelines() -> dict[str, Pipeline]:
     """
     pipelines = find_pipelines(raise_errors=True)
     if set(COMPARISON) <= set(pipelines):
-        pipelines["__default__"] = sum((pipelines[name] for name in COMPARISON), Pipeline([]))
+        pipelines["__default__"] = joined({name: pipelines[name] for name in COMPARISON})
     return pipelines

@@ -13,12 +13,13 @@ from mlsroad_pipeline.command_hooks import EarlyWorkersHooks  # noqa: E402
 from mlsroad_pipeline.config import ParameterConfigLoader  # noqa: E402
 from mlsroad_pipeline.default_pipeline import DefaultPipelineHooks  # noqa: E402
 from mlsroad_pipeline.hooks import MlflowDetailsHooks  # noqa: E402
+from mlsroad_pipeline.progress import ProgressHooks  # noqa: E402
 from mlsroad_pipeline.stage_costs import StageCostsHooks  # noqa: E402
 
 # The dots in names of datasets are what catalog factories such as "{method}.labels" go by; every command would warn.
 warnings.filterwarnings("ignore", message="One or more dataset names contain '.'", category=UserWarning)
 
-HOOKS = (MlflowDetailsHooks(), DefaultPipelineHooks(), StageCostsHooks(), EarlyWorkersHooks(early))
+HOOKS = (MlflowDetailsHooks(), DefaultPipelineHooks(), StageCostsHooks(), ProgressHooks(), EarlyWorkersHooks(early))
 
 CONFIG_LOADER_CLASS = ParameterConfigLoader
 CONFIG_LOADER_ARGS = {

@@ -1,4 +1,4 @@
-"""What `make run` ends with: the scores, where the report lies, how to look at the runs."""
+"""What `make run` ends with: the scores, where the report lies, and three commands to go on with."""
 
 import sys
 from pathlib import Path
@@ -6,27 +6,36 @@ from pathlib import Path
 import pandas as pd
 
 REPORTING = Path("data/08_reporting")
+TABLES = ("comparison.csv", "detection_comparison.csv", "recognition_comparison.csv")
+NEXT = (
+    (
+        "label a survey of your own",
+        ".venv/bin/kedro run --pipeline=label --params=label.survey=FILE_OR_FOLDER,label.output=FOLDER",
+    ),
+    ("look at runs and models", ".venv/bin/mlflow ui --backend-store-uri sqlite:///mlflow.db"),
+    ("compare all methods on five streets", "make compare"),
+)
 
 
 def main() -> int:
-    """Print the table of scores, the report's path and the MLflow command.
+    """Print the tables of scores, the report's path and what to try next.
 
     Returns
     -------
     int
         0, or 1 if there are no scores.
     """
-    table = REPORTING / "comparison.csv"
-    if not table.is_file():
-        sys.stderr.write(f"{table} is not there: run `kedro run` first\n")
+    found = [pd.read_csv(REPORTING / name) for name in TABLES if (REPORTING / name).is_file()]
+    if not found:
+        sys.stderr.write(f"{REPORTING / TABLES[0]} is not there: run `kedro run` first\n")
         return 1
-    found = [pd.read_csv(path) for path in (table, REPORTING / "detection_comparison.csv") if path.is_file()]
     lines = [
         *("\n" + part.to_string(index=False, float_format="{:.3f}".format) for part in found),
         "",
-        f"report:  {(REPORTING / 'report.html').resolve()}",
-        "MLflow:  .venv/bin/mlflow ui --backend-store-uri sqlite:///mlflow.db",
-        "label:   .venv/bin/kedro run --pipeline=label --params=label.survey=FILE_OR_FOLDER,label.output=FOLDER",
+        f"Report: {(REPORTING / 'report.html').resolve()}",
+        "",
+        "Next:",
+        *(f"  {what}:\n    {command}" for what, command in NEXT),
         "",
     ]
     sys.stdout.write("\n".join(lines))

@@ -302,6 +302,14 @@ def test_wrong_parameters_end_with_a_line_that_names_them(project, survey, tmp_p
     assert not (tmp_path / "out").exists()
 
 
+def test_output_that_cannot_be_made_is_an_error_before_anything_is_computed(project, survey, tmp_path, caplog):
+    (tmp_path / "file").write_text("not a folder")
+    with caplog.at_level("INFO", logger="mlsroad_pipeline"), pytest.raises(Exception) as caught:
+        label(project, survey, tmp_path / "file" / "out")
+    assert f"label.output: {tmp_path}/file/out cannot be written" in last_line(caught.value)
+    assert not stage_counts(caplog.messages)
+
+
 @pytest.mark.parametrize("given", [".", "./", "../survey"])
 def test_output_equal_to_the_input_is_an_error(project, survey, tmp_path, given):
     folder = tmp_path / "survey"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -189,13 +190,14 @@ def files_to_label(survey: Survey, output: str, *, trajectory: str | None = None
     Raises
     ------
     ParameterError
-        If the folder is empty or is a folder of the survey.
+        If the folder is empty, cannot be written, or is a folder of the survey.
     ReadError
         If nothing is found.
     """
     if not output:
         raise ParameterError("label.output must name a folder, got ''")
     folder = Path(output).resolve()
+    _check_writable(folder)
     if folder == survey.folder.resolve():
         raise ParameterError(f"label.output is a folder of the survey itself: {output}; choose another")
     files = survey.files(trajectory=trajectory)
@@ -206,6 +208,16 @@ def files_to_label(survey: Survey, output: str, *, trajectory: str | None = None
     if own:
         raise ParameterError(f"label.output is a folder of the survey itself: {output} holds {own[0]}; choose another")
     return [file for file in files if file.name not in below]
+
+
+def _check_writable(folder: Path) -> None:
+    """Refuse a folder that cannot be made or written before hours of work go by; make nothing."""
+    there = next(path for path in (folder, *folder.parents) if path.exists())
+    try:
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except OSError as error:
+        raise ParameterError(f"label.output: {folder} cannot be written: {there}: {error.strerror}") from error
 
 
 def _is_result(name: str, stems: set[str]) -> bool:

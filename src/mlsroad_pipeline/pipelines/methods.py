@@ -1,5 +1,9 @@
 """The methods that there are; a new one is one line here."""
 
+from collections.abc import Mapping
+
+from kedro.pipeline import Pipeline
+
 LABELLERS = (
     "detrended_forest",
     "patch_graph",
@@ -48,3 +52,21 @@ COMPARISON = (
     "report",
 )
 """Pipelines that make up the default one, in their order."""
+
+
+def joined(parts: Mapping[str, Pipeline]) -> Pipeline:
+    """Join pipelines, and tag the nodes of each with its name.
+
+    By the tags `kedro viz` shows a stage or a method by itself, and ``kedro run --tags=patch_graph`` runs it.
+
+    Parameters
+    ----------
+    parts : mapping of str to Pipeline
+        Name to pipeline.
+
+    Returns
+    -------
+    Pipeline
+        All of them.
+    """
+    return sum((Pipeline(part, tags=name) for name, part in parts.items()), Pipeline([]))

@@ -10,6 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
+from mlsroad_pipeline.algorithms.image_labels.convex_hull import hull_vertices
 from mlsroad_pipeline.algorithms.image_labels.depth_buffer import (
     behind_discs,
     ground_relief,
@@ -30,7 +31,7 @@ class DepthBuffer:
 
     Each point is a disc that faces the camera. A point is hidden where the nearest disc is clearly in front of it, or
     where it is seen through a gap between points that are. A surface met at a small angle does not hide itself: what
-    is in front must be near the line of sight by that angle. z is up. Defaults were chosen on three simulated streets.
+    is in front must be near the line of sight by that angle. z is up. Defaults were chosen on six simulated streets.
 
     Parameters
     ----------
@@ -41,7 +42,7 @@ class DepthBuffer:
         that a survey of any density is treated alike. The next three lengths are multiples of it.
     disc : float, default 1.0
         Diameter of a disc. Larger closes surfaces and thickens thin things.
-    gap : float, default 5.0
+    gap : float, default 7.0
         Half the width of gaps that are closed, at the depth of their sides; 0 closes none. Larger closes crowns and
         hides more of what is seen through them.
     gap_disc : float, default 2.0
@@ -49,9 +50,9 @@ class DepthBuffer:
     slack, relative_slack : float, default 0.06 and 0.01
         How much farther than the disc in front a visible point may be, metres and share of its depth. Smaller tells
         the back of a car from its front, and takes the noise of a surface for another one.
-    angle : float, default 0.08
+    angle : float, default 0.05
         The least angle at which surfaces are still told apart from what hides them, radians.
-    gap_slack, gap_angle : float, default 0.15 and 0.1
+    gap_slack, gap_angle : float, default 0.15 and 0.2
         As `slack` and `angle`, for the sides of a gap.
     gap_directions : int, default 4
         Along how many of four directions, 45 degrees apart, both sides of a gap must be nearer. Fewer close more.
@@ -73,13 +74,13 @@ class DepthBuffer:
     resolution: float = 0.001
     spacing: float | None = None
     disc: float = 1.0
-    gap: float = 5.0
+    gap: float = 7.0
     gap_disc: float = 2.0
     slack: float = 0.06
     relative_slack: float = 0.01
-    angle: float = 0.08
+    angle: float = 0.05
     gap_slack: float = 0.15
-    gap_angle: float = 0.1
+    gap_angle: float = 0.2
     gap_directions: int = 4
     relief: float = 0.1
     ground_cell: float = 0.5
@@ -149,7 +150,7 @@ def visible_points(
     camera : Camera
         The camera.
     method : DepthBuffer or HiddenPointRemoval, optional
-        How; by default a `DepthBuffer`, which is the better and the faster of the two on simulated streets.
+        How; by default a `DepthBuffer`, which is the better of the two on simulated streets.
 
     Returns
     -------
@@ -213,12 +214,17 @@ def hidden_point_removal(xyz: ArrayLike, viewpoint: ArrayLike, *, radius: float)
         return visible
     flipped = np.zeros((len(rows) + 1, 3))
     flipped[1:] = seen[rows] * (2 * radius / distance[rows] - 1)[:, None]
-    try:
-        hull = ConvexHull(flipped)
-    except QhullError:  # all in one plane with the viewpoint: joggled input has a hull
-        hull = ConvexHull(flipped, qhull_options="QJ")
-    visible[rows[hull.vertices[hull.vertices > 0] - 1]] = True
+    found = hull_vertices(flipped)
+    vertices = _vertices_by_qhull(flipped) if found is None else found
+    visible[rows[vertices[vertices > 0] - 1]] = True
     return visible
+
+
+def _vertices_by_qhull(points: NDArray[np.float64]) -> NDArray[np.integer]:
+    try:
+        return ConvexHull(points).vertices
+    except QhullError:  # all in one plane with the viewpoint: joggled input has a hull
+        return ConvexHull(points, qhull_options="QJ").vertices
 
 
 def _unhidden(seen: NDArray[np.float64], distance: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -4,7 +4,7 @@ from importlib import import_module
 
 from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.methods import COMPARISON, IMAGE_LABELLER
+from mlsroad_pipeline.pipelines.methods import COMPARISON, IMAGE_LABELLER, joined
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -23,5 +23,4 @@ def create_pipeline(**_: object) -> Pipeline:
         The default comparison, `recognition` and `image_labels`.
     """
     names = (*COMPARISON, "recognition", IMAGE_LABELLER)
-    parts: list[Pipeline] = [import_module(f"mlsroad_pipeline.pipelines.{name}").create_pipeline() for name in names]
-    return sum(parts, Pipeline([]))
+    return joined({name: import_module(f"mlsroad_pipeline.pipelines.{name}").create_pipeline() for name in names})
