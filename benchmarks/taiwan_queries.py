@@ -60,10 +60,8 @@ def main() -> None:
     apart = ~np.eye(len(kinds), dtype=bool)
     for share in given.groups_per_word:
         words = VocabularyParameters(groups_per_word=share, stop_share=0.0)
-        vocabulary = build_vocabulary(groups, described["objects"], parameters=words)
-        counts = count_words(
-            vocabulary.quantise(groups), described["objects"], n_objects=len(files), stopped=vocabulary.stopped
-        )
+        vocabulary, nearest_words = build_vocabulary(groups, described["objects"], parameters=words)
+        counts = count_words(nearest_words, described["objects"], n_objects=len(files), stopped=vocabulary.stopped)
         bags = weigh_words(counts, inverse_document_frequency(counts))
         likeness = similarity(bags, bags)
         np.fill_diagonal(likeness, -1.0)

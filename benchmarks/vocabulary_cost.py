@@ -64,7 +64,7 @@ def main() -> None:
     groups = join_groups([groups_of(found) for found in described])
     del described
     wall, processor = time.perf_counter(), time.process_time()
-    vocabulary = build_vocabulary(
+    vocabulary, _ = build_vocabulary(
         groups, scenes, parameters=VocabularyParameters(n_words=given.words), n_threads=given.threads
     )
     figures = {

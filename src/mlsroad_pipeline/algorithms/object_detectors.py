@@ -80,9 +80,19 @@ def choose_variant(parts: Description, bundle: ModelBundle) -> str:
     -------
     str
         `WITH_INTENSITY` where scene and model have it, else `GEOMETRY`.
+
+    Raises
+    ------
+    DataError
+        If the scene has no intensities and the model has no variant without.
     """
-    known = bool(parts["intensity"]) and WITH_INTENSITY in bundle.metadata["variants"]
-    return WITH_INTENSITY if known else GEOMETRY
+    variants = bundle.metadata["variants"]
+    variant = WITH_INTENSITY if bool(parts["intensity"]) and WITH_INTENSITY in variants else GEOMETRY
+    if variant not in variants:
+        raise DataError(
+            f"model {bundle.slug!r} was trained with intensity alone (without_intensity: false), and the scene has none"
+        )
+    return variant
 
 
 def variant_arrays(bundle: ModelBundle, variant: str) -> dict[str, NDArray]:

@@ -63,6 +63,14 @@ def test_lamp_that_rises_from_a_shrub_is_an_object_of_its_own(rng):
     assert min(overlap) > 0.85
 
 
+def test_two_posts_of_one_plate_are_one_sign(rng):
+    plate = np.column_stack([rng.uniform(-0.9, 0.9, 4000), rng.normal(0, 0.005, 4000), rng.uniform(2.0, 3.0, 4000)])
+    sign = [pole(rng, x, 0, height=3.0)[:5000] for x in (-0.6, 0.6)]
+    overlap, n_found = segmented([np.concatenate([*sign, plate])])
+    assert n_found == 1
+    assert overlap[0] == 1.0
+
+
 def test_trees_keep_their_trunks_and_lone_lamps_their_arms(rng):
     for parts in ([tree(rng, 0, 0)], [tree(rng, 0, 0), tree(rng, 3.5, 0.5)], [pole(rng, 0, 0)]):
         assert segmented(parts)[1] == 1

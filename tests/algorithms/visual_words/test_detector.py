@@ -1,5 +1,7 @@
 """Bags and their likeness by hand, and detection of planted kinds of objects."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
@@ -11,7 +13,9 @@ from mlsroad_pipeline.algorithms.visual_words.bags import (
     similarity,
     weigh_words,
 )
-from mlsroad_pipeline.algorithms.visual_words.detector import DetectorParameters, VisualWordsDetector
+from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetector
+from mlsroad_pipeline.algorithms.visual_words.queries import DetectorParameters
+from mlsroad_pipeline.algorithms.visual_words.sizes import measure_sizes, size_likeness, within_sizes
 
 
 def test_bags_are_equations_21_and_22():
@@ -35,6 +39,9 @@ def test_likeness_is_equation_23(rng):
     np.testing.assert_allclose(np.diag(similarity(bags, bags)), 1.0)
 
 
+NEAREST = DetectorParameters(decision="nearest", size_share=0.0, size_margin=0.0)  # as printed
+
+
 def planted(rng, n):
     """Objects of two classes, each with two kinds of words of its own, and others; all share some words."""
     kind = rng.integers(0, 5, n)
@@ -47,7 +54,7 @@ def planted(rng, n):
 
 def test_planted_classes_are_found_in_all_their_kinds(rng):
     counts, labels = planted(rng, 200)
-    detector = VisualWordsDetector(["pole", "car"]).fit(counts, labels)
+    detector = VisualWordsDetector(["pole", "car"], parameters=NEAREST).fit(counts, labels)
     unseen, truth = planted(rng, 150)
     found, scores = detector.detect(unseen)
     np.testing.assert_array_equal(found, truth)
@@ -61,9 +68,8 @@ def test_one_query_finds_less_than_several(rng):
     unseen, truth = planted(rng, 200)
     right = []
     for n in (1, 12):
-        detector = VisualWordsDetector(["pole", "car"], parameters=DetectorParameters(max_queries=n)).fit(
-            counts, labels
-        )
+        parameters = replace(NEAREST, max_queries=n)
+        detector = VisualWordsDetector(["pole", "car"], parameters=parameters).fit(counts, labels)
         assert all(q.bags.shape[0] <= n for q in detector.queries_.values())
         right.append((detector.detect(unseen)[0] == truth).mean())
     assert right[0] < 0.9 < right[1]
@@ -71,10 +77,87 @@ def test_one_query_finds_less_than_several(rng):
 
 def test_a_class_with_one_example_is_detected_by_any_likeness(rng):
     counts = csr_array(np.array([[3.0, 0, 1], [0, 5, 0], [0, 4, 1]]))
-    detector = VisualWordsDetector(["pole"]).fit(counts, [0, -1, -1])
+    detector = VisualWordsDetector(["pole"], parameters=NEAREST).fit(counts, [0, -1, -1])
     assert detector.queries_["pole"].bags.shape[0] == 1
     assert detector.queries_["pole"].threshold > 0
     assert detector.detect(counts)[0][0] == 0
+
+
+def sized(rng, labels):
+    """Sizes of poles (7 m high), cars (4 m long), and others, of which half are small."""
+    table = np.array([[0, 1.5, 4.2, 1.8], [0, 7, 0.8, 0.2], [0, 1.5, 4.2, 1.8]])[labels + 1]
+    table[(labels < 0) & (rng.random(len(labels)) < 0.5)] = [0, 0.4, 0.3, 0.3]
+    return table * rng.uniform(0.9, 1.1, table.shape)
+
+
+def test_weighted_queries_find_planted_classes_in_scenes_of_their_own(rng):
+    counts, labels = planted(rng, 300)
+    unseen, truth = planted(rng, 150)
+    sizes, others = sized(rng, labels), sized(rng, truth)
+    detector = VisualWordsDetector(["pole", "car"]).fit(counts, labels, sizes=sizes, scenes=np.arange(300) % 7)
+    found, _ = detector.detect(unseen, others)
+    assert (found == truth).mean() > 0.97
+    assert min(detector.f_scores_.values()) > 0.95
+    assert all(0.2 < t < 0.8 for t in detector.thresholds)
+    assert all((q.weights < 0).any() and (q.weights > 0).any() for q in detector.queries_.values())
+    again = VisualWordsDetector.from_arrays(detector.to_arrays())
+    assert again.score(unseen, others).tobytes() == detector.score(unseen, others).tobytes()
+    # No example is as small as the small ones: they have no score at all.
+    small = others[:, 1] < 1
+    assert small.any() and (detector.score(unseen, others)[small] == 0).all()
+
+
+@pytest.mark.parametrize("decision", ["weighted", "nearest"])
+def test_sizes_tell_apart_what_has_the_same_words(rng, decision):
+    counts = csr_array(rng.poisson(np.full((200, 30), 1.0)).astype(np.float64))
+    labels = np.repeat([0, -1], 100)
+    sizes = np.where(labels[:, None] == 0, [0, 7, 0.8, 0.2], [0, 4, 3.0, 3.0]) * rng.uniform(0.8, 1.2, (200, 4))
+    right = []
+    for share in (0.0, 0.5):
+        parameters = DetectorParameters(decision=decision, size_share=share, size_margin=0.0)
+        half = np.arange(200) % 2 == 0
+        detector = VisualWordsDetector(["pole"], parameters=parameters).fit(
+            counts[half], labels[half], sizes=sizes[half]
+        )
+        right.append((detector.detect(counts[~half], sizes[~half])[0] == labels[~half]).mean())
+    assert right[0] < 0.7 and right[1] > 0.95
+
+
+def test_others_are_drawn_and_a_single_scene_takes_the_border_of_the_vote(rng):
+    counts, labels = planted(rng, 300)
+    parameters = DetectorParameters(max_others=20)
+    detector = VisualWordsDetector(["pole", "car"], parameters=parameters).fit(counts, labels, scenes=np.zeros(300))
+    assert (detector.thresholds == 0.5).all()
+    assert all((q.weights < 0).sum() <= 20 + (labels >= 0).sum() for q in detector.queries_.values())
+    unseen, truth = planted(rng, 150)
+    assert (detector.detect(unseen)[0] == truth).mean() > 0.9
+    with pytest.raises(DataError, match="all training objects are a pole"):
+        VisualWordsDetector(["pole"]).fit(counts[labels == 0], labels[labels == 0])
+
+
+def test_sizes_are_heights_above_the_ground_and_extents(rng):
+    road = rng.uniform([0, 0, 9.98], [20, 10, 10.0], (20000, 3))
+    slab = rng.uniform([5, 4, 12.0], [9, 6, 13.0], (9000, 3))
+    turned = slab.copy()
+    turned[:, :2] = (slab[:, :2] - [7, 5]) @ np.array([[0.8, 0.6], [-0.6, 0.8]]) + [14, 5]
+    owner = np.repeat([-1, 0, 2], [20000, 9000, 9000])
+    sizes = measure_sizes(np.concatenate([road, slab, turned]), owner)
+    for k in (0, 2):
+        np.testing.assert_allclose(sizes[k], [2.0, 3.0, 4.0, 2.0], atol=0.15)
+    assert (sizes[1] == 0).all()
+    lone = measure_sizes(slab, np.zeros(9000, int))  # no ground anywhere: the object's own lowest point
+    np.testing.assert_allclose(lone[0, :2], [0.0, 1.0], atol=0.05)
+    assert measure_sizes(road, np.full(20000, -1)).shape == (0, 4)
+
+
+def test_likeness_of_sizes_by_hand():
+    one, other = np.array([[0.0, 7.5, 0.7, 0.2]]), np.array([[0.5, 3.5, 0.7, 0.2], [0.0, 7.5, 0.7, 0.2]])
+    np.testing.assert_allclose(size_likeness(one, other), [[np.sqrt(0.5 * 0.5), 1.0]])
+    np.testing.assert_array_equal(within_sizes(other, one, 1.5), [False, True])
+    np.testing.assert_array_equal(within_sizes(other, one, 2.01), [True, True])
+    assert not within_sizes(other, one[:0], 2.0).any()
+    with pytest.raises(DataError, match="sizes need 4 columns"):
+        size_likeness(one[:, :2], other)
 
 
 def test_a_class_without_training_objects_is_warned_of_and_never_detected(rng, caplog):
@@ -105,6 +188,16 @@ def test_bad_input(rng):
         similarity(counts, csr_array((1, 3)))
     with pytest.raises(ParameterError, match="max_queries must be at least 1, got 0"):
         DetectorParameters(max_queries=0)
+    with pytest.raises(ParameterError, match="decision must be 'weighted' or 'nearest', got 'best'"):
+        DetectorParameters(decision="best")
+    with pytest.raises(ParameterError, match="size_share must be between 0 and 1, got 2"):
+        DetectorParameters(size_share=2)
+    with pytest.raises(ParameterError, match=r"size_margin must be 0 or at least 1, got 0\.5"):
+        DetectorParameters(size_margin=0.5)
+    with pytest.raises(ParameterError, match="penalty must be above 0, got 0"):
+        DetectorParameters(penalty=0)
+    with pytest.raises(DataError, match=r"30 objects need sizes of shape \(30, 4\), got \(30, 3\)"):
+        VisualWordsDetector(["pole"]).fit(counts, labels, sizes=np.zeros((30, 3)))
 
 
 def test_a_scene_without_objects_and_a_cloud_without_any(rng):
@@ -148,6 +241,14 @@ def test_a_scene_without_objects_and_a_cloud_without_any(rng):
         found, confidence = label_cloud(cloud, bundle)
         assert (found[label == 41] == 0).mean() > 0.9 and (found[label == 1] == -1).all()
         assert (confidence[found == -1] == 0).all() and (confidence[found == 0] > 0).all()
+    alone = train_detector(
+        {"train.a": groups}, {"train.a": named}, parameters=replace(parameters, without_intensity=False),
+        stages=stages, detection=detection, scheme=scheme, trained_on={},
+    )  # fmt: skip
+    assert alone.metadata["variants"] == ["geometry+intensity"]
+    assert (detect_scene(groups, alone)["label"] == detect_scene(groups, bundle)["label"]).all()
+    with pytest.raises(DataError, match="was trained with intensity alone"):
+        label_cloud(given.without_columns(["intensity"]), alone)
     bare = PointCloud(road, {"core": np.ones(9000, bool), "label": label[:9000]}, source="bare road")
     nothing = segment_scene(bare, {"ground": np.ones(9000, bool)}, stages.segmentation)
     described = describe_objects(bare, nothing, parameters=parameters.groups)

@@ -53,9 +53,9 @@ def test_matrix_and_centres_follow_their_equations(rng):
 def test_every_planted_kind_has_its_word(rng, matrix):
     groups, kind = planted(rng, 900)
     parameters = VocabularyParameters(n_words=5, matrix=matrix, branches=8, stop_share=0)
-    vocabulary = build_vocabulary(groups, np.zeros(900, int), parameters=parameters)
+    vocabulary, found = build_vocabulary(groups, np.zeros(900, int), parameters=parameters)
     assert len(vocabulary) == 5
-    found = vocabulary.quantise(groups)
+    np.testing.assert_array_equal(found, vocabulary.quantise(groups))
     for k in range(5):
         assert len(np.unique(found[kind == k])) == 1
     assert len({found[kind == k][0] for k in range(5)}) == 5
@@ -64,10 +64,12 @@ def test_every_planted_kind_has_its_word(rng, matrix):
 def test_number_of_words_and_same_seed_same_words(rng):
     groups, _ = planted(rng, 1200, kinds=40, spread=0.05)
     parameters = VocabularyParameters(groups_per_word=10.0, matrix=100, branches=4)
-    one, two = (build_vocabulary(groups, np.zeros(1200, int), parameters=parameters, n_threads=n) for n in (1, 2))
+    one, two = (build_vocabulary(groups, np.zeros(1200, int), parameters=parameters, n_threads=n)[0] for n in (1, 2))
     assert len(one) == pytest.approx(120, abs=3)
     assert one.words.descriptors.tobytes() == two.words.descriptors.tobytes()
-    every = build_vocabulary(groups.select(np.arange(7)), np.zeros(7, int), parameters=VocabularyParameters(n_words=50))
+    every, _ = build_vocabulary(
+        groups.select(np.arange(7)), np.zeros(7, int), parameters=VocabularyParameters(n_words=50)
+    )
     assert len(every) == 7  # no more words than groups
 
 
@@ -75,7 +77,7 @@ def test_number_of_words_and_same_seed_same_words(rng):
 def test_groups_that_are_all_alike_make_one_word(rng, matrix):
     groups, _ = planted(rng, 80, kinds=1, spread=0.0)
     parameters = VocabularyParameters(n_words=5, stop_share=0, matrix=matrix)
-    assert len(build_vocabulary(groups, np.zeros(80, int), parameters=parameters)) == 1
+    assert len(build_vocabulary(groups, np.zeros(80, int), parameters=parameters)[0]) == 1
 
 
 def test_stop_list_takes_the_most_frequent_words_of_almost_all_scenes():

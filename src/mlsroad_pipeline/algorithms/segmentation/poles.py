@@ -33,6 +33,7 @@ _CROWN = 300  # voxels that make a crown
 _ASIDE = 0.7  # a crown whose middle is farther from an axis grows on another stem, metres
 _FIXTURE, _REACH, _ABOVE = 200, 4.0, 1.0  # voxels and width of lamps, arms and plates, and their least height, metres
 _APART = 0.5  # what is left of a cluster and lies farther apart falls into parts, metres
+_POSTS, _LEVEL = 2.5, 0.5  # the farthest two posts of one plate, and the most that their tops differ, metres
 
 
 @dataclass(frozen=True)
@@ -254,4 +255,17 @@ def _attach(xyz: NDArray[np.float64], parts: NDArray[np.int64], poles: list[_Ste
         close = (stem.distance(xyz[rest]) <= _RADIUS + 0.25) & (xyz[rest, 2] <= stem.high + 0.5)
         touching[piece[close]] = True
         own = touching & (size <= _FIXTURE) & (width <= _REACH) & (low >= stem.low + _ABOVE)
-        parts[rest[own[piece] & (parts[rest] == 0)]] = number
+        target = number
+        for first in np.unique(parts[rest[own[piece]]]).tolist():
+            # Two posts that carry one plate between them are one sign.
+            if 0 < first != target and _level(poles[first - 1], stem):
+                parts[parts == target] = first
+                target = first
+        parts[rest[own[piece] & (parts[rest] == 0)]] = target
+
+
+def _level(one: _Stem, other: _Stem) -> bool:
+    """Tell whether two poles are as high as each other, and close."""
+    height = 0.5 * (one.low + one.high)
+    step = one.base + one.slope * height - other.base - other.slope * height
+    return bool(np.hypot(*step) <= _POSTS and abs(one.high - other.high) <= _LEVEL)

@@ -22,6 +22,7 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.visual_words.bags import count_words
 from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetector
 from mlsroad_pipeline.algorithms.visual_words.groups import ContextualGroups, build_groups
+from mlsroad_pipeline.algorithms.visual_words.sizes import measure_sizes
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import Vocabulary
 
 SLUG = "visual_words"
@@ -65,8 +66,8 @@ def describe_objects(
     Returns
     -------
     dict of str to ndarray
-        The arrays of `ContextualGroups`; ``objects`` int32, the object of each group; ``n_objects``; ``intensity``,
-        whether the scene has it.
+        The arrays of `ContextualGroups`; ``objects`` int32, the object of each group; ``n_objects``; ``sizes`` float32
+        (objects, 4), what `measure_sizes` gave; ``intensity``, whether the scene has it.
     """
     regions = describe_regions(
         scene.xyz, objects["objects"], intensity=scene.get("intensity"), parameters=parameters.regions
@@ -78,6 +79,7 @@ def describe_objects(
         "scales": groups.scales,
         "objects": regions.objects,
         "n_objects": np.array(int(objects["objects"].max(initial=-1)) + 1),
+        "sizes": measure_sizes(scene.xyz, objects["objects"]),
         "intensity": np.array("intensity" in scene),
     }
 
@@ -162,12 +164,13 @@ def detect_scene(arrays: Mapping[str, NDArray], bundle: ModelBundle) -> dict[str
     Returns
     -------
     dict of str to ndarray
-        ``label`` int16 (objects,): place in the wanted classes, -1 for none; ``score`` float32, likeness to the nearest
-        query; ``scores`` float32 (objects, c), likeness to the nearest query of every class.
+        ``label`` int16 (objects,): place in the wanted classes, -1 for none; ``score`` float32, that of this class;
+        ``scores`` float32 (objects, c), that of every class, see `VisualWordsDetector.score`.
     """
     variant = choose_variant(arrays, bundle)
     vocabulary, detector = model_of(bundle, variant)
-    scores = detector.score(bag_objects(arrays, vocabulary, intensity=variant == WITH_INTENSITY))
+    counts = bag_objects(arrays, vocabulary, intensity=variant == WITH_INTENSITY)
+    scores = detector.score(counts, arrays["sizes"])
     label, score = detect_by_thresholds(scores, detector.thresholds)
     return {"label": label, "score": score, "scores": scores.astype(np.float32)}
 
@@ -188,7 +191,7 @@ def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int1
     labels : ndarray of int16, shape (n,)
         Labels of the model's scheme, -1 outside detected objects.
     confidence : ndarray of float32, shape (n,)
-        Likeness of the object to the nearest query; 0 outside.
+        Score of the object, see `VisualWordsDetector.score`; 0 outside.
 
     Raises
     ------

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import vstack
 
 from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.detection import DetectionParameters
@@ -17,15 +16,16 @@ from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.object_detectors import GEOMETRY, WITH_INTENSITY, DetectionStages
 from mlsroad_pipeline.algorithms.object_regions import RegionParameters
-from mlsroad_pipeline.algorithms.visual_words.detector import DetectorParameters, VisualWordsDetector
+from mlsroad_pipeline.algorithms.visual_words.bags import count_words
+from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetector
 from mlsroad_pipeline.algorithms.visual_words.groups import join_groups
 from mlsroad_pipeline.algorithms.visual_words.labeller import (
     ENTRY_POINT,
     SLUG,
     GroupParameters,
-    bag_objects,
     groups_of,
 )
+from mlsroad_pipeline.algorithms.visual_words.queries import DetectorParameters
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import Vocabulary, VocabularyParameters, build_vocabulary
 
 
@@ -43,12 +43,16 @@ class VisualWordsParameters:
         How groups become words.
     detector : DetectorParameters or mapping
         How queries are chosen.
+    without_intensity : bool, default True
+        Whether a second vocabulary and detector are made that never saw intensities, for surveys without them. Without
+        it training takes half the time.
     """
 
     regions: RegionParameters = field(default_factory=RegionParameters)
     k: int = 2
     vocabulary: VocabularyParameters = field(default_factory=VocabularyParameters)
     detector: DetectorParameters = field(default_factory=DetectorParameters)
+    without_intensity: bool = True
 
     def __post_init__(self) -> None:
         kinds = {"regions": RegionParameters, "vocabulary": VocabularyParameters, "detector": DetectorParameters}
@@ -97,7 +101,8 @@ def train_detector(
     Returns
     -------
     ModelBundle
-        The model: a vocabulary and a detector with intensity, where all scenes have it, and without.
+        The model: a vocabulary and a detector with intensity, where all scenes have it, and without, where wanted or
+        some scene has none.
 
     Raises
     ------
@@ -108,7 +113,9 @@ def train_detector(
     if not keys:
         raise DataError("no training scenes: the split 'train' is empty")
     intensity = all(bool(groups[key]["intensity"]) for key in keys)
-    variants = [WITH_INTENSITY, GEOMETRY] if intensity else [GEOMETRY]
+    variants = [WITH_INTENSITY] if intensity else []
+    if parameters.without_intensity or not intensity:
+        variants.append(GEOMETRY)
     arrays: dict[str, NDArray] = {}
     facts: dict[str, Any] = {}
     with ThreadPoolExecutor(min(n_threads, len(variants))) as pool:
@@ -153,13 +160,19 @@ def _train_variant(
     """Learn from all training scenes; an object counts in the scene that owns it."""
     scenes = np.repeat(np.arange(len(groups)), [len(found["objects"]) for found in groups])
     joined = join_groups([groups_of(found, intensity=intensity) for found in groups])
-    vocabulary = build_vocabulary(joined, scenes, parameters=parameters.vocabulary, n_threads=n_threads)
-    counts = vstack([bag_objects(found, vocabulary, intensity=intensity) for found in groups], format="csr")
+    vocabulary, words = build_vocabulary(joined, scenes, parameters=parameters.vocabulary, n_threads=n_threads)
+    n_objects = np.array([int(found["n_objects"]) for found in groups])
+    objects = np.concatenate([found["objects"] for found in groups]).astype(np.int64)
+    objects += (np.cumsum(n_objects) - n_objects)[scenes]  # numbered through all scenes
+    counts = count_words(words, objects, n_objects=int(n_objects.sum()), stopped=vocabulary.stopped)
     own = np.concatenate([found["own"] for found in labels])
     label = np.concatenate([found["label"] for found in labels])
+    sizes = np.concatenate([found["sizes"] for found in groups])
+    scene = np.repeat(np.arange(len(labels)), [len(found["own"]) for found in labels])
     rows = np.flatnonzero(own)
     detector = VisualWordsDetector(detection.classes, parameters=parameters.detector)
-    return vocabulary, detector.fit(counts[rows], np.where(label[rows] < 0, IGNORE, label[rows]))
+    truth = np.where(label[rows] < 0, IGNORE, label[rows])
+    return vocabulary, detector.fit(counts[rows], truth, sizes=sizes[rows], scenes=scene[rows])
 
 
 def _arrays(vocabulary: Vocabulary, detector: VisualWordsDetector) -> dict[str, NDArray]:

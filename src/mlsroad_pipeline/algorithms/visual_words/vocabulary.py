@@ -139,7 +139,7 @@ def build_vocabulary(
     *,
     parameters: VocabularyParameters = VocabularyParameters(),
     n_threads: int = 1,
-) -> Vocabulary:
+) -> tuple[Vocabulary, NDArray[np.int32]]:
     """Cluster training groups into words.
 
     Parameters
@@ -155,8 +155,10 @@ def build_vocabulary(
 
     Returns
     -------
-    Vocabulary
+    vocabulary : Vocabulary
         At most as many words as there are groups.
+    found : ndarray of int32, shape (n,)
+        The nearest word of each training group.
 
     Raises
     ------
@@ -175,7 +177,7 @@ def build_vocabulary(
     vocabulary = Vocabulary(words, inverse, np.zeros(len(words), np.bool_), parameters.floor)
     found = vocabulary.quantise(groups, n_threads=n_threads)
     stopped = stop_list(found, of_scene, len(words), parameters)
-    return Vocabulary(words, inverse, stopped, parameters.floor)
+    return Vocabulary(words, inverse, stopped, parameters.floor), found
 
 
 def stop_list(

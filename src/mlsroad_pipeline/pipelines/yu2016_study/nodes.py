@@ -154,6 +154,15 @@ def describe_surveys(plan: StudyPlan, streets: SceneCollection, segmented: Scene
     return tasks
 
 
+def _runs_of_settings(plan: StudyPlan) -> dict[str, str]:
+    """Return which setting is run for each: the first with the same parameters."""
+    settings = _settings(plan)
+    first: dict[str, str] = {}
+    for name, (_, parameters) in settings.items():
+        first[name] = next(other for other in settings if settings[other][1] == parameters)
+    return first
+
+
 def _safe(name: str) -> str:
     """Return a setting's name as a store can hold it."""
     return name.replace("=", "-").replace(".", "_")
@@ -224,12 +233,13 @@ def run_settings(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTa
     Returns
     -------
     dict of str to SceneTask
-        One task per setting.
+        One task per setting; settings that are the same are run once.
     """
-    survey = next(iter(plan.scale.surveys))
+    survey, own = next(iter(plan.scale.surveys)), _runs_of_settings(plan)
     return {
         _safe(name): _run(plan, described, [survey], stores, WORDS, parameters)
         for name, (described, parameters) in _settings(plan).items()
+        if own[name] == name
     }
 
 
@@ -256,5 +266,5 @@ def tabulate_study(plan: StudyPlan, *stores: SceneCollection) -> tuple[Any, ...]
         {key: scores[key] for key in segment_surveys(plan, streets)},  # in the paper's order, not the store's
         described.part("facts").load_all(),
         runs.load_all(),
-        {name: found[_safe(name)] for name in plan.scale.settings()},
+        {name: found[_safe(run)] for name, run in _runs_of_settings(plan).items()},
     ).as_tuple()

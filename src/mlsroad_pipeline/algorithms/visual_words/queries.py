@@ -1,0 +1,98 @@
+"""How queries and thresholds are chosen, and the queries of a class (Yu et al. 2016, IV-C)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+
+
+@dataclass(frozen=True)
+class DetectorParameters:
+    """How queries and thresholds are chosen, and what counts as alike.
+
+    Parameters
+    ----------
+    decision : {"weighted", "nearest"}, default "weighted"
+        With "nearest" an object's score is its likeness to the most similar of a few queries of the class, as in the
+        paper. With "weighted" all training objects may be queries, those of no wanted class too, and the score is
+        their weighted vote: a support vector machine whose kernel is the likeness.
+    size_share : float, default 0.5
+        Share of the size in the likeness of two objects, 0 to 1; the rest is that of their bags, equation 23. 0 is as
+        printed. Bags are shares of words and do not tell a small object from a large one.
+    size_margin : float, default 1.5
+        Objects whose height above the ground or extents lie outside the range of all examples of all classes by more
+        than this factor are never detected, and are no counterexamples; 0 looks at objects of any size, as printed.
+        Smaller misses objects unlike the examples; larger costs time.
+    penalty : float, default 10
+        Of training objects on the wrong side of the weighted vote. Larger follows single examples more closely.
+    folds : int, default 5
+        Groups of training scenes that are held out in turn to choose the thresholds of the weighted vote.
+    max_others : int, default 5000
+        The most training objects of no wanted class that take part in it, drawn at random.
+    seed : int, default 2016
+        Of this draw and of the folds.
+    max_queries : int, default 12
+        The most queries of a class with "nearest". The paper names none; one complete car does not stand for every
+        make and every side that it is seen from.
+    candidates : int, default 200
+        Training objects of a class that may become these queries: those with the most words.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its domain.
+    """
+
+    decision: Literal["weighted", "nearest"] = "weighted"
+    size_share: float = 0.5
+    size_margin: float = 1.5
+    penalty: float = 10.0
+    folds: int = 5
+    max_others: int = 5000
+    seed: int = 2016
+    max_queries: int = 12
+    candidates: int = 200
+
+    def __post_init__(self) -> None:
+        for name, least in (("max_queries", 1), ("candidates", 1), ("max_others", 1), ("folds", 2)):
+            if getattr(self, name) < least:
+                raise ParameterError(f"{name} must be at least {least}, got {getattr(self, name)!r}")
+        if self.decision not in ("weighted", "nearest"):
+            raise ParameterError(f"decision must be 'weighted' or 'nearest', got {self.decision!r}")
+        if not 0 <= self.size_share <= 1:
+            raise ParameterError(f"size_share must be between 0 and 1, got {self.size_share!r}")
+        if self.size_margin != 0 and not self.size_margin >= 1:
+            raise ParameterError(f"size_margin must be 0 or at least 1, got {self.size_margin!r}")
+        if not self.penalty > 0:
+            raise ParameterError(f"penalty must be above 0, got {self.penalty!r}")
+
+
+@dataclass(frozen=True)
+class ClassQueries:
+    """What one class is looked for with.
+
+    Attributes
+    ----------
+    bags : csr_array of shape (q, v)
+        Bags of the queries.
+    sizes : ndarray of float32, shape (q, 4)
+        Their sizes.
+    weights : ndarray of float64, shape (q,)
+        Their weights; none where the most similar query decides.
+    offset : float
+        Added to the weighted sum.
+    threshold : float
+        Score from which an object is detected.
+    """
+
+    bags: csr_array
+    sizes: NDArray[np.float32]
+    weights: NDArray[np.float64]
+    offset: float
+    threshold: float

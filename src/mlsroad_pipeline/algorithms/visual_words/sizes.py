@@ -1,0 +1,123 @@
+"""How large objects are, and how alike in size: what a bag, whose words are shares, does not tell."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.exceptions import DataError
+
+SIZES = ("bottom", "top", "length", "width")
+"""What is measured of an object: heights above the ground around it, and its horizontal extents; metres."""
+
+_SLACK = np.array([0.5, 0.5, 0.3, 0.3])  # added to sizes that are compared, metres: a few centimetres tell nothing
+_TAIL = 1.0  # percent of an object's points that lie beyond each end of an extent
+_CELL = 1.0  # of the grid in which the ground is looked for, metres
+_REACH = 1.5  # cells around an object's foot that tell where its ground is
+
+
+def measure_sizes(xyz: NDArray[np.floating], objects: NDArray[np.integer]) -> NDArray[np.float32]:
+    """Measure the objects of a scene.
+
+    Parameters
+    ----------
+    xyz : ndarray of shape (n, 3)
+        All points of the scene, those of the ground too, metres, z up.
+    objects : ndarray of int, shape (n,)
+        Object of each point, 0, 1, ...; -1 for none. The lowest of the points of none around an object are its ground;
+        where there are none, its own lowest point is.
+
+    Returns
+    -------
+    ndarray of float32, shape (objects, 4)
+        `SIZES`: heights of the 1st and the 99th percentile of an object's points above its ground, and the extents
+        between these percentiles along its longer horizontal axis and across.
+    """
+    n = int(objects.max(initial=-1)) + 1
+    sizes = np.zeros((n, len(SIZES)), dtype=np.float32)
+    rows = np.flatnonzero(objects >= 0)
+    if len(rows) == 0:
+        return sizes
+    rows = rows[np.argsort(objects[rows], kind="stable")]
+    starts = np.flatnonzero(np.diff(objects[rows], prepend=-1))
+    points = xyz[rows].astype(np.float64)
+    names = objects[rows[starts]]
+    middle = np.add.reduceat(points[:, :2], starts) / np.diff(np.append(starts, len(rows)))[:, None]
+    lowest = np.minimum.reduceat(points[:, 2], starts)
+    ground = _ground_around(xyz[objects < 0].astype(np.float64), middle, lowest)
+    for k, part in enumerate(np.split(points, starts[1:])):
+        low, high = np.percentile(part[:, 2], [_TAIL, 100.0 - _TAIL]) - ground[k]
+        off = part[:, :2] - middle[k]
+        _, axes = np.linalg.eigh(off.T @ off)
+        ends = np.percentile(off @ axes, [_TAIL, 100.0 - _TAIL], axis=0)
+        across, along = np.sort(ends[1] - ends[0])
+        sizes[names[k]] = max(low, 0.0), max(high, 0.0), along, across
+    return sizes
+
+
+def _ground_around(
+    others: NDArray[np.float64], middle: NDArray[np.float64], lowest: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the elevation of the ground below each object, at most that of its lowest point."""
+    if len(others) == 0:
+        return lowest
+    cell = np.floor(others[:, :2] / _CELL).astype(np.int64)
+    low, span = cell.min(axis=0), int(np.ptp(cell[:, 1])) + 1
+    names, owner = np.unique((cell[:, 0] - low[0]) * span + cell[:, 1] - low[1], return_inverse=True)
+    floor = np.full(len(names), np.inf)
+    np.minimum.at(floor, owner, others[:, 2])
+    centres = (np.column_stack([names // span, names % span]) + low + 0.5) * _CELL
+    near = cKDTree(centres).query_ball_point(middle, _REACH * _CELL)
+    found = np.array([np.median(floor[cells]) if cells else np.inf for cells in near])
+    return np.minimum(found, lowest)
+
+
+def size_likeness(queries: NDArray[np.floating], objects: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Compare sizes as equations 14 and 15 compare orientations and scales: the lesser over the greater.
+
+    Parameters
+    ----------
+    queries, objects : ndarray of shape (q, 4), (n, 4)
+        What `measure_sizes` gave.
+
+    Returns
+    -------
+    ndarray of float64, shape (q, n)
+        Square root of the product over the four sizes, in (0, 1]; 1 for equal ones.
+
+    Raises
+    ------
+    DataError
+        If a table has not four columns.
+    """
+    if queries.shape[1:] != (len(SIZES),) or objects.shape[1:] != (len(SIZES),):
+        raise DataError(f"sizes need {len(SIZES)} columns, got {queries.shape} and {objects.shape}")
+    like = np.ones((len(queries), len(objects)))
+    for column, slack in enumerate(_SLACK):
+        one = queries[:, column].astype(np.float64)[:, None] + slack
+        other = objects[:, column].astype(np.float64)[None] + slack
+        like *= np.minimum(one, other) / np.maximum(one, other)
+    return np.sqrt(like)
+
+
+def within_sizes(sizes: NDArray[np.floating], examples: NDArray[np.floating], margin: float) -> NDArray[np.bool_]:
+    """Tell which objects are about as large as some example of a class.
+
+    Parameters
+    ----------
+    sizes, examples : ndarray of shape (n, 4), (e, 4)
+        What `measure_sizes` gave of the objects and of a class's examples.
+    margin : float
+        Every size may be smaller than the least and larger than the greatest of the examples by this factor.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True where all four sizes are in the range.
+    """
+    if len(examples) == 0:
+        return np.zeros(len(sizes), np.bool_)
+    own, known = sizes + _SLACK, examples + _SLACK
+    inside = (own >= known.min(axis=0) / margin) & (own <= known.max(axis=0) * margin)
+    return np.asarray(inside.all(axis=1))
