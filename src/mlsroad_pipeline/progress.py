@@ -12,6 +12,8 @@ from kedro.io import CatalogProtocol
 from kedro.pipeline import Pipeline
 from kedro.pipeline.node import Node
 
+from mlsroad_pipeline.node_tables import save_rows
+
 logger = logging.getLogger(__name__)
 
 KEY = "node_seconds"
@@ -151,11 +153,8 @@ class ProgressHooks:
         if self._catalog is None:
             return
         self._turn_to("")
-        before = self._catalog.load(KEY) if self._catalog.exists(KEY) else None
         table = pd.DataFrame({"node": list(self._seconds), "seconds": list(self._seconds.values())})
-        if before is not None:
-            table = pd.concat([before[~before["node"].isin(table["node"])], table], ignore_index=True)
-        self._catalog.save(KEY, table.round({"seconds": 3}))
+        save_rows(self._catalog, KEY, table.round({"seconds": 3}))
         self._catalog = None
 
     @hook_impl

@@ -15,6 +15,8 @@ from kedro.io import CatalogProtocol
 from kedro.pipeline import Pipeline
 from kedro.pipeline.node import Node
 
+from mlsroad_pipeline.node_tables import save_rows
+
 KEY = "stage_costs"
 """The parameter that asks for the figures, seconds between two looks at the memory, and the table of them."""
 GIB = 2**30
@@ -146,10 +148,7 @@ class StageCostsHooks:
         """Save the table; nodes that did not run keep their rows."""
         if self._catalog is not None:
             table = pd.DataFrame.from_dict(self._rows, orient="index").rename_axis("node").reset_index()
-            if self._catalog.exists(KEY):
-                before = self._catalog.load(KEY)
-                table = pd.concat([before[~before["node"].isin(table["node"])], table], ignore_index=True)
-            self._catalog.save(KEY, table)
+            save_rows(self._catalog, KEY, table)
         self._end()
 
     @hook_impl
