@@ -5,7 +5,7 @@ export MLFLOW_TRACKING_URI ?= sqlite:///mlflow.db
 export KEDRO_DISABLE_TELEMETRY := true
 export DO_NOT_TRACK := 1
 
-.PHONY: setup run compare test lint bench docs clean
+.PHONY: setup run compare test coverage lint bench docs clean
 
 setup:
 	@./scripts/setup.sh
@@ -20,6 +20,9 @@ compare: setup
 
 test: setup lint
 	@$(BIN)/python -m pytest -n auto --dist loadfile
+
+coverage: setup
+	@$(BIN)/python -m pytest -n auto --dist loadfile tests/algorithms --cov --cov-report=term
 
 lint: setup
 	@$(BIN)/ruff check .

@@ -6,7 +6,7 @@ import pytest
 from kedro.io import DatasetError
 
 from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
-from mlsroad_pipeline.algorithms.rendering.figures import oob_figure
+from mlsroad_pipeline.algorithms.rendering.training_figures import oob_figure
 from mlsroad_pipeline.datasets.figure_dataset import FigureDataset
 from mlsroad_pipeline.datasets.html_report_dataset import HtmlReportDataset
 from mlsroad_pipeline.datasets.metric_series_dataset import MetricSeriesDataset

@@ -18,7 +18,7 @@ from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.rendering.camera import View, birds_eye_view, oblique_view
 from mlsroad_pipeline.algorithms.rendering.cloud_figures import cloud_figure, labelling_pictures
-from mlsroad_pipeline.algorithms.rendering.figures import class_bars_figure, confusion_figure
+from mlsroad_pipeline.algorithms.rendering.score_figures import class_bars_figure, confusion_figure
 
 
 def find_scheme(schemes: Mapping[str, Any], name: str) -> ClassScheme:

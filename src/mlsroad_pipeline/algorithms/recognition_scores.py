@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.metrics.scores import recognition_scores
-from mlsroad_pipeline.algorithms.rendering.figures import confusion_figure
+from mlsroad_pipeline.algorithms.rendering.score_figures import confusion_figure
 
 ALL_FOLDS = "test"
 """The split of all folds together, each recognised by what the others teach."""

@@ -9,13 +9,9 @@ from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
 from mlsroad_pipeline.algorithms.rendering.camera import birds_eye_view, oblique_view
 from mlsroad_pipeline.algorithms.rendering.cloud_figures import _scale_length, cloud_figure, labelling_pictures
-from mlsroad_pipeline.algorithms.rendering.figures import (
-    class_bars_figure,
-    confusion_figure,
-    importance_figure,
-    oob_figure,
-)
 from mlsroad_pipeline.algorithms.rendering.palette import CORRECT_COLOUR, WRONG_COLOUR, class_palette
+from mlsroad_pipeline.algorithms.rendering.score_figures import class_bars_figure, confusion_figure
+from mlsroad_pipeline.algorithms.rendering.training_figures import importance_figure, oob_figure
 
 MATRIX = np.array([[8, 2, 0], [0, 9, 1], [0, 0, 0]])
 CLASSES = ("road", "car", "wire")

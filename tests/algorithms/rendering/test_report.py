@@ -12,7 +12,6 @@ from PIL import Image
 
 from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.rendering.figures import oob_figure
 from mlsroad_pipeline.algorithms.rendering.palette import COLOURS
 from mlsroad_pipeline.algorithms.rendering.report import (
     DistributionSection,
@@ -24,6 +23,7 @@ from mlsroad_pipeline.algorithms.rendering.report import (
     build_report,
 )
 from mlsroad_pipeline.algorithms.rendering.report_parts import data_uri, figure_pixels
+from mlsroad_pipeline.algorithms.rendering.training_figures import oob_figure
 
 EVIL = "<script>alert('x')</script>\"&"
 VOID = {"meta", "img", "br"}

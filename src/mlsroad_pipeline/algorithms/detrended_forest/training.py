@@ -22,7 +22,7 @@ from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelF
 from mlsroad_pipeline.algorithms.majority import majority_labels
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.rendering.figures import importance_figure, oob_figure
+from mlsroad_pipeline.algorithms.rendering.training_figures import importance_figure, oob_figure
 from mlsroad_pipeline.algorithms.scene_stages import inliers
 
 _ATTRIBUTES = {"rgb": COLOUR_FEATURES, "intensity": INTENSITY_FEATURES}

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.rendering.cloud_figures import INK
-from mlsroad_pipeline.algorithms.rendering.figures import SERIES, empty_figure, tidy_axes
+from mlsroad_pipeline.algorithms.rendering.figure_style import SERIES, empty_figure, tidy_axes
 
 Curve = tuple[NDArray, NDArray, NDArray]
 

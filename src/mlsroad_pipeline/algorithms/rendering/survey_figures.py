@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.inspection import SurveyMap
-from mlsroad_pipeline.algorithms.rendering.figures import empty_figure, tidy_axes
+from mlsroad_pipeline.algorithms.rendering.figure_style import empty_figure, tidy_axes
 
 EMPTY = "#10141a"
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.metrics.scores import ALL
-from mlsroad_pipeline.algorithms.rendering.figures import SERIES
+from mlsroad_pipeline.algorithms.rendering.figure_style import SERIES
 from mlsroad_pipeline.algorithms.rendering.report import FactsSection, FiguresSection, Section, TableSection
 from mlsroad_pipeline.algorithms.studies.comparison import (
     Task,

@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from mlsroad_pipeline.algorithms.rendering.cloud_figures import INK
-from mlsroad_pipeline.algorithms.rendering.figures import SERIES
+from mlsroad_pipeline.algorithms.rendering.figure_style import SERIES
 from mlsroad_pipeline.algorithms.rendering.report import FactsSection, FiguresSection, Section, TableSection
 from mlsroad_pipeline.algorithms.studies.figures import draw_bars, draw_lines, draw_panels, legend_below, name_axes
 from mlsroad_pipeline.algorithms.studies.luo2016 import MEANS

@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from mlsroad_pipeline.algorithms.rendering.cloud_figures import INK
-from mlsroad_pipeline.algorithms.rendering.figures import SERIES
+from mlsroad_pipeline.algorithms.rendering.figure_style import SERIES
 from mlsroad_pipeline.algorithms.rendering.report import FactsSection, FiguresSection, Section, TableSection
 from mlsroad_pipeline.algorithms.studies.figures import draw_bars, draw_curves, draw_panels, legend_below, name_axes
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import SEGMENTATIONS

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.labeller import train
-from mlsroad_pipeline.algorithms.rendering.figures import objective_figure
+from mlsroad_pipeline.algorithms.rendering.training_figures import objective_figure
 from mlsroad_pipeline.pipelines.patch_method import TrainingScenes
 
 

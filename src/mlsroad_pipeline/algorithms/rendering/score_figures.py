@@ -1,4 +1,4 @@
-"""Figures of scores and of training: confusion matrix, bars per class, importances, out-of-bag error, objective."""
+"""Figures of scores: confusion matrix, bars per class."""
 
 from __future__ import annotations
 
@@ -8,63 +8,23 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.metrics.confusion import scores
 from mlsroad_pipeline.algorithms.metrics.scores import ALL, CLASS_METRICS, check_scores
 from mlsroad_pipeline.algorithms.rendering.cloud_figures import INK
+from mlsroad_pipeline.algorithms.rendering.figure_style import GRID, SERIES, empty_figure, shown_names, tidy_axes
 
-_DPI = 150
-_GRID = "#e3e6eb"
 _SHARE_MAP = LinearSegmentedColormap.from_list("share", ["#ffffff", "#c7dcf0", "#5b9bd5", "#1f4e96", "#0d2a5c"])
-SERIES = ("#1f4e96", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#7f7f7f", "#f0e442")
-"""Colours of methods in bars: Okabe and Ito's, which stay apart under colour blindness."""
 TITLES = {"precision": "Precision", "recall": "Recall", "f1": "F1", "iou": "IoU"}
-
-
-def empty_figure(width: float, height: float) -> Figure:
-    """Return an empty figure on the Agg canvas, outside pyplot's global state.
-
-    Parameters
-    ----------
-    width, height : float
-        Inches.
-
-    Returns
-    -------
-    Figure
-        The figure.
-    """
-    figure = Figure(figsize=(width, height), dpi=_DPI, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def tidy_axes(axes: Axes) -> None:
-    """Leave only the lines that are read.
-
-    Parameters
-    ----------
-    axes : Axes
-        Axes to simplify.
-    """
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color("#9aa0aa")
-    axes.tick_params(colors=INK, labelsize=8, length=3, color="#9aa0aa")
-    axes.set_axisbelow(True)
 
 
 def _per_cent(share: float) -> str:
     """Write a share as per cent with one decimal; what is there is never written as 0."""
     return "<0.1" if share < 0.0005 else f"{100 * share:.1f}"
-
-
-def _names(classes: Sequence[str]) -> list[str]:
-    return [name.replace("_", " ") for name in classes]
 
 
 def short_count(count: int) -> str:
@@ -120,7 +80,7 @@ def confusion_figure(matrix: NDArray[np.integer], *, classes: Sequence[str], tit
     if len(classes) != len(support):
         raise DataError(f"{len(classes)} class names for a confusion matrix of {len(support)} classes")
     counts = np.asarray(matrix)
-    columns = _names(classes)
+    columns = shown_names(classes)
     if counts.shape[1] > len(support):
         if counts[:, -1].any():
             columns.append("unlabelled")
@@ -138,11 +98,12 @@ def confusion_figure(matrix: NDArray[np.integer], *, classes: Sequence[str], tit
         axes.text(column, row + 0.27, short_count(int(counts[row, column])), va="center", fontsize=6, **place)
     axes.set_xticks(range(len(columns)), columns, rotation=40, ha="right", rotation_mode="anchor")
     axes.set_yticks(
-        range(len(classes)), [f"{n} ({short_count(int(s))})" for n, s in zip(_names(classes), support, strict=True)]
+        range(len(classes)),
+        [f"{n} ({short_count(int(s))})" for n, s in zip(shown_names(classes), support, strict=True)],
     )
     axes.set_xticks(np.arange(len(columns) + 1) - 0.5, minor=True)
     axes.set_yticks(np.arange(len(classes) + 1) - 0.5, minor=True)
-    axes.grid(which="minor", color=_GRID, linewidth=0.8)
+    axes.grid(which="minor", color=GRID, linewidth=0.8)
     axes.tick_params(which="both", length=0, labelsize=8.5, colors=INK)
     axes.spines[:].set_visible(False)
     axes.set_xlabel("Predicted class", color=INK, fontsize=9)
@@ -185,7 +146,7 @@ def class_bars_figure(frame: pd.DataFrame, *, split: str, title: str = "") -> Fi
         _bars(axes, wide.reindex(index=classes, columns=methods).to_numpy(dtype=np.float64))
         axes.set_ylabel(TITLES[metric], fontsize=9, color=INK)
     support = table.drop_duplicates("class").set_index("class")["support"]
-    names = [f"{n}\n{short_count(int(support[c]))}" for n, c in zip(_names(classes), classes, strict=True)]
+    names = [f"{n}\n{short_count(int(support[c]))}" for n, c in zip(shown_names(classes), classes, strict=True)]
     rotation = {"rotation": 35, "ha": "right", "rotation_mode": "anchor"} if len(classes) > 7 else {}
     panels[-1].set_xticks(range(len(classes)), names, **rotation)
     figure.suptitle(title or f"Scores per class on {split}", fontsize=10.5, color=INK, x=0.01, ha="left")
@@ -214,139 +175,5 @@ def _bars(axes: Axes, values: NDArray[np.float64]) -> None:
     axes.set_xlim(-0.6, n_classes - 0.4)
     axes.set_ylim(0, 1.14 if n_methods == 1 else 1.02)
     axes.set_yticks([0, 0.25, 0.5, 0.75, 1.0], ["0", "", "0.5", "", "1"])
-    axes.grid(axis="y", color=_GRID, linewidth=0.7)
+    axes.grid(axis="y", color=GRID, linewidth=0.7)
     tidy_axes(axes)
-
-
-def importance_figure(
-    importances: ArrayLike,
-    *,
-    names: Sequence[str],
-    deviations: ArrayLike | None = None,
-    largest: int = 25,
-    title: str = "",
-) -> Figure:
-    """Draw the largest feature importances as horizontal bars.
-
-    Parameters
-    ----------
-    importances : array-like of float, shape (f,)
-        Importance of each feature.
-    names : sequence of str, length f
-        Feature names.
-    deviations : array-like of float, shape (f,), optional
-        Standard deviation over the trees, drawn as whiskers.
-    largest : int, default 25
-        How many features to show.
-    title : str, default ""
-        Heading of the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure of its own, the most important feature on top.
-
-    Raises
-    ------
-    DataError
-        If there is no feature, or the lengths differ.
-    """
-    values = np.asarray(importances, dtype=np.float64)
-    if values.ndim != 1 or len(values) != len(names) or len(values) == 0:
-        raise DataError(f"{len(names)} feature names for importances of shape {values.shape}")
-    spread = None if deviations is None else np.asarray(deviations, dtype=np.float64)
-    if spread is not None and spread.shape != values.shape:
-        raise DataError(f"deviations of shape {spread.shape} for importances of shape {values.shape}")
-    order = np.argsort(-values, kind="stable")[:largest]
-    figure = empty_figure(6.5, 0.9 + 0.21 * len(order))
-    axes = figure.add_subplot()
-    whiskers = None if spread is None else spread[order]
-    axes.barh(range(len(order)), values[order], 0.72, color=SERIES[0], xerr=whiskers,
-              error_kw={"ecolor": "#8a93a3", "elinewidth": 0.8})  # fmt: skip
-    axes.set_yticks(range(len(order)), _names([names[k] for k in order]))
-    axes.set_ylim(len(order) - 0.4, -0.6)
-    axes.set_xlim(left=0)
-    axes.set_xlabel("Importance (mean decrease of impurity)", fontsize=9, color=INK)
-    axes.grid(axis="x", color=_GRID, linewidth=0.7)
-    tidy_axes(axes)
-    shown = f"the {len(order)} largest of {len(values)}" if len(order) < len(values) else f"all {len(values)}"
-    axes.set_title(title or f"Feature importances, {shown}", fontsize=10, color=INK, loc="left")
-    return figure
-
-
-def oob_figure(n_trees: ArrayLike, errors: ArrayLike, *, chosen: int | None = None, title: str = "") -> Figure:
-    """Draw the out-of-bag error over the number of trees.
-
-    Parameters
-    ----------
-    n_trees : array-like of int, shape (m,)
-        Numbers of trees.
-    errors : array-like of float, shape (m,)
-        Out-of-bag error of each, 0 to 1.
-    chosen : int, optional
-        The number that was chosen, marked by a line.
-    title : str, default ""
-        Heading of the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure of its own.
-
-    Raises
-    ------
-    DataError
-        If there is nothing to draw, or the lengths differ.
-    """
-    trees, error = np.asarray(n_trees), np.asarray(errors, dtype=np.float64)
-    if trees.ndim != 1 or trees.shape != error.shape or len(trees) == 0:
-        raise DataError(f"errors of shape {error.shape} for numbers of trees of shape {trees.shape}")
-    figure = empty_figure(6.5, 3.6)
-    axes = figure.add_subplot()
-    axes.plot(trees, 100 * error, color=SERIES[0], linewidth=1.6)
-    if chosen is not None:
-        axes.axvline(chosen, color=SERIES[5], linewidth=1, linestyle="--")
-        axes.annotate(f"{chosen} trees", (chosen, 1), xycoords=("data", "axes fraction"), xytext=(-4, -4),
-                      textcoords="offset points", ha="right", va="top", fontsize=8, color=SERIES[5])  # fmt: skip
-    axes.set_xlabel("Number of trees", fontsize=9, color=INK)
-    axes.set_ylabel("Out-of-bag error, %", fontsize=9, color=INK)
-    axes.set_ylim(bottom=0)
-    axes.grid(color=_GRID, linewidth=0.7)
-    tidy_axes(axes)
-    axes.set_title(title or "Out-of-bag error", fontsize=10, color=INK, loc="left")
-    return figure
-
-
-def objective_figure(values: ArrayLike, *, title: str = "") -> Figure:
-    """Draw an objective over the iterations of its minimisation.
-
-    Parameters
-    ----------
-    values : array-like of float, shape (m,)
-        The objective at the start and after every iteration, above 0.
-    title : str, default ""
-        Heading of the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure of its own.
-
-    Raises
-    ------
-    DataError
-        If there is nothing to draw.
-    """
-    objective = np.asarray(values, dtype=np.float64)
-    if objective.ndim != 1 or len(objective) == 0:
-        raise DataError(f"an objective has one value per iteration, got shape {objective.shape}")
-    figure = empty_figure(6.5, 3.6)
-    axes = figure.add_subplot()
-    axes.plot(objective, color=SERIES[0], linewidth=1.6, marker="o", markersize=3)
-    axes.set_yscale("log")
-    axes.set_xlabel("Iteration", fontsize=9, color=INK)
-    axes.set_ylabel("Objective", fontsize=9, color=INK)
-    axes.grid(color=_GRID, linewidth=0.7, which="both")
-    tidy_axes(axes)
-    axes.set_title(title or "Objective", fontsize=10, color=INK, loc="left")
-    return figure
