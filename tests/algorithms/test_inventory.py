@@ -148,6 +148,14 @@ def test_vehicles_have_their_box(table):
     np.testing.assert_allclose(cars["clearance"], 0.2, atol=0.07)
 
 
+@pytest.mark.parametrize(("length", "found"), [(1.1, 0), (1.4, 1)])
+def test_what_is_too_short_is_no_vehicle(rng, length, found):
+    box = rng.random((4000, 3)) * [length, 0.3, 1.0]
+    rules = {"vehicle": ObjectRule.of_kind("vehicle", 1)}
+    objects = extract_objects(box, np.ones(len(box), int), np.ones(len(box)), classes=rules)
+    assert len(merge_across_scenes([objects], classes=rules)) == found
+
+
 def test_signs_know_their_pole_and_clearance(table):
     signs, poles = of_kind(table, "sign"), of_kind(table, "pole")
     assert signs["pole_id"].tolist() == [poles["object_id"][2], 0]

@@ -45,6 +45,8 @@ def test_changes_apply_by_kind_and_by_class():
         ({"resolution": 0.5}, "resolution must be at most tolerance"),
         ({"min_points": 0}, "min_points must be at least 1, got 0"),
         ({"min_height": 9.0, "max_height": 3.0}, "heights must be 0 <= 9.0"),
+        ({"min_width": 9.0, "max_width": 3.0}, "widths must be 0 <= 9.0"),
+        ({"min_width": -1.0}, "widths must be 0 <= -1.0"),
         ({"vertical_tolerance": 0.01}, "vertical_tolerance .* must not be below tolerance"),
         ({"split_spacing": -1.0}, "split_spacing must be a number > 0 or None, got -1.0"),
         ({"labels": ()}, "needs at least one label"),

@@ -2,6 +2,7 @@
 
 import sqlite3
 from contextlib import closing
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import geopandas as gpd
@@ -181,6 +182,15 @@ def test_unknown_crs_keeps_the_coordinates(inventory, tmp_path):
     back = read_geopackage(path)
     assert back.crs is None
     pd.testing.assert_frame_equal(back.objects, inventory.objects)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:32633", None])
+def test_labels_are_seen_without_a_system_too(inventory, tmp_path, crs):
+    path = tmp_path / "inventory.gpkg"
+    write_geopackage(replace(inventory, crs=crs), path)
+    ((style,),) = query(path, "SELECT styleQML FROM layer_styles WHERE f_table_name = 'poles'")
+    rendering = ElementTree.fromstring(style).find("labeling/settings/rendering")
+    assert rendering.get("scaleVisibility") == ("0" if crs is None else "1")
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(inventory, tmp_path, monkeypatch):

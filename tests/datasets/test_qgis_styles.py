@@ -29,7 +29,24 @@ def test_style_of_a_layer(layer):
         }
 
 
+@pytest.mark.parametrize("layer", LAYERS)
+def test_every_rule_has_a_symbol_and_a_line_in_the_legend(layer):
+    renderer = ElementTree.fromstring(qml(layer)).find("renderer-v2")
+    rules = list(renderer.iter("rule"))
+    assert [rule.get("symbol") for rule in rules] == [symbol.get("name") for symbol in renderer.iter("symbol")]
+    assert all(rule.get("label") for rule in rules)
+    assert len({rule.get("key") for rule in rules}) == len(rules)
+    named = {name for rule in rules for name in re.findall(r'"(\w+)"', rule.get("filter", ""))}
+    assert named <= set(FIELDS)
+
+
 def test_objects_are_told_apart_by_their_kind():
-    renderer = ElementTree.fromstring(qml("objects")).find("renderer-v2")
-    assert renderer.get("attr") == "kind"
-    assert {category.get("value") for category in renderer.iter("category")} == set(KINDS) == set(COLOURS)
+    rules = ElementTree.fromstring(qml("objects")).iter("rule")
+    assert [rule.get("filter") for rule in rules] == [f"\"kind\" = '{kind}'" for kind in COLOURS]
+    assert set(COLOURS) == set(KINDS)
+
+
+@pytest.mark.parametrize("scaled", [True, False])
+def test_labels_wait_for_a_scale_where_there_is_one(scaled):
+    rendering = ElementTree.fromstring(qml("poles", scaled=scaled)).find("labeling/settings/rendering")
+    assert rendering.get("scaleVisibility") == str(int(scaled))

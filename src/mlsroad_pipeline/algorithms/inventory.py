@@ -82,7 +82,8 @@ def measured_rows(
             hangs = clearance > rule.max_clearance  # False where the ground is not known
             if rule.kind == "sign" and clearance > 0:
                 height -= clearance  # of what there is: a panel may hang anywhere
-            if rule.min_height <= height <= rule.max_height and extent <= rule.max_width and not hangs:
+            fits = rule.min_height <= height <= rule.max_height and rule.min_width <= extent <= rule.max_width
+            if fits and not hangs:
                 rows.append({**row, "class": name, "kind": rule.kind, "scene": scenes[int(row["scene"])]})
     return rows
 

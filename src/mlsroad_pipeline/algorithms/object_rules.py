@@ -33,6 +33,7 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
         "min_points": 50,
         "min_height": 0.6,
         "max_height": 5.0,
+        "min_width": 1.2,  # the back of a car that hides the rest is wider
         "max_width": 20.0,
         "max_clearance": 1.0,
         "resolution": 0.05,
@@ -75,8 +76,8 @@ class ObjectRule:
         Objects with fewer points are suppressed.
     min_height, max_height : float
         Bounds of the height above the base, metres.
-    max_width : float
-        The longest horizontal side allowed, metres.
+    min_width, max_width : float
+        Bounds of the longest horizontal side, metres.
     max_clearance : float
         The highest that an object's bottom may hang above the ground, metres; not asked where the ground is not known.
     resolution : float
@@ -92,7 +93,8 @@ class ObjectRule:
     ------
     ParameterError
         If the kind is not known, there is no label, a length is not above zero, `min_points` is below 1,
-        `min_height` is above `max_height`, `vertical_tolerance` is below `tolerance`, or the voxels are too large.
+        `min_height` is above `max_height` or `min_width` above `max_width`, `vertical_tolerance` is below
+        `tolerance`, or the voxels are too large.
     """
 
     kind: str
@@ -102,6 +104,7 @@ class ObjectRule:
     min_points: int = 10
     min_height: float = 0.0
     max_height: float = np.inf
+    min_width: float = 0.0
     max_width: float = np.inf
     max_clearance: float = np.inf
     resolution: float = 0.05
@@ -122,6 +125,8 @@ class ObjectRule:
             raise ParameterError(f"split_spacing must be a number > 0 or None, got {self.split_spacing!r}")
         if not 0 <= self.min_height <= self.max_height:
             raise ParameterError(f"heights must be 0 <= {self.min_height!r} (min) <= {self.max_height!r} (max)")
+        if not 0 <= self.min_width <= self.max_width:
+            raise ParameterError(f"widths must be 0 <= {self.min_width!r} (min) <= {self.max_width!r} (max)")
         if self.vertical_tolerance is not None and self.vertical_tolerance < self.tolerance:
             raise ParameterError(
                 f"vertical_tolerance ({self.vertical_tolerance!r}) must not be below tolerance ({self.tolerance!r})"

@@ -94,7 +94,8 @@ def _write_layers(path: Path, inventory: RoadInventory, table: pd.DataFrame, crs
         line = np.array([shapely.LineString(inventory.trajectory.xyz)])
         length = pd.DataFrame({"length": [round(inventory.trajectory.length, 3)]})
         _write_layer(path, "trajectory", length, geometry=line, kind=_LINE, crs=crs)
-    add_tables(path, {layer: qgis_styles.qml(layer) for layer in qgis_styles.LAYERS}, date=_FIXED_DATE)
+    styles = {layer: qgis_styles.qml(layer, scaled=crs is not None) for layer in qgis_styles.LAYERS}
+    add_tables(path, styles, date=_FIXED_DATE)
 
 
 def _write_footprints(path: Path, table: pd.DataFrame, *, crs: CRS | None) -> None:

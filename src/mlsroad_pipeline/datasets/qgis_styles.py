@@ -11,6 +11,7 @@ COLOURS = {"pole": "70,70,80", "sign": "214,40,40", "tree": "60,140,60", "vehicl
 """Colour of each kind of object, red, green and blue."""
 
 _LABEL_SCALE = 1500  # labels are drawn at this scale and larger
+_BESIDE, _OVER = "6", "1"  # where QGIS puts a label: around a point, or across the middle of an area
 
 Properties = Mapping[str, str]
 
@@ -62,18 +63,21 @@ def _fill(colour: str, outline: str, width: float, *, style: str = "solid") -> P
 
 _Symbols = Sequence[tuple[str, Properties, Properties]]
 
-_POLE: _Symbols = (
-    ("SimpleMarker", _marker("circle", COLOURS["pole"], 2.2), {}),
+_LEANS = 'coalesce("tilt", 0) >= 1 and "lean_azimuth" is not null'
+_FRONT_UNKNOWN = "\"facing_from\" = 'unknown'"
+
+_POLE: _Symbols = (("SimpleMarker", _marker("circle", COLOURS["pole"], 2.2), {}),)
+_LEAN: _Symbols = (
     (
         "SimpleMarker",
         {**_marker("arrow", "230,120,0", 6.0), "vertical_anchor_point": "2"},
-        {"angle": 'coalesce("lean_azimuth", 0)', "enabled": 'coalesce("tilt", 0) >= 1 and "lean_azimuth" is not null'},
+        {"angle": 'coalesce("lean_azimuth", 0)'},
     ),
 )
-_SIGN: _Symbols = (
-    # The triangle points to where the sign looks.
-    ("SimpleMarker", _marker("triangle", COLOURS["sign"], 3.2), {"angle": 'coalesce("facing", 0)'}),
-)
+_FACING = {"angle": 'coalesce("facing", 0)'}
+_SIGN: _Symbols = (("SimpleMarker", _marker("triangle", COLOURS["sign"], 3.2), _FACING),)
+_BAR = {**_marker("line", COLOURS["sign"], 3.2, outline=f"{COLOURS['sign']},255"), "outline_width": "0.8"}
+_BOARD: _Symbols = (("SimpleMarker", _BAR, {"angle": 'coalesce("facing", 0) + 90'}),)
 _TREE: _Symbols = (
     (
         "SimpleMarker",
@@ -92,15 +96,30 @@ _TRAJECTORY: _Symbols = (
         {},
     ),
 )  # fmt: skip
+_ALL = ""  # the filter that every object passes
 
-_SINGLE = {
-    "poles": ("marker", _POLE),
-    "signs": ("marker", _SIGN),
-    "trees": ("marker", _TREE),
-    "vehicles": ("fill", _VEHICLE),
-    "footprints": ("fill", _FOOTPRINT),
-    "trajectory": ("line", _TRAJECTORY),
+_RULES: dict[str, tuple[str, Sequence[tuple[str, str, _Symbols]]]] = {
+    "objects": (
+        "marker",
+        [
+            (f"{kind}s", f"\"kind\" = '{kind}'", (("SimpleMarker", _marker("circle", colour, 2.4), {}),))
+            for kind, colour in COLOURS.items()
+        ],
+    ),
+    "poles": ("marker", [("pole", _ALL, _POLE), ("leans by 1° or more, to there", _LEANS, _LEAN)]),
+    "signs": (
+        "marker",
+        [
+            ("sign, looks to where it points", f"not ({_FRONT_UNKNOWN})", _SIGN),
+            ("sign, front not known", _FRONT_UNKNOWN, _BOARD),
+        ],
+    ),
+    "trees": ("marker", [("tree, as wide as its crown", _ALL, _TREE)]),
+    "vehicles": ("fill", [("vehicle, its box", _ALL, _VEHICLE)]),
+    "footprints": ("fill", [("outline of what was seen", _ALL, _FOOTPRINT)]),
+    "trajectory": ("line", [("path of the scanner", _ALL, _TRAJECTORY)]),
 }
+"""Layer to the type of its symbols and its rules: text of the legend, filter, symbol."""
 
 _LABELS = {
     "poles": """format_number("height", 1) || ' m' || if("tilt" >= 1, '\n' || format_number("tilt", 1) || '°', '')""",
@@ -109,58 +128,63 @@ _LABELS = {
     "vehicles": """format_number("length", 1) || ' × ' || format_number("width", 1) || ' m'""",
 }
 
-LAYERS = ("objects", *_SINGLE)
+LAYERS = tuple(_RULES)
 """Layers that there are styles for."""
 
 
 def _renderer(root: XML.Element, layer: str) -> None:
-    single = layer in _SINGLE
+    """Add the rules; each has a line in the legend."""
+    kind, legend = _RULES[layer]
     renderer = XML.SubElement(
-        root, "renderer-v2",
-        {"type": "singleSymbol" if single else "categorizedSymbol", "symbollevels": "0", "enableorderby": "0",
-         "forceraster": "0"},
-    )  # fmt: skip
-    if single:
-        kind, symbols = _SINGLE[layer]
-        _symbol(XML.SubElement(renderer, "symbols"), kind, "0", symbols)
-        return
-    renderer.set("attr", "kind")
-    categories = XML.SubElement(renderer, "categories")
-    symbols_element = XML.SubElement(renderer, "symbols")
-    for number, (name, colour) in enumerate(COLOURS.items()):
-        XML.SubElement(categories, "category", value=name, symbol=str(number), label=f"{name}s", render="true")
-        _symbol(symbols_element, "marker", str(number), [("SimpleMarker", _marker("circle", colour, 2.4), {})])
+        root, "renderer-v2", {"type": "RuleRenderer", "symbollevels": "0", "enableorderby": "0", "forceraster": "0"}
+    )
+    rules = XML.SubElement(renderer, "rules", key=f"{{{layer}}}")
+    symbols = XML.SubElement(renderer, "symbols")
+    for number, (text, condition, drawn) in enumerate(legend):
+        rule = {"key": f"{{{layer}-{number}}}", "symbol": str(number), "label": text}
+        XML.SubElement(rules, "rule", {**rule, "filter": condition} if condition else rule)
+        _symbol(symbols, kind, str(number), drawn)
 
 
-def _labels(root: XML.Element, expression: str) -> None:
+def _labels(root: XML.Element, layer: str, *, scaled: bool) -> None:
     labeling = XML.SubElement(root, "labeling", type="simple")
     settings = XML.SubElement(labeling, "settings", calloutType="simple")
     style = XML.SubElement(
         settings, "text-style",
-        {"fieldName": expression, "isExpression": "1", "fontFamily": "Sans", "fontSize": "7", "fontSizeUnit": "Point",
-         "textColor": "40,40,40,255", "textOpacity": "1", "namedStyle": "Regular", "multilineHeight": "1"},
+        {"fieldName": _LABELS[layer], "isExpression": "1", "fontFamily": "Sans", "fontSize": "7",
+         "fontSizeUnit": "Point", "textColor": "40,40,40,255", "textOpacity": "1", "namedStyle": "Regular",
+         "multilineHeight": "1"},
     )  # fmt: skip
     buffer = {"bufferDraw": "1", "bufferSize": "0.7", "bufferSizeUnits": "MM", "bufferColor": "255,255,255,255"}
     XML.SubElement(style, "text-buffer", {**buffer, "bufferOpacity": "1"})
     XML.SubElement(settings, "text-format", multilineAlign="3")
-    XML.SubElement(settings, "placement", {"placement": "6", "dist": "1", "distUnits": "MM", "priority": "5"})
+    XML.SubElement(
+        settings, "placement",
+        {"placement": _OVER if layer == "vehicles" else _BESIDE, "quadOffset": "4", "dist": "1", "distUnits": "MM",
+         "priority": "5"},
+    )  # fmt: skip
     XML.SubElement(
         settings, "rendering",
-        {"drawLabels": "1", "scaleVisibility": "1", "scaleMin": "1", "scaleMax": str(_LABEL_SCALE), "obstacle": "1"},
+        {"drawLabels": "1", "scaleVisibility": str(int(scaled)), "scaleMin": "1", "scaleMax": str(_LABEL_SCALE),
+         "obstacle": "1"},
     )  # fmt: skip
 
 
-def qml(layer: str) -> str:
+def qml(layer: str, *, scaled: bool = True) -> str:
     """Return the style of a layer.
 
-    Poles are dots, with an arrow to where they lean from 1 degree on; signs point to where they look; trees are as
-    large as their crowns; vehicles are their boxes. Labels appear from 1:1,500 on. Attribute tables show the columns
+    Poles are dots, with an arrow to where they lean from 1 degree on; signs point to where they look, or are bars where
+    their front is not known; trees are as wide as their crowns; vehicles are their boxes. The legend says so. Labels
+    appear from 1:1,500 on. Attribute tables show the columns
     by their names with units.
 
     Parameters
     ----------
     layer : str
         One of `LAYERS`.
+    scaled : bool, default True
+        Whether labels wait for that scale. Without a coordinate system QGIS takes metres for degrees, at whose scales
+        they would never appear.
 
     Returns
     -------
@@ -171,7 +195,7 @@ def qml(layer: str) -> str:
     root = XML.Element("qgis", version="3.22.0", styleCategories=categories, labelsEnabled=str(int(layer in _LABELS)))
     _renderer(root, layer)
     if layer in _LABELS:
-        _labels(root, _LABELS[layer])
+        _labels(root, layer, scaled=scaled)
     if layer != "trajectory":
         aliases = XML.SubElement(root, "aliases")
         for name, field in FIELDS.items():
