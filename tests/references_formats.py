@@ -92,3 +92,11 @@ def raw_vlrs(path: Path) -> list[tuple[bytes, int, bytes, bytes]]:
         )
         at += 54 + size
     return found
+
+
+def check_written_labels(las):
+    """Hold the labels of a labelled file against those that were given."""
+    codes, confidence = make_labels(0, len(las))
+    np.testing.assert_array_equal(las.classification, codes)
+    np.testing.assert_array_equal(las["confidence"], confidence)
+    assert las["confidence"].dtype == np.float32

@@ -13,6 +13,8 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.datasets.scene_store import SceneStoreDataset
+from mlsroad_pipeline.datasets.scene_task import SceneTask
 
 
 def mark(folder, name):
@@ -114,3 +116,14 @@ def tree_digest(folder):
     root = Path(folder)
     files = sorted(p for p in root.rglob("*") if p.is_file())
     return {p.relative_to(root).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+
+HERE = {"backend": "sequential", "progress": False}
+
+
+def store_at(path, **kwargs):
+    return SceneStoreDataset(filepath=str(path), **{"execution": HERE, **kwargs})
+
+
+def point_tasks(marks, n_scenes=3, n=50):
+    return {f"s{i}": SceneTask(make_points, {}, {"n": n, "seed": i, "marks": str(marks)}) for i in range(n_scenes)}
