@@ -22,16 +22,16 @@ import numpy as np
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, TAXONOMY_NAMES
-from mlsroad_pipeline.algorithms.inventory import SceneObjects, extract_objects, measure_points
-from mlsroad_pipeline.algorithms.inventory_accuracy import (
+from mlsroad_pipeline.algorithms.inventory.accuracy import (
     kinds_of_truth,
     match_to_truth,
     measurement_errors,
     summarise_errors,
 )
-from mlsroad_pipeline.algorithms.inventory_merging import merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects, measure_points
+from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, load_bundle
-from mlsroad_pipeline.algorithms.object_rules import KIND_OF_CLASS, ObjectRule
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
 from mlsroad_pipeline.algorithms.simulation import PRESETS, simulate_survey

@@ -20,9 +20,9 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, TAXONOMY_NAMES
-from mlsroad_pipeline.algorithms.inventory import measure_points
-from mlsroad_pipeline.algorithms.inventory_accuracy import kinds_of_truth
-from mlsroad_pipeline.algorithms.object_rules import KIND_OF_CLASS
+from mlsroad_pipeline.algorithms.inventory.accuracy import kinds_of_truth
+from mlsroad_pipeline.algorithms.inventory.extraction import measure_points
+from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
 from mlsroad_pipeline.algorithms.simulation import PRESETS, simulate_survey
 from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS

@@ -13,7 +13,7 @@ import pytest
 import shapely
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.inventory_table import FIELDS, OBJECT_FIELDS, empty_table
+from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS, empty_table
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.datasets import geopackage_dataset
 from mlsroad_pipeline.datasets.geopackage_dataset import (

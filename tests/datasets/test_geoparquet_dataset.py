@@ -13,7 +13,7 @@ import shapely
 from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.inventory_table import FIELDS, OBJECT_FIELDS, empty_table
+from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS, empty_table
 from mlsroad_pipeline.datasets import inventory_file
 from mlsroad_pipeline.datasets.geoparquet_dataset import GeoParquetDataset, read_geoparquet, write_geoparquet
 from mlsroad_pipeline.datasets.road_inventory import RoadInventory

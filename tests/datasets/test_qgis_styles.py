@@ -5,8 +5,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from mlsroad_pipeline.algorithms.inventory_table import FIELDS
-from mlsroad_pipeline.algorithms.object_rules import KINDS
+from mlsroad_pipeline.algorithms.inventory.rules import KINDS
+from mlsroad_pipeline.algorithms.inventory.table import FIELDS
 from mlsroad_pipeline.datasets.qgis_styles import COLOURS, LAYERS, qml
 
 SYMBOLS = {"vehicles": "fill", "footprints": "fill", "trajectory": "line"}

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.inventory import SceneObjects, extract_objects
-from mlsroad_pipeline.algorithms.inventory_merging import merge_across_scenes
-from mlsroad_pipeline.algorithms.inventory_table import OBJECT_FIELDS
+from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
+from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule, rules_for_scheme
+from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.label_confidence import count_confidences
 from mlsroad_pipeline.algorithms.model_bundle import Labeller, ModelBundle, bundle_scheme, label_cloud
-from mlsroad_pipeline.algorithms.object_rules import ObjectRule, rules_for_scheme
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground, inliers
 from mlsroad_pipeline.algorithms.trajectory import Trajectory

@@ -13,8 +13,8 @@ import shapely
 from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
-from mlsroad_pipeline.algorithms.inventory_table import FIELDS, OBJECT_FIELDS
-from mlsroad_pipeline.algorithms.object_boxes import polygon_area
+from mlsroad_pipeline.algorithms.inventory.boxes import polygon_area
+from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 from mlsroad_pipeline.datasets import qgis_styles
 from mlsroad_pipeline.datasets.geopackage_tables import add_tables

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 
-from mlsroad_pipeline.algorithms.inventory_table import FIELDS
+from mlsroad_pipeline.algorithms.inventory.table import FIELDS
 
 _SCHEMA_EXTENSION = """
 CREATE TABLE gpkg_data_columns (

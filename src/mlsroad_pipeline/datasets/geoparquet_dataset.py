@@ -13,7 +13,7 @@ import shapely
 from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.exceptions import ReadError
-from mlsroad_pipeline.algorithms.inventory_table import FIELDS, OBJECT_FIELDS
+from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.datasets.inventory_file import InventoryFileDataset, footprint_text, replaced, with_empty_text
 from mlsroad_pipeline.datasets.road_inventory import RoadInventory, attributes, base_points, checked, hulls
 

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.detrended_forest.nearest import nearest_supervoxels
-from mlsroad_pipeline.algorithms.inventory import extract_objects
-from mlsroad_pipeline.algorithms.inventory_merging import merge_across_scenes
-from mlsroad_pipeline.algorithms.object_rules import ObjectRule
+from mlsroad_pipeline.algorithms.inventory.extraction import extract_objects
+from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.quality import inspect_chunk
 from mlsroad_pipeline.algorithms.scene_stages import (

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.ingest import OutlierParameters, corridor_from_arrays, join_pieces
-from mlsroad_pipeline.algorithms.inventory import SceneObjects
-from mlsroad_pipeline.algorithms.object_rules import ObjectRule
+from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects
+from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.survey_labelling import join_inventories, label_new_scene
 from mlsroad_pipeline.algorithms.tiling import SceneSpan

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.object_measures import MEASURES
+from mlsroad_pipeline.algorithms.inventory.measures import MEASURES
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 
 
@@ -108,7 +108,7 @@ def object_table(rows: Sequence[Mapping[str, float | int | str]]) -> pd.DataFram
     Parameters
     ----------
     rows : sequence of mapping
-        What `object_measures.measure` gives, with `class`, `kind` and the scene's name.
+        What `measures.measure` gives, with `class`, `kind` and the scene's name.
 
     Returns
     -------

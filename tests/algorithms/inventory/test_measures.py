@@ -16,13 +16,13 @@ from scipy.optimize import least_squares
 from scipy.spatial import ConvexHull
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory import measure_points
-from mlsroad_pipeline.algorithms.object_axes import fit_axis
-from mlsroad_pipeline.algorithms.object_boxes import convex_hull, oriented_box, polygon_area, vehicle_box
-from mlsroad_pipeline.algorithms.object_circles import fit_circle
-from mlsroad_pipeline.algorithms.object_measures import MEASURES
-from mlsroad_pipeline.algorithms.object_panels import fit_panel
-from mlsroad_pipeline.algorithms.object_rules import ObjectRule
+from mlsroad_pipeline.algorithms.inventory.axes import fit_axis
+from mlsroad_pipeline.algorithms.inventory.boxes import convex_hull, oriented_box, polygon_area, vehicle_box
+from mlsroad_pipeline.algorithms.inventory.circles import fit_circle
+from mlsroad_pipeline.algorithms.inventory.extraction import measure_points
+from mlsroad_pipeline.algorithms.inventory.measures import MEASURES
+from mlsroad_pipeline.algorithms.inventory.panels import fit_panel
+from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 
 UTM = np.array([583_000.0, 4_477_000.0, 120.0])
 RULES = {kind: ObjectRule.of_kind(kind, 1) for kind in ("pole", "sign", "vehicle", "tree")}

@@ -8,15 +8,15 @@ import pytest
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory import measure_points
-from mlsroad_pipeline.algorithms.inventory_accuracy import (
+from mlsroad_pipeline.algorithms.inventory.accuracy import (
     kinds_of_truth,
     match_to_truth,
     measurement_errors,
     summarise_errors,
 )
-from mlsroad_pipeline.algorithms.object_measures import MEASURES
-from mlsroad_pipeline.algorithms.object_rules import KIND_OF_CLASS, ObjectRule
+from mlsroad_pipeline.algorithms.inventory.extraction import measure_points
+from mlsroad_pipeline.algorithms.inventory.measures import MEASURES
+from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
 from mlsroad_pipeline.algorithms.simulation import PRESETS, simulate_survey
 from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS

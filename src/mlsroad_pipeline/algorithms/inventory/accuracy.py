@@ -85,7 +85,7 @@ def measurement_errors(found: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame
     Parameters
     ----------
     found : DataFrame
-        Measured objects: the columns that `object_measures.measure` gives, and `kind`.
+        Measured objects: the columns that `measures.measure` gives, and `kind`.
     truth : DataFrame
         The true ones, row by row: the simulator's table of objects, with `kind`.
 
@@ -155,7 +155,7 @@ def kinds_of_truth(truth: pd.DataFrame, kinds: Mapping[str, str]) -> pd.DataFram
     truth : DataFrame
         The simulator's table of objects.
     kinds : mapping of str to str
-        Taxonomy class to kind, such as `object_rules.KIND_OF_CLASS`.
+        Taxonomy class to kind, such as `rules.KIND_OF_CLASS`.
 
     Returns
     -------

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.object_axes import Axis, fit_axis
-from mlsroad_pipeline.algorithms.object_boxes import convex_hull, oriented_box, polygon_area, trimmed, vehicle_box
-from mlsroad_pipeline.algorithms.object_circles import Circle, fit_circle
-from mlsroad_pipeline.algorithms.object_panels import fit_panel
+from mlsroad_pipeline.algorithms.inventory.axes import Axis, fit_axis
+from mlsroad_pipeline.algorithms.inventory.boxes import convex_hull, oriented_box, polygon_area, trimmed, vehicle_box
+from mlsroad_pipeline.algorithms.inventory.circles import Circle, fit_circle
+from mlsroad_pipeline.algorithms.inventory.panels import fit_panel
 
 # How many points may lie below the bottom: a share, and never more than so many.
 _STRAY_SHARE, _STRAY_POINTS = 0.01, 10.0

@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.object_axes import fit_axis
-from mlsroad_pipeline.algorithms.object_boxes import trimmed
+from mlsroad_pipeline.algorithms.inventory.axes import fit_axis
+from mlsroad_pipeline.algorithms.inventory.boxes import trimmed
 
 _TURN = 2.0  # step of the directions that are tried, degrees
 _BIN = 0.02  # width of the bins along the normal, metres

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.graphs import connected_components
-from mlsroad_pipeline.algorithms.inventory import SceneObjects, measured_rows
-from mlsroad_pipeline.algorithms.inventory_table import OBJECT_FIELDS, empty_table, finish_table, object_table
-from mlsroad_pipeline.algorithms.object_rules import ObjectRule
-from mlsroad_pipeline.algorithms.object_voxels import join_voxels, voxel_order
+from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, measured_rows
+from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
+from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS, empty_table, finish_table, object_table
+from mlsroad_pipeline.algorithms.inventory.voxels import join_voxels, voxel_order
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 
 BATCH = 1 << 18

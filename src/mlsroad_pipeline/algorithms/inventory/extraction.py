@@ -2,7 +2,7 @@
 
 A scene finds the connected objects of its core and buffers (`extract_objects`). What lies wholly in the core is
 measured there. Of an object that reaches into a buffer only the voxels of its core points are kept, and
-`inventory_merging.merge_across_scenes` joins those of all scenes that share a voxel and measures the whole: as cores
+`merging.merge_across_scenes` joins those of all scenes that share a voxel and measures the whole: as cores
 share no point, nothing counts twice, and an object may be as long as it likes.
 """
 
@@ -16,11 +16,11 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory_table import empty_table, object_table
-from mlsroad_pipeline.algorithms.object_measures import Voxels, measure
-from mlsroad_pipeline.algorithms.object_rules import ObjectRule
-from mlsroad_pipeline.algorithms.object_splitting import split_at_valleys
-from mlsroad_pipeline.algorithms.object_voxels import FRAGMENT_FIELDS, find_fragments, join_voxels, voxelise
+from mlsroad_pipeline.algorithms.inventory.measures import Voxels, measure
+from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
+from mlsroad_pipeline.algorithms.inventory.splitting import split_at_valleys
+from mlsroad_pipeline.algorithms.inventory.table import empty_table, object_table
+from mlsroad_pipeline.algorithms.inventory.voxels import FRAGMENT_FIELDS, find_fragments, join_voxels, voxelise
 from mlsroad_pipeline.algorithms.validation import check_column, check_xyz
 
 
@@ -64,7 +64,7 @@ def measured_rows(
     Returns
     -------
     list of dict
-        One per object, with what `object_measures.measure` gives, class, kind and scene.
+        One per object, with what `measures.measure` gives, class, kind and scene.
     """
     rows = []
     starts = np.flatnonzero(np.diff(number, prepend=-1))
@@ -110,7 +110,7 @@ def extract_objects(
     confidence : array-like of shape (n,)
         Confidence of the labels, 0 to 1.
     classes : mapping of str to ObjectRule
-        Class name to what makes its objects, such as `object_rules.rules_for_scheme` gives.
+        Class name to what makes its objects, such as `rules.rules_for_scheme` gives.
     core : array-like of bool, shape (n,), optional
         True in the scene's core; None takes the points as a whole survey. The buffer must be at least as wide as the
         largest tolerance, or objects that touch the border are not recognised in both scenes.
@@ -124,7 +124,7 @@ def extract_objects(
     Returns
     -------
     SceneObjects
-        Measured objects, and the fragments of those that reach into a buffer; `inventory_merging` makes the table.
+        Measured objects, and the fragments of those that reach into a buffer; `merging` makes the table.
 
     Raises
     ------
@@ -192,7 +192,7 @@ def measure_points(
     Returns
     -------
     dict of str to float, int or str
-        What `object_measures.measure` gives.
+        What `measures.measure` gives.
 
     Raises
     ------

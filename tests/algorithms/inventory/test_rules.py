@@ -4,7 +4,7 @@ import pytest
 
 from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.object_rules import KINDS, ObjectRule, rules_for_scheme
+from mlsroad_pipeline.algorithms.inventory.rules import KINDS, ObjectRule, rules_for_scheme
 
 SCHEME = ClassScheme.from_config(
     "test",

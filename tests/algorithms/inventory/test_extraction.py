@@ -12,12 +12,12 @@ import pandas as pd
 import pytest
 from references_inventory import planted_box, planted_pole, planted_tree
 
-from mlsroad_pipeline.algorithms import inventory_merging
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory import SceneObjects, extract_objects
-from mlsroad_pipeline.algorithms.inventory_merging import merge_across_scenes
-from mlsroad_pipeline.algorithms.inventory_table import FIELDS, OBJECT_FIELDS
-from mlsroad_pipeline.algorithms.object_rules import ObjectRule
+from mlsroad_pipeline.algorithms.inventory import merging
+from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
+from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
+from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
 
 UTM = np.array([583_000.0, 4_477_000.0, 120.0])
@@ -269,14 +269,14 @@ def test_few_voxels_at_a_time_give_the_same_table(street, monkeypatch):
     whole = merge_across_scenes(pieces, classes=RULES)
     assert sum(len(piece.fragments) for piece in pieces) > 100
     for batch in (1, 10, 100):
-        monkeypatch.setattr(inventory_merging, "BATCH", batch)
+        monkeypatch.setattr(merging, "BATCH", batch)
         scenes = _OneAtATime(pieces)
         pd.testing.assert_frame_equal(merge_across_scenes(scenes, classes=RULES), whole)
         assert scenes.most <= 2  # the one at hand, and the one before until its name is taken again
 
 
 def test_every_field_is_in_the_data_dictionary():
-    page = (Path(__file__).parents[2] / "docs/inventory.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs/inventory.md").read_text(encoding="utf-8")
     rows = [line.split("|")[1] for line in page.split("## Fields")[1].split("\n## ")[0].splitlines() if "|" in line]
     assert set(re.findall(r"`(\w+)`", " ".join(rows))) == set(FIELDS)
 
