@@ -9,7 +9,7 @@ from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.image_labels.poses import rotation_of
 from mlsroad_pipeline.algorithms.image_labels.projection import project_points
 from mlsroad_pipeline.datasets.camera_files import read_images
-from mlsroad_pipeline.datasets.survey_images import SurveyImagesDataset
+from mlsroad_pipeline.datasets.survey_images_dataset import SurveyImagesDataset
 
 ORIGIN = np.array([389_300.0, 5_819_700.0, 34.0])
 MOUNT = {"x": 0.4, "y": 0.3, "z": 1.9}
