@@ -70,7 +70,7 @@ say "Installing the locked packages into .venv (several minutes the first time) 
 
 # numba keeps what it compiles beside the sources. The comparison on two tiny streets, in a folder that is thrown away, meets
 # nearly every kernel; what it does not meet is compiled when it is first used.
-say "Compiling kernels for this processor (two to three minutes, once) ..."
+say "Compiling kernels for this processor (several minutes, once) ..."
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 cp -r conf pyproject.toml "$scratch"
