@@ -11,7 +11,7 @@ setup:
 	@./scripts/setup.sh
 
 run: setup
-	@$(BIN)/kedro run
+	@$(BIN)/kedro run --config=conf/quick.yml
 	@$(BIN)/python -m mlsroad_pipeline.summary
 
 compare: setup

@@ -73,7 +73,7 @@ def run(project: Path, pipeline: str | None = None, *, env: str | None = None, *
 
 
 def shared_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Run the whole comparison on two tiny surveys, once for all tests and their processes; look, do not touch."""
+    """Run all methods, as `make run` does, on two tiny surveys, once for all tests and their processes; look, do not touch."""
     base = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         base = base.parent
@@ -83,7 +83,7 @@ def shared_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir()
             make_project(folder)
-            run(folder, **TINY)
+            run(folder, "all_methods", **TINY)
             (folder / "done").touch()
     return folder
 

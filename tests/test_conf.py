@@ -173,6 +173,37 @@ def test_documented_defaults_are_the_defaults_of_the_code(kind):
             assert fields[name] is dataclasses.MISSING or isinstance(fields[name], dict), name
 
 
+def leaves(tree, path=()):
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from leaves(value, (*path, key))
+        else:
+            yield (*path, key), value
+
+
+@pytest.mark.parametrize("name", ["quick", "tiny"])
+def test_smaller_scales_change_parameters_that_there_are(name):
+    configured = yaml.safe_load((CONF / f"{name}.yml").read_text(encoding="utf-8"))
+    changes = configured["run"]["params"] if name == "quick" else configured
+    for path, value in leaves(changes):
+        there = base(path[0])
+        for key in path[1:]:
+            known = isinstance(there, dict) and key in there
+            assert known or "surveys" in path, path  # a survey takes any parameter of the simulator
+            there = there[key] if known else None
+        assert name == "tiny" or value != there, (path, "is the base's own")
+
+
+def test_make_run_runs_every_method_at_the_quick_scale(project):
+    configured = yaml.safe_load((CONF / "quick.yml").read_text(encoding="utf-8"))["run"]
+    assert "kedro run --config=conf/quick.yml" in (REPOSITORY / "Makefile").read_text(encoding="utf-8")
+    parameters = parameters_of(project, **configured["params"])
+    assert pipelines[configured["pipelines"]].nodes
+    assert parameters["image_labels"].network.n_steps == configured["params"]["image_labels"]["network"]["n_steps"]
+    assert parameters["detrended_forest"].n_trees == base("detrended_forest")["n_trees"]
+    assert parameters["jointnet"].training.epochs < base("jointnet")["training"]["epochs"]
+
+
 @pytest.mark.parametrize("env", ENVIRONMENTS)
 def test_every_dataset_of_every_pipeline_can_be_made(project, env):
     context = context_of(project, env)

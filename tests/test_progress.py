@@ -10,7 +10,6 @@ from kedro.pipeline import Node, Pipeline
 from kedro.runner import SequentialRunner
 
 from mlsroad_pipeline import progress, summary
-from mlsroad_pipeline.pipelines.methods import COMPARISON
 from mlsroad_pipeline.progress import KEY, MEASURED, ProgressHooks, in_words, time_left
 
 CLOCK = "mlsroad_pipeline.progress.time.perf_counter"
@@ -84,11 +83,11 @@ def test_durations_in_words(seconds, words):
     assert in_words(seconds) == words
 
 
-def test_what_a_first_run_expects_names_the_nodes_of_the_default_pipeline():
+def test_what_a_first_run_expects_names_the_nodes_of_make_run():
     from kedro.framework.project import configure_project, pipelines
 
     configure_project("mlsroad_pipeline")
-    names = {node.name for part in COMPARISON for node in pipelines[part].nodes}
+    names = {node.name for node in pipelines["all_methods"].nodes}
     assert set(pd.read_csv(MEASURED)["node"]) == names
 
 
@@ -102,6 +101,6 @@ def test_summary_has_every_table_the_report_and_three_commands(tmp_path, monkeyp
         pd.DataFrame({"method": [f"method_{number}"], "mean_f1": [0.5]}).to_csv(folder / name, index=False)
     assert summary.main() == 0
     said = capsys.readouterr().out
-    assert all(f"method_{number}  " in said for number in range(3)) and "0.500" in said
+    assert all(f"method_{number}  " in said for number in range(4)) and "0.500" in said
     assert str(folder / "report.html") in said
     assert said.count("\n    ") == 3

@@ -18,7 +18,7 @@ from references_wiring import REPOSITORY, TINY, run, session_of, shared_run, sta
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.metrics.scores import COLUMNS
-from mlsroad_pipeline.pipelines.methods import LABELLERS
+from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS, RECOGNISERS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -136,6 +136,26 @@ def test_comparison_has_one_row_per_method_and_split(project):
         scores = pd.read_csv(reporting(project, f"scores/{method}.csv")).set_index(["class", "metric"])["value"]
         for metric in ("overall_accuracy", "kappa", "mean_f1", "mean_iou"):
             assert table[metric][row] == pytest.approx(scores["all", metric])
+
+
+@pytest.mark.parametrize(
+    ("name", "methods"),
+    [
+        ("detection_comparison", DETECTORS),
+        ("recognition_comparison", RECOGNISERS),
+        ("image_comparison", ("image_labels", "fusion", "fusion_pool", "detrended_forest")),
+    ],
+)
+def test_every_task_has_a_table_and_every_method_its_model(project, name, methods):
+    table = pd.read_csv(reporting(project, f"{name}.csv"))
+    assert set(table["method"]) == set(methods)
+    page = reporting(project, "report.html").read_text(encoding="utf-8")
+    with session_of(project):
+        mlflow.set_tracking_uri(f"sqlite:///{project / 'mlflow.db'}")
+        registered = {model.name for model in mlflow.MlflowClient().search_registered_models(max_results=100)}
+    for method in methods:
+        if method != "fusion_pool":  # the fusion's second way
+            assert f"mlsroad-{method}" in registered and f"{method}: scores per class" in page
 
 
 def test_report_holds_the_figures_of_the_tables(project):

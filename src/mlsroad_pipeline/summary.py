@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 REPORTING = Path("data/08_reporting")
-TABLES = ("comparison.csv", "detection_comparison.csv", "recognition_comparison.csv")
+TABLES = ("comparison.csv", "image_comparison.csv", "detection_comparison.csv", "recognition_comparison.csv")
 NEXT = (
     (
         "label a survey of your own",

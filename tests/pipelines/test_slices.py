@@ -13,6 +13,7 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.las import LasFormat
 from mlsroad_pipeline.datasets.formats.options import WriteOptions
 from mlsroad_pipeline.pipeline_registry import COMPARISON
+from mlsroad_pipeline.pipelines.methods import IMAGE_METHODS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -90,6 +91,8 @@ def test_registry_has_the_pipelines_of_the_contract(project):
     assert {node.name for node in pipelines["__default__"].nodes} == {
         node.name for name in COMPARISON for node in pipelines[name].nodes
     }
+    parts = {node.name for name in (*COMPARISON, "recognition", *IMAGE_METHODS) for node in pipelines[name].nodes}
+    assert {node.name for node in pipelines["all_methods"].nodes} == parts | {"compare_image_methods"}
 
 
 def test_every_free_input_of_a_pipeline_is_stored_by_another_or_is_a_parameter(project):

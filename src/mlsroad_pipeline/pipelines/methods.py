@@ -23,6 +23,10 @@ DETECTORS = ("visual_words", "hough_forest", "object_matching", "bottom_up_top_d
 IMAGE_LABELLER = "image_labels"
 """The method that labels points through images; only surveys with images have it."""
 
+IMAGE_METHODS = (IMAGE_LABELLER, "fusion")
+"""Slugs of the methods that need images; each has a pipeline of its name that writes ``<slug>.model``,
+``<slug>.labels`` and ``<slug>.scores``, over all points and over those that cameras see."""
+
 RECOGNISERS = (
     "jointnet",
     "jointnet_printed",
@@ -52,6 +56,14 @@ COMPARISON = (
     "report",
 )
 """Pipelines that make up the default one, in their order."""
+
+EVERYTHING = (
+    *(name for name in COMPARISON if name not in ("compare", "report")),
+    "recognition",
+    *IMAGE_METHODS,
+    "compare",
+)
+"""Pipelines that make up `all_methods`, in their order; its report is one of its own."""
 
 
 def joined(parts: Mapping[str, Pipeline]) -> Pipeline:

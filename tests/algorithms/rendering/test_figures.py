@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
+from mlsroad_pipeline.algorithms.rendering import cloud_figures
 from mlsroad_pipeline.algorithms.rendering.camera import birds_eye_view, oblique_view
 from mlsroad_pipeline.algorithms.rendering.cloud_figures import _scale_length, cloud_figure, labelling_pictures
 from mlsroad_pipeline.algorithms.rendering.palette import CORRECT_COLOUR, WRONG_COLOUR, class_palette
@@ -90,6 +91,25 @@ def test_pictures_show_truth_prediction_and_errors_of_the_same_points(scene):
     np.testing.assert_array_equal(pictures["prediction"][right], palette[0])
     np.testing.assert_array_equal(pictures["errors"][left], CORRECT_COLOUR)
     np.testing.assert_array_equal(pictures["errors"][right], WRONG_COLOUR)
+
+
+def test_what_is_seen_is_found_once_for_all_methods_and_anew_for_other_points_and_views(scene, monkeypatch):
+    xyz, truth = scene
+    views = [birds_eye_view(xyz, width=120), oblique_view(xyz, size=(80, 60))]
+    found = []
+    looked = cloud_figures.nearest_points
+    monkeypatch.setattr(cloud_figures, "nearest_points", lambda *a, **k: found.append(1) or looked(*a, **k))
+    cloud_figures._LAST_SEEN.clear()
+    first = [labelling_pictures(xyz, view, classes=CLASSES, predicted=truth) for view in views]
+    assert len(found) == 2
+    again = [labelling_pictures(xyz.copy(), view, classes=CLASSES, predicted=truth) for view in views]
+    assert len(found) == 2
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one["prediction"], other["prediction"])
+    moved = labelling_pictures(xyz + [1.0, 0.0, 0.0], views[0], classes=CLASSES, predicted=truth)
+    assert len(found) == 3 and (moved["prediction"] != first[0]["prediction"]).any()
+    labelling_pictures(xyz, views[0], classes=CLASSES, predicted=truth, splat_metres=0.2)
+    assert len(found) == 4 and len(cloud_figures._LAST_SEEN) == cloud_figures._VIEWS_KEPT == 2
 
 
 def test_cloud_figure_has_a_scale_bar_in_plan_and_none_in_perspective(scene):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+import threading
+from collections import OrderedDict
 from collections.abc import Mapping
 
 import numpy as np
@@ -25,6 +28,9 @@ from mlsroad_pipeline.algorithms.rendering.splatting import close_gaps, depth_sh
 from mlsroad_pipeline.algorithms.validation import check_column, check_xyz
 
 _DPI = 150
+_VIEWS_KEPT = 2
+_LAST_SEEN: OrderedDict[bytes, tuple[NDArray[np.int64], NDArray[np.float32]]] = OrderedDict()
+_LOCK = threading.Lock()
 _LEGEND_INCHES = 1.9
 _TITLE_INCHES = 0.32
 INK = "#22262e"
@@ -37,6 +43,31 @@ def _labels(values: ArrayLike, n_points: int, n_classes: int, name: str) -> NDAr
     if len(labels) and not (labels.min() >= -1 and labels.max() < n_classes):
         raise DataError(f"{name} labels must be in -1..{n_classes - 1}, got {labels.min()}..{labels.max()}")
     return labels
+
+
+def _seen(
+    points: NDArray[np.floating], large: View, splat_metres: float, reach: int
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Return the point that each pixel shows and how bright it is; of the last views it is known.
+
+    Every method of a comparison has its picture of the same points from the same places, and finding what is seen takes
+    most of the time.
+    """
+    digest = hashlib.blake2b(np.ascontiguousarray(points).data, digest_size=16)
+    place = (large.rotation.tolist(), large.centre.tolist(), large.scale, large.size, large.perspective)
+    digest.update(repr((points.dtype, place, splat_metres, reach)).encode())
+    key = digest.digest()
+    with _LOCK:
+        if key in _LAST_SEEN:
+            return _LAST_SEEN[key]
+    index, depth = nearest_points(points, large, splat_metres=splat_metres)
+    index, depth = close_gaps(index, depth, reach=reach)
+    found = index, depth_shading(depth, large)
+    with _LOCK:
+        _LAST_SEEN[key] = found
+        while len(_LAST_SEEN) > _VIEWS_KEPT:
+            _LAST_SEEN.popitem(last=False)
+    return found
 
 
 def labelling_pictures(
@@ -88,10 +119,7 @@ def labelling_pictures(
     colours = {name: palette[values] for name, values in labels.items()}
     if len(labels) == 2:
         colours["errors"] = error_colours(labels["truth"], labels["prediction"])
-    large = view.enlarged(oversampling)
-    index, depth = nearest_points(points, large, splat_metres=splat_metres)
-    index, depth = close_gaps(index, depth, reach=3 * oversampling)
-    shade = depth_shading(depth, large)
+    index, shade = _seen(points, view.enlarged(oversampling), splat_metres, 3 * oversampling)
     return {name: shaded_picture(index, shade, paint, oversampling=oversampling) for name, paint in colours.items()}
 
 

@@ -107,7 +107,8 @@ def data_uri(figure: Figure | NDArray[np.uint8]) -> str:
     if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
         raise DataError(f"a picture must be uint8 of shape (height, width, 3), got {picture.dtype} {picture.shape}")
     buffer = io.BytesIO()
-    Image.fromarray(picture).save(buffer, format="WEBP", lossless=True, quality=30, method=2)
+    # A tenth larger than with more effort, in a third of the time.
+    Image.fromarray(picture).save(buffer, format="WEBP", lossless=True, quality=0, method=1)
     return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 

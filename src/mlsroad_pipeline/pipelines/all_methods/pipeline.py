@@ -1,16 +1,16 @@
-"""Wiring of all methods: the default comparison, the recognisers, and the labels through images."""
+"""Wiring of all methods: the default comparison, the recognisers, the labels through images and their fusion."""
 
 from importlib import import_module
 
-from kedro.pipeline import Pipeline
+from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.pipelines.methods import COMPARISON, IMAGE_LABELLER, joined
+from mlsroad_pipeline.pipelines.compare.nodes import compare_methods
+from mlsroad_pipeline.pipelines.methods import EVERYTHING, IMAGE_METHODS, joined
+from mlsroad_pipeline.pipelines.report.pipeline import report_on_everything
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: a survey with images to the scores of every method.
-
-    Fusion is not among them: it learns on half of the test streets, and is scored on the other half.
+    """Return the pipeline: a survey with images to the scores of every method, and one page of them.
 
     Parameters
     ----------
@@ -20,7 +20,15 @@ def create_pipeline(**_: object) -> Pipeline:
     Returns
     -------
     Pipeline
-        The default comparison, `recognition` and `image_labels`.
+        The default comparison, `recognition`, `image_labels` and `fusion`. The fusion learns on the first scenes of
+        each test street, and is scored on the others.
     """
-    names = (*COMPARISON, "recognition", IMAGE_LABELLER)
-    return joined({name: import_module(f"mlsroad_pipeline.pipelines.{name}").create_pipeline() for name in names})
+    parts = {name: import_module(f"mlsroad_pipeline.pipelines.{name}").create_pipeline() for name in EVERYTHING}
+    images = Node(
+        compare_methods,
+        inputs=[f"{slug}.scores" for slug in IMAGE_METHODS],
+        outputs="image_comparison",
+        name="compare_image_methods",
+    )
+    parts["compare"] = Pipeline([parts["compare"], images])
+    return joined({**parts, "report": report_on_everything()})

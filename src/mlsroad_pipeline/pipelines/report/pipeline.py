@@ -1,20 +1,44 @@
 """Wiring of the report."""
 
+from functools import partial, update_wrapper
+
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS
+from mlsroad_pipeline.pipelines.methods import DETECTORS, IMAGE_METHODS, LABELLERS, RECOGNISERS
 from mlsroad_pipeline.pipelines.report.nodes import write_report
 
-FIGURES = ("birds_eye", "perspective", "confusion", "bars")
-DETECTOR_FIGURES = ("precision_recall",)
+LABEL_FIGURES = ("birds_eye", "perspective", "confusion", "bars")
+TASKS = {
+    "comparison": (LABELLERS, LABEL_FIGURES),
+    "image_comparison": (IMAGE_METHODS, LABEL_FIGURES),
+    "detection_comparison": (DETECTORS, ("precision_recall",)),
+    "recognition_comparison": (RECOGNISERS, ("confusion",)),
+}
+"""The table of each task to its methods and the figures that each of them has."""
+STAGES = ("survey_quality", "ground_scores", "supervoxel_quality", "segmentation_scores")
 
 
-def _parts(slug: str, figures: tuple[str, ...]) -> list[str]:
-    return [f"{slug}.scores", *(f"{slug}.{figure}_figure" for figure in figures)]
+def _report(*tasks: str) -> Pipeline:
+    """Return the pipeline that writes a report on some tasks."""
+    figures = {slug: TASKS[task][1] for task in tasks for slug in TASKS[task][0]}
+    of_methods = [
+        f"{slug}.{part}" for slug, names in figures.items() for part in ("scores", *(f"{n}_figure" for n in names))
+    ]
+    names = [*tasks, *STAGES, *of_methods]
+    return Pipeline(
+        [
+            Node(
+                update_wrapper(partial(write_report, tasks=tasks, figures=figures, names=names), write_report),
+                inputs=["params:survey", *names],
+                outputs="report",
+                name="write_report",
+            )
+        ]
+    )
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: scores and figures of every method to one page.
+    """Return the pipeline: scores and figures of every labeller and detector to one page.
 
     Parameters
     ----------
@@ -24,12 +48,17 @@ def create_pipeline(**_: object) -> Pipeline:
     Returns
     -------
     Pipeline
+        ``<slug>.scores`` and figures of these methods and the tables of the stages to ``report``.
+    """
+    return _report("comparison", "detection_comparison")
+
+
+def report_on_everything() -> Pipeline:
+    """Return the pipeline that has the recognisers and the methods that need images on the page too.
+
+    Returns
+    -------
+    Pipeline
         ``<slug>.scores`` and figures of every method and the tables of the stages to ``report``.
     """
-    parts = [name for slug in LABELLERS for name in _parts(slug, FIGURES)]
-    parts += [name for slug in DETECTORS for name in _parts(slug, DETECTOR_FIGURES)]
-    tables = ["comparison", "detection_comparison"]
-    tables += ["survey_quality", "ground_scores", "supervoxel_quality", "segmentation_scores"]
-    return Pipeline(
-        [Node(write_report, inputs=[*tables, "params:survey", *parts], outputs="report", name="write_report")]
-    )
+    return _report(*TASKS)
