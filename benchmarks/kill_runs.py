@@ -1,0 +1,104 @@
+"""Kill runs of pipelines at random moments, run them again, and compare their results with those of undisturbed runs.
+
+Run as ``python benchmarks/kill_runs.py FOLDER [--pipelines NAME ...] [--kills N] [--seed N]``. Streets are those of
+``conf/tiny.yml``. Each pipeline is run once whole in one project (its models are what later pipelines ask for) and, in
+a second one, killed N times with all its processes and then run to its end. Every table, model and figure below
+``data/07_model_output`` and ``data/08_reporting`` must have the same bytes. Times that a run took are no result and are
+left out. ``default`` is what `kedro run` runs. Ends with status 1 if anything differs.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+PIPELINES = ("default", "recognition", "image_labels", "fusion")
+TIMES = {"node_seconds.csv", "stage_costs.csv"}
+LAYERS = ("data/07_model_output", "data/08_reporting")
+
+
+def make_project(folder: Path) -> Path:
+    """Copy configuration and layout into a folder, with tiny streets."""
+    shutil.copytree(REPOSITORY / "conf", folder / "conf")
+    shutil.copy(REPOSITORY / "pyproject.toml", folder)
+    (folder / "src").mkdir()
+    (folder / "conf/local").mkdir(exist_ok=True)
+    shutil.copy(REPOSITORY / "conf/tiny.yml", folder / "conf/local/parameters.yml")
+    return folder
+
+
+def start(project: Path, pipeline: str) -> subprocess.Popen[bytes]:
+    """Start a run in a process group of its own."""
+    named = [] if pipeline == "default" else [f"--pipeline={pipeline}"]
+    command = [sys.executable, "-W", "ignore", "-m", "kedro", "run", *named, "--params=execution.n_workers=2"]
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY / "src"), "MLFLOW_TRACKING_URI": ""}
+    with (project / "log.txt").open("ab") as log:
+        return subprocess.Popen(command, cwd=project, env=environment, stdout=log, stderr=log, start_new_session=True)
+
+
+def finish(project: Path, pipeline: str) -> float:
+    """Run a pipeline to its end; return the seconds it took."""
+    began = time.monotonic()
+    process = start(project, pipeline)
+    if process.wait():
+        sys.exit(f"{pipeline} failed: {(project / 'log.txt').read_text().strip().splitlines()[-1]}")
+    return time.monotonic() - began
+
+
+def killed_after(project: Path, pipeline: str, seconds: float) -> bool:
+    """Kill a run, with all its processes, after some time; tell whether it was still running."""
+    process = start(project, pipeline)
+    try:
+        process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        return True
+    return False
+
+
+def digests(project: Path) -> dict[str, str]:
+    """Return the digest of every result."""
+    paths = [path for layer in LAYERS for path in sorted((project / layer).rglob("*")) if path.is_file()]
+    return {
+        str(path.relative_to(project)): hashlib.blake2b(path.read_bytes()).hexdigest()
+        for path in paths
+        if path.name not in TIMES
+    }
+
+
+def main() -> int:
+    """Compare undisturbed and killed runs."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--pipelines", nargs="+", default=PIPELINES)
+    parser.add_argument("--kills", type=int, default=3)
+    parser.add_argument("--seed", type=int, default=2019)
+    options = parser.parse_args()
+    options.folder.mkdir(parents=True, exist_ok=False)
+    whole, killed = (make_project(options.folder / name) for name in ("whole", "killed"))
+    chance = random.Random(options.seed)
+    failed = False
+    for pipeline in options.pipelines:
+        seconds = finish(whole, pipeline)
+        moments = [chance.uniform(0.1, 0.9) * seconds for _ in range(options.kills)]
+        hit = sum(killed_after(killed, pipeline, moment) for moment in moments)
+        finish(killed, pipeline)
+        expected, found = digests(whole), digests(killed)
+        differing = sorted(name for name in expected.keys() | found.keys() if expected.get(name) != found.get(name))
+        failed |= bool(differing)
+        row = {"stage": "kill_runs", "pipeline": pipeline, "seconds": round(seconds, 1), "killed": hit}
+        print(json.dumps(row | {"files": len(expected), "differing": differing}), flush=True)
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
