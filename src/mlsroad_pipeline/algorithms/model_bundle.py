@@ -30,6 +30,8 @@ FORMAT = 1
 
 _JSON, _ARRAYS = "model.json", "arrays.npz"
 _ENTRY_POINT = re.compile(r"mlsroad_pipeline\.algorithms(\.[A-Za-z]\w*)+:[A-Za-z]\w*")
+NEEDS_IMAGES = "mlsroad_pipeline.algorithms.model_bundle:refuse_points"
+"""Entry point of models that need the images of a survey too."""
 
 Labeller = Callable[[PointCloud, "ModelBundle"], tuple[NDArray[np.integer], NDArray[np.floating]]]
 

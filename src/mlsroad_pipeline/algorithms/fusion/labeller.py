@@ -13,11 +13,10 @@ from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
 from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion, spread_confidence
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.model_bundle import NEEDS_IMAGES, ModelBundle
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 
 SLUG = "fusion"
-ENTRY_POINT = "mlsroad_pipeline.algorithms.model_bundle:refuse_points"
 
 
 @dataclass(frozen=True)
@@ -152,7 +151,7 @@ def fit(
         features, _by_camera(joined["cameras"]), joined["reference"], pool=parameters.pool
     )  # fmt: skip
     metadata = {
-        "entry_point": ENTRY_POINT,
+        "entry_point": NEEDS_IMAGES,
         "classes": list(scheme.classes),
         "scheme": asdict(scheme),
         "cameras": list(cameras),

@@ -23,12 +23,11 @@ from mlsroad_pipeline.algorithms.image_labels.pspnet_training import train_netwo
 from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import from_arrays, to_arrays
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, bundle_scheme
+from mlsroad_pipeline.algorithms.model_bundle import NEEDS_IMAGES, ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import inliers
 
 SLUG = "image_labels"
-ENTRY_POINT = "mlsroad_pipeline.algorithms.model_bundle:refuse_points"
 
 View = tuple[str, Camera, Callable[[], NDArray[np.uint8]]]
 """Which of the survey's cameras took an image, its calibration and pose, and what reads the picture."""
@@ -67,7 +66,7 @@ def fit(
     """
     network, losses = train_network(samples, n_classes=len(image_classes(scheme)), parameters=parameters.network)
     metadata = {
-        "entry_point": ENTRY_POINT,
+        "entry_point": NEEDS_IMAGES,
         "classes": list(scheme.classes),
         "scheme": asdict(scheme),
         "cameras": list(cameras),
