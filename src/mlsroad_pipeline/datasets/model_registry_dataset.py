@@ -18,7 +18,7 @@ from kedro.io import AbstractDataset, DatasetError
 from mlflow.exceptions import MlflowException
 
 from mlsroad_pipeline import __version__
-from mlsroad_pipeline.algorithms.model_bundle import NEEDS_IMAGES, ModelBundle, load_bundle, save_bundle
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, load_bundle, save_bundle
 from mlsroad_pipeline.datasets.digests import digest_file
 from mlsroad_pipeline.datasets.point_labeller import signature
 
@@ -157,7 +157,7 @@ def register_bundle(bundle: ModelBundle, name: str, *, input_example: pd.DataFra
     name : str
         The name to register it under.
     input_example : DataFrame, optional
-        Points in the form of `signature`; None takes `example_points`, or nothing for a model that needs images.
+        Points in the form of `signature`; None takes `example_points`.
 
     Returns
     -------
@@ -175,13 +175,12 @@ def register_bundle(bundle: ModelBundle, name: str, *, input_example: pd.DataFra
         existing = _registered_already(name, fingerprint)
         if existing is not None:
             return existing, False
-        takes_points = bundle.metadata["entry_point"] != NEEDS_IMAGES  # otherwise MLflow would try the example and fail
         info = mlflow.pyfunc.log_model(
             name=name,
             python_model=str(_CODE),
             artifacts={"bundle": str(Path(folder) / "bundle")},
             signature=signature(),
-            input_example=example_points() if input_example is None and takes_points else input_example,
+            input_example=example_points() if input_example is None else input_example,
             pip_requirements=pip_requirements(),
             metadata={"slug": bundle.slug, "package": f"mlsroad_pipeline {__version__}", **metadata},
             registered_model_name=name,
