@@ -13,7 +13,8 @@ import pytest
 from references_inventory import planted_box, planted_pole, planted_tree
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects, merging
+from mlsroad_pipeline.algorithms.inventory import merging
+from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
 from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
