@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-PIPELINES = ("default", "recognition", "image_labels", "fusion")
+PIPELINES = ("default",)
 TIMES = {"node_seconds.csv", "stage_costs.csv"}
 LAYERS = ("data/07_model_output", "data/08_reporting")
 
