@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from joblib import cpu_count
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.rendering.palette import class_palette, rgb_to_hex
-from mlsroad_pipeline.algorithms.rendering.report_parts import cell, data_uri, note, table_html
+from mlsroad_pipeline.algorithms.rendering.report_parts import cell, data_uri, figure_pixels, note, table_html
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -88,10 +90,14 @@ class FiguresSection:
 
     def body(self) -> str:
         """Return the figures, embedded."""
+        drawn = self.figures.values()
+        pictures = [figure if isinstance(figure, np.ndarray) else figure_pixels(figure) for figure in drawn]
+        with ThreadPoolExecutor(max_workers=cpu_count()) as pool:  # encoding lets go of the interpreter
+            addresses = list(pool.map(data_uri, pictures))
         return "".join(
-            f'<figure><img alt="{escape(caption, quote=True)}" src="{data_uri(figure)}">'
+            f'<figure><img alt="{escape(caption, quote=True)}" src="{address}">'
             f"<figcaption>{escape(caption)}</figcaption></figure>\n"
-            for caption, figure in self.figures.items()
+            for caption, address in zip(self.figures, addresses, strict=True)
         )
 
 

@@ -1,0 +1,41 @@
+"""What tests of `label` share: a project with registered models, and a piece of a street that these were not trained on."""
+
+import pytest
+from references_labelled import N_POINTS
+from references_wiring import label, shared_run, with_models
+
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.datasets.formats.las import LasFormat
+from mlsroad_pipeline.datasets.formats.options import ReadOptions, WriteOptions
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory):
+    return shared_run(tmp_path_factory)
+
+
+@pytest.fixture(scope="module")
+def label_project(shared, tmp_path_factory):
+    return with_models(shared, tmp_path_factory.mktemp("labelling"))
+
+
+@pytest.fixture(scope="module")
+def cloud(shared):
+    """The first points of a survey that the model was not trained on, with colour, intensity and time but no labels."""
+    path = shared / "data/01_raw/simulated/test/survey.laz"
+    found = LasFormat().read(path, ReadOptions(only=("rgb", "intensity", "gps_time", "scanner")), stop=N_POINTS)
+    return PointCloud(found.xyz, found.columns, found.origin, found.crs, "cut")
+
+
+@pytest.fixture(scope="module")
+def survey(cloud, tmp_path_factory):
+    """The same points as LAZ."""
+    path = tmp_path_factory.mktemp("survey") / "street.laz"
+    LasFormat().write(path, cloud, WriteOptions(like="none"))
+    return path
+
+
+@pytest.fixture(scope="module")
+def labelled(label_project, survey, tmp_path_factory):
+    """The survey, labelled once."""
+    return label(label_project, survey, tmp_path_factory.mktemp("out") / "new" / "folder")

@@ -1,0 +1,25 @@
+"""What tests of the configuration share: its files, and the parameters and catalog that an environment makes of them."""
+
+import yaml
+from kedro.framework.cli.utils import _split_params
+from references_wiring import REPOSITORY, session_of
+
+CONF = REPOSITORY / "conf"
+
+
+def base(group):
+    return yaml.safe_load((CONF / f"base/parameters_{group}.yml").read_text(encoding="utf-8"))[group]
+
+
+def context_of(project, env, **parameters):
+    with session_of(project, env=None if env == "base" else env, **parameters) as session:
+        return session.load_context()
+
+
+def parameters_of(project, env="base", **parameters):
+    return context_of(project, env, **parameters).params
+
+
+def from_command_line(text):
+    """Nest what `--params=` takes as Kedro does."""
+    return _split_params(None, None, text)

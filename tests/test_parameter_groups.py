@@ -1,0 +1,161 @@
+"""Groups of parameters: every file of conf/base is a dataclass of the code, with its fields and its defaults."""
+
+import ast
+import dataclasses
+import re
+
+import pytest
+import yaml
+from numpydoc.docscrape import ClassDoc
+from references_conf import CONF, base
+
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import BottomUpTopDownParameters
+from mlsroad_pipeline.algorithms.baselines.descriptor_machine import DescriptorParameters
+from mlsroad_pipeline.algorithms.baselines.hough_forest import HoughForestParameters
+from mlsroad_pipeline.algorithms.baselines.max_margin_training import MarginParameters
+from mlsroad_pipeline.algorithms.baselines.object_matching import ObjectMatchingParameters
+from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForestParameters
+from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvmParameters
+from mlsroad_pipeline.algorithms.baselines.pointnet_parameters import PointNetParameters
+from mlsroad_pipeline.algorithms.baselines.shape_based import ShapeParameters
+from mlsroad_pipeline.algorithms.detection import DetectionParameters
+from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
+from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters
+from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
+from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters, TrainingParameters
+from mlsroad_pipeline.algorithms.ingest import IngestParameters, OutlierParameters
+from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
+from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
+from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
+from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
+from mlsroad_pipeline.algorithms.patches import PatchParameters
+from mlsroad_pipeline.algorithms.recognition_objects import RecognitionParameters
+from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
+from mlsroad_pipeline.algorithms.studies.luo2016_parameters import StudyParameters
+from mlsroad_pipeline.algorithms.studies.luo2019_parameters import StudyParameters as Luo2019StudyParameters
+from mlsroad_pipeline.algorithms.studies.luo2019_set_parameters import SimulatedObjectsParameters
+from mlsroad_pipeline.algorithms.studies.tomic2019_parameters import StudyParameters as Tomic2019StudyParameters
+from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters as Yu2016StudyParameters
+from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
+from mlsroad_pipeline.datasets.inspect_work import InspectParameters
+from mlsroad_pipeline.datasets.survey_parameters import LabelParameters, SurveyParameters
+
+TYPED = {
+    "bottom_up_top_down": BottomUpTopDownParameters,
+    "hough_forest": HoughForestParameters,
+    "object_matching": ObjectMatchingParameters,
+    "detection": DetectionParameters,
+    "segmentation": SegmentationParameters,
+    "recognition": RecognitionParameters,
+    "jointnet": JointNetParameters,
+    "jointnet_printed": JointNetParameters,
+    "spin_image": DescriptorParameters,
+    "shot": DescriptorParameters,
+    "hierarchy_descriptor": DescriptorParameters,
+    "pointnet": PointNetParameters,
+    "visual_words": VisualWordsParameters,
+    "detrended_forest": ForestParameters,
+    "features": FeatureParameters,
+    "fusion": FusionParameters,
+    "ground_removal": GroundParameters,
+    "image_labels": ImageLabelsParameters,
+    "ingest": IngestParameters,
+    "inspect": InspectParameters,
+    "label": LabelParameters,
+    "luo2016_study": StudyParameters,
+    "luo2019_study": Luo2019StudyParameters,
+    "simulated_objects": SimulatedObjectsParameters,
+    "tomic2019_study": Tomic2019StudyParameters,
+    "yu2016_study": Yu2016StudyParameters,
+    "max_margin_markov": MarginParameters,
+    "patch_forest": PatchForestParameters,
+    "patch_graph": PatchGraphParameters,
+    "patch_graph_mrf": GridParameters,
+    "patch_svm": PatchSvmParameters,
+    "patches": PatchParameters,
+    "shape_based": ShapeParameters,
+    "supervoxelise": SupervoxelParameters,
+    "survey": SurveyParameters,
+}
+CONFIGURED = {
+    "jointnet_printed", "luo2016_study", "luo2019_study", "simulated_objects", "survey", "tomic2019_study",
+    "yu2016_study",
+}  # fmt: skip
+"""Groups whose values are those of the embedded survey or of a paper and not the defaults of the code."""
+TREES = {"classes", "simulation"}
+"""Groups that are read by functions of their own."""
+
+
+def default_of(field):
+    if field.default is not dataclasses.MISSING:
+        return field.default
+    if field.default_factory is not dataclasses.MISSING:
+        made = field.default_factory()
+        return dataclasses.asdict(made) if dataclasses.is_dataclass(made) else made
+    return dataclasses.MISSING
+
+
+def test_every_group_of_parameters_is_known_here():
+    groups = {path.stem.removeprefix("parameters_") for path in (CONF / "base").glob("parameters_*.yml")}
+    assert groups == set(TYPED) | TREES
+
+
+@pytest.mark.parametrize("group", TYPED)
+def test_keys_are_the_fields_of_the_dataclass(group):
+    assert list(base(group)) == [field.name for field in dataclasses.fields(TYPED[group])] or set(base(group)) == {
+        field.name for field in dataclasses.fields(TYPED[group])
+    }
+
+
+def as_yaml(value):
+    """Turn tuples into lists, nested ones too: YAML knows lists alone."""
+    if isinstance(value, (list, tuple)):
+        return [as_yaml(entry) for entry in value]
+    return {key: as_yaml(entry) for key, entry in value.items()} if isinstance(value, dict) else value
+
+
+@pytest.mark.parametrize("group", sorted(set(TYPED) - CONFIGURED))
+def test_values_are_the_defaults_of_the_code(group):
+    for field in dataclasses.fields(TYPED[group]):
+        default = default_of(field)
+        if default is not dataclasses.MISSING:
+            assert base(group)[field.name] == as_yaml(default), field.name
+
+
+@pytest.mark.parametrize(
+    "kind", [*TYPED.values(), OutlierParameters, PoolParameters, TrainingParameters], ids=lambda kind: kind.__name__
+)
+def test_documented_defaults_are_the_defaults_of_the_code(kind):
+    fields = {field.name: default_of(field) for field in dataclasses.fields(kind)}
+    documented = {name: entry.type for entry in ClassDoc(kind)["Parameters"] for name in entry.name.split(", ")}
+    assert set(documented) == set(fields)
+    for name, text in documented.items():
+        told = re.search(r"default (.+)$", text)
+        if told:
+            assert ast.literal_eval(told[1]) == fields[name], name
+        elif "optional" in text:
+            none_or_said_in_words = ("evaluation_scheme", "folds", "model", "source", "sydney", "trajectory")
+            assert name in none_or_said_in_words, name
+        else:
+            assert fields[name] is dataclasses.MISSING or isinstance(fields[name], dict), name
+
+
+def leaves(tree, path=()):
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from leaves(value, (*path, key))
+        else:
+            yield (*path, key), value
+
+
+@pytest.mark.parametrize("name", ["quick", "tiny"])
+def test_smaller_scales_change_parameters_that_there_are(name):
+    configured = yaml.safe_load((CONF / f"{name}.yml").read_text(encoding="utf-8"))
+    changes = configured["run"]["params"] if name == "quick" else configured
+    for path, value in leaves(changes):
+        there = base(path[0])
+        for key in path[1:]:
+            known = isinstance(there, dict) and key in there
+            assert known or "surveys" in path, path  # a survey takes any parameter of the simulator
+            there = there[key] if known else None
+        assert name == "tiny" or value != there, (path, "is the base's own")
