@@ -242,7 +242,8 @@ def test_terminal_gets_a_bar_with_the_time_left(monkeypatch, capsys):
 
 
 RUN = """
-import sys
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell lets what it runs in the background ignore it
 from references_store import slow_parts
 from mlsroad_pipeline.datasets.scene_store import SceneStoreDataset
 from mlsroad_pipeline.datasets.scene_task import SceneTask
@@ -268,8 +269,7 @@ def whole_records(root, storage):
 
 
 def test_interrupt_ends_processes_at_once_and_leaves_a_resumable_store(tmp_path, marks):
-    # Long enough that it cannot end before it is interrupted, however busy the machine is.
-    with start_run(tmp_path / "stage", marks, pause=0.5) as process:
+    with start_run(tmp_path / "stage", marks, pause=0.2) as process:
         wait_for_records(tmp_path / "stage", 2)
         workers = psutil.Process(process.pid).children(recursive=True)
         process.send_signal(signal.SIGINT)
@@ -280,7 +280,7 @@ def test_interrupt_ends_processes_at_once_and_leaves_a_resumable_store(tmp_path,
     store = store_at(root, backend="sequential")
     finished = whole_records(root, store._storage)
     before = {key: count_marks(marks, f"{key}.") for key in finished}
-    store.save(part_tasks(marks, 16, pause=0.5))
+    store.save(part_tasks(marks, 16, pause=0.2))
     assert store.exists()
     assert {key: count_marks(marks, f"{key}.") for key in finished} == before
     assert not list(root.rglob("*.tmp"))  # interrupted workers may leave some, and the next run removes them
