@@ -1,13 +1,35 @@
 """Fixtures shared by all tests."""
 
+import io
 import os
+import pickle
 from pathlib import Path
 
 import numpy as np
 import pytest
+from omegaconf import OmegaConf
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("MLSROAD_DATA", REPOSITORY.parent / "shared" / "data"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _configuration_is_parsed_once():
+    """Parse each text of a configuration once.
+
+    Every run of Kedro reads fifty files, which takes longer than most of what the tests let it do.
+    """
+    parse, parsed = OmegaConf.load, {}
+
+    def load(file):
+        text = file.read() if hasattr(file, "read") else Path(file).read_text(encoding="utf-8")
+        if text not in parsed:
+            parsed[text] = pickle.dumps(parse(io.StringIO(text)))
+        return pickle.loads(parsed[text])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(OmegaConf, "load", staticmethod(load))
+        yield
 
 
 @pytest.fixture

@@ -1,5 +1,7 @@
 """What tests of the configuration share: its files, and the parameters and catalog that an environment makes of them."""
 
+import functools
+
 import yaml
 from kedro.framework.cli.utils import _split_params
 from references_wiring import REPOSITORY, session_of
@@ -18,6 +20,13 @@ def context_of(project, env, **parameters):
 
 def parameters_of(project, env="base", **parameters):
     return context_of(project, env, **parameters).params
+
+
+@functools.cache
+def configured(project, env):
+    """Return the catalog and the parameters of an environment as it stands; look, do not touch."""
+    context = context_of(project, env)
+    return context.catalog, context.params
 
 
 def from_command_line(text):

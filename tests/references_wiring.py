@@ -66,10 +66,17 @@ def session_of(project: Path, *, env: str | None = None, **parameters: Any) -> I
         mlflow.set_tracking_uri(before)
 
 
-def run(project: Path, pipeline: str | None = None, *, env: str | None = None, **parameters: Any) -> dict[str, Any]:
-    """Run a pipeline in a project's folder, as `kedro run` does."""
+def run(
+    project: Path,
+    pipeline: str | None = None,
+    *,
+    env: str | None = None,
+    to_nodes: Sequence[str] | None = None,
+    **parameters: Any,
+) -> dict[str, Any]:
+    """Run a pipeline in a project's folder, as `kedro run` does, whole or up to some nodes."""
     with session_of(project, env=env, **parameters) as session:
-        return session.run(pipeline_names=None if pipeline is None else [pipeline])
+        return session.run(pipeline_names=None if pipeline is None else [pipeline], to_nodes=to_nodes)
 
 
 def shared_run(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -6,7 +6,7 @@ import re
 import pytest
 import yaml
 from kedro.framework.project import pipelines
-from references_conf import CONF, base, context_of, parameters_of
+from references_conf import CONF, base, configured, parameters_of
 from references_wiring import REPOSITORY, joined, make_project
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme, Coding
@@ -22,25 +22,26 @@ def project(tmp_path_factory):
     return make_project(tmp_path_factory.mktemp("conf"), tiny=False)
 
 
-@pytest.fixture(autouse=True)
-def _some_data(monkeypatch, tmp_path):
-    monkeypatch.setenv("MLSROAD_DATA", str(tmp_path))
+@pytest.fixture(autouse=True, scope="module")
+def _some_data(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MLSROAD_DATA", str(tmp_path_factory.mktemp("data")))
+        yield
 
 
 def test_make_run_runs_every_method_at_the_quick_scale(project):
-    configured = yaml.safe_load((CONF / "quick.yml").read_text(encoding="utf-8"))["run"]
+    quick = yaml.safe_load((CONF / "quick.yml").read_text(encoding="utf-8"))["run"]
     assert "kedro run --config=conf/quick.yml" in (REPOSITORY / "Makefile").read_text(encoding="utf-8")
-    parameters = parameters_of(project, **configured["params"])
-    assert pipelines[configured["pipelines"]].nodes
-    assert parameters["image_labels"].network.n_steps == configured["params"]["image_labels"]["network"]["n_steps"]
+    parameters = parameters_of(project, **quick["params"])
+    assert pipelines[quick["pipelines"]].nodes
+    assert parameters["image_labels"].network.n_steps == quick["params"]["image_labels"]["network"]["n_steps"]
     assert parameters["detrended_forest"].n_trees == base("detrended_forest")["n_trees"]
     assert parameters["jointnet"].training.epochs < base("jointnet")["training"]["epochs"]
 
 
 @pytest.mark.parametrize("env", ENVIRONMENTS)
 def test_every_dataset_of_every_pipeline_can_be_made(project, env):
-    context = context_of(project, env)
-    catalog, names = context.catalog, set()
+    catalog, names = configured(project, env)[0], set()
     for name in pipelines:
         names |= pipelines[name].datasets() if pipelines[name] else set()
     assert len(names) > 30
@@ -64,13 +65,13 @@ def paths_below_data(env, catalog):
 
 @pytest.mark.parametrize("env", ENVIRONMENTS)
 def test_environments_keep_their_data_apart(project, env):
-    folders = set(paths_below_data(env, context_of(project, env).catalog))
+    folders = set(paths_below_data(env, configured(project, env)[0]))
     assert (folders == {env}) if env != "base" else (env not in folders)
 
 
 @pytest.mark.parametrize("env", ENVIRONMENTS)
 def test_schemes_cover_what_the_coding_can_give_and_nest(project, env):
-    parameters = parameters_of(project, env)
+    parameters = configured(project, env)[1]
     survey, classes = parameters["survey"], parameters["classes"]
     coding = classes["codings"][survey.coding]
     codes = list(TAXONOMY.values()) if coding is None else [TAXONOMY[name] for name in coding.values()]
@@ -131,8 +132,7 @@ def test_simulated_surveys_are_presets_with_known_changes():
 
 
 def test_environments_inherit_what_they_do_not_change(project):
-    changed = parameters_of(project, "oakland")
-    plain = parameters_of(project)
+    changed, plain = configured(project, "oakland")[1], configured(project, "base")[1]
     assert changed["survey"].scheme == "oakland5" and changed["ingest"].cut == "file"
     assert changed["ingest"] == dataclasses.replace(plain["ingest"], cut="file")
     assert changed["survey"].splits["train"] == "*_a[cehjkm].xyz_label_conf.gz"
@@ -141,7 +141,7 @@ def test_environments_inherit_what_they_do_not_change(project):
 
 def test_label_uses_the_models_of_the_comparison_in_every_environment(project):
     for env in ENVIRONMENTS:
-        catalog = context_of(project, env).catalog
+        catalog = configured(project, env)[0]
         registered = catalog.get("detrended_forest.registered_model")._describe()["name"]
         assert catalog.get("label_registered_model")._describe()["name"] == registered
 

@@ -159,8 +159,8 @@ def test_files_of_different_systems_are_named(project, tmp_path, rng):
 # ---- a comparison on a survey of one's own
 
 
-def compared(tmp_path, train, test, **changes):
-    """Run a comparison on two labelled clouds and return the project's folder."""
+def compared(tmp_path, train, test, *, to_nodes=None, **changes):
+    """Run a comparison on two labelled clouds, whole or up to some nodes, and return the project's folder."""
     for split, (xyz, labels) in {"train": train, "test": test}.items():
         columns = {} if labels is None else {"label": labels}
         las(tmp_path / "survey" / split / f"{split}.laz", xyz, **columns)
@@ -168,7 +168,7 @@ def compared(tmp_path, train, test, **changes):
     project.mkdir()
     make_project(project)
     fixed = {"simulation": {"enabled": False}, "survey": {"root": str(tmp_path / "survey"), "trajectory": None}}
-    run(project, **joined(TINY, fixed, changes))
+    run(project, to_nodes=to_nodes, **joined(TINY, fixed, changes))
     return project
 
 
@@ -212,7 +212,8 @@ def test_training_files_without_a_labelled_point_end_with_what_is_missing(tmp_pa
 
 def test_test_files_without_a_labelled_point_have_empty_scores(tmp_path, rng):
     xyz, labels = street(rng)
-    project = compared(tmp_path, (xyz, labels), (xyz, np.zeros_like(labels)))
+    unlabelled = (xyz, np.zeros_like(labels))
+    project = compared(tmp_path, (xyz, labels), unlabelled, to_nodes=["score_detrended_forest"])
     table = pd.read_csv(project / "data/08_reporting/scores/detrended_forest.csv")
     assert table["value"].isna().all() and (table["support"] == 0).all()
 

@@ -200,7 +200,8 @@ def test_oakland_blocks_run_from_end_to_end(project, real_data, tmp_path):
         chosen = next(block for block in blocks if block.match(f"*{part}_a{letters}.*"))
         shutil.copy(chosen, tmp_path / "survey")
     changes = {"detrended_forest": {"n_trees": 30}, "execution": {"backend": "sequential"}}
-    run(project, env="oakland", survey={"root": str(tmp_path / "survey")}, **changes)
+    scored = ["score_detrended_forest", "score_ground_removal"]
+    run(project, env="oakland", to_nodes=scored, survey={"root": str(tmp_path / "survey")}, **changes)
     scores = pd.read_csv(project / "data/08_reporting/oakland/scores/detrended_forest.csv")
     value = scores.set_index(["class", "metric"])["value"]
     assert value["all", "overall_accuracy"] > 0.85
