@@ -22,7 +22,7 @@ test: setup lint
 	@$(BIN)/python -m pytest -n auto --dist loadfile
 
 coverage: setup
-	@$(BIN)/python -m pytest -n auto --dist loadfile tests/algorithms --cov --cov-report=term
+	@$(BIN)/python -m pytest -n auto --dist loadfile --timeout=900 --cov --cov-report=term
 
 lint: setup
 	@$(BIN)/ruff check .
