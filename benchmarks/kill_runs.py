@@ -3,9 +3,10 @@
 Run as ``python benchmarks/kill_runs.py FOLDER [--pipelines NAME ...] [--kills N] [--seed N]``. Streets are those of
 ``conf/tiny.yml``, studies have their fast scale. Each pipeline is run once whole in one project (its models are what
 later pipelines ask for) and, in a second one, killed N times with all its processes and then run to its end. Every
-table, model and figure below ``data/07_model_output`` and ``data/08_reporting``, and what `label` writes, must have the
-same bytes. Times that a run took are no result and are left out. All other pipelines are parts of these. Ends with
-status 1 if anything differs.
+table, model and figure below ``data/07_model_output`` and ``data/08_reporting``, and what `label` writes, must be the
+same. Times that a run took are no result: columns and arrays of seconds, pictures of them, and the reports of studies
+are left out, and so are the names of MLflow runs. All other pipelines are parts of these. Ends with status 1 if
+anything differs.
 """
 
 import argparse
@@ -13,12 +14,16 @@ import hashlib
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+
+import numpy as np
+import pandas as pd
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 PIPELINES = {
@@ -30,7 +35,11 @@ PIPELINES = {
     "tomic2019_study": "tomic2019_study.scale=fast",
 }
 """Pipelines in the order in which they can run, and the parameters that make them small."""
-TIMES = {"node_seconds.csv", "stage_costs.csv"}
+TIMES = {"node_seconds.csv", "stage_costs.csv", "times.csv", "patch_size.png", "search_radius.png"}
+BOOKS = {"record.json", "manifest.json"}
+"""What scene stores note of the files beside them; these are compared themselves."""
+TIME = re.compile(r"second|_ms(_|$)|_s$")
+"""In the names of columns and arrays that hold times."""
 LAYERS = ("data/07_model_output", "data/08_reporting", "labelled")
 
 
@@ -75,14 +84,29 @@ def killed_after(project: Path, pipeline: str, seconds: float) -> bool:
     return False
 
 
+def without_times(path: Path) -> bytes:
+    """Return the content of a result less the times that a run took and the names of MLflow runs."""
+    if path.suffix in (".csv", ".parquet"):
+        table = pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
+        if timed := [name for name in table.columns if TIME.search(str(name))]:
+            return table.drop(columns=timed).to_csv().encode()
+    if path.suffix == ".npz":
+        with np.load(path) as arrays:
+            return b"".join(k.encode() + arrays[k].tobytes() for k in sorted(arrays.files) if not TIME.search(k))
+    content = path.read_bytes()
+    return re.sub(rb"run_id [0-9a-f]{32}", b"", content) if path.suffix == ".html" else content
+
+
+def is_result(path: Path) -> bool:
+    """Tell whether a file is to be the same in all runs."""
+    of_study = path.name == "report.html" and path.parent.name.endswith("_study")
+    return path.is_file() and path.name not in TIMES | BOOKS and not of_study
+
+
 def digests(project: Path) -> dict[str, str]:
     """Return the digest of every result."""
-    paths = [path for layer in LAYERS for path in sorted((project / layer).rglob("*")) if path.is_file()]
-    return {
-        str(path.relative_to(project)): hashlib.blake2b(path.read_bytes()).hexdigest()
-        for path in paths
-        if path.name not in TIMES
-    }
+    paths = filter(is_result, (path for layer in LAYERS for path in sorted((project / layer).rglob("*"))))
+    return {str(path.relative_to(project)): hashlib.blake2b(without_times(path)).hexdigest() for path in paths}
 
 
 def main() -> int:
