@@ -2,7 +2,7 @@
 
     python benchmarks/bench_forest.py [--repeats 5]
 
-Clouds and rivals are found through $MLSROAD_RIVALS (see shared/rivals); without them a random street is used and the
+Clouds and rivals are found through $MLSROAD_RIVALS; without them a random street is used and the
 rival is named as missing. Calls alternate, medians are quoted, compilation is outside the time. Prints a table, and a
 JSON line per row.
 """
