@@ -16,10 +16,9 @@ from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParamete
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.datasets.method_work import detect_described_objects
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile, scene_tasks
 from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
-
-TRAIN = "train."
+from mlsroad_pipeline.datasets.survey_plan import held_out_keys
 
 
 def create_detector_pipeline(
@@ -56,7 +55,7 @@ def create_detector_pipeline(
 
     def describe_objects(scenes: SceneCollection, objects: SceneCollection, parameters: Any) -> dict[str, SceneTask]:
         given = {"parameters": getattr(parameters, described_by)}
-        return {key: SceneTask(describe, {"scene": scenes[key], "objects": objects[key]}, given) for key in scenes}
+        return scene_tasks(scenes, describe, {"scene": scenes, "objects": objects}, given)
 
     def train_model(
         parts: SceneCollection,
@@ -106,8 +105,4 @@ def create_detector_pipeline(
 
 def _detect_objects(parts: SceneCollection, model: SourceFile) -> dict[str, SceneTask]:
     """Name the work that detects the objects of each scene that the model was not trained on."""
-    return {
-        key: SceneTask(detect_described_objects, {"parts": parts[key], "model": model})
-        for key in parts
-        if not key.startswith(TRAIN)
-    }
+    return scene_tasks(held_out_keys(parts), detect_described_objects, {"parts": parts, "model": model})

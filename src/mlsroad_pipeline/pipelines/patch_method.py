@@ -16,10 +16,9 @@ from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.datasets.method_work import label_prepared_patches
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile, scene_tasks
 from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
-
-TRAIN = "train."
+from mlsroad_pipeline.datasets.survey_plan import held_out_keys
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,15 +131,8 @@ def patch_pipeline(
     """
 
     def label_scenes(scenes: SceneCollection, patches: SceneCollection, model: SourceFile) -> dict[str, SceneTask]:
-        return {
-            key: SceneTask(
-                label_prepared_patches,
-                {"scene": scenes[key], "patches": patches[key], "model": model},
-                {"classifier": classifier},
-            )
-            for key in scenes
-            if not key.startswith(TRAIN)
-        }
+        inputs = {"scene": scenes, "patches": patches, "model": model}
+        return scene_tasks(held_out_keys(scenes), label_prepared_patches, inputs, {"classifier": classifier})
 
     return Pipeline(
         [
