@@ -77,7 +77,7 @@ class PatchForest(PatchVariants):
         *,
         parameters: PatchForestParameters,
         n_classes: int,
-        n_jobs: int = 1,
+        n_threads: int = 1,
     ) -> Self:
         """Train on labelled patches.
 
@@ -91,8 +91,8 @@ class PatchForest(PatchVariants):
             Parameters of the forest.
         n_classes : int
             Classes of the scheme.
-        n_jobs : int, default 1
-            Processors to train with; the model does not depend on it.
+        n_threads : int, default 1
+            Threads; the model does not depend on it.
 
         Returns
         -------
@@ -110,7 +110,7 @@ class PatchForest(PatchVariants):
         forests = {}
         for variant in variants_of(sample):
             model = RandomForestClassifier(
-                parameters.n_trees, max_depth=parameters.max_depth, random_state=parameters.seed, n_jobs=n_jobs
+                parameters.n_trees, max_depth=parameters.max_depth, random_state=parameters.seed, n_jobs=n_threads
             )
             model.fit(patch_features(sample, variant), sample.label)
             forests[variant] = FlatForest.from_trees(model.estimators_)
@@ -121,7 +121,7 @@ label_cloud = partial(label_patch_cloud, classifier=PatchForest)
 """Entry point of the models."""
 
 
-def train(training: PatchTraining, *, parameters: PatchForestParameters, n_jobs: int = 1) -> ModelBundle:
+def train(training: PatchTraining, *, parameters: PatchForestParameters, n_threads: int = 1) -> ModelBundle:
     """Train on the training scenes and pack the forest.
 
     Parameters
@@ -130,8 +130,8 @@ def train(training: PatchTraining, *, parameters: PatchForestParameters, n_jobs:
         The training scenes.
     parameters : PatchForestParameters
         Parameters of the forest.
-    n_jobs : int, default 1
-        Processors to train with; the model does not depend on it.
+    n_threads : int, default 1
+        Threads; the model does not depend on it.
 
     Returns
     -------
@@ -139,6 +139,6 @@ def train(training: PatchTraining, *, parameters: PatchForestParameters, n_jobs:
         The model.
     """
     classifier = PatchForest.fit(
-        training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_jobs=n_jobs
+        training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_threads=n_threads
     )
     return bundle_model(SLUG, classifier, training, entry_point=ENTRY_POINT, parameters=parameters)

@@ -3,8 +3,8 @@
 from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.baselines.max_margin_markov import MaxMarginMarkov
-from mlsroad_pipeline.pipelines.max_margin_markov.nodes import train_max_margin_markov
-from mlsroad_pipeline.pipelines.patch_method import patch_pipeline
+from mlsroad_pipeline.algorithms.baselines.max_margin_training import MarginParameters, train
+from mlsroad_pipeline.pipelines.patch_method import patch_pipeline, training_node
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -20,4 +20,4 @@ def create_pipeline(**_: object) -> Pipeline:
     Pipeline
         ``scenes``, ``patches`` and ``patch_labels`` to ``max_margin_markov.model`` and ``max_margin_markov.labels``.
     """
-    return patch_pipeline("max_margin_markov", train_max_margin_markov, MaxMarginMarkov)
+    return patch_pipeline("max_margin_markov", training_node(train, MarginParameters), MaxMarginMarkov)

@@ -2,9 +2,8 @@
 
 from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForest
-from mlsroad_pipeline.pipelines.patch_forest.nodes import train_patch_forest
-from mlsroad_pipeline.pipelines.patch_method import patch_pipeline
+from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForest, PatchForestParameters, train
+from mlsroad_pipeline.pipelines.patch_method import patch_pipeline, training_node
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -20,4 +19,4 @@ def create_pipeline(**_: object) -> Pipeline:
     Pipeline
         ``scenes``, ``patches`` and ``patch_labels`` to ``patch_forest.model`` and ``patch_forest.labels``.
     """
-    return patch_pipeline("patch_forest", train_patch_forest, PatchForest)
+    return patch_pipeline("patch_forest", training_node(train, PatchForestParameters), PatchForest)

@@ -2,9 +2,9 @@
 
 from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvm
-from mlsroad_pipeline.pipelines.patch_method import patch_pipeline
-from mlsroad_pipeline.pipelines.patch_svm.nodes import train_patch_svm
+from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvm, PatchSvmParameters
+from mlsroad_pipeline.algorithms.baselines.patch_svm_training import train
+from mlsroad_pipeline.pipelines.patch_method import patch_pipeline, training_node
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -20,4 +20,4 @@ def create_pipeline(**_: object) -> Pipeline:
     Pipeline
         ``scenes``, ``patches`` and ``patch_labels`` to ``patch_svm.model`` and ``patch_svm.labels``.
     """
-    return patch_pipeline("patch_svm", train_patch_svm, PatchSvm)
+    return patch_pipeline("patch_svm", training_node(train, PatchSvmParameters), PatchSvm)
