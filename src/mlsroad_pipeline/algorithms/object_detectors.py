@@ -62,7 +62,20 @@ class TrainedDetector(Protocol):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool) -> Self:
-        """Rebuild a detector from what `to_arrays` gave, and from whether it knows of intensities."""
+        """Rebuild a detector.
+
+        Parameters
+        ----------
+        arrays : mapping of str to ndarray
+            What `to_arrays` gave.
+        intensity : bool
+            Whether it knows of intensities.
+
+        Returns
+        -------
+        TrainedDetector
+            The detector.
+        """
         ...
 
 

@@ -26,7 +26,7 @@ from mlsroad_pipeline.algorithms.object_detectors import (
     object_bounds,
 )
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.validation import check_positive
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
 
 SLUG = "bottom_up_top_down"
 ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.bottom_up_top_down:label_cloud"
@@ -96,8 +96,7 @@ class BottomUpTopDownParameters:
         if isinstance(self.surfaces, Mapping):
             object.__setattr__(self, "surfaces", OrientedPointParameters(**self.surfaces))
         for name in ("max_images", "n_bands", "max_models", "candidates", "max_per_class"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{SLUG}.{name} must be at least 1, got {getattr(self, name)!r}")
+            check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
         for name in ("n_steps", "max_others"):
             if getattr(self, name) < 0:
                 raise ParameterError(f"{SLUG}.{name} must not be negative, got {getattr(self, name)!r}")

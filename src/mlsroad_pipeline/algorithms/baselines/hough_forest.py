@@ -25,7 +25,7 @@ from mlsroad_pipeline.algorithms.object_detectors import (
 )
 from mlsroad_pipeline.algorithms.object_regions import RegionParameters
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.validation import check_positive
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
 
 SLUG = "hough_forest"
 ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.hough_forest:label_cloud"
@@ -97,8 +97,7 @@ class HoughForestParameters:
         if isinstance(self.regions, Mapping):
             object.__setattr__(self, "regions", RegionParameters(**self.regions))
         for name in ("n_trees", "max_depth", "min_parts", "n_tests", "n_votes", "max_per_class", "max_parts"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{SLUG}.{name} must be at least 1, got {getattr(self, name)!r}")
+            check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
         if self.max_others < 0:
             raise ParameterError(f"{SLUG}.max_others must not be negative, got {self.max_others!r}")
         for name in ("cell", "height_cell"):

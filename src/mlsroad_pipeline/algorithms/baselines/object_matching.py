@@ -27,7 +27,7 @@ from mlsroad_pipeline.algorithms.object_detectors import (
 )
 from mlsroad_pipeline.algorithms.object_regions import RegionParameters
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.validation import check_positive
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
 
 SLUG = "object_matching"
 ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.object_matching:label_cloud"
@@ -97,8 +97,7 @@ class ObjectMatchingParameters:
         if isinstance(self.regions, Mapping):
             object.__setattr__(self, "regions", RegionParameters(**self.regions))
         for name in ("n_neighbors", "n_turns", "max_prototypes", "candidates", "max_per_class"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{SLUG}.{name} must be at least 1, got {getattr(self, name)!r}")
+            check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
         for name in ("n_sweeps", "max_others"):
             if getattr(self, name) < 0:
                 raise ParameterError(f"{SLUG}.{name} must not be negative, got {getattr(self, name)!r}")

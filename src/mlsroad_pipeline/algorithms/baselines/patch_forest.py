@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.patch_variants import PatchVariants
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.patch_features import draw_training_patches, patch_features, variants_of
 from mlsroad_pipeline.algorithms.patch_labelling import label_patch_cloud
 from mlsroad_pipeline.algorithms.patch_training import PatchTraining, bundle_model
 from mlsroad_pipeline.algorithms.patches import Patches
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 SLUG = "patch_forest"
 ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.patch_forest:label_cloud"
@@ -50,8 +50,7 @@ class PatchForestParameters:
 
     def __post_init__(self) -> None:
         for name in ("n_trees", "max_depth", "max_per_class"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{SLUG}.{name} must be at least 1, got {getattr(self, name)!r}")
+            check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
 
 
 class PatchForest(PatchVariants):
