@@ -57,6 +57,34 @@ def create_detector_pipeline(
         given = {"parameters": getattr(parameters, described_by)}
         return scene_tasks(scenes, describe, {"scene": scenes, "objects": objects}, given)
 
+    # Kedro reads here which class the parameters become.
+    describe_objects.__annotations__["parameters"] = parameters
+    stages = ("ground_removal", "segmentation", "detection", "survey", "classes")
+    described, model = f"{slug}.{parts}", f"{slug}.model"
+    return Pipeline(
+        [
+            Node(
+                describe_objects,
+                inputs=["scenes", "objects", f"params:{slug}"],
+                outputs=described,
+                name=f"describe_objects_of_{slug}",
+            ),
+            Node(
+                _training_node(train, parameters),
+                inputs=[described, "object_classes", f"params:{slug}", *(f"params:{name}" for name in stages)],
+                outputs=[model, f"{slug}.registered_model"],
+                name=f"train_{slug}",
+            ),
+            Node(_detect_objects, inputs=[described, model], outputs=f"{slug}.detections", name=f"detect_by_{slug}"),
+        ]
+    )
+
+
+def _training_node(
+    train: Callable[..., ModelBundle], parameters: type
+) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
+    """Return the node that trains a detector: the model, for the workers and for the registry."""
+
     def train_model(
         parts: SceneCollection,
         labels: SceneCollection,
@@ -79,28 +107,8 @@ def create_detector_pipeline(
         )
         return bundle, bundle
 
-    # Kedro reads here which class the parameters become.
-    describe_objects.__annotations__["parameters"] = parameters
     train_model.__annotations__["parameters"] = parameters
-    stages = ("ground_removal", "segmentation", "detection", "survey", "classes")
-    described, model = f"{slug}.{parts}", f"{slug}.model"
-    return Pipeline(
-        [
-            Node(
-                describe_objects,
-                inputs=["scenes", "objects", f"params:{slug}"],
-                outputs=described,
-                name=f"describe_objects_of_{slug}",
-            ),
-            Node(
-                train_model,
-                inputs=[described, "object_classes", f"params:{slug}", *(f"params:{name}" for name in stages)],
-                outputs=[model, f"{slug}.registered_model"],
-                name=f"train_{slug}",
-            ),
-            Node(_detect_objects, inputs=[described, model], outputs=f"{slug}.detections", name=f"detect_by_{slug}"),
-        ]
-    )
+    return train_model
 
 
 def _detect_objects(parts: SceneCollection, model: SourceFile) -> dict[str, SceneTask]:

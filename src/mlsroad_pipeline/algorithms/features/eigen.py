@@ -155,7 +155,6 @@ def gather_near(
     rows: NDArray,
     keys: NDArray,
     key: int,
-    reach: int,
     size: float,
     squared: float,
     near_x: NDArray,
@@ -208,9 +207,7 @@ def _radius_features(
         if bound > len(near_x):
             near_x = np.empty(2 * bound, np.float32)
             near_y, near_z = np.empty_like(near_x), np.empty_like(near_x)
-        n_near = gather_near(
-            local, starts, begin, end, rows, keys, keys[cell], reach, size, squared, near_x, near_y, near_z
-        )
+        n_near = gather_near(local, starts, begin, end, rows, keys, keys[cell], size, squared, near_x, near_y, near_z)
         for i in range(starts[cell], starts[cell + 1]):
             x, y, z = local[0, i], local[1, i], local[2, i]
             sum_ball(near_x, near_y, near_z, n_near, x, y, z, squared, covariances, counts, n_batch)

@@ -65,9 +65,7 @@ def _sum_balls(
         if bound > len(near_x):
             near_x = np.empty(2 * bound, np.float32)
             near_y, near_z = np.empty_like(near_x), np.empty_like(near_x)
-        n_near = gather_near(
-            local, starts, begin, end, rows, keys, q_keys[cell], reach, size, widest, near_x, near_y, near_z
-        )
+        n_near = gather_near(local, starts, begin, end, rows, keys, q_keys[cell], size, widest, near_x, near_y, near_z)
         for i in range(q_starts[cell], q_starts[cell + 1]):
             x, y, z = q_local[0, i], q_local[1, i], q_local[2, i]
             for r in range(len(radii)):
