@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.classes import IGNORE
 from mlsroad_pipeline.algorithms.detection import detect_by_thresholds
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, segment_scene
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
@@ -113,25 +113,6 @@ def choose_variant(parts: Description, bundle: ModelBundle) -> str:
     return variant
 
 
-def variant_arrays(bundle: ModelBundle, variant: str) -> dict[str, NDArray]:
-    """Return the arrays of one variant of a model, by their plain names.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    variant : str
-        `WITH_INTENSITY` or `GEOMETRY`.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The arrays.
-    """
-    prefix = f"{variant}."
-    return {key.removeprefix(prefix): array for key, array in bundle.arrays.items() if key.startswith(prefix)}
-
-
 def detect_described_objects(
     parts: Description, bundle: ModelBundle, detector: type[TrainedDetector]
 ) -> dict[str, NDArray]:
@@ -158,7 +139,7 @@ def detect_described_objects(
         If the scene has no intensities and the model has no variant without, or the model lacks its parts.
     """
     variant = choose_variant(parts, bundle)
-    trained = detector.from_arrays(variant_arrays(bundle, variant), intensity=variant == WITH_INTENSITY)
+    trained = detector.from_arrays(arrays_under(bundle.arrays, f"{variant}."), intensity=variant == WITH_INTENSITY)
     scores = trained.score(parts)
     label, score = detect_by_thresholds(scores, trained.thresholds)
     return {"label": label, "score": score, "scores": scores}

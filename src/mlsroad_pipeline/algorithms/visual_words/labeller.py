@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.detection import detect_by_thresholds
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.algorithms.object_detectors import (
     WITH_INTENSITY,
     choose_variant,
     label_described_objects,
-    variant_arrays,
 )
 from mlsroad_pipeline.algorithms.object_regions import INTENSITY, RegionParameters, describe_regions
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
@@ -147,7 +146,7 @@ def model_of(bundle: ModelBundle, variant: str) -> tuple[Vocabulary, VisualWords
     detector : VisualWordsDetector
         Queries and thresholds.
     """
-    arrays = variant_arrays(bundle, variant)
+    arrays = arrays_under(bundle.arrays, f"{variant}.")
     words = ContextualGroups(arrays["words.descriptors"], arrays["words.orientations"], arrays["words.scales"])
     vocabulary = Vocabulary(words, arrays["words.inverse"], arrays["words.stopped"], float(arrays["words.floor"]))
     return vocabulary, VisualWordsDetector.from_arrays(arrays)
