@@ -21,7 +21,7 @@ from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
 from mlsroad_pipeline.datasets.survey_plan import held_out_keys
 
 
-def create_detector_pipeline(
+def detector_pipeline(
     slug: str,
     *,
     parameters: type,
