@@ -24,6 +24,10 @@ from statistics import median
 
 import numpy as np
 
+from mlsroad_pipeline.algorithms.features.fpfh import compute_fpfh
+from mlsroad_pipeline.algorithms.patches import extract_patches
+from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+
 RADIUS = 0.3
 VOXEL = 0.05
 RAW = 100_000
@@ -71,8 +75,6 @@ def pcl_seconds(program: Path, cloud: Path, threads: int) -> float:
 def fpfh_race(name: str, xyz: np.ndarray, rivals: Path, threads: int, repeats: int) -> list[dict[str, object]]:
     import open3d as o3d  # noqa: PLC0415  it reads the number of threads when it is loaded
 
-    from mlsroad_pipeline.algorithms.features.fpfh import compute_fpfh  # noqa: PLC0415
-
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(xyz.astype(np.float64)))
     cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(30))
     cloud.orient_normals_to_align_with_direction([0.0, 0.0, 1.0])
@@ -108,9 +110,6 @@ def fpfh_race(name: str, xyz: np.ndarray, rivals: Path, threads: int, repeats: i
 
 
 def patches_race(rivals: Path, repeats: int) -> list[dict[str, object]]:
-    from mlsroad_pipeline.algorithms.patches import extract_patches  # noqa: PLC0415
-    from mlsroad_pipeline.algorithms.point_cloud import PointCloud  # noqa: PLC0415
-
     given = np.load(rivals / "street_1M.npz")
     scene = PointCloud(given["xyz"], {"rgb": given["rgb"]})
     height = given["xyz"][:, 2] - given["xyz"][:, 2].min()

@@ -7,7 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components as scipy_components
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.graphs import adjacency_from_edges, connected_components, unique_edges
+from mlsroad_pipeline.algorithms.graphs import connected_components, unique_edges
 
 
 @pytest.mark.parametrize("n_edges", [0, 30, 80, 300])
@@ -21,19 +21,11 @@ def test_components_equal_scipy(rng, n_edges):
     np.testing.assert_array_equal(connected_components(edges[::-1, ::-1], n_nodes=100), expected)
 
 
-def test_adjacency_is_symmetric_and_counts_each_pair_once():
-    matrix = adjacency_from_edges([[2, 0], [0, 2], [1, 1], [3, 2], [2, 0]], n_nodes=4)
-    expected = np.zeros((4, 4), int)
-    expected[[0, 2, 2, 3], [2, 0, 3, 2]] = 1
-    np.testing.assert_array_equal(matrix.toarray(), expected)
-    assert matrix.has_sorted_indices
-
-
 def test_unique_edges_keep_one_of_each_pair():
     assert unique_edges([[2, 0], [0, 2], [1, 1], [3, 2]], n_nodes=4).tolist() == [[0, 2], [2, 3]]
 
 
-@pytest.mark.parametrize("function", [connected_components, adjacency_from_edges, unique_edges])
+@pytest.mark.parametrize("function", [connected_components, unique_edges])
 @pytest.mark.parametrize(
     ("edges", "message"),
     [

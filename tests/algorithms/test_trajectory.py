@@ -79,8 +79,7 @@ def test_standing_still_and_disorder_are_cleaned(rng):
     path = Trajectory.from_positions(np.column_stack([x, np.zeros((6, 2))]), time)
     np.testing.assert_array_equal(path.time, [0, 1, 2, 2.5, 3])
     np.testing.assert_allclose(path.station, [0, 4, 4, 4, 9])
-    np.testing.assert_allclose(path.position_at([0.5, 2.75, 4.0])[:, 0], [2.0, 6.5005, np.nan])
-    np.testing.assert_allclose(path.at_station([2.0, 6.5, 99.0])[:, 0], [2.0, 6.5, 9.0])
+    np.testing.assert_array_equal(path.xyz[:, 0], [0, 4, 4.004, 4.001, 9])
 
 
 def test_input_is_not_modified(rng):
@@ -107,7 +106,5 @@ def test_bad_positions_name_the_source():
     for positions in (np.zeros((0, 3)), np.zeros((1, 3)), np.ones((5, 3))):
         with pytest.raises(DataError, match=r"run\.csv: the \d positions are less than 0.01 m apart"):
             Trajectory.from_positions(positions, source="run.csv")
-    with pytest.raises(DataError, match="has no times"):
-        Trajectory.from_positions(bends()).position_at(0.0)
     with pytest.raises(DataError, match="NaN or infinite"):
         Trajectory.from_positions(bends()).locate([[0, 0, np.inf]])

@@ -11,8 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.validation import check_positive, check_xyz
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive, check_xyz
 
 _RADIX_BITS = 11
 _MAX_CELLS = 2**62
@@ -232,8 +232,7 @@ def check_threads(n_threads: int) -> int:
     ParameterError
         If it is below 1.
     """
-    if n_threads < 1:
-        raise ParameterError(f"n_threads must be at least 1, got {n_threads}")
+    check_at_least(n_threads, 1, "n_threads")
     return n_threads
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 
@@ -125,33 +124,6 @@ def connected_components(edges: ArrayLike, *, n_nodes: int) -> NDArray[np.int32]
     [0, 1, 2, 1, 0]
     """
     return _components(check_edges(edges, n_nodes), n_nodes)
-
-
-def adjacency_from_edges(edges: ArrayLike, *, n_nodes: int) -> csr_array:
-    """Turn undirected edges into a symmetric adjacency matrix.
-
-    Parameters
-    ----------
-    edges : array-like of int, shape (e, 2)
-        Pairs of node indices; loops are dropped, repetitions and both directions of a pair count once.
-    n_nodes : int
-        The number of nodes.
-
-    Returns
-    -------
-    scipy.sparse.csr_array of int8, shape (n_nodes, n_nodes)
-        1 where two nodes touch; indices sorted within each row.
-
-    Raises
-    ------
-    DataError
-        If `edges` is not an integer array of shape (e, 2) or names a node that does not exist.
-    """
-    pairs = unique_edges(edges, n_nodes=n_nodes)
-    both = np.concatenate([pairs, pairs[:, ::-1]])
-    matrix = csr_array((np.ones(len(both), np.int8), (both[:, 0], both[:, 1])), shape=(n_nodes, n_nodes))
-    matrix.sort_indices()
-    return matrix
 
 
 def unique_edges(edges: ArrayLike, *, n_nodes: int) -> NDArray[np.int64]:

@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.split_parts import SplitPart
 from mlsroad_pipeline.algorithms.tiling import PiecedCloud, SceneSpan, assemble_scene, cut_range
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
-from mlsroad_pipeline.algorithms.validation import check_positive
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,7 @@ class OutlierParameters:
     ratio: float = 4.0
 
     def __post_init__(self) -> None:
-        if self.k < 1:
-            raise ParameterError(f"outliers.k must be at least 1, got {self.k}")
+        check_at_least(self.k, 1, "outliers.k")
         check_positive(self.ratio, "outliers.ratio")
 
 

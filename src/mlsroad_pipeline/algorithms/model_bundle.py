@@ -91,6 +91,24 @@ class ModelBundle:
         return tuple(self.metadata["classes"])
 
 
+def arrays_under(arrays: Mapping[str, NDArray], prefix: str) -> dict[str, NDArray]:
+    """Return the arrays of one part of a model, such as a variant, by their plain names.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        The arrays of the model.
+    prefix : str
+        What the names of the part's arrays begin with.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The rest of the name to the array.
+    """
+    return {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}
+
+
 def save_bundle(bundle: ModelBundle, folder: str | Path) -> None:
     """Write a model into a folder; the same model gives the same bytes.
 

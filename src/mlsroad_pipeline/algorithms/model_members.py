@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, arrays_under
 
 
 def with_members(bundle: ModelBundle, members: Mapping[str, ModelBundle]) -> ModelBundle:
@@ -73,6 +73,4 @@ def member(bundle: ModelBundle, slug: str) -> ModelBundle:
     described = bundle.metadata.get("members", {}).get(slug)
     if described is None:
         raise ParameterError(f"model {bundle.slug!r} holds no {slug!r}: train it again with this version")
-    prefix = f"{slug}/"
-    arrays = {key.removeprefix(prefix): array for key, array in bundle.arrays.items() if key.startswith(prefix)}
-    return ModelBundle(slug, arrays, described)
+    return ModelBundle(slug, arrays_under(bundle.arrays, f"{slug}/"), described)

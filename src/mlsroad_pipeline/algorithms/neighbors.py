@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.cell_grid import CELLS_PER_RADIUS, build_cell_grids, check_threads, run_in_chunks
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.validation import check_positive, check_xyz
+from mlsroad_pipeline.algorithms.cell_windows import first_window, move_window
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive, check_xyz
 
 
 @njit(cache=True, nogil=True)
@@ -36,19 +36,11 @@ def _search_rows(
     """Count neighbours into `indptr` (shifted by one) where `out` is empty, else fill them in, for query cells."""
     counting = len(out) == 0
     squared = radius * radius
-    begin = np.zeros(len(rows), np.int64)
-    end = np.zeros(len(rows), np.int64)
-    for j in range(len(rows)):
-        begin[j] = np.searchsorted(keys, q_keys[first] + rows[j, 2] - reach) if first < last else 0
-        end[j] = begin[j]
+    if first == last:
+        return
+    begin, end = first_window(keys, q_keys[first], rows, reach)
     for cell in range(first, last):
-        for j in range(len(rows)):
-            low = q_keys[cell] + rows[j, 2] - reach
-            while begin[j] < len(keys) and keys[begin[j]] < low:
-                begin[j] += 1
-            end[j] = max(end[j], begin[j])
-            while end[j] < len(keys) and keys[end[j]] <= low + 2 * reach:
-                end[j] += 1
+        move_window(keys, q_keys[cell], rows, reach, begin, end)
         for qi in range(q_starts[cell], q_starts[cell + 1]):
             q = q_order[qi]
             at = 0 if counting else indptr[q]
@@ -158,8 +150,7 @@ def nearest_neighbors(
     ParameterError
         If `k` or `n_threads` is below 1.
     """
-    if k < 1:
-        raise ParameterError(f"k must be at least 1, got {k}")
+    check_at_least(k, 1, "k")
     check_threads(n_threads)
     points = check_xyz(xyz).astype(np.float64, copy=False)
     wanted = points if queries is None else check_xyz(queries, name="queries").astype(np.float64, copy=False)

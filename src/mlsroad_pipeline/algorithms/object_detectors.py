@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.classes import IGNORE
 from mlsroad_pipeline.algorithms.detection import detect_by_thresholds
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, segment_scene
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
@@ -60,6 +60,24 @@ class TrainedDetector(Protocol):
         """Return what was learned as plain arrays."""
         ...
 
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool) -> Self:
+        """Rebuild a detector.
+
+        Parameters
+        ----------
+        arrays : mapping of str to ndarray
+            What `to_arrays` gave.
+        intensity : bool
+            Whether it knows of intensities.
+
+        Returns
+        -------
+        TrainedDetector
+            The detector.
+        """
+        ...
+
 
 def object_bounds(parts: Description) -> NDArray[np.int64]:
     """Return where the parts of each object begin, (n_objects + 1,)."""
@@ -95,43 +113,35 @@ def choose_variant(parts: Description, bundle: ModelBundle) -> str:
     return variant
 
 
-def variant_arrays(bundle: ModelBundle, variant: str) -> dict[str, NDArray]:
-    """Return the arrays of one variant of a model, by their plain names.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    variant : str
-        `WITH_INTENSITY` or `GEOMETRY`.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The arrays.
-    """
-    prefix = f"{variant}."
-    return {key.removeprefix(prefix): array for key, array in bundle.arrays.items() if key.startswith(prefix)}
-
-
-def detections_of(detector: TrainedDetector, parts: Description) -> dict[str, NDArray]:
+def detect_described_objects(
+    parts: Description, bundle: ModelBundle, detector: type[TrainedDetector]
+) -> dict[str, NDArray]:
     """Detect the objects of a scene.
 
     Parameters
     ----------
-    detector : TrainedDetector
-        The detector.
     parts : mapping
         Description of the scene's objects.
+    bundle : ModelBundle
+        The model.
+    detector : type
+        The method's class.
 
     Returns
     -------
     dict of str to ndarray
         ``label`` int16 (objects,): place in the wanted classes, -1 for none; ``score`` float32; ``scores`` float32
         (objects, c): the score of every class.
+
+    Raises
+    ------
+    DataError
+        If the scene has no intensities and the model has no variant without, or the model lacks its parts.
     """
-    scores = detector.score(parts)
-    label, score = detect_by_thresholds(scores, detector.thresholds)
+    variant = choose_variant(parts, bundle)
+    trained = detector.from_arrays(arrays_under(bundle.arrays, f"{variant}."), intensity=variant == WITH_INTENSITY)
+    scores = trained.score(parts)
+    label, score = detect_by_thresholds(scores, trained.thresholds)
     return {"label": label, "score": score, "scores": scores}
 
 
@@ -180,3 +190,39 @@ def label_detected_objects(
     labels[inside] = label[objects["objects"][inside]]
     confidence[inside] = found["score"][objects["objects"][inside]]
     return labels, confidence
+
+
+def label_described_objects(
+    cloud: PointCloud,
+    bundle: ModelBundle,
+    *,
+    describe: Callable[[PointCloud, Mapping[str, NDArray], Mapping[str, Any]], Description],
+    detect: Callable[[Description, ModelBundle], Mapping[str, NDArray]],
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Label with a method that describes objects before it detects them; see `label_detected_objects`.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points.
+    bundle : ModelBundle
+        The model.
+    describe : callable
+        The scene, what `segment_scene` gave and the parameters that the model was trained with to the description.
+    detect : callable
+        Description and model to ``label`` and ``score`` of each object.
+
+    Returns
+    -------
+    labels : ndarray of int16, shape (n,)
+        Labels of the model's scheme, -1 outside detected objects.
+    confidence : ndarray of float32, shape (n,)
+        Score of the object; 0 outside.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is NaN or infinite, or the model lacks its parts.
+    """
+    stored = bundle.metadata["parameters"]
+    return label_detected_objects(cloud, bundle, lambda objects: detect(describe(cloud, objects, stored), bundle))

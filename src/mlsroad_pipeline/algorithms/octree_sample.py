@@ -8,8 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.validation import check_xyz
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_xyz
 
 BITS = 21
 """Bits per axis of a Morton code."""
@@ -71,8 +70,7 @@ def sample_octree(xyz: NDArray[np.float64], *, largest: int = 50_000) -> OctreeS
     ParameterError
         If `largest` is below 1.
     """
-    if largest < 1:
-        raise ParameterError(f"largest must be at least 1, got {largest!r}")
+    check_at_least(largest, 1, "largest")
     points = check_xyz(xyz)
     low = points.min(axis=0) if len(points) else np.zeros(3)
     extent = float((points.max(axis=0) - low).max()) if len(points) else 0.0

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.validation import check_positive, check_xyz
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive, check_xyz
 
 QUERY_SIZE = 100_000
 """Points asked for at once; bounds the memory of the neighbour lists, not the result."""
@@ -48,8 +47,7 @@ def keep_inliers(xyz: ArrayLike, *, n_neighbors: int = 20, std_ratio: float = 2.
     About 1 second per 100,000 points, in the caller's thread.
     """
     check_positive(std_ratio, "std_ratio")
-    if n_neighbors < 2:
-        raise ParameterError(f"n_neighbors must be at least 2, got {n_neighbors!r}")
+    check_at_least(n_neighbors, 2, "n_neighbors")
     points = check_xyz(xyz).astype(np.float64)
     if len(points) < 2:
         return np.ones(len(points), dtype=np.bool_)

@@ -13,6 +13,7 @@ from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.object_segmentation import owned_by_core
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.recognition import ObjectSet
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,7 @@ class RecognitionParameters:
 
     def __post_init__(self) -> None:
         for name in ("min_points", "max_per_class"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"recognition.{name} must be at least 1, got {getattr(self, name)!r}")
+            check_at_least(getattr(self, name), 1, f"recognition.{name}")
         if not 0 < self.purity <= 1:
             raise ParameterError(f"recognition.purity must be above 0 and at most 1, got {self.purity!r}")
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_column, check_positive, check_xyz
 
 _RUN = 12  # a scan line begins with at least so many short steps
 _GROUND_RISE = 0.35  # metres: where a line has risen or fallen by more, its ground has ended
@@ -150,8 +150,7 @@ def surface_density(xyz: ArrayLike, *, k: int = 16) -> NDArray[np.float64]:
     ParameterError
         If `k` is below 1.
     """
-    if k < 1:
-        raise ParameterError(f"k must be at least 1, got {k!r}")
+    check_at_least(k, 1, "k")
     points = check_xyz(xyz)
     if len(points) <= k:
         return np.full(len(points), np.nan)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.corridor import Corridor
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud, concatenate
-from mlsroad_pipeline.algorithms.validation import check_positive
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
 
 
 @dataclass(frozen=True)
@@ -215,8 +215,7 @@ def plan_scenes(
     check_positive(bin_length, "bin_length")
     if not np.isfinite(buffer) or buffer < 0:
         raise ParameterError(f"buffer must be a finite number >= 0, got {buffer!r}")
-    if max_points < 1:
-        raise ParameterError(f"max_points must be at least 1, got {max_points!r}")
+    check_at_least(max_points, 1, "max_points")
     count = {number: n for number, n in sorted(histogram.items()) if n > 0}
     n_bins = max(1, round(scene_length / bin_length))
     margin = int(np.ceil(buffer / bin_length - 1e-9))

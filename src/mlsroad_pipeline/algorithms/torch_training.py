@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.model_bundle import arrays_under
 
 
 def find_device(wanted: str) -> torch.device:
@@ -123,7 +124,7 @@ def load_weights(network: nn.Module, arrays: Mapping[str, NDArray], prefix: str,
     DataError
         If a weight is missing, left over or of another shape.
     """
-    state = {k.removeprefix(prefix): torch.from_numpy(np.array(v)) for k, v in arrays.items() if k.startswith(prefix)}
+    state = {name: torch.from_numpy(np.array(values)) for name, values in arrays_under(arrays, prefix).items()}
     try:
         network.load_state_dict(state)
     except RuntimeError as error:

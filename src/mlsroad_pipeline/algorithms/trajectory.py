@@ -130,47 +130,6 @@ class Trajectory:
             station[part], offset[part] = polyline.locate(moved, vertices, stations, boxes)
         return station, offset
 
-    def position_at(self, time: ArrayLike) -> NDArray[np.float64]:
-        """Interpolate positions at given times.
-
-        Parameters
-        ----------
-        time : array-like of shape (k,)
-            Seconds.
-
-        Returns
-        -------
-        ndarray of float64, shape (k, 3)
-            World coordinates, metres; NaN at times outside the recording.
-
-        Raises
-        ------
-        DataError
-            If the trajectory has no times.
-        """
-        if self.time is None:
-            raise DataError(f"{self.source} has no times: positions at a time are not known")
-        when = np.atleast_1d(np.asarray(time, dtype=np.float64))
-        columns = [np.interp(when, self.time, self.xyz[:, axis], left=np.nan, right=np.nan) for axis in range(3)]
-        return np.column_stack(columns)
-
-    def at_station(self, station: ArrayLike) -> NDArray[np.float64]:
-        """Interpolate positions at given stations.
-
-        Parameters
-        ----------
-        station : array-like of shape (k,)
-            Running lengths, metres; clipped to the path.
-
-        Returns
-        -------
-        ndarray of float64, shape (k, 3)
-            World coordinates, metres.
-        """
-        where = np.atleast_1d(np.asarray(station, dtype=np.float64))
-        moving = np.concatenate([[True], np.diff(self.station) > 0])
-        return np.column_stack([np.interp(where, self.station[moving], self.xyz[moving, axis]) for axis in range(3)])
-
 
 def _stations(xy: NDArray[np.float64], minimum_step: float) -> NDArray[np.float64]:
     """Running length over the positions that lie at least minimum_step beyond the last that counted."""

@@ -72,6 +72,27 @@ def check_positive(value: float, name: str) -> float:
     return float(value)
 
 
+def check_at_least(value: float, least: float, name: str) -> None:
+    """Make sure that a parameter is not below the least that makes sense.
+
+    Parameters
+    ----------
+    value : float
+        The parameter.
+    least : float
+        The least.
+    name : str
+        Its name, for the message.
+
+    Raises
+    ------
+    ParameterError
+        If it is below.
+    """
+    if value < least:
+        raise ParameterError(f"{name} must be at least {least}, got {value!r}")
+
+
 def check_column(values: ArrayLike, n_points: int, name: str, width: int | None = None) -> NDArray:
     """Return a per-point column whose length fits the points.
 

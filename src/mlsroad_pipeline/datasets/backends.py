@@ -179,7 +179,7 @@ def _run_dask(jobs: Sequence[SceneJob], execution: Execution) -> Generator[Outco
 
 @contextmanager
 def _dask_client(execution: Execution) -> Iterator[Client]:
-    from distributed import Client, LocalCluster, default_client  # noqa: PLC0415
+    from distributed import Client, LocalCluster, default_client  # noqa: PLC0415  other backends do without
 
     if execution.scheduler is not None:
         with Client(execution.scheduler, set_as_default=False) as client:

@@ -20,7 +20,7 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.camera_files import read_images
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
 from mlsroad_pipeline.datasets.survey_images import SurveyImages
-from mlsroad_pipeline.datasets.survey_plan import SurveyPlan
+from mlsroad_pipeline.datasets.survey_plan import SurveyPlan, training_keys
 
 logger = logging.getLogger(__name__)
 
@@ -76,7 +76,7 @@ def images_of_drives(plan: SurveyPlan, calibration: str) -> dict[str, DriveImage
             found[drive] = DriveImages(str(path), images)
         else:
             without.append(drive)
-    if not any(drive.startswith("train.") for drive in found):
+    if not training_keys(found):
         drives = "no drive" if not found else "no training drive"
         raise ReadError(
             f"labels through images need images: {drives} of the survey has a {calibration} with images beside its "
@@ -187,17 +187,17 @@ def scenes_beside(key: str, keys: Iterable[str]) -> list[str]:
 
 
 def train_on_drives(
-    drives: Mapping[str, DriveImages], prefix: str, parameters: ImageLabelsParameters, scheme: ClassScheme,
+    drives: Mapping[str, DriveImages],
+    parameters: ImageLabelsParameters,
+    scheme: ClassScheme,
     trained_on: Mapping[str, Any],
-) -> tuple[ModelBundle, list[float]]:  # fmt: skip
-    """Train a network on the images of some drives.
+) -> tuple[ModelBundle, list[float]]:
+    """Train a network on the images of the training drives.
 
     Parameters
     ----------
     drives : mapping of str to DriveImages
         All drives; their cameras are those of the survey.
-    prefix : str
-        With what the names of the drives begin that are learned from.
     parameters : ImageLabelsParameters
         How.
     scheme : ClassScheme
@@ -219,7 +219,7 @@ def train_on_drives(
     """
     from mlsroad_pipeline.algorithms.image_labels import labeller  # noqa: PLC0415  it imports torch
 
-    chosen = [images for drive, images in drives.items() if drive.startswith(prefix)]
+    chosen = [drives[drive] for drive in training_keys(drives)]
     samples = LabelledImages(chosen, parameters.labels, scheme)
     cameras = sorted({group for images in drives.values() for group in images.images.groups})
     return labeller.fit(samples, parameters=parameters, scheme=scheme, cameras=cameras, trained_on=trained_on)

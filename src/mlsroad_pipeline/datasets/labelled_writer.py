@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.validation import check_column
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_column
 from mlsroad_pipeline.datasets.formats.base import PointFormat, ReadOptions, WriteOptions
 from mlsroad_pipeline.datasets.formats.files import LAZ_CHUNK, atomic_file
 from mlsroad_pipeline.datasets.formats.labelled_names import CLASS, CONFIDENCE
@@ -115,8 +115,7 @@ def write_labelled(
     options = options or ReadOptions()
     if target.suffix.lower() != ".laz":
         raise ParameterError(f"a labelled survey is written as .laz, got {target}")
-    if chunk_size < 1:
-        raise ParameterError(f"chunk_size must be at least 1, got {chunk_size!r}")
+    check_at_least(chunk_size, 1, "chunk_size")
     form = get_format(source)
     if target.exists() and target.samefile(source):
         raise DataError(f"{target} is the survey itself and would be overwritten; choose another folder")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from typing import Any
@@ -206,6 +206,45 @@ class SceneTask:
     def sources(self) -> list[str]:
         """Return the paths of the source files among the inputs."""
         return [item.path for value in self.inputs.values() for item in _flatten(value) if isinstance(item, SourceFile)]
+
+
+def scene_tasks(
+    scenes: Iterable[str],
+    function: Callable[..., Any],
+    inputs: Mapping[str, Any],
+    parameters: Mapping[str, Any] | None = None,
+) -> dict[str, SceneTask]:
+    """Name the same work for each scene.
+
+    Parameters
+    ----------
+    scenes : iterable of str
+        The scenes.
+    function : callable
+        See `SceneTask`.
+    inputs : mapping of str to mapping or SourceFile
+        Keyword of the function to a store, of which each scene takes its own result, or to a file that all scenes take.
+    parameters : mapping of str to object, optional
+        The other keywords of the function, the same for all scenes.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per scene.
+
+    Raises
+    ------
+    ParameterError
+        If `SceneTask` refuses the function or its arguments.
+    """
+    return {
+        key: SceneTask(
+            function,
+            {name: given if isinstance(given, SourceFile) else given[key] for name, given in inputs.items()},
+            parameters or {},
+        )
+        for key in scenes
+    }
 
 
 def load_inputs(value: Any) -> Any:

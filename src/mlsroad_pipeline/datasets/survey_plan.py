@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,8 @@ from mlsroad_pipeline.algorithms.split_parts import SplitPart, split_config
 from mlsroad_pipeline.datasets.formats.options import ReadOptions
 from mlsroad_pipeline.datasets.survey_files import Survey, SurveyFile, files_to_label
 from mlsroad_pipeline.datasets.survey_parameters import LabelParameters, SurveyParameters
+
+_TRAIN = "train."
 
 
 @dataclass(frozen=True)
@@ -221,6 +223,16 @@ def plan_labelling(parameters: LabelParameters, ingest: IngestParameters) -> Sur
     files = files_to_label(survey, str(parameters.output), trajectory=parameters.trajectory)
     options = ReadOptions.from_config(parameters.read)
     return plan_survey({"survey": files}, {}, options=options, labels=False, ingest=ingest)
+
+
+def training_keys(keys: Iterable[str]) -> list[str]:
+    """Return the names of the scenes or drives that models are trained on: those of the split ``train``."""
+    return [key for key in keys if key.startswith(_TRAIN)]
+
+
+def held_out_keys(keys: Iterable[str]) -> list[str]:
+    """Return the names of the scenes or drives of all other splits."""
+    return [key for key in keys if not key.startswith(_TRAIN)]
 
 
 def middle_scenes(keys: Sequence[str], *, n_scenes: int = 3) -> list[str]:

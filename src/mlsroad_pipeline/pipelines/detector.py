@@ -16,13 +16,12 @@ from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParamete
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.datasets.method_work import detect_described_objects
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile, scene_tasks
 from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
+from mlsroad_pipeline.datasets.survey_plan import held_out_keys
 
-TRAIN = "train."
 
-
-def create_detector_pipeline(
+def detector_pipeline(
     slug: str,
     *,
     parameters: type,
@@ -56,7 +55,35 @@ def create_detector_pipeline(
 
     def describe_objects(scenes: SceneCollection, objects: SceneCollection, parameters: Any) -> dict[str, SceneTask]:
         given = {"parameters": getattr(parameters, described_by)}
-        return {key: SceneTask(describe, {"scene": scenes[key], "objects": objects[key]}, given) for key in scenes}
+        return scene_tasks(scenes, describe, {"scene": scenes, "objects": objects}, given)
+
+    # Kedro reads here which class the parameters become.
+    describe_objects.__annotations__["parameters"] = parameters
+    stages = ("ground_removal", "segmentation", "detection", "survey", "classes")
+    described, model = f"{slug}.{parts}", f"{slug}.model"
+    return Pipeline(
+        [
+            Node(
+                describe_objects,
+                inputs=["scenes", "objects", f"params:{slug}"],
+                outputs=described,
+                name=f"describe_objects_of_{slug}",
+            ),
+            Node(
+                _training_node(train, parameters),
+                inputs=[described, "object_classes", f"params:{slug}", *(f"params:{name}" for name in stages)],
+                outputs=[model, f"{slug}.registered_model"],
+                name=f"train_{slug}",
+            ),
+            Node(_detect_objects, inputs=[described, model], outputs=f"{slug}.detections", name=f"detect_by_{slug}"),
+        ]
+    )
+
+
+def _training_node(
+    train: Callable[..., ModelBundle], parameters: type
+) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
+    """Return the node that trains a detector: the model, for the workers and for the registry."""
 
     def train_model(
         parts: SceneCollection,
@@ -80,34 +107,10 @@ def create_detector_pipeline(
         )
         return bundle, bundle
 
-    # Kedro reads here which class the parameters become.
-    describe_objects.__annotations__["parameters"] = parameters
     train_model.__annotations__["parameters"] = parameters
-    stages = ("ground_removal", "segmentation", "detection", "survey", "classes")
-    described, model = f"{slug}.{parts}", f"{slug}.model"
-    return Pipeline(
-        [
-            Node(
-                describe_objects,
-                inputs=["scenes", "objects", f"params:{slug}"],
-                outputs=described,
-                name=f"describe_objects_of_{slug}",
-            ),
-            Node(
-                train_model,
-                inputs=[described, "object_classes", f"params:{slug}", *(f"params:{name}" for name in stages)],
-                outputs=[model, f"{slug}.registered_model"],
-                name=f"train_{slug}",
-            ),
-            Node(_detect_objects, inputs=[described, model], outputs=f"{slug}.detections", name=f"detect_by_{slug}"),
-        ]
-    )
+    return train_model
 
 
 def _detect_objects(parts: SceneCollection, model: SourceFile) -> dict[str, SceneTask]:
     """Name the work that detects the objects of each scene that the model was not trained on."""
-    return {
-        key: SceneTask(detect_described_objects, {"parts": parts[key], "model": model})
-        for key in parts
-        if not key.startswith(TRAIN)
-    }
+    return scene_tasks(held_out_keys(parts), detect_described_objects, {"parts": parts, "model": model})

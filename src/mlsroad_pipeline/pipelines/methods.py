@@ -1,6 +1,8 @@
 """The methods that there are; a new one is one line here."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial, update_wrapper
+from typing import Any
 
 from kedro.pipeline import Pipeline
 
@@ -64,6 +66,24 @@ EVERYTHING = (
     "compare",
 )
 """Pipelines that make up `all_methods`, in their order; its report is one of its own."""
+
+
+def fix_arguments(function: Callable[..., Any], **given: Any) -> Callable[..., Any]:
+    """Fix arguments of a node's function, which keeps its name in Kedro's messages.
+
+    Parameters
+    ----------
+    function : callable
+        The function.
+    **given : object
+        The arguments.
+
+    Returns
+    -------
+    callable
+        The function of its other arguments.
+    """
+    return update_wrapper(partial(function, **given), function)
 
 
 def joined(parts: Mapping[str, Pipeline]) -> Pipeline:

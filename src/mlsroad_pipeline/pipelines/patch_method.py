@@ -6,20 +6,21 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from joblib import cpu_count
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.patch_labelling import PatchClassifier, PatchStages
 from mlsroad_pipeline.algorithms.patch_training import PatchTraining, join_training_scenes, number_surveys
 from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.datasets.method_work import label_prepared_patches
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile, scene_tasks
 from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
-
-TRAIN = "train."
+from mlsroad_pipeline.datasets.survey_plan import held_out_keys
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +104,33 @@ def gathering() -> Node:
     )
 
 
+def training_node(
+    train: Callable[..., ModelBundle], parameters: type
+) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
+    """Return the node that trains a method on patches.
+
+    Parameters
+    ----------
+    train : callable
+        Trains a model on a `PatchTraining`: ``parameters``, ``n_threads``.
+    parameters : type
+        Dataclass of the method's parameters, which are checked before any node runs.
+
+    Returns
+    -------
+    callable
+        `TrainingScenes` and parameters to the model, for the workers and for the registry.
+    """
+
+    def train_method(training: TrainingScenes, parameters: Any) -> tuple[ModelBundle, ModelBundle]:
+        bundle = train(training.load(), parameters=parameters, n_threads=cpu_count())
+        return bundle, bundle
+
+    # Kedro reads here which class the parameters become.
+    train_method.__annotations__["parameters"] = parameters
+    return train_method
+
+
 def patch_pipeline(
     slug: str,
     train: Callable[..., Any],
@@ -118,8 +146,8 @@ def patch_pipeline(
     slug : str
         The method's slug.
     train : callable
-        Takes `TrainingScenes`, the method's parameters and `more_inputs`; returns the model, for the workers and for
-        the registry, and `more_outputs`.
+        The node that trains: takes `TrainingScenes`, the method's parameters and `more_inputs`; returns the model, for
+        the workers and for the registry, and `more_outputs`. Where there are no more of both, `training_node` makes it.
     classifier : type
         The method's class.
     more_inputs, more_outputs : sequence of str, optional
@@ -132,15 +160,8 @@ def patch_pipeline(
     """
 
     def label_scenes(scenes: SceneCollection, patches: SceneCollection, model: SourceFile) -> dict[str, SceneTask]:
-        return {
-            key: SceneTask(
-                label_prepared_patches,
-                {"scene": scenes[key], "patches": patches[key], "model": model},
-                {"classifier": classifier},
-            )
-            for key in scenes
-            if not key.startswith(TRAIN)
-        }
+        inputs = {"scene": scenes, "patches": patches, "model": model}
+        return scene_tasks(held_out_keys(scenes), label_prepared_patches, inputs, {"classifier": classifier})
 
     return Pipeline(
         [

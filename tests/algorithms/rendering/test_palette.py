@@ -12,7 +12,6 @@ from mlsroad_pipeline.algorithms.rendering.palette import (
     class_palette,
     error_colours,
     hex_to_rgb,
-    taxonomy_palette,
 )
 
 # Machado et al. 2009, severity 1.0, linear RGB
@@ -54,9 +53,6 @@ def test_classes_of_a_comparison_stay_apart_for_everyone(names, vision):
 def test_every_taxonomy_class_has_a_colour_of_its_own():
     assert set(COLOURS) == set(TAXONOMY)
     assert len(set(COLOURS.values())) == len(COLOURS)
-    table = taxonomy_palette()
-    assert tuple(table[TAXONOMY["car"]]) == hex_to_rgb(COLOURS["car"])
-    assert tuple(table[19]) == IGNORED_COLOUR
 
 
 def test_a_class_takes_the_colour_of_its_name_or_of_its_first_member():

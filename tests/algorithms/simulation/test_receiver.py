@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.simulation import PRESETS
+from mlsroad_pipeline.algorithms.simulation.amplitudes import amplitude_of, backscatter
 from mlsroad_pipeline.algorithms.simulation.devices import Device, ScannerSystem
-from mlsroad_pipeline.algorithms.simulation.echoes import amplitude_of, backscatter
 from mlsroad_pipeline.algorithms.simulation.ground_mesh import ground_mesh
 from mlsroad_pipeline.algorithms.simulation.meshes import DIFFUSE, FOLIAGE, GLASS, GROUND, RETRO, Surface, join
 from mlsroad_pipeline.algorithms.simulation.receiver import FULL_SCALE_DB, GHOST, range_deviation, receive

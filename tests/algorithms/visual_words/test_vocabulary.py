@@ -5,13 +5,13 @@ import pytest
 from references_words import distance
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.visual_words._clustering import central_members
 from mlsroad_pipeline.algorithms.visual_words._context import orders
 from mlsroad_pipeline.algorithms.visual_words.distance import WordIndex, inverse_covariance
 from mlsroad_pipeline.algorithms.visual_words.groups import ContextualGroups
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import (
     Vocabulary,
     VocabularyParameters,
-    _cluster,
     _distances,
     build_vocabulary,
     stop_list,
@@ -41,7 +41,7 @@ def test_matrix_and_centres_follow_their_equations(rng):
 
     by_hand = [[distance(member(i), member(j), inverse, 0.05)[0] for j in range(24)] for i in range(24)]
     np.testing.assert_allclose(matrix, by_hand, rtol=1e-8, atol=1e-9)
-    centres = _cluster(matrix, 5, rng.random(5))
+    centres = central_members(matrix, 5, rng.random(5))
     owner = centres[matrix[:, centres].argmin(axis=1)]
     for centre in centres:  # equation 18: no other member is nearer to all
         members = np.flatnonzero(owner == centre)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Self
+from functools import partial
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,17 +19,14 @@ from mlsroad_pipeline.algorithms.baselines.oriented_points import OrientedPointP
 from mlsroad_pipeline.algorithms.cell_grid import run_in_chunks
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.gaussian_image import align_gaussian_images, compute_gaussian_images
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.object_detectors import (
-    GEOMETRY,
     Description,
-    detections_of,
-    label_detected_objects,
+    detect_described_objects,
+    label_described_objects,
     object_bounds,
-    variant_arrays,
 )
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.validation import check_positive
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
 
 SLUG = "bottom_up_top_down"
 ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.bottom_up_top_down:label_cloud"
@@ -98,8 +96,7 @@ class BottomUpTopDownParameters:
         if isinstance(self.surfaces, Mapping):
             object.__setattr__(self, "surfaces", OrientedPointParameters(**self.surfaces))
         for name in ("max_images", "n_bands", "max_models", "candidates", "max_per_class"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{SLUG}.{name} must be at least 1, got {getattr(self, name)!r}")
+            check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
         for name in ("n_steps", "max_others"):
             if getattr(self, name) < 0:
                 raise ParameterError(f"{SLUG}.{name} must not be negative, got {getattr(self, name)!r}")
@@ -164,13 +161,15 @@ class BottomUpTopDown:
         return {**own, **{name: np.asarray(getattr(self, name)) for name in names}}
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
+    def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool = False) -> Self:
         """Rebuild a detector from what `to_arrays` gave.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
             The arrays.
+        intensity : bool, default False
+            Not used: the descriptors know of shape alone.
 
         Returns
         -------
@@ -290,42 +289,12 @@ def overlaps(
     return out
 
 
-def detect_scene(parts: Description, bundle: ModelBundle) -> dict[str, NDArray]:
-    """Detect the objects of a scene.
-
-    Parameters
-    ----------
-    parts : mapping
-        What `describe_surfaces` gave.
-    bundle : ModelBundle
-        A model of this method.
-
-    Returns
-    -------
-    dict of str to ndarray
-        What `detections_of` gives.
-    """
-    return detections_of(BottomUpTopDown.from_arrays(variant_arrays(bundle, GEOMETRY)), parts)
+def _describe(scene: PointCloud, objects: Mapping[str, NDArray], stored: Mapping[str, Any]) -> Description:
+    return describe_surfaces(scene, objects, parameters=BottomUpTopDownParameters(**stored[SLUG]).surfaces)
 
 
-def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Give the points of detected objects their class and score; see `label_detected_objects`.
+detect_scene = partial(detect_described_objects, detector=BottomUpTopDown)
+"""Detects the objects of a scene, described by `describe_surfaces`, with a model of this method."""
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points; neither intensity nor colour is used.
-    bundle : ModelBundle
-        A model of this method.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Labels of the model's scheme, -1 outside detected objects.
-    confidence : ndarray of float32, shape (n,)
-        Score of the object; 0 outside.
-    """
-    surfaces = BottomUpTopDownParameters(**bundle.metadata["parameters"][SLUG]).surfaces
-    return label_detected_objects(
-        cloud, bundle, lambda objects: detect_scene(describe_surfaces(cloud, objects, parameters=surfaces), bundle)
-    )
+label_cloud = partial(label_described_objects, describe=_describe, detect=detect_scene)
+"""Entry point of the models; neither intensity nor colour is used."""

@@ -21,6 +21,7 @@ from mlsroad_pipeline.algorithms.baselines.kernel_machine_training import (
 )
 from mlsroad_pipeline.algorithms.baselines.shape_recogniser import ShapeRecogniser
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 
 @dataclass(frozen=True)
@@ -64,8 +65,7 @@ class DescriptorParameters:
                 above = "at least 0" if name == "radii" else "> 0"
                 raise ParameterError(f"{name} must be numbers {above}, got {values!r}")
         for name in ("n_folds", "max_per_class"):
-            if getattr(self, name) < 2:
-                raise ParameterError(f"{name} must be at least 2, got {getattr(self, name)!r}")
+            check_at_least(getattr(self, name), 2, name)
 
 
 class DescriptorRecogniser(ShapeRecogniser):

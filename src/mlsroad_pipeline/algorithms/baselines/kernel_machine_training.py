@@ -61,7 +61,7 @@ def choose_machine(
     *,
     costs: Sequence[float],
     gammas: Sequence[float],
-    n_jobs: int = 1,
+    n_threads: int = 1,
 ) -> Choice:
     """Choose C and gamma: those with the best mean F1 on held-out samples, of equal ones the smaller.
 
@@ -75,7 +75,7 @@ def choose_machine(
         The folds.
     costs, gammas : sequence of float
         The values to choose from.
-    n_jobs : int, default 1
+    n_threads : int, default 1
         Threads; the choice does not depend on them.
 
     Returns
@@ -85,7 +85,7 @@ def choose_machine(
     """
     grid: list[tuple[float, float]] = list(product(sorted(costs), sorted(gammas)))
     run: Any = delayed(_score)
-    scores = Parallel(n_jobs=n_jobs, prefer="threads")(run(features, labels, folds, c, g) for c, g in grid)
+    scores = Parallel(n_jobs=n_threads, prefer="threads")(run(features, labels, folds, c, g) for c, g in grid)
     best = int(np.argmax(scores))
     return Choice(*grid[best], scores[best])
 

@@ -22,7 +22,7 @@ from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.patch_training import PatchTraining, bundle_model
 from mlsroad_pipeline.algorithms.patches import Patches
-from mlsroad_pipeline.algorithms.validation import check_positive
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
 
 _EXPONENTS = {"balanced": 1.0, "sqrt": 0.5, "none": 0.0}
 
@@ -81,8 +81,7 @@ class MarginParameters:
 
     def __post_init__(self) -> None:
         for name in ("n_rounds", "site_depth", "context_depth", "min_samples_leaf", "batch_patches", "fit_rows"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{SLUG}.{name} must be at least 1, got {getattr(self, name)!r}")
+            check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
         for name in ("step", "truncation", "temperature"):
             check_positive(getattr(self, name), f"{SLUG}.{name}")
         if self.truncation > 0.5:

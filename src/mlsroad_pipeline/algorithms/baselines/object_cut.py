@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from mlsroad_pipeline.algorithms.energy.binary_cut import CutGraph
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.graphs import connected_components
-from mlsroad_pipeline.algorithms.validation import check_positive
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
 
 _CELL = 0.25  # of the map, metres: about the size of a patch
 
@@ -64,8 +64,7 @@ class CutParameters:
             check_positive(getattr(self, name), f"shape_based.cut.{name}")
         if not self.radii or self.radii[0] <= self.core or any(np.diff(self.radii) <= 0):
             raise ParameterError(f"shape_based.cut.radii must ascend from above core = {self.core}, got {self.radii}")
-        if self.neighbours < 1:
-            raise ParameterError(f"shape_based.cut.neighbours must be at least 1, got {self.neighbours!r}")
+        check_at_least(self.neighbours, 1, "shape_based.cut.neighbours")
 
 
 def locate(sites: NDArray[np.float64], *, spacing: float) -> NDArray[np.float64]:

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,20 +18,16 @@ from mlsroad_pipeline.algorithms.baselines._matching_kernel import match_objects
 from mlsroad_pipeline.algorithms.baselines.object_parts import describe_parts, descriptors_of, relative_centres
 from mlsroad_pipeline.algorithms.cell_grid import run_in_chunks
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.neighbors import nearest_neighbors
 from mlsroad_pipeline.algorithms.object_detectors import (
-    WITH_INTENSITY,
     Description,
-    choose_variant,
-    detections_of,
-    label_detected_objects,
+    detect_described_objects,
+    label_described_objects,
     object_bounds,
-    variant_arrays,
 )
 from mlsroad_pipeline.algorithms.object_regions import RegionParameters
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.validation import check_positive
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
 
 SLUG = "object_matching"
 ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.object_matching:label_cloud"
@@ -100,8 +97,7 @@ class ObjectMatchingParameters:
         if isinstance(self.regions, Mapping):
             object.__setattr__(self, "regions", RegionParameters(**self.regions))
         for name in ("n_neighbors", "n_turns", "max_prototypes", "candidates", "max_per_class"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{SLUG}.{name} must be at least 1, got {getattr(self, name)!r}")
+            check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
         for name in ("n_sweeps", "max_others"):
             if getattr(self, name) < 0:
                 raise ParameterError(f"{SLUG}.{name} must not be negative, got {getattr(self, name)!r}")
@@ -271,44 +267,12 @@ def likeness(
     return out
 
 
-def detect_scene(parts: Description, bundle: ModelBundle) -> dict[str, NDArray]:
-    """Detect the objects of a scene.
-
-    Parameters
-    ----------
-    parts : mapping
-        What `describe_parts` gave.
-    bundle : ModelBundle
-        A model of this method.
-
-    Returns
-    -------
-    dict of str to ndarray
-        What `detections_of` gives.
-    """
-    variant = choose_variant(parts, bundle)
-    matcher = ObjectMatcher.from_arrays(variant_arrays(bundle, variant), intensity=variant == WITH_INTENSITY)
-    return detections_of(matcher, parts)
+def _describe(scene: PointCloud, objects: Mapping[str, NDArray], stored: Mapping[str, Any]) -> Description:
+    return describe_parts(scene, objects, parameters=ObjectMatchingParameters(**stored[SLUG]).regions)
 
 
-def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Give the points of detected objects their class and score; see `label_detected_objects`.
+detect_scene = partial(detect_described_objects, detector=ObjectMatcher)
+"""Detects the objects of a scene, described by `describe_parts`, with a model of this method."""
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points; intensity is used where the cloud and the model have it.
-    bundle : ModelBundle
-        A model of this method.
-
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Labels of the model's scheme, -1 outside detected objects.
-    confidence : ndarray of float32, shape (n,)
-        Score of the object; 0 outside.
-    """
-    regions = ObjectMatchingParameters(**bundle.metadata["parameters"][SLUG]).regions
-    return label_detected_objects(
-        cloud, bundle, lambda objects: detect_scene(describe_parts(cloud, objects, parameters=regions), bundle)
-    )
+label_cloud = partial(label_described_objects, describe=_describe, detect=detect_scene)
+"""Entry point of the models; intensity is used where the cloud and the model have it."""

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.patch_variants import PatchVariants
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.patch_features import draw_training_patches, patch_features, variants_of
 from mlsroad_pipeline.algorithms.patch_labelling import label_patch_cloud
 from mlsroad_pipeline.algorithms.patch_training import PatchTraining, bundle_model
 from mlsroad_pipeline.algorithms.patches import Patches
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 SLUG = "patch_forest"
 ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.patch_forest:label_cloud"
@@ -50,8 +50,7 @@ class PatchForestParameters:
 
     def __post_init__(self) -> None:
         for name in ("n_trees", "max_depth", "max_per_class"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{SLUG}.{name} must be at least 1, got {getattr(self, name)!r}")
+            check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
 
 
 class PatchForest(PatchVariants):
@@ -77,7 +76,7 @@ class PatchForest(PatchVariants):
         *,
         parameters: PatchForestParameters,
         n_classes: int,
-        n_jobs: int = 1,
+        n_threads: int = 1,
     ) -> Self:
         """Train on labelled patches.
 
@@ -91,8 +90,8 @@ class PatchForest(PatchVariants):
             Parameters of the forest.
         n_classes : int
             Classes of the scheme.
-        n_jobs : int, default 1
-            Processors to train with; the model does not depend on it.
+        n_threads : int, default 1
+            Threads; the model does not depend on it.
 
         Returns
         -------
@@ -110,7 +109,7 @@ class PatchForest(PatchVariants):
         forests = {}
         for variant in variants_of(sample):
             model = RandomForestClassifier(
-                parameters.n_trees, max_depth=parameters.max_depth, random_state=parameters.seed, n_jobs=n_jobs
+                parameters.n_trees, max_depth=parameters.max_depth, random_state=parameters.seed, n_jobs=n_threads
             )
             model.fit(patch_features(sample, variant), sample.label)
             forests[variant] = FlatForest.from_trees(model.estimators_)
@@ -121,7 +120,7 @@ label_cloud = partial(label_patch_cloud, classifier=PatchForest)
 """Entry point of the models."""
 
 
-def train(training: PatchTraining, *, parameters: PatchForestParameters, n_jobs: int = 1) -> ModelBundle:
+def train(training: PatchTraining, *, parameters: PatchForestParameters, n_threads: int = 1) -> ModelBundle:
     """Train on the training scenes and pack the forest.
 
     Parameters
@@ -130,8 +129,8 @@ def train(training: PatchTraining, *, parameters: PatchForestParameters, n_jobs:
         The training scenes.
     parameters : PatchForestParameters
         Parameters of the forest.
-    n_jobs : int, default 1
-        Processors to train with; the model does not depend on it.
+    n_threads : int, default 1
+        Threads; the model does not depend on it.
 
     Returns
     -------
@@ -139,6 +138,6 @@ def train(training: PatchTraining, *, parameters: PatchForestParameters, n_jobs:
         The model.
     """
     classifier = PatchForest.fit(
-        training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_jobs=n_jobs
+        training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_threads=n_threads
     )
     return bundle_model(SLUG, classifier, training, entry_point=ENTRY_POINT, parameters=parameters)

@@ -32,7 +32,7 @@ def fit_patch_svm(
     *,
     parameters: PatchSvmParameters,
     n_classes: int,
-    n_jobs: int = 1,
+    n_threads: int = 1,
 ) -> tuple[PatchSvm, Choice]:
     """Train on labelled patches.
 
@@ -51,8 +51,8 @@ def fit_patch_svm(
         Parameters of the machine.
     n_classes : int
         Classes of the scheme.
-    n_jobs : int, default 1
-        Processors to train with; the model does not depend on it.
+    n_threads : int, default 1
+        Threads; the model does not depend on it.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def fit_patch_svm(
         held_out = (patch_features(small, variant) - shift) / scale
         if choice is None:
             choice = choose_machine(
-                held_out, small.label, folds, costs=parameters.costs, gammas=parameters.gammas, n_jobs=n_jobs
+                held_out, small.label, folds, costs=parameters.costs, gammas=parameters.gammas, n_threads=n_threads
             )
         machines[variant] = fit_machine(
             features, sample.label, choice, held_out=held_out, held_out_labels=small.label, folds=folds
@@ -91,7 +91,7 @@ def fit_patch_svm(
     return PatchSvm(n_classes, trained, machines), choice
 
 
-def train(training: PatchTraining, *, parameters: PatchSvmParameters, n_jobs: int = 1) -> ModelBundle:
+def train(training: PatchTraining, *, parameters: PatchSvmParameters, n_threads: int = 1) -> ModelBundle:
     """Train on the training scenes and pack the machine.
 
     Parameters
@@ -100,8 +100,8 @@ def train(training: PatchTraining, *, parameters: PatchSvmParameters, n_jobs: in
         The training scenes.
     parameters : PatchSvmParameters
         Parameters of the machine.
-    n_jobs : int, default 1
-        Processors to train with; the model does not depend on it.
+    n_threads : int, default 1
+        Threads; the model does not depend on it.
 
     Returns
     -------
@@ -114,7 +114,7 @@ def train(training: PatchTraining, *, parameters: PatchSvmParameters, n_jobs: in
         If the patches are of one class only, or folds cannot be made of them.
     """
     classifier, choice = fit_patch_svm(
-        training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_jobs=n_jobs
+        training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_threads=n_threads
     )
     facts = {"chosen": asdict(choice)}
     return bundle_model(SLUG, classifier, training, entry_point=ENTRY_POINT, parameters=parameters, facts=facts)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.model_bundle import arrays_under
 from mlsroad_pipeline.algorithms.patch_features import COLOURED, GEOMETRY, patch_features
 from mlsroad_pipeline.algorithms.patches import Patches
 
@@ -93,8 +94,7 @@ class PatchVariants:
         """
         models = {}
         for variant in (GEOMETRY, COLOURED):
-            prefix = f"{variant}."
-            own = {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}
+            own = arrays_under(arrays, f"{variant}.")
             if own:
                 models[variant] = cls.kind.from_arrays(own)
         if GEOMETRY not in models or "n_classes" not in arrays or "trained_classes" not in arrays:

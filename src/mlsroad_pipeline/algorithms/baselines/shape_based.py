@@ -18,7 +18,7 @@ from sklearn.ensemble import RandomForestClassifier
 from mlsroad_pipeline.algorithms.baselines.object_cut import CutParameters, segment_objects
 from mlsroad_pipeline.algorithms.baselines.object_shape import describe_objects
 from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.majority import majority_labels
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
@@ -27,6 +27,7 @@ from mlsroad_pipeline.algorithms.patch_voting import vote_on_points
 from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import inliers
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 SLUG = "shape_based"
 ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.shape_based:label_cloud"
@@ -76,8 +77,7 @@ class ShapeParameters:
 
     def __post_init__(self) -> None:
         for name in ("n_trees", "min_samples_leaf"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{SLUG}.{name} must be at least 1, got {getattr(self, name)!r}")
+            check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
         self.cut()
 
     def cut(self) -> CutParameters:

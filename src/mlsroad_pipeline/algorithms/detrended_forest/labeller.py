@@ -19,7 +19,7 @@ from mlsroad_pipeline.algorithms.classes import IGNORE
 from mlsroad_pipeline.algorithms.detrended_forest.labelling import label_points, smooth_probabilities
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.flat_forest import FlatForest
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, missing_attributes
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, arrays_under, missing_attributes
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import (
     FeatureParameters,
@@ -130,7 +130,9 @@ def supervoxel_probabilities(
     if missing:
         raise DataError(f"{scene.source}: the model needs the features {', '.join(missing)}")
     columns = [names.index(name) for name in bundle.metadata["feature_names"][variant]]
-    probabilities = _predict(_variant_arrays(bundle, variant), np.ascontiguousarray(features["values"][:, columns]))
+    probabilities = _predict(
+        arrays_under(bundle.arrays, f"{variant}."), np.ascontiguousarray(features["values"][:, columns])
+    )
     forest = bundle.metadata["parameters"]["forest"]
     if forest["smoothing"] > 0:
         probabilities = smooth_probabilities(probabilities, supervoxels["adjacency"], weight=forest["smoothing"])
@@ -142,11 +144,6 @@ def _predict(arrays: Mapping[str, NDArray], values: NDArray[np.float32]) -> NDAr
     out = np.zeros((len(values), int(arrays["n_classes"])), dtype=np.float32)
     out[:, arrays["trained_classes"]] = FlatForest.from_arrays(arrays).predict_proba(values)
     return out
-
-
-def _variant_arrays(bundle: ModelBundle, variant: str) -> dict[str, NDArray]:
-    prefix = f"{variant}."
-    return {key.removeprefix(prefix): array for key, array in bundle.arrays.items() if key.startswith(prefix)}
 
 
 def prepare(scene: PointCloud, bundle: ModelBundle) -> tuple[dict[str, NDArray], dict[str, Any], dict[str, NDArray]]:

@@ -24,6 +24,7 @@ from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.rendering.training_figures import importance_figure, oob_figure
 from mlsroad_pipeline.algorithms.scene_stages import inliers
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 _ATTRIBUTES = {"rgb": COLOUR_FEATURES, "intensity": INTENSITY_FEATURES}
 
@@ -74,8 +75,7 @@ class ForestParameters:
 
     def __post_init__(self) -> None:
         for name in ("n_trees", "fallback_trees", "min_samples_leaf", "max_per_class"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"detrended_forest.{name} must be at least 1, got {getattr(self, name)!r}")
+            check_at_least(getattr(self, name), 1, f"detrended_forest.{name}")
         if not 0 < self.max_features <= 1:
             raise ParameterError(f"detrended_forest.max_features must be in (0, 1], got {self.max_features!r}")
         if self.class_weight not in ("sqrt", "balanced", "none"):

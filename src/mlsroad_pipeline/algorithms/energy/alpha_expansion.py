@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.energy.binary_cut import CutGraph
 from mlsroad_pipeline.algorithms.energy.pairwise_energy import PairwiseEnergy
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 _LEAST_GAIN = 1e-10
 """Share of the energy's size by which a move must lower it: below it lies the rounding of the sums."""
@@ -86,8 +87,7 @@ def expand_in_turn(
     ParameterError
         If `max_cycles` is below 1.
     """
-    if max_cycles < 1:
-        raise ParameterError(f"max_cycles must be at least 1, got {max_cycles!r}")
+    check_at_least(max_cycles, 1, "max_cycles")
     lowest = energy(labels)
     idle = 0  # labels since the last that lowered the energy, which itself need not be tried again
     for turn in range(max_cycles * n_labels):

@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.cell_grid import CELLS_PER_RADIUS, build_cell_grids, run_in_chunks
+from mlsroad_pipeline.algorithms.cell_windows import first_window, most_near, move_window
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.features.eigen_solver import FAST, solve_symmetric
 from mlsroad_pipeline.algorithms.neighbors import nearest_neighbors
@@ -154,7 +155,6 @@ def gather_near(
     rows: NDArray,
     keys: NDArray,
     key: int,
-    reach: int,
     size: float,
     squared: float,
     near_x: NDArray,
@@ -193,11 +193,7 @@ def _radius_features(
 ) -> None:
     """Compute the features of the points in cells first to last, a batch at a time."""
     squared = np.float32(radius * radius)
-    begin = np.zeros(len(rows), np.int64)
-    end = np.zeros(len(rows), np.int64)
-    for j in range(len(rows)):
-        begin[j] = np.searchsorted(keys, keys[first] + rows[j, 2] - reach)
-        end[j] = begin[j]
+    begin, end = first_window(keys, keys[first], rows, reach)
     near_x = np.empty(1, np.float32)
     near_y, near_z = near_x, near_x
     covariances = np.empty((6, _BATCH), np.float64)
@@ -206,21 +202,12 @@ def _radius_features(
     n_batch = 0
     stop = starts[last]
     for cell in range(first, last):
-        bound = 1
-        for j in range(len(rows)):
-            low = keys[cell] + rows[j, 2] - reach
-            while begin[j] < len(keys) and keys[begin[j]] < low:
-                begin[j] += 1
-            end[j] = max(end[j], begin[j])
-            while end[j] < len(keys) and keys[end[j]] <= low + 2 * reach:
-                end[j] += 1
-            bound += starts[end[j]] - starts[begin[j]]
+        move_window(keys, keys[cell], rows, reach, begin, end)
+        bound = most_near(starts, begin, end)
         if bound > len(near_x):
             near_x = np.empty(2 * bound, np.float32)
             near_y, near_z = np.empty_like(near_x), np.empty_like(near_x)
-        n_near = gather_near(
-            local, starts, begin, end, rows, keys, keys[cell], reach, size, squared, near_x, near_y, near_z
-        )
+        n_near = gather_near(local, starts, begin, end, rows, keys, keys[cell], size, squared, near_x, near_y, near_z)
         for i in range(starts[cell], starts[cell + 1]):
             x, y, z = local[0, i], local[1, i], local[2, i]
             sum_ball(near_x, near_y, near_z, n_near, x, y, z, squared, covariances, counts, n_batch)

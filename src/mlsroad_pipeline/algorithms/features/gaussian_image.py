@@ -7,6 +7,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 UPRIGHT = 0.05
 """Horizontal length of a unit normal below which it has no azimuth: 3 degrees."""
@@ -47,8 +48,7 @@ def compute_gaussian_images(
     """
     if n_azimuths < 2 or n_azimuths % 2:
         raise ParameterError(f"n_azimuths must be an even number > 1, got {n_azimuths!r}")
-    if n_bands < 1:
-        raise ParameterError(f"n_bands must be at least 1, got {n_bands!r}")
+    check_at_least(n_bands, 1, "n_bands")
     axes, starts = np.asarray(normals, dtype=np.float64), np.asarray(indptr, dtype=np.int64)
     if axes.ndim != 2 or axes.shape[1] != 3:
         raise DataError(f"normals must have shape (n, 3), got {axes.shape}")

@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.features.accumulation_images import join_objects
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 N_FEATURES = 10
 """Numbers per layer."""
@@ -40,8 +40,7 @@ def describe_layers(objects: Sequence[ArrayLike], *, n_layers: int = 10) -> NDAr
     ParameterError
         If `n_layers` is below 1.
     """
-    if n_layers < 1:
-        raise ParameterError(f"n_layers must be at least 1, got {n_layers!r}")
+    check_at_least(n_layers, 1, "n_layers")
     xyz, indptr = join_objects(objects)
     out = np.zeros((len(objects), n_layers, N_FEATURES))
     _describe(xyz, indptr, out)

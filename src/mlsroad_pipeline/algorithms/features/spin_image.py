@@ -7,9 +7,8 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.cell_grid import run_in_chunks
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.neighbors import radius_neighbors
-from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_column, check_positive, check_xyz
 
 
 def compute_spin_images(
@@ -59,8 +58,7 @@ def compute_spin_images(
     """
     check_positive(radius, "radius")
     for name, number in (("n_radial", n_radial), ("n_axial", n_axial)):
-        if number < 2:
-            raise ParameterError(f"{name} must be at least 2, got {number!r}")
+        check_at_least(number, 2, name)
     points = check_xyz(xyz).astype(np.float64, copy=False)
     wanted = points if queries is None else check_xyz(queries, name="queries").astype(np.float64, copy=False)
     axes = np.ascontiguousarray(check_column(normals, len(wanted), "normals", width=3), dtype=np.float64)

@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.cell_grid import CELLS_PER_RADIUS, build_cell_grids, run_in_chunks
+from mlsroad_pipeline.algorithms.cell_windows import first_window, most_near, move_window
 from mlsroad_pipeline.algorithms.features.eigen import (
     EIGEN_FEATURES,
     MINIMUM_NEIGHBORS,
@@ -54,30 +55,17 @@ def _sum_balls(
     counts: NDArray,
 ) -> None:
     """Sum the voxels around the queries in cells first to last, for every radius."""
-    begin = np.zeros(len(rows), np.int64)
-    end = np.zeros(len(rows), np.int64)
-    for j in range(len(rows)):
-        begin[j] = np.searchsorted(keys, q_keys[first] + rows[j, 2] - reach)
-        end[j] = begin[j]
+    begin, end = first_window(keys, q_keys[first], rows, reach)
     near_x = np.empty(1, np.float32)
     near_y, near_z = near_x, near_x
     widest = np.float32(radii.max() ** 2)
     for cell in range(first, last):
-        bound = 1
-        for j in range(len(rows)):
-            low = q_keys[cell] + rows[j, 2] - reach
-            while begin[j] < len(keys) and keys[begin[j]] < low:
-                begin[j] += 1
-            end[j] = max(end[j], begin[j])
-            while end[j] < len(keys) and keys[end[j]] <= low + 2 * reach:
-                end[j] += 1
-            bound += starts[end[j]] - starts[begin[j]]
+        move_window(keys, q_keys[cell], rows, reach, begin, end)
+        bound = most_near(starts, begin, end)
         if bound > len(near_x):
             near_x = np.empty(2 * bound, np.float32)
             near_y, near_z = np.empty_like(near_x), np.empty_like(near_x)
-        n_near = gather_near(
-            local, starts, begin, end, rows, keys, q_keys[cell], reach, size, widest, near_x, near_y, near_z
-        )
+        n_near = gather_near(local, starts, begin, end, rows, keys, q_keys[cell], size, widest, near_x, near_y, near_z)
         for i in range(q_starts[cell], q_starts[cell + 1]):
             x, y, z = q_local[0, i], q_local[1, i], q_local[2, i]
             for r in range(len(radii)):

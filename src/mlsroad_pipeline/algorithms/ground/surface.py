@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.ground.blocks import BlockGrid, build_blocks
 from mlsroad_pipeline.algorithms.ground.raster import (
     UNITS_PER_METRE,
@@ -18,7 +18,7 @@ from mlsroad_pipeline.algorithms.ground.raster import (
     interpolate,
 )
 from mlsroad_pipeline.algorithms.ground.spans import Span, bounds_of, in_chunks
-from mlsroad_pipeline.algorithms.validation import check_column, check_positive
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_column, check_positive
 
 CELLS_PER_BLOCK = 16
 """Cells along a block's side."""
@@ -96,8 +96,7 @@ class GroundSurface:
         check_positive(cell_size, "cell_size")
         check_positive(spread, "spread")
         for name, value in (("n_neighbours", n_neighbours), ("n_threads", n_threads)):
-            if value < 1:
-                raise ParameterError(f"{name} must be at least 1, got {value!r}")
+            check_at_least(value, 1, name)
         points, bounds = bounds_of(xyz, n_threads)
         if len(points) == 0:
             raise DataError("xyz needs at least 1 points, got 0")

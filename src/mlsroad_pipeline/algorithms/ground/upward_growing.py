@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.ground.blocks import BlockGrid, build_blocks, c
 from mlsroad_pipeline.algorithms.ground.growing import LAYERS, climbing, label_points, occupy, reaching
 from mlsroad_pipeline.algorithms.ground.reference import SurfaceParameters, block_surface, lower_surface
 from mlsroad_pipeline.algorithms.ground.spans import Span, bounds_of, in_chunks
-from mlsroad_pipeline.algorithms.validation import check_positive
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
 
 
 def classify_ground(
@@ -164,8 +164,7 @@ def _check_parameters(
         )
     if reference not in ("surface", "block"):
         raise ParameterError(f"reference must be 'surface' or 'block', got {reference!r}")
-    if n_threads < 1:
-        raise ParameterError(f"n_threads must be at least 1, got {n_threads!r}")
+    check_at_least(n_threads, 1, "n_threads")
 
 
 def _check_surface(parameters: SurfaceParameters) -> None:

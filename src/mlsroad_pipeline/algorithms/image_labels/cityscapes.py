@@ -166,14 +166,3 @@ def _iou_rows(kind: str, matrix: NDArray[np.integer], names: Sequence[str]) -> l
     rows = [(kind, name, float(value), int(n)) for name, value, n in zip(names, iou, support, strict=True)]
     mean = float(np.nanmean(iou)) if (support > 0).any() else float("nan")
     return [*rows, (kind, "mean", mean, int(support.sum()))]
-
-
-def cityscapes_categories() -> tuple[str, ...]:
-    """Return the category of each of Cityscapes' 19 classes.
-
-    Returns
-    -------
-    tuple of str
-        Categories in the order of the train ids.
-    """
-    return tuple(category for category, _ in CITYSCAPES.values())

@@ -18,6 +18,7 @@ from mlsroad_pipeline.algorithms.image_labels.pspnet_backbone import (
     normalised,
     resized,
 )
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 BINS = (1, 2, 3, 6)
 """Cells along each side of the pyramid's levels."""
@@ -99,8 +100,7 @@ class PSPNet(nn.Module):
         super().__init__()
         if backbone not in BACKBONES:
             raise ParameterError(f"backbone {backbone!r} is unknown (known: {', '.join(BACKBONES)})")
-        if n_classes < 2:
-            raise ParameterError(f"n_classes must be at least 2, got {n_classes}")
+        check_at_least(n_classes, 2, "n_classes")
         if not 0 <= dropout < 1:
             raise ParameterError(f"dropout must be in [0, 1), got {dropout!r}")
         size = BACKBONES[backbone]

@@ -10,6 +10,7 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 KINDS = ("pole", "sign", "vehicle", "tree")
 """What the inventory can measure; a kind decides how base point, width and tilt are taken."""
@@ -116,8 +117,7 @@ class ObjectRule:
             raise ParameterError(f"kind must be one of {KINDS}, got {self.kind!r}")
         if not self.labels:
             raise ParameterError(f"a rule for {self.kind} objects needs at least one label")
-        if self.min_points < 1:
-            raise ParameterError(f"min_points must be at least 1, got {self.min_points!r}")
+        check_at_least(self.min_points, 1, "min_points")
         for name in ("tolerance", "resolution", "split_depth", "max_height", "max_width"):
             if not getattr(self, name) > 0:
                 raise ParameterError(f"{name} must be a number > 0, got {getattr(self, name)!r}")

@@ -8,7 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 _CHUNK = 1 << 20
 
@@ -60,8 +61,7 @@ def confusion_matrix(truth: ArrayLike, predicted: ArrayLike, n_classes: int) -> 
     array([[1, 1, 0],
            [0, 0, 1]])
     """
-    if n_classes < 1:
-        raise ParameterError(f"n_classes must be at least 1, got {n_classes}")
+    check_at_least(n_classes, 1, "n_classes")
     labels = {"truth": np.asarray(truth), "predicted": np.asarray(predicted)}
     for name, values in labels.items():
         integral = np.issubdtype(values.dtype, np.integer) or values.size == 0

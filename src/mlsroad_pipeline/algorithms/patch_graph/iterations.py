@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.patch_graph import exhaustive, moves
 from mlsroad_pipeline.algorithms.patch_graph.description_cells import DescriptionCells, search_cells
 from mlsroad_pipeline.algorithms.patch_graph.exhaustive import NodeChooser
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex
-from mlsroad_pipeline.algorithms.validation import check_positive
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,7 @@ class SearchParameters:
     def __post_init__(self) -> None:
         for name in ("propagation_radius", "search_radius"):
             check_positive(getattr(self, name), name)
-        if self.n_iterations < 1:
-            raise ParameterError(f"n_iterations must be at least 1, got {self.n_iterations!r}")
+        check_at_least(self.n_iterations, 1, "n_iterations")
         if not self.promise >= 1:
             raise ParameterError(f"promise must be at least 1, got {self.promise!r}")
         for name in ("tolerance", "height_tolerance", "n_costly", "exhaustive_budget", "n_probes"):

@@ -20,6 +20,7 @@ from mlsroad_pipeline.algorithms.patch_graph.iterations import (
 )
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex, build_patch_index
 from mlsroad_pipeline.algorithms.patches import Patches
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 __all__ = [
     "CostWeights",
@@ -185,8 +186,7 @@ def check_matches(n_matches: int, n_scenes: int, *, needed: int, seed: int) -> N
     ParameterError
         If `n_matches` is below 1 or `seed` is negative.
     """
-    if n_matches < 1:
-        raise ParameterError(f"n_matches must be at least 1, got {n_matches!r}")
+    check_at_least(n_matches, 1, "n_matches")
     if seed < 0:
         raise ParameterError(f"seed must not be negative, got {seed!r}")
     if n_scenes < needed:

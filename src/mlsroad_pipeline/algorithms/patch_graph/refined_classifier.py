@@ -23,6 +23,7 @@ from mlsroad_pipeline.algorithms.patch_graph.refinement import (
     refine,
 )
 from mlsroad_pipeline.algorithms.patches import Patches
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,7 @@ class GridParameters:
         for weight in self.smoothness:
             for decay in self.colour_decay:
                 RefinementParameters(weight, decay, self.ground_penalty, self.floor)
-        if self.max_patches < 1:
-            raise ParameterError(f"patch_graph_mrf.max_patches must be at least 1, got {self.max_patches!r}")
+        check_at_least(self.max_patches, 1, "patch_graph_mrf.max_patches")
         if self.criterion not in CRITERIA:
             raise ParameterError(f"patch_graph_mrf.criterion must be one of {list(CRITERIA)}, got {self.criterion!r}")
         if self.n_folds < 0 or self.n_folds == 1:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.patches import Patches
-from mlsroad_pipeline.algorithms.validation import check_positive
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
 
 
 def _along(centroid: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -83,8 +82,7 @@ def thin_scenes(
     ParameterError
         If `n_patches` is below 1.
     """
-    if n_patches < 1:
-        raise ParameterError(f"max_patches must be at least 1, got {n_patches!r}")
+    check_at_least(n_patches, 1, "max_patches")
     random = np.random.default_rng(seed)
     # In the order of (scene, class), with a random order inside, every k-th patch has every class in its share.
     order = np.lexsort((random.random(len(patches)), patches.label, patches.scene))

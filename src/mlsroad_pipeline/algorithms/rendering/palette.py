@@ -12,7 +12,7 @@ import colorsys
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
+from mlsroad_pipeline.algorithms.classes import ClassScheme
 
 Colour = tuple[int, int, int]
 
@@ -92,21 +92,6 @@ def rgb_to_hex(colour: ArrayLike) -> str:
     """
     red, green, blue = (int(value) for value in np.asarray(colour))
     return f"#{red:02x}{green:02x}{blue:02x}"
-
-
-def taxonomy_palette() -> NDArray[np.uint8]:
-    """Return the colour of every taxonomy code.
-
-    Returns
-    -------
-    ndarray of uint8, shape (256, 3)
-        Row: taxonomy code; codes that no class has are `IGNORED_COLOUR`.
-    """
-    table = np.empty((256, 3), dtype=np.uint8)
-    table[:] = IGNORED_COLOUR
-    for name, code in TAXONOMY.items():
-        table[code] = hex_to_rgb(COLOURS[name])
-    return table
 
 
 LAS_CODES = {

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.rendering.camera import View
 from mlsroad_pipeline.algorithms.rendering.splat_kernels import NEAR, close, compose, darken, splat
-from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_column, check_positive, check_xyz
 
 _CHUNK = 1 << 20
 
@@ -243,8 +243,7 @@ def render_points(
     paint = check_column(colours, len(points), "colours", 3)
     if paint.dtype != np.uint8:
         raise DataError(f"colours must be uint8, got {paint.dtype}")
-    if oversampling < 1:
-        raise ParameterError(f"oversampling must be at least 1, got {oversampling}")
+    check_at_least(oversampling, 1, "oversampling")
     large = view.enlarged(oversampling)
     index, depth = nearest_points(points, large, splat_metres=splat_metres, largest_splat=largest_splat)
     index, depth = close_gaps(index, depth, reach=gap * oversampling)

@@ -13,10 +13,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.graphs import find_root, join
 from mlsroad_pipeline.algorithms.sorting import radix_argsort
-from mlsroad_pipeline.algorithms.validation import check_positive, check_xyz
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive, check_xyz
 
 _MAX_KEY = 2.0**62
 # Row offsets (dy, dz) of the half space that follows a cell in key order, nearest first: near cells are joined first,
@@ -197,8 +197,7 @@ def cluster(xyz: ArrayLike, *, tolerance: float, min_points: int = 1) -> NDArray
     """
     array = check_xyz(xyz)
     check_positive(tolerance, "tolerance")
-    if min_points < 1:
-        raise ParameterError(f"min_points must be at least 1, got {min_points!r}")
+    check_at_least(min_points, 1, "min_points")
     if len(array) == 0:
         return np.zeros(0, dtype=np.int32)
     if len(array) >= 2**31:

@@ -24,7 +24,7 @@ from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
 from mlsroad_pipeline.algorithms.segmentation.poles import separate_poles
 from mlsroad_pipeline.algorithms.segmentation.rejoining import rejoin_floating_parts
 from mlsroad_pipeline.algorithms.segmentation.spacing import cluster_by_spacing
-from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_column, check_positive, check_xyz
 from mlsroad_pipeline.algorithms.voxels.grid import build_voxel_grid
 
 _BINS = 12  # of the histogram of an eigenvector's values
@@ -150,8 +150,7 @@ def segment(
     """
     points = check_xyz(xyz)
     values = np.zeros(len(points)) if intensity is None else _checked_intensity(intensity, len(points))
-    if min_points < 1:
-        raise ParameterError(f"min_points must be at least 1, got {min_points!r}")
+    check_at_least(min_points, 1, "min_points")
     if len(points) == 0:
         return np.zeros(0, dtype=np.int32)
     clusters = cluster_points(points, parameters)

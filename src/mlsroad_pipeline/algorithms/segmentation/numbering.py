@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 
 def number_objects(parts: NDArray[np.int64], min_points: int) -> NDArray[np.int32]:
@@ -29,8 +29,7 @@ def number_objects(parts: NDArray[np.int64], min_points: int) -> NDArray[np.int3
     ParameterError
         If `min_points` is below 1.
     """
-    if min_points < 1:
-        raise ParameterError(f"min_points must be at least 1, got {min_points!r}")
+    check_at_least(min_points, 1, "min_points")
     return np.zeros(0, np.int32) if len(parts) == 0 else _numbered(parts, min_points)
 
 

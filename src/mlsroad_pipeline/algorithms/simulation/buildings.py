@@ -78,7 +78,7 @@ def building(rng: np.random.Generator, length: float, *, shop: bool = False, pli
     meshes.append(doors.panes(wood))
     if len(shops.low):
         meshes += [shops.wall(skin), shops.panes(glass), shops.frames(frame, sill=False)]
-        meshes += shop_front(rng, float(shops.left[0]), float(shops.right[-1]), plinth, float(shops.high[0]))
+        meshes += shop_front(rng, float(shops.left[0]), float(shops.right[-1]), float(shops.high[0]))
     draped = rng.random(len(windows.low)) < 0.45
     meshes.append(windows.of(draped).curtains(material("curtain", "building", rng), rng))
     if rng.random() < 0.25:

@@ -123,11 +123,11 @@ def lamps(site: Site) -> None:
                 s = dry_station(street, at + shift, left)
                 if site.fits(site.footprint(mesh, s, left, yaw), edge=(0.02, 12.0)):
                     lamp = site.add(design, mesh, s, left, yaw)
-                    _plate_on(site, lamp, mesh, s, left)
+                    _plate_on(site, lamp, s, left)
                     break
 
 
-def _plate_on(site: Site, lamp: Placed, mesh: object, s: float, left: float) -> None:
+def _plate_on(site: Site, lamp: Placed, s: float, left: float) -> None:
     """Hang a traffic sign on some lamps whose design has none of its own."""
     if "sign" in lamp.design or site.rng.random() > 0.3 * site.parameters.signs:
         return
@@ -217,11 +217,11 @@ def furnish(site: Site) -> None:
             if label in known and not rare:
                 placed = somewhere(site, label, side)
                 if label == "bollard" and placed is not None:
-                    _row_of(site, placed, side)
+                    _row_of(site, placed)
         _on_pavement(site, side)
 
 
-def _row_of(site: Site, first: Placed, side: int) -> None:
+def _row_of(site: Site, first: Placed) -> None:
     """Set more bollards of the same design beside one."""
     s, left = site.where[-1]
     design = catalogue.choose("bollard", site.rng, first.design)

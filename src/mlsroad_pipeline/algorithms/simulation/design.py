@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,22 +48,3 @@ class Design:
             raise ParameterError(f"design {self.name!r}: {self.label!r} is not in the taxonomy")
         check_positive(self.clearance, "clearance")
         check_positive(self.weight, "weight")
-
-
-def draw_one(designs: Sequence[Design], rng: np.random.Generator) -> Mesh:
-    """Choose a design by weight and build it.
-
-    Parameters
-    ----------
-    designs : sequence of Design
-        What may be chosen; at least one.
-    rng : numpy.random.Generator
-        Source of the choice and of the object.
-
-    Returns
-    -------
-    Mesh
-        The object.
-    """
-    weights = np.cumsum([design.weight for design in designs])
-    return designs[int(np.searchsorted(weights, rng.random() * weights[-1], side="right"))].build(rng)

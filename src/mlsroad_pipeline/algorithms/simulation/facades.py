@@ -159,15 +159,15 @@ def balconies(windows: Openings, slab: Surface, metal: Surface, depth: float) ->
     return [floor, boxes(np.concatenate([s for s, _ in rails]), np.concatenate([c for _, c in rails]), metal)]
 
 
-def shop_front(rng: np.random.Generator, left: float, right: float, low: float, high: float) -> list[Mesh]:
+def shop_front(rng: np.random.Generator, left: float, right: float, high: float) -> list[Mesh]:
     """Return a sign board and often an awning over a shop window, now and then a sign that stands out.
 
     Parameters
     ----------
     rng : numpy.random.Generator
         Source of measures and colours.
-    left, right, low, high : float
-        Of the shop window, metres.
+    left, right, high : float
+        Sides and upper edge of the shop window, metres.
 
     Returns
     -------

@@ -131,7 +131,7 @@ def _smooth(x: float) -> float:
 
 
 @leaf
-def _curb_left(full: float, d: float, t: float, arm: int, curb: float, line: float, ground: Ground) -> float:
+def _curb_left(full: float, d: float, t: float, arm: int, curb: float, ground: Ground) -> float:
     """Return the share of the curb's height that driveways and crossings leave at a distance from the curb line."""
     if arm >= 0 and ground.arms[arm, ZEBRA] > 0:
         gap = abs(t - ground.arms[arm, ZEBRA])
@@ -176,7 +176,7 @@ def ground_height(s: float, left: float, ground: Ground) -> float:
     z += slope * 15.0 * np.tanh(beyond / 15.0) * beyond / (beyond + 3.0)
     if d <= 0:
         return z + gutter + uneven
-    full = _curb_left(low[1 + side] + f * (high[1 + side] - low[1 + side]), d, t, arm, curb, width, ground)
+    full = _curb_left(low[1 + side] + f * (high[1 + side] - low[1 + side]), d, t, arm, curb, ground)
     z += gutter + (full * ground.shape[2] - gutter) * min(d / CURB_FACE, 1.0) + 0.02 * min(d, 8.0)
     # Gardens are rougher than roads.
     return z + uneven * (1.0 + 4.0 * min(max(d - width, 0.0), 1.0))

@@ -78,12 +78,6 @@ class Mesh:
         turned = self.vertices @ rotation_matrix(yaw, pitch, roll).T
         return Mesh(turned + np.asarray(translation, dtype=np.float64), self.faces, self.attributes)
 
-    def relabelled(self, label: int) -> Mesh:
-        """Return the mesh with one label on every face."""
-        attributes = self.attributes.copy()
-        attributes[:, LABEL] = label
-        return Mesh(self.vertices, self.faces, attributes)
-
 
 def rotation_matrix(yaw: float, pitch: float, roll: float) -> NDArray[np.float64]:
     """Return the rotation Rz(yaw) Ry(pitch) Rx(roll).

@@ -9,17 +9,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.simulation.amplitudes import FULL_SCALE_DB, deviation, mirrored_share
 from mlsroad_pipeline.algorithms.simulation.devices import Device
-from mlsroad_pipeline.algorithms.simulation.echoes import (
-    FULL_SCALE_DB,
-    THRESHOLD_DB,
-    Receiver,
-    Slots,
-    answers,
-    deviation,
-    measure,
-    mirrored_share,
-)
+from mlsroad_pipeline.algorithms.simulation.echoes import THRESHOLD_DB, Receiver, Slots, answers, measure
 from mlsroad_pipeline.algorithms.simulation.meshes import FOLIAGE, GLASS, KIND
 from mlsroad_pipeline.algorithms.simulation.power import power_of
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters

@@ -124,9 +124,8 @@ def _section(rng: np.random.Generator, parameters: StreetParameters) -> tuple[ND
 
 
 def _arms(
-    rng: np.random.Generator, alignment: Alignment, blocks: range, section: NDArray[np.float64],
-    parameters: StreetParameters,
-) -> NDArray[np.float64]:  # fmt: skip
+    rng: np.random.Generator, alignment: Alignment, blocks: range, parameters: StreetParameters
+) -> NDArray[np.float64]:
     """Draw side streets; each joins near the middle of a block, so that its corners lie within it."""
     rows: list[list[float]] = []
     if parameters.junction_spacing == 0:
@@ -261,7 +260,7 @@ def draw_street(seed: int, *, length: float, parameters: StreetParameters | None
     alignment = Alignment.drawn(generator(seed, 0), start=start, end=end)
     station = np.arange(len(alignment.table), dtype=np.float64) * STEP + start
     section, shape = _section(generator(seed, 1), kind)
-    arms = _arms(generator(seed, 8), alignment, range(-MARGIN, last), section, kind)
+    arms = _arms(generator(seed, 8), alignment, range(-MARGIN, last), kind)
     profile = _profile(generator(seed, 2), station)
     profile[:, 0] -= np.interp(0.0, station, profile[:, 0])
     lots = [

@@ -156,7 +156,7 @@ def street_parameters(config: object) -> StreetParameters:
     """
     if isinstance(config, StreetParameters):
         return config
-    changes = {"kind": config} if isinstance(config, str) else dict(config)  # type: ignore[call-overload]
+    changes = {"kind": config} if isinstance(config, str) else dict(config)  # type: ignore[call-overload]  # a mapping
     kind = changes.pop("kind", "town")
     if kind not in STREETS:
         raise ParameterError(f"kind of street {kind!r} is unknown (kinds: {', '.join(STREETS)})")

@@ -112,16 +112,5 @@ class StudyParameters:
             raise ParameterError(f"luo2016_study.sensitivity must be at least 0, got {self.sensitivity!r}")
 
     def chosen_scale(self) -> StudyScale:
-        """Return the scale that is run.
-
-        Returns
-        -------
-        StudyScale
-            The scale.
-
-        Raises
-        ------
-        ParameterError
-            If there is none of that name, or a field is unknown or missing.
-        """
+        """Return the scale that is run."""
         return chosen_scale(StudyScale, "luo2016_study", self.scale, self.scales)

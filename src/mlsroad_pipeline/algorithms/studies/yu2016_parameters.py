@@ -135,16 +135,5 @@ class StudyParameters:
         self.chosen_scale()
 
     def chosen_scale(self) -> StudyScale:
-        """Return the scale that is run.
-
-        Returns
-        -------
-        StudyScale
-            The scale.
-
-        Raises
-        ------
-        ParameterError
-            If there is none of that name, or a field is unknown or missing.
-        """
+        """Return the scale that is run."""
         return chosen_scale(StudyScale, "yu2016_study", self.scale, self.scales)

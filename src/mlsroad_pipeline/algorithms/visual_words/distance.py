@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.validation import check_at_least
 from mlsroad_pipeline.algorithms.visual_words._cells import DIRECTIONS, Cells, build_cells, search
 from mlsroad_pipeline.algorithms.visual_words._context import (
     Context,
@@ -166,8 +167,7 @@ class WordIndex:
         ParameterError
             If `n_threads` is below 1.
         """
-        if n_threads < 1:
-            raise ParameterError(f"n_threads must be at least 1, got {n_threads!r}")
+        check_at_least(n_threads, 1, "n_threads")
         wanted = self.context(groups)
         words, distances = np.empty(len(groups), np.int32), np.empty(len(groups))
         cells, ordered, axes = self._cells

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.detection import detect_by_thresholds
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.algorithms.object_detectors import (
     WITH_INTENSITY,
     choose_variant,
-    label_detected_objects,
-    variant_arrays,
+    label_described_objects,
 )
 from mlsroad_pipeline.algorithms.object_regions import INTENSITY, RegionParameters, describe_regions
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
@@ -145,7 +146,7 @@ def model_of(bundle: ModelBundle, variant: str) -> tuple[Vocabulary, VisualWords
     detector : VisualWordsDetector
         Queries and thresholds.
     """
-    arrays = variant_arrays(bundle, variant)
+    arrays = arrays_under(bundle.arrays, f"{variant}.")
     words = ContextualGroups(arrays["words.descriptors"], arrays["words.orientations"], arrays["words.scales"])
     vocabulary = Vocabulary(words, arrays["words.inverse"], arrays["words.stopped"], float(arrays["words.floor"]))
     return vocabulary, VisualWordsDetector.from_arrays(arrays)
@@ -175,30 +176,9 @@ def detect_scene(arrays: Mapping[str, NDArray], bundle: ModelBundle) -> dict[str
     return {"label": label, "score": score, "scores": scores.astype(np.float32)}
 
 
-def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Give the points of detected objects their class and score, from raw coordinates on; all others none.
+def _describe(scene: PointCloud, objects: Mapping[str, NDArray], stored: Mapping[str, Any]) -> dict[str, NDArray]:
+    return describe_objects(scene, objects, parameters=GroupParameters(**stored["groups"]))
 
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points; intensity is used where the cloud and the model have it. Where it has the columns `ground` and
-        `height`, as `find_ground` gives them, they are taken.
-    bundle : ModelBundle
-        A model of `train_detector`.
 
-    Returns
-    -------
-    labels : ndarray of int16, shape (n,)
-        Labels of the model's scheme, -1 outside detected objects.
-    confidence : ndarray of float32, shape (n,)
-        Score of the object, see `VisualWordsDetector.score`; 0 outside.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite, or the model lacks its parts.
-    """
-    groups = GroupParameters(**bundle.metadata["parameters"]["groups"])
-    return label_detected_objects(
-        cloud, bundle, lambda objects: detect_scene(describe_objects(cloud, objects, parameters=groups), bundle)
-    )
+label_cloud = partial(label_described_objects, describe=_describe, detect=detect_scene)
+"""Entry point of the models; intensity is used where the cloud and the model have it."""

@@ -16,11 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.validation import check_column, check_positive
+from mlsroad_pipeline.algorithms.visual_words._clustering import central_members
 from mlsroad_pipeline.algorithms.visual_words._context import Context, context_factor, feature_distance, orders
 from mlsroad_pipeline.algorithms.visual_words.distance import CONTEXT_FLOOR, WordIndex, inverse_covariance
 from mlsroad_pipeline.algorithms.visual_words.groups import ContextualGroups
-
-_ITERATIONS = 20  # of assigning and re-centring, at most
 
 
 @dataclass(frozen=True)
@@ -234,7 +233,7 @@ def _divide(
         sample = members if small else rng.choice(members, parameters.matrix, replace=False)
         matrix = _distances(known, sample, matching, parameters.floor)
         n_parts = share if small else min(parameters.branches, share)
-        centres = sample[_cluster(matrix, n_parts, rng.random(n_parts))]
+        centres = sample[central_members(matrix, n_parts, rng.random(n_parts))]
         if small or len(centres) == 1:  # a sample that is all alike stands for the whole
             chosen.append(centres)
             continue
@@ -279,61 +278,3 @@ def _distances(
             )
             matrix[i, j] = factor * total
     return matrix
-
-
-@njit(cache=True, nogil=True)
-def _first_centres(matrix: NDArray[np.float64], k: int, draws: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Draw up to k members far from each other, as k-means++ does; fewer where all others are like one of them."""
-    n = len(matrix)
-    centres = np.empty(k, np.int64)
-    centres[0] = min(int(draws[0] * n), n - 1)
-    nearest = matrix[:, centres[0]].copy()
-    nearest[centres[0]] = 0.0
-    for c in range(1, k):
-        mark, seen, pick = draws[c] * nearest.sum(), 0.0, -1
-        for i in range(n):
-            seen += nearest[i]
-            if nearest[i] > 0.0:
-                pick = i
-                if seen >= mark:
-                    break
-        if pick < 0:
-            return centres[:c]
-        centres[c] = pick
-        nearest = np.minimum(nearest, matrix[:, pick])
-        nearest[pick] = 0.0
-    return centres
-
-
-@njit(cache=True, nogil=True)
-def _assign(matrix: NDArray[np.float64], centres: NDArray[np.int64], owner: NDArray[np.int64]) -> None:
-    """Give every member its nearest centre; of equally near ones the first."""
-    for i in range(len(matrix)):
-        least = np.inf
-        for c in range(len(centres)):
-            if matrix[i, centres[c]] < least:
-                least, owner[i] = matrix[i, centres[c]], c
-
-
-@njit(cache=True, nogil=True)
-def _cluster(matrix: NDArray[np.float64], k: int, draws: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return up to k centres: k-means with the member of the least sum of distances as centre, equation 18."""
-    centres = _first_centres(matrix, k, draws)
-    owner = np.zeros(len(matrix), np.int64)
-    for _ in range(_ITERATIONS):
-        _assign(matrix, centres, owner)
-        order = np.argsort(owner, kind="mergesort")
-        starts = np.searchsorted(owner[order], np.arange(len(centres) + 1))
-        before = centres.copy()
-        for c in range(len(centres)):
-            members = order[starts[c] : starts[c + 1]]
-            least = np.inf
-            for a in members:
-                total = 0.0
-                for b in members:
-                    total += matrix[b, a]
-                if total < least:
-                    least, centres[c] = total, a
-        if np.array_equal(before, centres):
-            break
-    return np.unique(centres)

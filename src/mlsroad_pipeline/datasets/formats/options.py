@@ -11,6 +11,7 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, Coding
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 UNITS: dict[str, float] = {
     "metre": 1.0,
@@ -171,8 +172,7 @@ class ReadOptions(_Configured):
                 f"time_scale must be a finite number > 0 and time_offset finite, got {self.time_scale!r}, "
                 f"{self.time_offset!r}"
             )
-        if self.n_threads < 1:
-            raise ParameterError(f"n_threads must be at least 1, got {self.n_threads!r}")
+        check_at_least(self.n_threads, 1, "n_threads")
 
     @property
     def metres(self) -> float:
@@ -221,8 +221,7 @@ class WriteOptions(_Configured):
             raise ParameterError(f"delimiter must be one character, got {self.delimiter!r}")
         if not 0 <= self.decimals <= 15:
             raise ParameterError(f"decimals must be in 0..15, got {self.decimals!r}")
-        if self.n_threads < 1:
-            raise ParameterError(f"n_threads must be at least 1, got {self.n_threads!r}")
+        check_at_least(self.n_threads, 1, "n_threads")
 
     @property
     def metres(self) -> float:

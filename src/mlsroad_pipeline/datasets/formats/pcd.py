@@ -133,7 +133,7 @@ def _open(key: FileKey, threads: bool) -> PointTable:
     header = read_pcd_header(path)
     reader = {"ascii": _text_values, "binary": _binary_values, "binary_compressed": _packed_values}[header.encoding]
     values = reader(path, header, threads)
-    sources: dict[str, Callable[[int, int], NDArray]] = {}
+    sources: dict[str, Callable[[int, int], NDArray]] = {}  # mypy cannot type lambdas that bind by their defaults
     for field in header.fields:
         if field.name in PACKED_COLOURS and field.dtype.itemsize == 4 and field.count == 1:
             for shift, name in zip((16, 8, 0, 24), (*COLOURS, "alpha")[: len(field.name)], strict=False):

@@ -15,10 +15,9 @@ from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.datasets.forest_work import label_prepared_scene
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile, scene_tasks
 from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
-
-TRAIN = "train."
+from mlsroad_pipeline.datasets.survey_plan import held_out_keys, training_keys
 
 
 def take_training_rows(
@@ -45,15 +44,8 @@ def take_training_rows(
         One task per scene of the split ``train``.
     """
     scheme = find_scheme(classes["schemes"], survey.scheme)
-    return {
-        key: SceneTask(
-            training_rows,
-            {"scene": scenes[key], "supervoxels": supervoxels[key], "features": features[key]},
-            {"scheme": scheme},
-        )
-        for key in scenes
-        if key.startswith(TRAIN)
-    }
+    inputs = {"scene": scenes, "supervoxels": supervoxels, "features": features}
+    return scene_tasks(training_keys(scenes), training_rows, inputs, {"scheme": scheme})
 
 
 def train_forest(
@@ -119,11 +111,5 @@ def label_scenes(
     dict of str to SceneTask
         One task per scene of the other splits.
     """
-    return {
-        key: SceneTask(
-            label_prepared_scene,
-            {"scene": scenes[key], "supervoxels": supervoxels[key], "features": features[key], "model": model},
-        )
-        for key in scenes
-        if not key.startswith(TRAIN)
-    }
+    inputs = {"scene": scenes, "supervoxels": supervoxels, "features": features, "model": model}
+    return scene_tasks(held_out_keys(scenes), label_prepared_scene, inputs)

@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
+from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.detection import (
     DetectionParameters,
     count_detections_of_scene,
@@ -28,11 +29,19 @@ from mlsroad_pipeline.algorithms.rendering.detection_figures import precision_re
 from mlsroad_pipeline.algorithms.visible_evaluation import count_seen_scene, seen_scores_table, seen_share
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile, scene_tasks
 from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
 from mlsroad_pipeline.datasets.survey_plan import middle_scenes
 
 logger = logging.getLogger(__name__)
+
+
+def _schemes(survey: SurveyParameters, classes: Mapping[str, Any]) -> dict[str, ClassScheme]:
+    """Return the scheme that methods are trained on and the one that they are scored on."""
+    return {
+        "trained": find_scheme(classes["schemes"], survey.scheme),
+        "scored": find_scheme(classes["schemes"], survey.evaluation_scheme or survey.scheme),
+    }
 
 
 def count_points(
@@ -56,14 +65,7 @@ def count_points(
     dict of str to SceneTask
         One task per labelled scene.
     """
-    trained = find_scheme(classes["schemes"], survey.scheme)
-    scored = find_scheme(classes["schemes"], survey.evaluation_scheme or survey.scheme)
-    return {
-        key: SceneTask(
-            count_scene, {"scene": scenes[key], "labels": labels[key]}, {"trained": trained, "scored": scored}
-        )
-        for key in labels
-    }
+    return scene_tasks(labels, count_scene, {"scene": scenes, "labels": labels}, _schemes(survey, classes))
 
 
 def score_method(
@@ -91,10 +93,10 @@ def score_method(
     confusion, bars : Figure
         The confusion matrix of the last split, and its scores per class.
     """
-    trained = find_scheme(classes["schemes"], survey.scheme)
-    scheme = find_scheme(classes["schemes"], survey.evaluation_scheme or survey.scheme)
+    schemes = _schemes(survey, classes)
+    scheme = schemes["scored"]
     matrices = sum_by_split(counts.load_all())
-    given = given_classes(open_model(model.load()).metadata, trained, scheme)
+    given = given_classes(open_model(model.load()).metadata, schemes["trained"], scheme)
     table = scores_table(matrices, method=method, scheme=scheme, given=given)
     return table, *score_figures(matrices, table, method=method, scheme=scheme)
 
@@ -129,8 +131,7 @@ def picture_labels(
     figures = scene_figures(
         [scenes[key].load() for key in chosen],
         [labels[key].load() for key in chosen],
-        trained=find_scheme(classes["schemes"], survey.scheme),
-        scored=find_scheme(classes["schemes"], survey.evaluation_scheme or survey.scheme),
+        **_schemes(survey, classes),
         title=f"{method} on {chosen[0]} to {chosen[-1]}" if len(chosen) > 1 else f"{method} on {chosen[0]}",
     )
     return figures["birds_eye"], figures["perspective"]
@@ -164,12 +165,8 @@ def count_seen_points(
     dict of str to SceneTask
         One task per labelled scene.
     """
-    fixed = {
-        "answers": answers,
-        "trained": find_scheme(classes["schemes"], survey.scheme),
-        "scored": find_scheme(classes["schemes"], survey.evaluation_scheme or survey.scheme),
-    }
-    return {key: SceneTask(count_seen_scene, {"scene": scenes[key], "labels": labels[key]}, fixed) for key in labels}
+    fixed = {"answers": answers, **_schemes(survey, classes)}
+    return scene_tasks(labels, count_seen_scene, {"scene": scenes, "labels": labels}, fixed)
 
 
 def score_seen_points(
@@ -197,7 +194,7 @@ def score_seen_points(
     confusion, bars : Figure
         The confusion matrix of the last split over all points, and its scores per class.
     """
-    scheme = find_scheme(classes["schemes"], survey.evaluation_scheme or survey.scheme)
+    scheme = _schemes(survey, classes)["scored"]
     table, matrices = seen_scores_table(counts.load_all(), scheme=scheme, suffix=suffix)
     mine = table[table["method"] == method]
     for split in matrices[method]:
@@ -231,14 +228,8 @@ def count_detections(
         One task per scene with detections.
     """
     parameters = {"scheme": find_scheme(classes["schemes"], detection.scheme), "parameters": detection}
-    return {
-        key: SceneTask(
-            count_detections_of_scene,
-            {"scene": scenes[key], "objects": objects[key], "detections": detections[key]},
-            parameters,
-        )
-        for key in detections
-    }
+    inputs = {"scene": scenes, "objects": objects, "detections": detections}
+    return scene_tasks(detections, count_detections_of_scene, inputs, parameters)
 
 
 def score_detector(

@@ -1,8 +1,6 @@
 """Wiring of the evaluation: the same nodes for every labeller, and the same for every detector."""
 
-from collections.abc import Callable, Mapping
-from functools import partial, update_wrapper
-from typing import Any
+from collections.abc import Mapping
 
 from kedro.pipeline import Node, Pipeline
 
@@ -15,12 +13,7 @@ from mlsroad_pipeline.pipelines.evaluation.nodes import (
     score_method,
     score_seen_points,
 )
-from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS
-
-
-def _of(method: str, function: Callable[..., Any], **more: Any) -> Callable[..., Any]:
-    """Fix the method of a node's function, which keeps its name in Kedro's messages."""
-    return update_wrapper(partial(function, method=method, **more), function)
+from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS, fix_arguments
 
 
 def _nodes_of(slug: str) -> list[Node]:
@@ -33,7 +26,7 @@ def _nodes_of(slug: str) -> list[Node]:
             name=f"count_points_of_{slug}",
         ),
         Node(
-            _of(slug, score_method),
+            fix_arguments(score_method, method=slug),
             inputs=[f"{slug}.confusions", f"{slug}.model", *configured],
             outputs=[f"{slug}.scores", f"{slug}.confusion_figure", f"{slug}.bars_figure"],
             name=f"score_{slug}",
@@ -44,7 +37,7 @@ def _nodes_of(slug: str) -> list[Node]:
 
 def _picturing(slug: str) -> Node:
     return Node(
-        _of(slug, picture_labels),
+        fix_arguments(picture_labels, method=slug),
         inputs=["scenes", f"{slug}.labels", "params:survey", "params:classes"],
         outputs=[f"{slug}.birds_eye_figure", f"{slug}.perspective_figure"],
         name=f"picture_{slug}",
@@ -71,13 +64,13 @@ def evaluate_seen(slug: str, answers: Mapping[str, str], *, suffix: str = "") ->
     configured = ["params:survey", "params:classes"]
     return [
         Node(
-            update_wrapper(partial(count_seen_points, answers=dict(answers)), count_seen_points),
+            fix_arguments(count_seen_points, answers=dict(answers)),
             inputs=["scenes", f"{slug}.labels", *configured],
             outputs=f"{slug}.confusions",
             name=f"count_points_of_{slug}",
         ),
         Node(
-            _of(slug, score_seen_points, suffix=suffix),
+            fix_arguments(score_seen_points, method=slug, suffix=suffix),
             inputs=[f"{slug}.confusions", *configured],
             outputs=[f"{slug}.scores", f"{slug}.confusion_figure", f"{slug}.bars_figure"],
             name=f"score_{slug}",
@@ -95,7 +88,7 @@ def _nodes_of_detector(slug: str) -> list[Node]:
             name=f"count_detections_of_{slug}",
         ),
         Node(
-            _of(slug, score_detector),
+            fix_arguments(score_detector, method=slug),
             inputs=[f"{slug}.detection_counts", "params:detection"],
             outputs=[f"{slug}.scores", f"{slug}.precision_recall_figure"],
             name=f"score_{slug}",

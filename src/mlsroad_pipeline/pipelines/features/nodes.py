@@ -2,7 +2,7 @@
 
 from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, describe_supervoxels
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask
+from mlsroad_pipeline.datasets.scene_task import SceneTask, scene_tasks
 
 
 def describe_supervoxels_of_scenes(
@@ -26,11 +26,5 @@ def describe_supervoxels_of_scenes(
     dict of str to SceneTask
         One task per scene.
     """
-    return {
-        key: SceneTask(
-            describe_supervoxels,
-            {"scene": scenes[key], "ground": ground[key], "supervoxels": supervoxels[key]},
-            {"parameters": parameters},
-        )
-        for key in scenes
-    }
+    inputs = {"scene": scenes, "ground": ground, "supervoxels": supervoxels}
+    return scene_tasks(scenes, describe_supervoxels, inputs, {"parameters": parameters})

@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.model_members import with_members
 from mlsroad_pipeline.datasets.fusion_work import fuse_labelled_scene
 from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile, scene_tasks
 from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
 
 
@@ -46,14 +46,8 @@ def take_test_set_1(
     """
     scheme = find_scheme(classes["schemes"], survey.scheme)
     first, _ = divide_scenes(list(images), parameters.share)
-    return {
-        key: SceneTask(
-            core_answers,
-            {"scene": scenes[key], "features": features[key], "images": images[key]},
-            {"scheme": scheme},
-        )
-        for key in first
-    }
+    inputs = {"scene": scenes, "features": features, "images": images}
+    return scene_tasks(first, core_answers, inputs, {"scheme": scheme})
 
 
 def learn_fusion(
@@ -116,7 +110,4 @@ def fuse_scenes(
         One task per scene of test set 2.
     """
     _, second = divide_scenes(list(images), parameters.share)
-    return {
-        key: SceneTask(fuse_labelled_scene, {"features": features[key], "images": images[key], "model": model})
-        for key in second
-    }
+    return scene_tasks(second, fuse_labelled_scene, {"features": features, "images": images, "model": model})

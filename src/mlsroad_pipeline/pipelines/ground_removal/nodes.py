@@ -5,7 +5,7 @@ import pandas as pd
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
 from mlsroad_pipeline.algorithms.stage_evaluation import count_ground_points, ground_table
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask
+from mlsroad_pipeline.datasets.scene_task import SceneTask, scene_tasks
 
 
 def find_ground_of_scenes(scenes: SceneCollection, parameters: GroundParameters) -> dict[str, SceneTask]:
@@ -23,7 +23,7 @@ def find_ground_of_scenes(scenes: SceneCollection, parameters: GroundParameters)
     dict of str to SceneTask
         One task per scene.
     """
-    return {key: SceneTask(find_ground, {"scene": scenes[key]}, {"parameters": parameters}) for key in scenes}
+    return scene_tasks(scenes, find_ground, {"scene": scenes}, {"parameters": parameters})
 
 
 def count_ground_of_scenes(scenes: SceneCollection, ground: SceneCollection) -> dict[str, SceneTask]:
@@ -41,7 +41,7 @@ def count_ground_of_scenes(scenes: SceneCollection, ground: SceneCollection) -> 
     dict of str to SceneTask
         One task per scene.
     """
-    return {key: SceneTask(count_ground_points, {"scene": scenes[key], "ground": ground[key]}) for key in scenes}
+    return scene_tasks(scenes, count_ground_points, {"scene": scenes, "ground": ground})
 
 
 def score_ground_removal(counts: SceneCollection) -> pd.DataFrame:

@@ -21,9 +21,7 @@ from mlsroad_pipeline.datasets.image_work import (
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
 from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
-from mlsroad_pipeline.datasets.survey_plan import plan_comparison
-
-TRAIN = "train."
+from mlsroad_pipeline.datasets.survey_plan import held_out_keys, plan_comparison
 
 
 def find_images(
@@ -90,7 +88,7 @@ def train_network(
     """
     scheme = find_scheme(classes["schemes"], survey.scheme)
     trained_on = {"survey": survey.root, "splits": str(survey.splits.get("train"))}
-    model, losses = train_on_drives(drives, TRAIN, parameters, scheme, trained_on)
+    model, losses = train_on_drives(drives, parameters, scheme, trained_on)
     return model, model, pd.DataFrame({"step": range(len(losses)), "loss": losses})
 
 
@@ -116,9 +114,7 @@ def label_scenes(
         One task per scene of the other splits.
     """
     tasks = {}
-    for key in scenes:
-        if key.startswith(TRAIN):
-            continue
+    for key in held_out_keys(scenes):
         images = drives.get(key.rpartition(".")[0])
         inputs = {
             "scene": scenes[key],

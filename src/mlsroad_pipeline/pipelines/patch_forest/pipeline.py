@@ -1,23 +1,9 @@
 """Wiring of the forest on patches."""
 
-from kedro.pipeline import Pipeline
+from functools import partial
 
-from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForest
-from mlsroad_pipeline.pipelines.patch_forest.nodes import train_patch_forest
-from mlsroad_pipeline.pipelines.patch_method import patch_pipeline
+from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForest, PatchForestParameters, train
+from mlsroad_pipeline.pipelines.patch_method import patch_pipeline, training_node
 
-
-def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: patches to a model, and to labels of the scenes that it was not trained on.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``scenes``, ``patches`` and ``patch_labels`` to ``patch_forest.model`` and ``patch_forest.labels``.
-    """
-    return patch_pipeline("patch_forest", train_patch_forest, PatchForest)
+create_pipeline = partial(patch_pipeline, "patch_forest", training_node(train, PatchForestParameters), PatchForest)
+"""Returns the pipeline: patches to a model, and to labels of the scenes that it was not trained on."""

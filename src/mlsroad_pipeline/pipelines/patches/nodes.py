@@ -9,10 +9,9 @@ from mlsroad_pipeline.algorithms.evaluation import find_scheme
 from mlsroad_pipeline.algorithms.patch_labelling import build_patches, label_patches
 from mlsroad_pipeline.algorithms.patches import PatchParameters
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask
+from mlsroad_pipeline.datasets.scene_task import SceneTask, scene_tasks
 from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
-
-TRAIN = "train."
+from mlsroad_pipeline.datasets.survey_plan import training_keys
 
 
 def extract_patches_of_scenes(
@@ -34,10 +33,7 @@ def extract_patches_of_scenes(
     dict of str to SceneTask
         One task per scene.
     """
-    return {
-        key: SceneTask(build_patches, {"scene": scenes[key], "ground": ground[key]}, {"parameters": parameters})
-        for key in scenes
-    }
+    return scene_tasks(scenes, build_patches, {"scene": scenes, "ground": ground}, {"parameters": parameters})
 
 
 def label_patches_of_scenes(
@@ -60,8 +56,4 @@ def label_patches_of_scenes(
         One task per scene of the split ``train``.
     """
     scheme = find_scheme(classes["schemes"], survey.scheme)
-    return {
-        key: SceneTask(label_patches, {"scene": scenes[key], "patches": patches[key]}, {"scheme": scheme})
-        for key in scenes
-        if key.startswith(TRAIN)
-    }
+    return scene_tasks(training_keys(scenes), label_patches, {"scene": scenes, "patches": patches}, {"scheme": scheme})

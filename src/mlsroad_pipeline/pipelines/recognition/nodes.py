@@ -19,10 +19,9 @@ from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.datasets.object_files import find_folds, listed_files, read_fold
 from mlsroad_pipeline.datasets.recognition_work import recognise_with_model
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile, scene_tasks
 from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
-
-TRAIN = "train."
+from mlsroad_pipeline.datasets.survey_plan import held_out_keys, training_keys
 
 
 def cut_objects_of_scenes(
@@ -45,7 +44,7 @@ def cut_objects_of_scenes(
         One task per scene.
     """
     parameters = {"scheme": find_scheme(classes["schemes"], recognition.scheme), "parameters": recognition}
-    return {key: SceneTask(cut_objects, {"scene": scenes[key], "objects": objects[key]}, parameters) for key in scenes}
+    return scene_tasks(scenes, cut_objects, {"scene": scenes, "objects": objects}, parameters)
 
 
 def read_object_folds(
@@ -102,7 +101,7 @@ def training_node(slug: str) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
         survey: SurveyParameters,
         classes: Mapping[str, Any],
     ) -> tuple[ModelBundle, ModelBundle]:
-        chosen = [key for key in sets if recognition.folds or key.startswith(TRAIN)]
+        chosen = list(sets) if recognition.folds else training_keys(sets)
         bundle = train_recogniser(
             [sets[key].load() for key in chosen],
             slug=slug,
@@ -151,8 +150,7 @@ def recognise_sets(
         One task per scene or fold.
     """
     if not recognition.folds:
-        test = [key for key in sets if not key.startswith(TRAIN)]
-        return {key: SceneTask(recognise_with_model, {"objects": sets[key], "model": model}) for key in test}
+        return scene_tasks(held_out_keys(sets), recognise_with_model, {"objects": sets, "model": model})
     fixed = {
         "slug": method,
         "parameters": parameters,

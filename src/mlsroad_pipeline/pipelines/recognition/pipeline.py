@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial, update_wrapper
-from typing import Any
-
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.pipelines.compare.nodes import compare_methods
-from mlsroad_pipeline.pipelines.methods import RECOGNISERS
+from mlsroad_pipeline.pipelines.methods import RECOGNISERS, fix_arguments
 from mlsroad_pipeline.pipelines.recognition.nodes import (
     cut_objects_of_scenes,
     read_object_folds,
@@ -20,11 +16,6 @@ from mlsroad_pipeline.pipelines.recognition.nodes import (
 
 PARAMETERS = {"hssi_net": "jointnet", "vqai_net": "jointnet", "vaai_net": "jointnet"}
 """Methods that take the parameters of another."""
-
-
-def _of(method: str, function: Callable[..., Any]) -> Callable[..., Any]:
-    """Fix the method of a node's function, which keeps its name in Kedro's messages."""
-    return update_wrapper(partial(function, method=method), function)
 
 
 def recogniser_pipeline(slug: str) -> Pipeline:
@@ -51,7 +42,7 @@ def recogniser_pipeline(slug: str) -> Pipeline:
                 name=f"train_{slug}",
             ),
             Node(
-                _of(slug, recognise_sets),
+                fix_arguments(recognise_sets, method=slug),
                 inputs=["object_sets", f"{slug}.model", own, *configured, "params:classes"],
                 outputs=f"{slug}.recognitions",
                 name=f"recognise_with_{slug}",
@@ -64,7 +55,7 @@ def score_recognisers() -> Pipeline:
     """Return the pipeline that scores all recognisers and puts them into one table."""
     scores = [
         Node(
-            _of(slug, score_recogniser),
+            fix_arguments(score_recogniser, method=slug),
             inputs=["object_sets", f"{slug}.recognitions", "params:recognition", "params:classes"],
             outputs=[f"{slug}.scores", f"{slug}.confusion_figure"],
             name=f"score_{slug}",

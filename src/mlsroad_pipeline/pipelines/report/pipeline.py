@@ -1,10 +1,8 @@
 """Wiring of the report."""
 
-from functools import partial, update_wrapper
-
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.pipelines.methods import DETECTORS, IMAGE_METHODS, LABELLERS, RECOGNISERS
+from mlsroad_pipeline.pipelines.methods import DETECTORS, IMAGE_METHODS, LABELLERS, RECOGNISERS, fix_arguments
 from mlsroad_pipeline.pipelines.report.nodes import write_report
 
 LABEL_FIGURES = ("birds_eye", "perspective", "confusion", "bars")
@@ -28,7 +26,7 @@ def _report(*tasks: str) -> Pipeline:
     return Pipeline(
         [
             Node(
-                update_wrapper(partial(write_report, tasks=tasks, figures=figures, names=names), write_report),
+                fix_arguments(write_report, tasks=tasks, figures=figures, names=names),
                 inputs=["params:survey", *names],
                 outputs="report",
                 name="write_report",

@@ -16,9 +16,8 @@ from mlsroad_pipeline.algorithms.object_segmentation import (
     segmentation_table,
 )
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask
-
-TRAIN = "train."
+from mlsroad_pipeline.datasets.scene_task import SceneTask, scene_tasks
+from mlsroad_pipeline.datasets.survey_plan import training_keys
 
 
 def segment_scenes(
@@ -38,10 +37,7 @@ def segment_scenes(
     dict of str to SceneTask
         One task per scene.
     """
-    return {
-        key: SceneTask(segment_scene, {"scene": scenes[key], "ground": ground[key]}, {"parameters": parameters})
-        for key in scenes
-    }
+    return scene_tasks(scenes, segment_scene, {"scene": scenes, "ground": ground}, {"parameters": parameters})
 
 
 def name_objects_of_scenes(
@@ -63,16 +59,8 @@ def name_objects_of_scenes(
     dict of str to SceneTask
         One task per scene of the split ``train``.
     """
-    scheme = find_scheme(classes["schemes"], detection.scheme)
-    return {
-        key: SceneTask(
-            object_classes,
-            {"scene": scenes[key], "objects": objects[key]},
-            {"scheme": scheme, "parameters": detection},
-        )
-        for key in scenes
-        if key.startswith(TRAIN)
-    }
+    parameters = {"scheme": find_scheme(classes["schemes"], detection.scheme), "parameters": detection}
+    return scene_tasks(training_keys(scenes), object_classes, {"scene": scenes, "objects": objects}, parameters)
 
 
 def measure_segmentation_of_scenes(
@@ -95,10 +83,7 @@ def measure_segmentation_of_scenes(
         One task per scene.
     """
     parameters = {"scheme": find_scheme(classes["schemes"], detection.scheme), "min_points": detection.min_points}
-    return {
-        key: SceneTask(measure_segmentation, {"scene": scenes[key], "objects": objects[key]}, parameters)
-        for key in scenes
-    }
+    return scene_tasks(scenes, measure_segmentation, {"scene": scenes, "objects": objects}, parameters)
 
 
 def score_segmentation(measured: SceneCollection) -> pd.DataFrame:

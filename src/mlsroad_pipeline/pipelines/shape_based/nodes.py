@@ -6,8 +6,9 @@ from mlsroad_pipeline.algorithms.baselines.shape_based import ShapeParameters, f
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.datasets.method_work import label_prepared_objects
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
-from mlsroad_pipeline.pipelines.patch_method import TRAIN, TrainingScenes
+from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile, scene_tasks
+from mlsroad_pipeline.datasets.survey_plan import held_out_keys, training_keys
+from mlsroad_pipeline.pipelines.patch_method import TrainingScenes
 
 
 def take_training_objects(
@@ -33,15 +34,9 @@ def take_training_objects(
     dict of str to SceneTask
         One task per scene of the split ``train``.
     """
-    return {
-        key: SceneTask(
-            training_objects,
-            {"scene": scenes[key], "ground": ground[key], "patches": patches[key]},
-            {"scheme": training.scheme, "parameters": parameters},
-        )
-        for key in scenes
-        if key.startswith(TRAIN)
-    }
+    inputs = {"scene": scenes, "ground": ground, "patches": patches}
+    fixed = {"scheme": training.scheme, "parameters": parameters}
+    return scene_tasks(training_keys(scenes), training_objects, inputs, fixed)
 
 
 def train_shape_based(
@@ -90,11 +85,5 @@ def label_scenes_by_shape(
     dict of str to SceneTask
         One task per scene of the other splits.
     """
-    return {
-        key: SceneTask(
-            label_prepared_objects,
-            {"scene": scenes[key], "ground": ground[key], "patches": patches[key], "model": model},
-        )
-        for key in scenes
-        if not key.startswith(TRAIN)
-    }
+    inputs = {"scene": scenes, "ground": ground, "patches": patches, "model": model}
+    return scene_tasks(held_out_keys(scenes), label_prepared_objects, inputs)

@@ -5,7 +5,7 @@ import pandas as pd
 from mlsroad_pipeline.algorithms.scene_stages import SupervoxelParameters, build_supervoxels
 from mlsroad_pipeline.algorithms.stage_evaluation import measure_supervoxels, supervoxel_table
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask
+from mlsroad_pipeline.datasets.scene_task import SceneTask, scene_tasks
 
 
 def supervoxelise_scenes(scenes: SceneCollection, parameters: SupervoxelParameters) -> dict[str, SceneTask]:
@@ -23,7 +23,7 @@ def supervoxelise_scenes(scenes: SceneCollection, parameters: SupervoxelParamete
     dict of str to SceneTask
         One task per scene.
     """
-    return {key: SceneTask(build_supervoxels, {"scene": scenes[key]}, {"parameters": parameters}) for key in scenes}
+    return scene_tasks(scenes, build_supervoxels, {"scene": scenes}, {"parameters": parameters})
 
 
 def measure_supervoxels_of_scenes(scenes: SceneCollection, supervoxels: SceneCollection) -> dict[str, SceneTask]:
@@ -41,9 +41,7 @@ def measure_supervoxels_of_scenes(scenes: SceneCollection, supervoxels: SceneCol
     dict of str to SceneTask
         One task per scene.
     """
-    return {
-        key: SceneTask(measure_supervoxels, {"scene": scenes[key], "supervoxels": supervoxels[key]}) for key in scenes
-    }
+    return scene_tasks(scenes, measure_supervoxels, {"scene": scenes, "supervoxels": supervoxels})
 
 
 def score_supervoxels(measured: SceneCollection) -> pd.DataFrame:

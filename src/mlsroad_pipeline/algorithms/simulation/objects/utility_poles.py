@@ -239,29 +239,6 @@ def hung_pole(name: str, rng: np.random.Generator) -> Hung:
     return _HUNG[name](rng)
 
 
-def attachment_points(name: str, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return where the wires of the pole hang that a design builds from this stream.
-
-    Parameters
-    ----------
-    name : str
-        Name of one of `DESIGNS`.
-    rng : numpy.random.Generator
-        In the state that the pole was or will be built from.
-
-    Returns
-    -------
-    ndarray of shape (WIRES, 3), float64
-        As `hung_pole` gives them, metres.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such design.
-    """
-    return hung_pole(name, rng)[1]
-
-
 def _built(name: str, rng: np.random.Generator) -> Mesh:
     return _HUNG[name](rng)[0]
 
