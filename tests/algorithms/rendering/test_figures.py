@@ -122,6 +122,16 @@ def test_cloud_figure_has_a_scale_bar_in_plan_and_none_in_perspective(scene):
         assert [text.get_text() for text in figure.legends[0].texts] == ["road", "car", "ignored"]
 
 
+@pytest.mark.parametrize("n_classes", [2, 10, 25])
+def test_legends_lie_within_the_figure_and_apart(n_classes):
+    names = tuple(f"class {k}" for k in range(n_classes))
+    pictures = dict.fromkeys(("truth", "prediction", "errors"), np.zeros((90, 120, 3), np.uint8))
+    figure = cloud_figure(pictures, birds_eye_view(np.eye(3)), classes=names, title="Many classes")
+    figure.canvas.draw()
+    classes, errors = (legend.get_window_extent() for legend in figure.legends)
+    assert classes.y0 > errors.y1 - 3 and errors.y0 >= 0 and classes.y1 <= figure.bbox.height
+
+
 def test_real_street_fills_its_picture(real_data):
     path = real_data("oakland", "oakland_part3_ak.xyz_label_conf.gz")
     xyz = pd.read_csv(path, sep=" ", comment="#", header=None, usecols=[0, 1, 2]).to_numpy()

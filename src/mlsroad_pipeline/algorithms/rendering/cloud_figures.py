@@ -173,7 +173,9 @@ def cloud_figure(
     panel_height = panel_width * rows / columns
     head = 0.45 if title else 0.08
     figure_width = across * panel_width + (across - 1) * 0.12 + _LEGEND_INCHES + 0.1
-    figure_height = max(down * (panel_height + _TITLE_INCHES) + head, 2.2)
+    entries = _legend_entries(classes, present)
+    legends = _legend_height(len(entries)) + ("errors" in pictures) * _legend_height(2)
+    figure_height = max(down * (panel_height + _TITLE_INCHES), legends) + head
     figure = Figure(figsize=(figure_width, figure_height), dpi=_DPI, facecolor="white")
     FigureCanvasAgg(figure)
     for k, (name, picture) in enumerate(pictures.items()):
@@ -191,7 +193,7 @@ def cloud_figure(
             _draw_scale_bar(axes, view)
     if title:
         figure.text(0.06 / figure_width, 1 - 0.1 / figure_height, title, fontsize=12, color=INK, va="top")
-    _draw_legend(figure, classes, present, errors="errors" in pictures, top=1 - head / figure_height)
+    _draw_legend(figure, entries, errors="errors" in pictures, top=1 - head / figure_height)
     return figure
 
 
@@ -207,18 +209,27 @@ def _draw_scale_bar(axes, view: View) -> None:  # type: ignore[no-untyped-def]  
     axes.text(x + pixels / 2, y - 1.6 * thickness, f"{metres:g} m", ha="center", va="bottom", fontsize=8, color=INK)
 
 
-def _draw_legend(
-    figure: Figure, classes: ClassScheme | tuple[str, ...], present: ArrayLike | None, *, errors: bool, top: float
-) -> None:
-    """Name the colours at the figure's right."""
+def _legend_height(n_entries: int) -> float:
+    """Return the inches that a legend takes with its title and the gap below it."""
+    return 0.45 + 0.185 * n_entries
+
+
+def _legend_entries(
+    classes: ClassScheme | tuple[str, ...], present: ArrayLike | None
+) -> list[tuple[str, NDArray[np.uint8]]]:
+    """Return the names and colours of the classes that are shown."""
     names = classes.classes if isinstance(classes, ClassScheme) else tuple(classes)
     palette = class_palette(classes)
     wanted = set(range(len(names))) if present is None else {int(label) for label in np.unique(np.asarray(present))}
     entries = [(name.replace("_", " "), palette[k]) for k, name in enumerate(names) if k in wanted]
-    entries.append(("ignored", np.array(IGNORED_COLOUR)))
+    return [*entries, ("ignored", np.array(IGNORED_COLOUR))]
+
+
+def _draw_legend(figure: Figure, entries: list[tuple[str, NDArray[np.uint8]]], *, errors: bool, top: float) -> None:
+    """Name the colours at the figure's right."""
     _legend(figure, entries, "Classes", top)
     if errors:
-        shift = (0.55 + 0.225 * len(entries)) / figure.get_figheight()
+        shift = _legend_height(len(entries)) / figure.get_figheight()
         right_or_wrong = [("right", np.array(CORRECT_COLOUR)), ("wrong", np.array(WRONG_COLOUR))]
         _legend(figure, right_or_wrong, "Errors", top - shift)
 
