@@ -113,7 +113,7 @@ def choose_variant(parts: Description, bundle: ModelBundle) -> str:
     return variant
 
 
-def detect_described_objects(
+def detect_by_description(
     parts: Description, bundle: ModelBundle, detector: type[TrainedDetector]
 ) -> dict[str, NDArray]:
     """Detect the objects of a scene.

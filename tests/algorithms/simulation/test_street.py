@@ -279,5 +279,7 @@ def test_parameters_are_read_from_configuration():
         ParameterError, match=r"kind of street 'alley' is unknown \(kinds: town, suburb, ring_road, campus\)"
     ):
         street_parameters("alley")
+    with pytest.raises(ParameterError, match="a street is the name of a kind or a mapping of parameters, got 3"):
+        street_parameters(3)
     with pytest.raises(ParameterError, match="unknown street parameters: lamp"):
         street_parameters({"lamp": 3})

@@ -21,7 +21,7 @@ from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.gaussian_image import align_gaussian_images, compute_gaussian_images
 from mlsroad_pipeline.algorithms.object_detectors import (
     Description,
-    detect_described_objects,
+    detect_by_description,
     label_described_objects,
     object_bounds,
 )
@@ -293,7 +293,7 @@ def _describe(scene: PointCloud, objects: Mapping[str, NDArray], stored: Mapping
     return describe_surfaces(scene, objects, parameters=BottomUpTopDownParameters(**stored[SLUG]).surfaces)
 
 
-detect_scene = partial(detect_described_objects, detector=BottomUpTopDown)
+detect_scene = partial(detect_by_description, detector=BottomUpTopDown)
 """Detects the objects of a scene, described by `describe_surfaces`, with a model of this method."""
 
 label_cloud = partial(label_described_objects, describe=_describe, detect=detect_scene)

@@ -21,7 +21,7 @@ from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.neighbors import nearest_neighbors
 from mlsroad_pipeline.algorithms.object_detectors import (
     Description,
-    detect_described_objects,
+    detect_by_description,
     label_described_objects,
     object_bounds,
 )
@@ -271,7 +271,7 @@ def _describe(scene: PointCloud, objects: Mapping[str, NDArray], stored: Mapping
     return describe_parts(scene, objects, parameters=ObjectMatchingParameters(**stored[SLUG]).regions)
 
 
-detect_scene = partial(detect_described_objects, detector=ObjectMatcher)
+detect_scene = partial(detect_by_description, detector=ObjectMatcher)
 """Detects the objects of a scene, described by `describe_parts`, with a model of this method."""
 
 label_cloud = partial(label_described_objects, describe=_describe, detect=detect_scene)

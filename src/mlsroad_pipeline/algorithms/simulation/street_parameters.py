@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import Any
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 
@@ -152,11 +154,13 @@ def street_parameters(config: object) -> StreetParameters:
     Raises
     ------
     ParameterError
-        If the kind or a field is unknown, or a value is outside its domain.
+        If `config` is something else, the kind or a field is unknown, or a value is outside its domain.
     """
     if isinstance(config, StreetParameters):
         return config
-    changes = {"kind": config} if isinstance(config, str) else dict(config)  # type: ignore[call-overload]  # a mapping
+    if not isinstance(config, (str, Mapping)):
+        raise ParameterError(f"a street is the name of a kind or a mapping of parameters, got {config!r}")
+    changes: dict[str, Any] = {"kind": config} if isinstance(config, str) else dict(config)
     kind = changes.pop("kind", "town")
     if kind not in STREETS:
         raise ParameterError(f"kind of street {kind!r} is unknown (kinds: {', '.join(STREETS)})")
