@@ -49,7 +49,9 @@ def main() -> None:
     medians = race({name: function for name, (_, function) in work.items()})
     for name, seconds in medians.items():
         print(f"{name:32s} {seconds:8.3f} s {work[name][0] / seconds / 1e6:8.1f} M points/s")
-        print(json.dumps({"stage": name, "points": work[name][0], "seconds": round(seconds, 4)}))
+        kernel, _, rival = name.partition(", scikit")
+        row = {"kernel": kernel, "program": "scikit-learn" if rival else "mlsroad"}
+        print(json.dumps({**row, "points": work[name][0], "seconds": round(seconds, 4)}))
 
 
 if __name__ == "__main__":

@@ -105,11 +105,12 @@ def race(ours: Callable[[], object], theirs: Callable[[], float] | None, repeats
 
 
 def report(what: str, n: int, seconds: float, rival: str = "", rival_seconds: float | None = None) -> None:
-    """Print a row of the table, and the same as JSON."""
+    """Print a row of the table, and a line of JSON for each side."""
     ratio = "" if rival_seconds is None else f"{rival:>22s} {rival_seconds:8.3f} s  {rival_seconds / seconds:6.1f} x"
     print(f"{what:48s} {n:>9,d} {seconds:8.3f} s {1e6 * seconds / n:8.3f} us each {ratio}")
-    row = {"kernel": what, "n": n, "median_s": seconds, "rival": rival or None, "rival_median_s": rival_seconds}
-    print(json.dumps(row), flush=True)
+    for program, taken in (("mlsroad", seconds), (rival, rival_seconds)):
+        if taken is not None:
+            print(json.dumps({"kernel": what, "points": n, "program": program, "seconds": taken}), flush=True)
 
 
 def race_jakteristics(repeats: int, scratch: Path) -> None:

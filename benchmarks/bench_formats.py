@@ -34,6 +34,8 @@ from mlsroad_pipeline.datasets.labelled_writer import write_labelled
 
 CHUNK = 1_000_000
 REPEATS = 3
+RIVALS = ("lazrs alone", "laspy", "numpy.loadtxt")
+"""What the names of cases end with that are not this project's."""
 TABLE_POINTS, TEXT_POINTS = 1_000_000, 5_000_000
 RECORDS = 2_000_000
 
@@ -134,7 +136,9 @@ def measure(cases: dict[str, Callable[[], int]], *, repeats: int = REPEATS) -> N
         speed = counts[name] / wall
         print(f"{name:52s} {wall:8.3f} s {work:8.3f} s of processors {speed / 1e6:8.2f} M points/s")
         figures = {"seconds": wall, "processor_seconds": work, "points": counts[name], "points_per_second": speed}
-        print(json.dumps({"case": name, **figures}))
+        rival = next((program for program in RIVALS if name.endswith(", " + program)), None)
+        what = {"kernel": name.removesuffix(f", {rival}"), "program": rival or "mlsroad"}
+        print(json.dumps({**what, **figures}))
 
 
 def bench_records(laz: Path, out: Path) -> None:
@@ -200,8 +204,8 @@ def bench_text(laz: Path, out: Path) -> None:
     measure(
         {
             "read text, 2 threads": lambda: read_by_ranges(out / "a.txt", ReadOptions(n_threads=2)),
-            "read text": lambda: read_by_ranges(out / "a.txt", ReadOptions()),
-            "read text, numpy.loadtxt": lambda: len(np.loadtxt(out / "a.txt", skiprows=1)),
+            "read text, 1 thread": lambda: read_by_ranges(out / "a.txt", ReadOptions()),
+            "read text, 1 thread, numpy.loadtxt": lambda: len(np.loadtxt(out / "a.txt", skiprows=1)),
             "read PLY": lambda: read_by_ranges(out / "a.ply", ReadOptions()),
             "write labelled text": lambda: (
                 len(write_labelled(out / "a.txt", out / "t" / "a.laz", labels_of)[:1]) * len(cloud)
@@ -223,7 +227,7 @@ def bench_long_text(laz: Path, out: Path) -> None:
     measure(
         {
             "read long text, 2 threads": lambda: read_by_ranges(path, ReadOptions(n_threads=2)),
-            "read long text": lambda: read_by_ranges(path, ReadOptions()),
+            "read long text, 1 thread": lambda: read_by_ranges(path, ReadOptions()),
         }
     )
 
@@ -247,7 +251,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for name in given.only:
             GROUPS[name](laz, Path(given.folder or folder))
-    print(json.dumps({"case": "peak memory", "mebibytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
+    print(json.dumps({"kernel": "peak memory", "mebibytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
 
 
 if __name__ == "__main__":

@@ -96,7 +96,7 @@ def run_csf(python: Path, cloud: Path, threads: int) -> tuple[float, int, np.nda
 def report(kernel: str, cloud: str, seconds: list[float], n_points: int, **more: Any) -> None:
     """Print one line of the table and its JSON."""
     median = statistics.median(seconds)
-    row = {"kernel": kernel, "cloud": cloud, "points": n_points, "median_s": round(median, 4), **more}
+    row = {"kernel": kernel, "cloud": cloud, "points": n_points, "seconds": round(median, 4), **more}
     row["points_per_s"] = round(n_points / median)
     print(f"{kernel:24s} {cloud:12s} {median:8.3f} s {n_points / median / 1e6:8.2f} M/s  {more}")
     print(json.dumps(row))
@@ -118,15 +118,16 @@ def race_ground(path: Path, python: Path | None, repeats: int, threads: int) -> 
             rival = run_csf(python, path, threads)
             theirs.append(rival[0])
     for name, times, extra, labels in (
-        ("upward_growing", ours, added, is_ground),
-        *([("rival CSF", theirs, rival[1], rival[2])] if rival is not None else []),
+        ("mlsroad", ours, added, is_ground),
+        *([("CSF", theirs, rival[1], rival[2])] if rival is not None else []),
     ):
         scores = score_ground(labels, truth)
         report(
-            name,
+            "ground",
             path.stem,
             times,
             len(xyz),
+            program=name,
             threads=threads,
             bytes_per_point=round(extra * 1024 / len(xyz), 1),
             **{key: round(getattr(scores, key), 4) for key in ("type_1", "type_2", "total", "kappa")},

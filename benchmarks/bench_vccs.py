@@ -76,18 +76,18 @@ def race(data: dict, rivals: dict[str, Path], cloud: Path, size: float, seed: fl
             counts[name] = len(result) - result.n_islands
     rows = [
         {
-            "voxel": size,
-            "seed": seed,
-            "contestant": name,
-            "median_s": round(statistics.median(w for w, _ in t), 4),
+            "kernel": f"VCCS {size:g} / {seed:g} m",
+            "points": len(data["xyz"]),
+            "program": name,
+            "seconds": round(statistics.median(w for w, _ in t), 4),
             "median_cpu_s": round(statistics.median(c for _, c in t), 4),
             "supervoxels": counts[name],
         }
         for name, t in times.items()
     ]
-    fastest = min((r["median_s"] for r in rows if r["contestant"] in rivals), default=None)
+    fastest = min((r["seconds"] for r in rows if r["program"] in rivals), default=None)
     for row in rows:
-        row["times_fastest_rival"] = round(fastest / row["median_s"], 2) if fastest else None
+        row["times_fastest_rival"] = round(fastest / row["seconds"], 2) if fastest else None
     return rows
 
 

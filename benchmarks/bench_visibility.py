@@ -171,8 +171,8 @@ def speed(seed: int) -> None:
     runs = {
         "depth buffer": lambda: visible_points(xyz, view.camera),
         "hidden point removal": lambda: visible_points(xyz, view.camera, method=HiddenPointRemoval()),
-        "hidden point removal, no voxels": lambda: hidden_point_removal(xyz, view.camera.centre, radius=radius),
-        "Open3D hidden point removal": lambda: cloud.hidden_point_removal(view.camera.centre, radius),
+        "hidden point removal on points": lambda: hidden_point_removal(xyz, view.camera.centre, radius=radius),
+        "hidden point removal on points, Open3D": lambda: cloud.hidden_point_removal(view.camera.centre, radius),
     }
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in runs}
     for _ in range(RUNS + 1):  # one after the other, so that a busier minute is shared; the first compiles
@@ -181,7 +181,8 @@ def speed(seed: int) -> None:
             run()
             times[name].append((time.perf_counter() - started, time.process_time() - busy))
     for name, taken in times.items():
-        row = {"stage": "visibility", "method": name, "points": len(xyz)}
+        kernel, _, rival = name.partition(", ")
+        row = {"kernel": kernel, "program": rival or "mlsroad", "points": len(xyz)}
         row["seconds"], row["cpu_seconds"] = np.median(taken[1:], axis=0).tolist()
         print(f"{name:<34}{row['seconds']:>8.2f} s {row['cpu_seconds']:>8.2f} s of CPU")
         print(json.dumps(row), flush=True)

@@ -1,9 +1,11 @@
-"""Run every benchmark, print what they print, and keep their JSON lines under data/08_reporting/benchmarks/.
+"""Run every benchmark of speed, print what each prints, and end with the ratios to every rival that was present.
 
     make bench                      # or: python benchmarks/run_all.py [ground vccs ...]
 
-Rivals and clouds are found through $MLSROAD_RIVALS; what is missing is said and left out. Run it on a quiet machine:
-the figures that count are the ratios within one run.
+JSON lines and `ratios.md` are kept under data/08_reporting/benchmarks/. Rivals and clouds are found through
+$MLSROAD_RIVALS; what is missing is said and left out. Run it on a quiet machine: the figures that count are the ratios
+within one run. A line of JSON with `kernel`, `program` and `seconds` takes part in a race; `mlsroad` begins the names
+of this project's own programs.
 """
 
 from __future__ import annotations
@@ -11,9 +13,14 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import platform
 import subprocess
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
+
+import psutil
 
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE.parent / "data/08_reporting/benchmarks"
@@ -28,6 +35,7 @@ BENCHMARKS: dict[str, list[str]] = {
     "patch_graph": [],
     "formats": [],
     "evaluation": [],
+    "visibility": ["speed"],
     "simulator": [],
     "store": [],
     "label": ["--millions", "5", "20"],
@@ -35,13 +43,72 @@ BENCHMARKS: dict[str, list[str]] = {
 NEEDS_CLOUDS = {"ground", "vccs", "fpfh", "clusters", "graph_cuts", "formats", "evaluation"}
 
 
-def json_lines(text: str) -> list[dict[str, object]]:
+def json_lines(text: str) -> list[dict[str, Any]]:
     """Return the lines of an output that are JSON objects."""
     found = []
     for line in text.splitlines():
         if line.startswith("{"):
             found.append(json.loads(line))
     return found
+
+
+def ratios(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Set each of this project's programs beside each rival that did the same work in the same run."""
+    races: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for row in rows:
+        if {"kernel", "program", "seconds"} <= set(row):
+            races.setdefault((row["kernel"], row.get("points"), row.get("threads")), []).append(row)
+    found = []
+    for (kernel, points, threads), members in races.items():
+        ours = [row for row in members if row["program"].startswith("mlsroad")]
+        rivals = [row for row in members if not row["program"].startswith("mlsroad")]
+        for mine in ours:
+            for rival in rivals:
+                what = {"kernel": kernel, "points": points, "threads": threads, "program": mine["program"]}
+                pair = {"seconds": mine["seconds"], "rival": rival["program"], "rival_seconds": rival["seconds"]}
+                found.append(what | pair | {"ratio": rival["seconds"] / mine["seconds"]})
+    return found
+
+
+def processor() -> str:
+    """Return the processor's name as the system tells it."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def ratio_table(found: list[dict[str, Any]]) -> str:
+    """Return the ratios as a table in Markdown, under the date and the machine's size."""
+    memory = psutil.virtual_memory().total / 2**30
+    lines = [
+        f"{datetime.now(UTC):%Y-%m-%d}, {processor()}, {os.cpu_count()} cores, {memory:.0f} GiB; "
+        "a ratio above 1 means that this project is faster",
+        "",
+        "| kernel | points | threads | ours | seconds | rival | seconds | ratio |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row in found:
+        points = f"{row['points']:,}" if row["points"] else ""
+        ours = row["program"].removeprefix("mlsroad").strip(", ")
+        lines.append(
+            f"| {row['kernel']} | {points} | {row['threads'] or ''} | {ours} | {row['seconds']:.3g} "
+            f"| {row['rival']} | {row['rival_seconds']:.3g} | {row['ratio']:.2f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def show_ratios(names: list[str]) -> None:
+    """Print the ratios of the named benchmarks and keep them in a file."""
+    rows: list[dict[str, Any]] = []
+    for name in names:
+        rows += json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+    found = ratios(rows)
+    if not found:
+        print("\nno rival was present: no ratios")
+        return
+    table = ratio_table(found)
+    (RESULTS / "ratios.md").write_text(table, encoding="utf-8")
+    print(f"\n== ratios, kept in {RESULTS / 'ratios.md'}\n{table}", end="")
 
 
 def run(name: str) -> bool:
@@ -71,6 +138,7 @@ def main() -> int:
         print(f"MLSROAD_RIVALS is not set: no rivals and no clouds; left out: {', '.join(left_out) or 'nothing'}")
         names = [name for name in names if name not in NEEDS_CLOUDS]
     failed = [name for name in names if not run(name)]
+    show_ratios([name for name in names if name not in failed])
     if failed:
         print(f"\nnot measured: {', '.join(failed)}")
     return 1 if failed else 0
