@@ -237,7 +237,13 @@ def test_second_run_recomputes_no_scene_and_gives_the_same_scores(project, tmp_p
     copy = Path(shutil.copytree(project, tmp_path / "copy", ignore=shutil.ignore_patterns("mlartifacts", "done")))
     before = reporting(copy, f"scores/{METHOD}.csv").read_bytes()
     picture = reporting(copy, f"figures/{METHOD}_birds_eye.png").read_bytes()
-    several = ["score_patch_graph_mrf", "score_visual_words", "score_hough_forest", f"score_{METHOD}", f"picture_{METHOD}"]
+    several = [
+        "score_patch_graph_mrf",
+        "score_visual_words",
+        "score_hough_forest",
+        f"score_{METHOD}",
+        f"picture_{METHOD}",
+    ]
     with caplog.at_level("INFO", logger="mlsroad_pipeline"):
         run(copy, to_nodes=several, **TINY)  # what trains and draws beside these has no scenes of its own
     counts = stage_counts(caplog.messages)
