@@ -14,6 +14,7 @@ from mlsroad_pipeline.algorithms.detection import (
     detection_table,
     object_classes,
 )
+from mlsroad_pipeline.algorithms.detection_pictures import FALSE, MISSED, RIGHT, detection_figure, detection_outcomes
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.object_segmentation import (
     SegmentationParameters,
@@ -24,6 +25,7 @@ from mlsroad_pipeline.algorithms.object_segmentation import (
     segmentation_table,
 )
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.rendering.palette import HIT_COLOUR, MISSED_COLOUR, WRONG_COLOUR
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters
 
 SCHEME = ClassScheme(
@@ -175,3 +177,44 @@ def test_bad_input(rng):
         DetectionParameters(iou_threshold=1)
     with pytest.raises(ParameterError, match="segmentation.method must be .* got 'magic'"):
         SegmentationParameters("magic")
+
+
+def share_of(picture, colour):
+    """Return the share of pixels that have a colour's hue, however shaded."""
+    flat = picture.reshape(-1, 3).astype(float)
+    tone = np.array(colour) / np.linalg.norm(colour)
+    return float(((flat @ tone) / np.linalg.norm(flat, axis=1).clip(1) > 0.985).mean())
+
+
+def test_points_tell_whether_their_object_was_found(rng):
+    scene, ground = street(rng)
+    objects = segment_scene(scene, ground, PARAMETERS)
+    pole, tree = (objects["objects"][scene["instance"] == k].max() for k in (11, 13))
+    label, score = np.full(4, -1, np.int16), np.zeros(4, np.float32)
+    label[[pole, tree]], score[[pole, tree]] = [0, 1], [0.9, 0.8]  # the tree is taken for a car, the far pole is missed
+    truth, outcomes = detection_outcomes(
+        scene, objects, {"label": label, "score": score}, scheme=SCHEME, parameters=WANTED
+    )
+    of = {k: (truth[scene["instance"] == k], outcomes[scene["instance"] == k]) for k in (0, 11, 12, 13, 99)}
+    expected = {0: (-1, -1), 11: (0, RIGHT), 12: (1, MISSED), 13: (-1, FALSE), 99: (0, MISSED)}
+    for k, (kind, outcome) in expected.items():
+        assert (of[k][0] == kind).all() and (of[k][1] == outcome).mean() > 0.99, k
+    large = DetectionParameters(scheme="test", classes=("pole", "car"), min_points=300)
+    truth, outcomes = detection_outcomes(
+        scene, objects, {"label": label, "score": score}, scheme=SCHEME, parameters=large
+    )
+    assert (truth[scene["instance"] == 11] == 0).all()  # found all the same, though nobody looked for it
+    assert (truth[scene["instance"] == 99] == -1).all() and (outcomes[scene["instance"] == 99] == -1).all()
+
+
+def test_a_scene_without_objects_or_detections_has_a_picture(rng):
+    scene, _ = street(rng)
+    bare = {"objects": np.full(len(scene), -1, np.int32)}
+    nothing = {"label": np.empty(0, np.int16), "score": np.empty(0, np.float32)}
+    _, outcomes = detection_outcomes(scene, bare, nothing, scheme=SCHEME, parameters=WANTED)
+    assert (outcomes[np.isin(scene["instance"], [11, 12, 99])] == MISSED).all()
+    figure = detection_figure([scene], [bare], [nothing], scheme=SCHEME, parameters=WANTED, title="none")
+    assert [axes.get_title(loc="left") for axes in figure.axes] == ["Truth", "Detections"]
+    picture = figure.axes[1].images[0].get_array()
+    assert share_of(picture, MISSED_COLOUR) > 0.002
+    assert share_of(picture, HIT_COLOUR) == share_of(picture, WRONG_COLOUR) == 0

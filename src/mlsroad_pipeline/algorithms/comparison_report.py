@@ -39,6 +39,7 @@ CAPTIONS = {
     "confusion": "Confusion matrix",
     "bars": "Precision, recall, F1 and IoU per class",
     "precision_recall": "Precision against recall per class",
+    "detections": "What was looked for, and what of it was found, missed or taken wrongly",
 }
 """What the figures of a method show."""
 

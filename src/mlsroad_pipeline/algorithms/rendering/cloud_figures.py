@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import threading
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -18,10 +18,13 @@ from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.rendering.camera import View
 from mlsroad_pipeline.algorithms.rendering.palette import (
     CORRECT_COLOUR,
+    HIT_COLOUR,
     IGNORED_COLOUR,
+    MISSED_COLOUR,
     WRONG_COLOUR,
     class_palette,
     error_colours,
+    outcome_colours,
     rgb_to_hex,
 )
 from mlsroad_pipeline.algorithms.rendering.splatting import close_gaps, depth_shading, nearest_points, shaded_picture
@@ -35,6 +38,11 @@ _LEGEND_INCHES = 1.9
 _TITLE_INCHES = 0.32
 INK = "#22262e"
 """Colour of text and lines in every figure."""
+_OWN_LEGENDS = {
+    "errors": ("Errors", (("right", CORRECT_COLOUR), ("wrong", WRONG_COLOUR))),
+    "detections": ("Detections", (("right", HIT_COLOUR), ("missed", MISSED_COLOUR), ("false", WRONG_COLOUR))),
+}
+"""Panels whose colours are no classes, to the heading and the entries of their legend."""
 
 
 def _labels(values: ArrayLike, n_points: int, n_classes: int, name: str) -> NDArray[np.int64]:
@@ -119,6 +127,54 @@ def labelling_pictures(
     colours = {name: palette[values] for name, values in labels.items()}
     if len(labels) == 2:
         colours["errors"] = error_colours(labels["truth"], labels["prediction"])
+    return _painted(points, view, colours, splat_metres, oversampling)
+
+
+def detection_pictures(
+    xyz: ArrayLike, view: View, *, classes: ClassScheme | tuple[str, ...], truth: ArrayLike, outcomes: ArrayLike
+) -> dict[str, NDArray[np.uint8]]:
+    """Paint what was looked for in a cloud, and what of it was found.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points, metres, in the frame of the view's centre.
+    view : View
+        Where from, and how large.
+    classes : ClassScheme or tuple of str
+        The classes of the labels; they fix the colours.
+    truth : array-like of int, shape (n,)
+        Class of the wanted object that a point belongs to, -1 for none.
+    outcomes : array-like of int, shape (n,)
+        0 right, 1 missed, 2 false, -1 for none.
+
+    Returns
+    -------
+    dict of str to ndarray of uint8, shape (height, width, 3)
+        ``"truth"`` and ``"detections"``.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3) or not finite, or labels do not fit the points or the classes.
+    """
+    points = check_xyz(xyz)
+    palette = class_palette(classes)
+    colours = {
+        "truth": palette[_labels(truth, len(points), len(palette) - 1, "truth")],
+        "detections": outcome_colours(_labels(outcomes, len(points), 3, "outcomes")),
+    }
+    return _painted(points, view, colours, splat_metres=0.05, oversampling=2)
+
+
+def _painted(
+    points: NDArray[np.floating],
+    view: View,
+    colours: Mapping[str, NDArray[np.uint8]],
+    splat_metres: float,
+    oversampling: int,
+) -> dict[str, NDArray[np.uint8]]:
+    """Paint one cloud in several colourings; what each pixel shows is found once."""
     index, shade = _seen(points, view.enlarged(oversampling), splat_metres, 3 * oversampling)
     return {name: shaded_picture(index, shade, paint, oversampling=oversampling) for name, paint in colours.items()}
 
@@ -174,8 +230,9 @@ def cloud_figure(
     head = 0.45 if title else 0.08
     figure_width = across * panel_width + (across - 1) * 0.12 + _LEGEND_INCHES + 0.1
     entries = _legend_entries(classes, present)
-    legends = _legend_height(len(entries)) + ("errors" in pictures) * _legend_height(2)
-    figure_height = max(down * (panel_height + _TITLE_INCHES), legends) + head
+    legends = [("Classes", entries), *(_OWN_LEGENDS[name] for name in pictures if name in _OWN_LEGENDS)]
+    legends_height = sum(_legend_height(len(named)) for _, named in legends)
+    figure_height = max(down * (panel_height + _TITLE_INCHES), legends_height) + head
     figure = Figure(figsize=(figure_width, figure_height), dpi=_DPI, facecolor="white")
     FigureCanvasAgg(figure)
     for k, (name, picture) in enumerate(pictures.items()):
@@ -193,7 +250,10 @@ def cloud_figure(
             _draw_scale_bar(axes, view)
     if title:
         figure.text(0.06 / figure_width, 1 - 0.1 / figure_height, title, fontsize=12, color=INK, va="top")
-    _draw_legend(figure, entries, errors="errors" in pictures, top=1 - head / figure_height)
+    top = 1 - head / figure_height
+    for heading, named in legends:
+        _legend(figure, named, heading, top)
+        top -= _legend_height(len(named)) / figure_height
     return figure
 
 
@@ -214,27 +274,19 @@ def _legend_height(n_entries: int) -> float:
     return 0.45 + 0.185 * n_entries
 
 
-def _legend_entries(
-    classes: ClassScheme | tuple[str, ...], present: ArrayLike | None
-) -> list[tuple[str, NDArray[np.uint8]]]:
+def _legend_entries(classes: ClassScheme | tuple[str, ...], present: ArrayLike | None) -> list[tuple[str, ArrayLike]]:
     """Return the names and colours of the classes that are shown."""
     names = classes.classes if isinstance(classes, ClassScheme) else tuple(classes)
     palette = class_palette(classes)
     wanted = set(range(len(names))) if present is None else {int(label) for label in np.unique(np.asarray(present))}
-    entries = [(name.replace("_", " "), palette[k]) for k, name in enumerate(names) if k in wanted]
+    entries: list[tuple[str, ArrayLike]] = [
+        (name.replace("_", " "), palette[k]) for k, name in enumerate(names) if k in wanted
+    ]
     return [*entries, ("ignored", np.array(IGNORED_COLOUR))]
 
 
-def _draw_legend(figure: Figure, entries: list[tuple[str, NDArray[np.uint8]]], *, errors: bool, top: float) -> None:
-    """Name the colours at the figure's right."""
-    _legend(figure, entries, "Classes", top)
-    if errors:
-        shift = _legend_height(len(entries)) / figure.get_figheight()
-        right_or_wrong = [("right", np.array(CORRECT_COLOUR)), ("wrong", np.array(WRONG_COLOUR))]
-        _legend(figure, right_or_wrong, "Errors", top - shift)
-
-
-def _legend(figure: Figure, entries: list[tuple[str, NDArray]], title: str, top: float) -> None:
+def _legend(figure: Figure, entries: Sequence[tuple[str, ArrayLike]], title: str, top: float) -> None:
+    """Name colours at the figure's right."""
     handles = [Patch(facecolor=rgb_to_hex(c), edgecolor="#9aa0aa", linewidth=0.4, label=name) for name, c in entries]
     left = 1 - (_LEGEND_INCHES + 0.02) / figure.get_figwidth()
     figure.legend(

@@ -20,6 +20,9 @@ IGNORED_COLOUR: Colour = (214, 218, 225)
 """Points that are not scored, or have no label."""
 CORRECT_COLOUR: Colour = (150, 156, 164)
 WRONG_COLOUR: Colour = (200, 30, 20)
+HIT_COLOUR: Colour = (20, 140, 60)
+MISSED_COLOUR: Colour = (30, 80, 220)
+"""Detected objects are green, missed ones blue, false detections have `WRONG_COLOUR`."""
 
 COLOURS: dict[str, str] = {
     "unlabelled": "#d6dae1",
@@ -158,6 +161,23 @@ def class_palette(classes: ClassScheme | ArrayLike) -> NDArray[np.uint8]:
         taken.add(colour)
         table[label] = colour
     return table
+
+
+def outcome_colours(outcomes: ArrayLike) -> NDArray[np.uint8]:
+    """Colour points by what a detector made of the object that they belong to.
+
+    Parameters
+    ----------
+    outcomes : array-like of int, shape (n,)
+        0 right, 1 missed, 2 false, -1 what nobody looked for.
+
+    Returns
+    -------
+    ndarray of uint8, shape (n, 3)
+        Colours.
+    """
+    table = np.array([HIT_COLOUR, MISSED_COLOUR, WRONG_COLOUR, IGNORED_COLOUR], dtype=np.uint8)
+    return table[np.asarray(outcomes)]
 
 
 def error_colours(truth: ArrayLike, predicted: ArrayLike) -> NDArray[np.uint8]:

@@ -16,6 +16,7 @@ from mlsroad_pipeline.algorithms.detection import (
     detection_curves,
     detection_table,
 )
+from mlsroad_pipeline.algorithms.detection_pictures import detection_figure
 from mlsroad_pipeline.algorithms.evaluation import (
     count_scene,
     find_scheme,
@@ -258,3 +259,41 @@ def score_detector(
     curves = detection_curves(found, split=split, classes=detection.classes)
     figure = precision_recall_figure(curves, title=f"{method} on {split}")
     return detection_table(found, method=method, classes=detection.classes), figure
+
+
+def picture_detections(
+    scenes: SceneCollection,
+    objects: SceneCollection,
+    detections: SceneCollection,
+    detection: DetectionParameters,
+    classes: Mapping[str, Any],
+    *,
+    method: str,
+) -> Figure:
+    """Draw the right, missed and false detections of some scenes.
+
+    Parameters
+    ----------
+    scenes, objects : SceneCollection
+        The scenes and their objects.
+    detections : SceneCollection
+        What a method made of the scenes that it was not trained on.
+    detection : DetectionParameters
+        The wanted classes, and when a detection is right.
+    classes : mapping
+        The class schemes.
+    method : str
+        The method's slug.
+
+    Returns
+    -------
+    Figure
+        The picture.
+    """
+    chosen = middle_scenes(list(detections))
+    return detection_figure(
+        *([found[key].load() for key in chosen] for found in (scenes, objects, detections)),
+        scheme=find_scheme(classes["schemes"], detection.scheme),
+        parameters=detection,
+        title=f"{method} on {chosen[0]} to {chosen[-1]}" if len(chosen) > 1 else f"{method} on {chosen[0]}",
+    )

@@ -8,6 +8,7 @@ from mlsroad_pipeline.pipelines.evaluation.nodes import (
     count_detections,
     count_points,
     count_seen_points,
+    picture_detections,
     picture_labels,
     score_detector,
     score_method,
@@ -92,6 +93,12 @@ def _nodes_of_detector(slug: str) -> list[Node]:
             inputs=[f"{slug}.detection_counts", "params:detection"],
             outputs=[f"{slug}.scores", f"{slug}.precision_recall_figure"],
             name=f"score_{slug}",
+        ),
+        Node(
+            fix_arguments(picture_detections, method=slug),
+            inputs=["scenes", "objects", f"{slug}.detections", "params:detection", "params:classes"],
+            outputs=f"{slug}.detections_figure",
+            name=f"picture_{slug}",
         ),
     ]
 

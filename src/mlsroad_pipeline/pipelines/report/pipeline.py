@@ -9,7 +9,7 @@ LABEL_FIGURES = ("birds_eye", "perspective", "confusion", "bars")
 TASKS = {
     "comparison": (LABELLERS, LABEL_FIGURES),
     "image_comparison": (IMAGE_METHODS, LABEL_FIGURES),
-    "detection_comparison": (DETECTORS, ("precision_recall",)),
+    "detection_comparison": (DETECTORS, ("precision_recall", "detections")),
     "recognition_comparison": (RECOGNISERS, ("confusion",)),
 }
 """The table of each task to its methods and the figures that each of them has."""
