@@ -20,7 +20,7 @@ def normalised(points, isotropic=False, window=None):
     return unit + [0, 0, 1]
 
 
-def images(points, sizes, isotropic=False, window=None, relative=True):
+def images(points, sizes, isotropic=False, window=None, relative=True, bilinear=False):
     """HSSI, VQAI and VAAI of the whole and of the slices, as lists of arrays."""
     unit = normalised(points, isotropic, window)
     parts = [(unit, np.ones(len(unit), bool))]
@@ -34,13 +34,18 @@ def images(points, sizes, isotropic=False, window=None, relative=True):
         drawn = [np.zeros((size, size)) for size in sizes]
         for x, y, z in part[inside]:
 
-            def cell(value, size):
-                return int(min(np.floor(value / (2 / size)), size - 1))
+            def shares(value, size):
+                place = value / (2 / size)
+                if bilinear:  # of each cell by the distance of its centre, all within the outermost centres
+                    place = np.clip(place, 0.5, size - 0.5)
+                    return np.maximum(0, 1 - np.abs(np.arange(size) + 0.5 - place))
+                return np.arange(size) == min(np.floor(place), size - 1)
 
-            drawn[0][cell(z, sizes[0]), cell(np.hypot(x, y), sizes[0])] += 1
-            drawn[1][cell(x + 1, sizes[1]), cell(y + 1, sizes[1])] += 1
+            drawn[0] += np.outer(shares(z, sizes[0]), shares(np.hypot(x, y), sizes[0]))
+            drawn[1] += np.outer(shares(x + 1, sizes[1]), shares(y + 1, sizes[1]))
             to_point = np.array([x, y, z + 1])
-            drawn[2][cell(x + 1, sizes[2]), cell(y + 1, sizes[2])] += to_point[2] / np.linalg.norm(to_point)
+            cosine = to_point[2] / np.linalg.norm(to_point)
+            drawn[2] += cosine * np.outer(shares(x + 1, sizes[2]), shares(y + 1, sizes[2]))
         for kind, image in zip(found, drawn, strict=True):
             kind.append(image / len(unit) if relative else image)
     return [np.stack(kind) for kind in found]

@@ -17,7 +17,9 @@ def objects(rng):
 
 
 @pytest.mark.parametrize("sizes", [SIZES, (5, 3, 2), (1, 1, 1)])
-@pytest.mark.parametrize("options", [{}, {"isotropic": True}, {"relative": False}, {"window": (2.0, 4.0)}])
+@pytest.mark.parametrize(
+    "options", [{}, {"isotropic": True}, {"relative": False}, {"window": (2.0, 4.0)}, {"bilinear": True}]
+)
 def test_images_follow_the_definition(objects, sizes, options):
     found = compute_images(objects, sizes=sizes, **options)
     for i, points in enumerate(objects):
@@ -109,6 +111,21 @@ def test_a_window_shows_size_and_keeps_what_is_outside_at_its_edge():
     for window in ((0.0, 4.0), (2.0, np.inf), (np.nan, 4.0)):
         with pytest.raises(ParameterError, match="window must be two lengths above 0"):
             compute_images(boxes, window=window)
+
+
+def test_a_point_can_be_shared_between_the_cells_around_it(objects, rng):
+    options = {"window": (2.0, 4.0), "bilinear": True}
+    ends = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 3.9]])  # the middle of the box is at 0
+    inner = [np.vstack([ends, [[0.1, 0.35, 1.1]]]), np.vstack([ends, [[0.1, 0.35, 1.1]] * 2])]
+    one, two = (compute_images([points], relative=False, **options)[1][0, 0] for points in inner)
+    wanted = np.zeros((8, 8))
+    wanted[3:5, 4:6] = np.outer([0.3, 0.7], [0.8, 0.2])  # 4.2 and 4.7 cells of half a metre; centres at 3.5, 4.5, 5.5
+    np.testing.assert_allclose(two - one, wanted, atol=1e-6)
+    for image in compute_images(objects, **options)[:2]:
+        np.testing.assert_allclose(image[:, 0].sum(axis=(1, 2)), 1.0, atol=1e-5)
+    moved = [points + rng.normal(0, 1e-6, points.shape) for points in objects]  # little changes little at any border
+    for image, other in zip(compute_images(objects, **options), compute_images(moved, **options), strict=True):
+        np.testing.assert_allclose(image[:, 0], other[:, 0], atol=1e-4)
 
 
 def test_points_that_are_all_alike_lie_in_the_middle():

@@ -78,7 +78,9 @@ def test_layers_are_as_printed():
     assert net.fusion_1["hssi"][0].in_channels == 5 * 4  # the whole and four slices
 
 
-@pytest.mark.parametrize("changes", [{}, {"compress": False, "intensity": False, "measures": False}])
+@pytest.mark.parametrize(
+    "changes", [{}, {"bilinear": True}, {"compress": False, "intensity": False, "measures": False}]
+)
 def test_what_the_network_sees(rng, changes):
     objects, _ = shapes(rng, 1)
     seen = InputParameters(isotropic=False, **changes)

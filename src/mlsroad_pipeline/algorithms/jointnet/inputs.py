@@ -179,7 +179,13 @@ def encode(
 
     def draw(weights: NDArray[np.float64]) -> Images:
         return draw_images(
-            points.xyz, points.indptr, weights, sizes=sizes, isotropic=parameters.isotropic, window=window
+            points.xyz,
+            points.indptr,
+            weights,
+            sizes=sizes,
+            isotropic=parameters.isotropic,
+            window=window,
+            bilinear=parameters.bilinear,
         )
 
     shares = dict(zip(VIEWS, draw(weight), strict=True))

@@ -42,6 +42,10 @@ class InputParameters:
     window : sequence of float, optional
         Half of the width and the height, in metres, of a space that is the same for all objects, so that their size is
         seen; `isotropic` has no effect then. By default every object fills its space. Luo2019 can be read as either.
+    bilinear : bool, default False
+        Whether a point is shared between the four cells around it, as in the spin images of Johnson and Hebert (1999)
+        that HSSI follows; images of few points are steadier then. Luo2019 prints one cell per point, and compares its
+        images with spin images without saying whether they are interpolated alike.
     compress : bool, default True
         Whether the square root of the counts is taken, so that few points beside many are seen (luo2019: not).
     intensity : bool, default True
@@ -60,6 +64,7 @@ class InputParameters:
     sizes: Sequence[int] = field(default_factory=lambda: [16, 8, 16])
     isotropic: bool = True
     window: Sequence[float] | None = None
+    bilinear: bool = False
     compress: bool = True
     intensity: bool = True
     measures: bool = True
