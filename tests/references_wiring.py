@@ -36,8 +36,12 @@ def make_project(folder: Path, *, tiny: bool = True) -> Path:
         changed.write_text(yaml.safe_dump({"simulation": simulation}), encoding="utf-8")
         for name in ("methods", "studies"):
             catalog = folder / f"conf/base/catalog_{name}.yml"
-            text = catalog.read_text(encoding="utf-8")  # figures of a third of the size: drawing them takes a sixth of a run
-            catalog.write_text(text.replace("figure_dataset.FigureDataset\n", "figure_dataset.FigureDataset\n  dpi: 50\n"))
+            text = catalog.read_text(
+                encoding="utf-8"
+            )  # figures of a third of the size: drawing them takes a sixth of a run
+            catalog.write_text(
+                text.replace("figure_dataset.FigureDataset\n", "figure_dataset.FigureDataset\n  dpi: 50\n")
+            )
     shutil.copy(REPOSITORY / "pyproject.toml", folder)
     (folder / ".telemetry").write_text("consent: false\n", encoding="utf-8")
     (folder / "src").mkdir(exist_ok=True)  # kedro asks for it; the package is imported from elsewhere
