@@ -45,7 +45,7 @@ def tidy_axes(axes: Axes) -> None:
     """
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color("#9aa0aa")
-    axes.tick_params(colors=INK, labelsize=8, length=3, color="#9aa0aa")
+    axes.tick_params(which="both", colors=INK, labelsize=8, length=3, color="#9aa0aa")
     axes.set_axisbelow(True)
 
 

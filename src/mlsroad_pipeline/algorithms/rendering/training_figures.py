@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
@@ -139,6 +140,7 @@ def objective_figure(values: ArrayLike, *, title: str = "") -> Figure:
     axes = figure.add_subplot()
     axes.plot(objective, color=SERIES[0], linewidth=1.6, marker="o", markersize=3)
     axes.set_yscale("log")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlabel("Iteration", fontsize=9, color=INK)
     axes.set_ylabel("Objective", fontsize=9, color=INK)
     axes.grid(color=GRID, linewidth=0.7, which="both")
