@@ -2,6 +2,10 @@
 
 import io
 import os
+
+# Tests run side by side, a process per core: more threads of OpenMP in each take a fifth more time. Read at the first import of NumPy.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 import pickle
 from pathlib import Path
 

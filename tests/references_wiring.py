@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import re
 import shutil
+import tempfile
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -27,6 +29,15 @@ TINY: dict[str, Any] = {
 """Parameters with which the whole comparison takes seconds."""
 
 
+@functools.cache
+def empty_store() -> bytes:
+    """Return an MLflow store without a run; making one takes as long as many a test."""
+    with tempfile.TemporaryDirectory() as folder:
+        uri = f"sqlite:///{folder}/mlflow.db"
+        mlflow.MlflowClient(tracking_uri=uri).search_experiments()
+        return Path(folder, "mlflow.db").read_bytes()
+
+
 def make_project(folder: Path, *, tiny: bool = True) -> Path:
     """Copy configuration and layout of the project into a folder, with tiny surveys; the code stays where it is."""
     shutil.copytree(REPOSITORY / "conf", folder / "conf", dirs_exist_ok=True)
@@ -36,13 +47,11 @@ def make_project(folder: Path, *, tiny: bool = True) -> Path:
         changed.write_text(yaml.safe_dump({"simulation": simulation}), encoding="utf-8")
         for name in ("methods", "studies"):
             catalog = folder / f"conf/base/catalog_{name}.yml"
-            text = catalog.read_text(
-                encoding="utf-8"
-            )  # figures of a third of the size: drawing them takes a sixth of a run
-            catalog.write_text(
-                text.replace("figure_dataset.FigureDataset\n", "figure_dataset.FigureDataset\n  dpi: 50\n")
-            )
+            text, kind = catalog.read_text(encoding="utf-8"), "figure_dataset.FigureDataset\n"
+            small = text.replace(kind, f"{kind}  dpi: 50\n")  # drawing larger ones takes a sixth of a run
+            catalog.write_text(small, encoding="utf-8")
     shutil.copy(REPOSITORY / "pyproject.toml", folder)
+    (folder / "mlflow.db").write_bytes(empty_store())
     (folder / ".telemetry").write_text("consent: false\n", encoding="utf-8")
     (folder / "src").mkdir(exist_ok=True)  # kedro asks for it; the package is imported from elsewhere
     (folder / "conf" / "local").mkdir(exist_ok=True)

@@ -8,7 +8,7 @@ import laspy
 import numpy as np
 import pandas as pd
 import pytest
-from references_wiring import TINY, label, run, session_of, shared_run, stage_counts
+from references_wiring import TINY, empty_store, label, run, session_of, shared_run, stage_counts
 
 from mlsroad_pipeline.algorithms.evaluation import find_scheme
 from mlsroad_pipeline.algorithms.exceptions import ReadError
@@ -30,6 +30,7 @@ def project(tmp_path_factory):
     folder = tmp_path_factory.mktemp("images")
     tracked = shutil.ignore_patterns("mlflow.db", "mlartifacts", "mlruns")
     shutil.copytree(shared_run(tmp_path_factory), folder, dirs_exist_ok=True, ignore=tracked)
+    (folder / "mlflow.db").write_bytes(empty_store())
     with session_of(folder, **TINY) as session:
         session.run(pipeline_names=["detrended_forest", *METHODS])  # registered here, since tracking was left out
     return folder

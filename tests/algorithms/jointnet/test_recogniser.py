@@ -222,6 +222,22 @@ def test_rates_follow_the_schedules():
     assert np.argmax(rates) == 20 and rates[20] == 1.0 and rates[0] == pytest.approx(0.04) and rates[-1] < 0.001
 
 
+def test_no_step_is_longer_than_the_clipped_gradient_allows(rng):
+    objects, classes = shapes(rng, 4)
+
+    def weights_after_one_step(clip):
+        wanted = parameters(epochs=1, clip=clip, learning_rate=0.1, schedule="halving", momentum=0.0, weight_decay=0.0)
+        (network,) = JointNetRecogniser(wanted).fit(objects, classes).networks_
+        return torch.cat([weights.detach().flatten() for weights in network.parameters()])
+
+    start = weights_after_one_step(1e-12)
+    short, free = (float((weights_after_one_step(clip) - start).norm()) for clip in (0.01, 0.0))
+    assert short == pytest.approx(0.1 * 0.01, rel=1e-3)
+    assert free > 10 * short
+    with pytest.raises(ParameterError, match=r"training\.clip must be at least 0\.0, got -1\.0"):
+        parameters(clip=-1.0)
+
+
 @pytest.mark.parametrize("n_points", [1, 2, 30])
 def test_objects_of_hardly_any_points_get_a_class(rng, n_points):
     objects, classes = shapes(rng, 3)

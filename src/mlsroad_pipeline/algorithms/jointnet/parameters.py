@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Self
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.validation import check_positive
+from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
 
 VIEWS = ("hssi", "vqai", "vaai")
 """Kinds of images: the three of the paper."""
@@ -190,6 +190,9 @@ class TrainingParameters:
         Of the gradient (luo2019: 0.9).
     weight_decay : float, default 0.0005
         Of all weights (luo2019: 0.0005).
+    clip : float, default 0.0
+        Greatest norm of a step's gradient; longer ones are shortened to it, so that no step of a network without batch
+        normalisation leaves rectifiers without any input that moves them. 0 leaves all as they are (luo2019: not said).
     schedule : {"one_cycle", "halving"}, default "one_cycle"
         The rate rises over the first fifth and falls to 0 as a cosine; or it is halved every 20 epochs (luo2019).
     label_smoothing : float, default 0.1
@@ -223,6 +226,7 @@ class TrainingParameters:
     learning_rate: float = 0.05
     momentum: float = 0.9
     weight_decay: float = 0.0005
+    clip: float = 0.0
     schedule: Literal["one_cycle", "halving"] = "one_cycle"
     label_smoothing: float = 0.1
     augmentation: AugmentationParameters = field(default_factory=AugmentationParameters)
@@ -242,6 +246,7 @@ class TrainingParameters:
         _whole(self.batch_size, "training.batch_size", 2)
         _whole(self.seed, "training.seed", 0)
         check_positive(self.learning_rate, "training.learning_rate")
+        check_at_least(self.clip, 0.0, "training.clip")
         for name in ("momentum", "weight_decay", "label_smoothing", "validation"):
             _share(getattr(self, name), f"training.{name}")
         for name, known in (("schedule", ("one_cycle", "halving")), ("device", ("auto", "cpu", "cuda"))):

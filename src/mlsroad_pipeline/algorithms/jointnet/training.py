@@ -215,6 +215,8 @@ class _Run:
             scores = self.network(images, measures)
         loss = torch.stack([self.loss(head.float(), self.target[rows]) for head in scores]).sum()
         loss.backward()
+        if self.parameters.training.clip:
+            nn.utils.clip_grad_norm_(self.network.parameters(), self.parameters.training.clip)
         self.optimizer.step()
         return float(loss.detach())
 
