@@ -13,6 +13,7 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.formats.las import LasFormat
 from mlsroad_pipeline.datasets.formats.options import WriteOptions
 from mlsroad_pipeline.datasets.formats.ply import PlyFormat
+from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -175,7 +176,8 @@ def compared(tmp_path, train, test, *, to_nodes=None, **changes):
 def test_class_with_one_sample_and_classes_with_none_are_scored_as_documented(tmp_path, rng):
     xyz, labels = street(rng)
     labels[0] = TAXONOMY["car"]  # one point of a class, within the road
-    project = compared(tmp_path, (xyz, labels), (xyz + 0.001, labels))
+    scores = [f"score_{method}" for method in (*LABELLERS, *DETECTORS)]
+    project = compared(tmp_path, (xyz, labels), (xyz + 0.001, labels), to_nodes=scores)
     table = pd.read_csv(project / "data/08_reporting/scores/detrended_forest.csv").set_index(["class", "metric"])
     assert table.loc[("vehicle", "recall"), "support"] == 1
     assert table.loc[("human", "recall"), "support"] == 0 and np.isnan(table.loc[("human", "recall"), "value"])
