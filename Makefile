@@ -19,10 +19,10 @@ compare: setup
 	@$(BIN)/kedro run --env=compare --pipeline=comparison_report
 
 test: setup lint
-	@$(BIN)/python -m pytest -n auto --dist loadfile
+	@$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 coverage: setup
-	@$(BIN)/python -m pytest -n auto --dist loadfile --timeout=900 --cov --cov-report=term
+	@$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --timeout=900 --cov --cov-report=term
 
 lint: setup
 	@$(BIN)/ruff check .

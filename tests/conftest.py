@@ -15,6 +15,22 @@ from omegaconf import OmegaConf
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("MLSROAD_DATA", REPOSITORY.parent / "shared" / "data"))
+LONG = (
+    "pipelines/test_bad_input.py",  # makes the run that the last five look at
+    "pipelines/test_luo2019_study.py",
+    "pipelines/test_slices.py",
+    "datasets/test_execution.py",
+    "pipelines/test_luo2016_study.py",
+    "pipelines/test_recognition_bad_input.py",
+    "pipelines/test_tomic2019_study.py",
+    "pipelines/test_yu2016_study.py",
+    "test_notebooks.py",
+    "pipelines/test_image_methods.py",
+    "pipelines/test_label.py",
+    "test_run.py",
+    "pipelines/test_label_formats.py",
+)
+"""Files that take longest. They come first, so that at the end no process waits for another."""
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -53,6 +69,14 @@ def real_data():
         return path
 
     return find
+
+
+def pytest_collection_modifyitems(items):
+    """Put the tests of long files first; within a file they keep their order."""
+    place = {REPOSITORY / "tests" / name: k for k, name in enumerate(LONG)}
+    if missing := [str(path) for path in place if not path.is_file()]:
+        raise pytest.UsageError(f"tests/conftest.py orders files that are not there: {missing}")
+    items.sort(key=lambda item: place.get(item.path, len(LONG)))
 
 
 def pytest_terminal_summary(terminalreporter):
