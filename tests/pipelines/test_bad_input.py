@@ -176,8 +176,9 @@ def compared(tmp_path, train, test, *, to_nodes=None, **changes):
 def test_class_with_one_sample_and_classes_with_none_are_scored_as_documented(tmp_path, rng):
     xyz, labels = street(rng)
     labels[0] = TAXONOMY["car"]  # one point of a class, within the road
-    scores = [f"score_{method}" for method in (*LABELLERS, *DETECTORS)]
-    project = compared(tmp_path, (xyz, labels), (xyz + 0.001, labels), to_nodes=scores)
+    nodes = [f"score_{method}" for method in (*LABELLERS, *DETECTORS)]
+    nodes += ["compare_methods", "compare_detectors", "picture_detrended_forest", "picture_hough_forest"]
+    project = compared(tmp_path, (xyz, labels), (xyz + 0.001, labels), to_nodes=nodes)
     table = pd.read_csv(project / "data/08_reporting/scores/detrended_forest.csv").set_index(["class", "metric"])
     assert table.loc[("vehicle", "recall"), "support"] == 1
     assert table.loc[("human", "recall"), "support"] == 0 and np.isnan(table.loc[("human", "recall"), "value"])
