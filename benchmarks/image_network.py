@@ -1,6 +1,6 @@
 """The image network on simulated images of unseen streets: mean IoU of the small backbone, times of training and use.
 
-Run as ``python benchmarks/image_network.py [--streets N] [--threads N] [--steps N] [--magnification FACTOR]
+Run as ``python benchmarks/image_network.py [--streets N] [--threads N] [--steps N] [--magnification FACTORS]
 [--development] [--weights FILE] [--images FOLDER] [--time]``. The network learns the images of ``--streets`` towns,
 every second of which has more people, bicycles, signs and furniture than others, and is scored on three ordinary towns.
 ``--development`` scores it on other streets, on which its settings were chosen. ``--images`` keeps the training images
@@ -11,7 +11,7 @@ tomic2019, which learns the same images. ``--time`` takes the time of 60 steps, 
 import argparse
 import json
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,10 +30,7 @@ from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet
 from mlsroad_pipeline.algorithms.image_labels.pspnet_training import train_network
 from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import from_arrays, to_arrays
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
-from mlsroad_pipeline.algorithms.image_labels.training_parameters import (
-    ImageLabelsParameters,
-    TrainingParameters,
-)
+from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.simulation import PRESETS, SimulationParameters, simulate_survey
 from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
@@ -44,7 +41,7 @@ TRAINING, DEVELOPMENT, TEST = 3001, (4001, 4002, 4003, 4004, 4005, 4006), (5001,
 SIZE = {"image_width": 960, "image_height": 720}
 """Of the images. A sixth of the pixels of the paper's cameras."""
 
-NETWORK = {"scale": (0.45, 1.2)}
+NETWORK, MAGNIFICATION = {"scale": (0.5, 1.1)}, (0.7, 0.9)
 """What differs from the defaults, which suit images of half that width."""
 
 RICH = replace(STREETS["town"], people=3.0, two_wheelers=3.0, clutter=2.0, signs=2.0)
@@ -75,7 +72,7 @@ def training_images(n_streets: int, scheme: ClassScheme, folder: Path | None = N
     for number in range(n_streets):
         file = None if folder is None else folder / f"{TRAINING + number}.npz"
         if file is None or not file.is_file():
-            taken = images_of(photographed(TRAINING + number, interval=20.0, rich=number % 2 == 1), scheme)
+            taken = images_of(photographed(TRAINING + number, interval=10.0, rich=number % 2 == 1), scheme)
             if file is not None:
                 file.parent.mkdir(parents=True, exist_ok=True)
                 np.savez(file, rgb=np.stack([rgb for rgb, _ in taken]), label=np.stack([mark for _, mark in taken]))
@@ -115,7 +112,7 @@ def time_steps(n_classes: int, n_threads: int) -> None:
     print(f"{(taken[1] - taken[0]) / 60:.4f} s a step, {n_threads} threads")
 
 
-def confusion(network: PSPNet, samples: Iterable[Sample], magnification: float) -> NDArray[np.int64]:
+def confusion(network: PSPNet, samples: Iterable[Sample], magnification: Sequence[float]) -> NDArray[np.int64]:
     """Return the confusion of images' pixels."""
     n = network.n_classes
     matrix = np.zeros((n, n + 1), dtype=np.int64)
@@ -131,7 +128,7 @@ def main() -> None:
     parser.add_argument("--streets", type=int, default=24)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--steps", type=int, default=TrainingParameters.n_steps)
-    parser.add_argument("--magnification", type=float, default=ImageLabelsParameters.magnification / 2)
+    parser.add_argument("--magnification", type=float, nargs="+", default=MAGNIFICATION)
     parser.add_argument("--development", action="store_true")
     parser.add_argument("--weights", type=Path)
     parser.add_argument("--images", type=Path)

@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import (
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
 
-QUICK = TrainingParameters(n_steps=25, batch_size=4, crop=49, warm_up=3, learning_rate=0.01, class_balance=0.5)
+QUICK = TrainingParameters(n_steps=25, batch_size=4, crop=49, warm_up=3, learning_rate=0.03, class_balance=0.5)
 
 
 def published_shapes(blocks, n_classes):
@@ -171,7 +171,9 @@ def test_training_learns_and_is_repeated_by_its_seed():
     assert all(np.array_equal(again[0][name], again[1][name]) for name in again[0])
 
 
-@pytest.mark.parametrize("changes", [{"optimiser": "sgd", "learning_rate": 0.05}, {"precision": "bfloat16"}])
+@pytest.mark.parametrize(
+    "changes", [{"optimiser": "sgd", "learning_rate": 0.05}, {"optimiser": "adamw"}, {"precision": "bfloat16"}]
+)
 def test_other_ways_of_training_learn_too(changes):
     way = replace(QUICK, n_steps=15, crop=33, **changes)
     _, losses = train_network(painted(8), n_classes=2, parameters=way)
@@ -229,6 +231,18 @@ def test_magnified_image_is_seen_enlarged_and_given_back_in_its_place():
     assert not wrong.any()
     with pytest.raises(ParameterError, match="magnification"):
         segment_image(network, image, magnification=0)
+    with pytest.raises(ParameterError, match="a positive number or several, got none"):
+        segment_image(network, image, magnification=())
+
+
+def test_several_looks_have_the_geometric_mean_of_their_probabilities():
+    torch.manual_seed(1)
+    network = PSPNet(3).eval()
+    image = np.random.default_rng(1).integers(0, 256, (64, 96, 3), dtype=np.uint8)
+    looks = np.stack([segment_image(network, image, magnification=factor) for factor in (1, 1.5)])
+    expected = np.exp(np.log(looks).mean(axis=0))
+    expected /= expected.sum(axis=2, keepdims=True)
+    np.testing.assert_allclose(segment_image(network, image, magnification=(1, 1.5)), expected, atol=1e-5)
 
 
 def test_colours_are_centred():
@@ -247,7 +261,11 @@ def test_colours_are_centred():
         (lambda: TrainingParameters(crop=8), ParameterError, "crop must be an integer >= 17, got 8"),
         (lambda: TrainingParameters(scale=(2, 1)), ParameterError, r"scale .* got \(2, 1\)"),
         (lambda: TrainingParameters(class_crops=1.5), ParameterError, r"class_crops must be in \[0, 1\], got 1.5"),
-        (lambda: TrainingParameters(optimiser="adam"), ParameterError, "optimiser must be one of adamw, sgd, got 'ada"),
+        (
+            lambda: TrainingParameters(optimiser="adam"),
+            ParameterError,
+            "optimiser must be one of muon, adamw, .* got 'ada",
+        ),
         (lambda: TrainingParameters(precision="half"), ParameterError, "precision must be one of auto, .* got 'half'"),
         (lambda: train_network([], n_classes=2), DataError, "at least one image"),
         (

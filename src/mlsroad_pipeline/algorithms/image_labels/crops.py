@@ -17,6 +17,9 @@ _LEAST = 30  # pixels of a class that make an image worth looking at for it
 Sample = tuple[NDArray[np.uint8], NDArray[np.integer]]
 """An image (height, width, 3) and its labels (height, width), -1 where they are not to be learned."""
 
+Batch = tuple[NDArray[np.uint8], NDArray[np.int64]]
+"""Crops (crops, height, width, 3) and their labels (crops, height, width)."""
+
 
 class Crops:
     """Random crops of images.
@@ -67,7 +70,7 @@ class Crops:
         count = self._count.sum(axis=0)
         return count / max(count.sum(), 1)
 
-    def batches(self, rng: np.random.Generator) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.int64]]]:
+    def batches(self, rng: np.random.Generator) -> Iterator[Batch]:
         """Draw the batches of a training; every image comes once before one comes again, but for those around a class.
 
         Parameters

@@ -112,6 +112,16 @@ class PSPNet(nn.Module):
         self.decoder = _Decoder(size.head, size.widths[-2::-1], size.decoder, n_classes) if size.decoder else None
         self.aux = _head(size.decoder[0] if size.decoder else size.widths[-2], size.auxiliary, dropout, n_classes)
 
+    def end_layers(self) -> list[nn.Module]:
+        """Return the layer that reads the colours and those that give the log odds.
+
+        Returns
+        -------
+        list of Module
+            Three convolutions.
+        """
+        return [self.layer0[0], self.cls[-1] if self.decoder is None else self.decoder.pixels, self.aux[-1]]
+
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Return the log odds of the classes.
 
@@ -163,5 +173,6 @@ def network_input(images: NDArray[np.uint8]) -> Tensor:
     Tensor of shape (images, 3, height, width)
         Colours less `MEAN`, divided by `SPREAD`.
     """
-    scaled = (images.astype(np.float32) - np.array(MEAN, np.float32)) / np.array(SPREAD, np.float32)
-    return torch.from_numpy(scaled).permute(0, 3, 1, 2)  # channels stay last in memory: faster on a CPU
+    colours = torch.from_numpy(images).permute(0, 3, 1, 2)  # channels stay last in memory: faster on a CPU
+    mean, spread = (torch.tensor(values)[:, None, None] for values in (MEAN, SPREAD))
+    return (colours.float() - mean) / spread

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.image_labels.crops import Crops, Sample
+from mlsroad_pipeline.algorithms.image_labels.crops import Batch, Crops, Sample
+from mlsroad_pipeline.algorithms.image_labels.muon import Muon
 from mlsroad_pipeline.algorithms.image_labels.pspnet import MEAN, PSPNet, network_input
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
 from mlsroad_pipeline.algorithms.torch_training import find_device, limited_threads
+
+_BESIDE = 0.3  # of the rate is that of AdamW, which moves what Muon does not
 
 
 def train_network(
@@ -57,23 +62,36 @@ def train_network(
     device = find_device("auto")
     model.to(device).to(memory_format=torch.channels_last).train()  # type: ignore[call-overload]  # not in its types
     weights = _class_weights(crops.shares, how.class_balance).to(device)
-    optimiser = _optimiser(model, how)
-    schedule = torch.optim.lr_scheduler.LambdaLR(
-        optimiser, lambda step: min(1.0, (step + 1) / how.warm_up) * (1 - step / how.n_steps) ** how.power
-    )
+    optimisers = _optimisers(model, how)
+    schedules = [torch.optim.lr_scheduler.LambdaLR(each, lambda step: _share(step, how)) for each in optimisers]
     losses = []
     with limited_threads(how.n_threads):
-        for images, labels in crops.batches(np.random.default_rng(how.random_state)):
+        for images, labels in _ahead(crops.batches(np.random.default_rng(how.random_state))):
             given = network_input(images).to(device)
             with torch.autocast(device.type, torch.bfloat16, enabled=_in_bfloat16(how.precision, device)):
                 main, auxiliary = model(given)
             loss = _loss(main.float(), auxiliary.float(), torch.from_numpy(labels).to(device), weights, how)
-            optimiser.zero_grad()
+            model.zero_grad()
             loss.backward()
-            optimiser.step()
-            schedule.step()
+            for optimiser, schedule in zip(optimisers, schedules, strict=True):
+                optimiser.step()
+                schedule.step()
             losses.append(float(loss.detach()))
     return model.to("cpu").to(memory_format=torch.contiguous_format).eval(), losses  # type: ignore[call-overload]  # as above
+
+
+def _ahead(batches: Iterator[Batch]) -> Iterator[Batch]:
+    """Yield batches, and draw each while the one before it is learned."""
+    with ThreadPoolExecutor(1) as pool:
+        drawn = pool.submit(next, batches, None)
+        while (batch := drawn.result()) is not None:
+            drawn = pool.submit(next, batches, None)
+            yield batch
+
+
+def _share(step: int, how: TrainingParameters) -> float:
+    """Return the rate of a step as a share of the highest."""
+    return min(1.0, (step + 1) / how.warm_up) * float(1 - step / how.n_steps) ** how.power
 
 
 def _in_bfloat16(precision: str, device: torch.device) -> bool:
@@ -90,20 +108,33 @@ def _class_weights(shares: NDArray[np.float64], balance: float) -> Tensor:
     return torch.from_numpy((weights / max((weights * shares).sum(), 1e-12)).astype(np.float32))
 
 
-def _optimiser(model: PSPNet, how: TrainingParameters) -> torch.optim.Optimizer:
+def _optimisers(model: PSPNet, how: TrainingParameters) -> list[torch.optim.Optimizer]:
     if how.optimiser == "sgd":
-        return torch.optim.SGD(
+        descent = torch.optim.SGD(
             model.parameters(), how.learning_rate, momentum=how.momentum, weight_decay=how.weight_decay, nesterov=True
         )
+        return [descent]
     # Decay keeps kernels small; offsets and scales of the normalisation are left alone.
     kernels = [weight for weight in model.parameters() if weight.ndim > 1]
     others = [weight for weight in model.parameters() if weight.ndim <= 1]
+    if how.optimiser == "adamw":
+        return [_adamw(kernels, others, how)]
+    # Colours and log odds are no features among others: what reads and gives them learns value by value.
+    ends = {id(weight) for layer in model.end_layers() for weight in layer.parameters()}
+    inner = [weight for weight in kernels if id(weight) not in ends]
+    outer = [weight for weight in kernels if id(weight) in ends]
+    slower = replace(how, learning_rate=_BESIDE * how.learning_rate)
+    return [Muon(inner, how.learning_rate, how.momentum, how.weight_decay), _adamw(outer, others, slower)]
+
+
+def _adamw(kernels: list[nn.Parameter], others: list[nn.Parameter], how: TrainingParameters) -> torch.optim.AdamW:
     groups = [{"params": kernels, "weight_decay": how.weight_decay}, {"params": others, "weight_decay": 0.0}]
-    return torch.optim.AdamW(groups, how.learning_rate)
+    return torch.optim.AdamW(groups, how.learning_rate, fused=True)
 
 
 def _loss(main: Tensor, auxiliary: Tensor, labels: Tensor, weights: Tensor, how: TrainingParameters) -> Tensor:
     wanted = _thinned(labels, main)
+    main = main.contiguous()  # a class is a plane of its own, as in what follows
     logarithms = functional.log_softmax(main, dim=1)
     loss = functional.nll_loss(logarithms, wanted, weights, ignore_index=-1)
     if how.overlap_weight:
@@ -141,13 +172,12 @@ def overlap_loss(probabilities: Tensor, labels: Tensor) -> Tensor:
     .. [1] M. A. Rahman, Y. Wang, "Optimizing intersection-over-union in deep neural networks for image segmentation",
        ISVC, 2016.
     """
-    counted = labels >= 0
     n_classes = probabilities.shape[1]
-    known = labels.clamp(min=0)
-    size = torch.bincount(known.flatten(), counted.flatten().float(), n_classes)
-    own = probabilities.gather(1, known[:, None])[:, 0] * counted
-    shared = torch.zeros(n_classes, device=own.device).index_add(0, known.flatten(), own.flatten())
-    covered = (probabilities if counted.all() else probabilities * counted[:, None]).sum(dim=(0, 2, 3))
+    # Masks of each class beat gathering and scattering by label: they are read and written in one sweep.
+    own = (labels[:, None] == torch.arange(n_classes, device=labels.device)[:, None, None]).float()
+    size = own.sum(dim=(0, 2, 3))
+    shared = (probabilities * own).sum(dim=(0, 2, 3))
+    covered = (probabilities * (labels >= 0)[:, None]).sum(dim=(0, 2, 3))
     shown = size > 0
     if not shown.any():
         return covered.sum() * 0

@@ -12,13 +12,13 @@ from torch.nn import functional
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet, network_input
+from mlsroad_pipeline.algorithms.image_labels.training_parameters import check_magnifications
 from mlsroad_pipeline.algorithms.torch_training import limited_threads
-from mlsroad_pipeline.algorithms.validation import check_positive
 
 
 def segment_image(
     network: PSPNet, image: NDArray[np.uint8], *, window: tuple[int, int] | None = None, overlap: float = 1 / 3,
-    flip: bool = False, magnification: float = 1.0, n_threads: int = 1,
+    flip: bool = False, magnification: float | Sequence[float] = 1.0, n_threads: int = 1,
 ) -> NDArray[np.float32]:  # fmt: skip
     """Give every pixel the probabilities of the classes.
 
@@ -34,10 +34,10 @@ def segment_image(
     overlap : float, default 1/3
         Least share of a window that overlaps the next, in [0, 1); more smooths seams and takes longer.
     flip : bool, default False
-        Whether the mirrored image is segmented too, and the mean taken.
-    magnification : float, default 1.0
-        Factor by which the network sees the image enlarged. Above 1 thin things are found better and it takes longer;
-        the small network does best at 1.4.
+        Whether the mirrored image is segmented too, and the geometric mean taken.
+    magnification : float or sequence of float, default 1.0
+        Factor by which the network sees the image enlarged. Above 1 thin things are found better and it takes longer.
+        With several the network looks as often, and the geometric mean of the probabilities is taken.
     n_threads : int, default 1
         Threads that torch may use.
 
@@ -51,13 +51,13 @@ def segment_image(
     DataError
         If the image is not (height, width, 3) of uint8.
     ParameterError
-        If a window's side is below 1 the overlap outside [0, 1) or the magnification not positive.
+        If a window's side is below 1, the overlap outside [0, 1), or no magnification is given or one is not positive.
     """
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         raise DataError(f"an image must have shape (height, width, 3) and be uint8, got {image.shape} {image.dtype}")
     if not 0 <= overlap < 1:
         raise ParameterError(f"overlap must be in [0, 1), got {overlap!r}")
-    check_positive(magnification, "magnification")
+    magnifications = check_magnifications(magnification)
     height, width = image.shape[:2]
     rows, columns = (height, width) if window is None else window
     if min(rows, columns) < 1:
@@ -69,7 +69,7 @@ def segment_image(
         for top in _starts(height, rows, overlap):
             for left in _starts(width, columns, overlap):
                 part = np.s_[top : top + rows, left : left + columns]
-                total[part] += _probabilities(network, image[part], flip, magnification)
+                total[part] += _probabilities(network, image[part], flip, magnifications)
                 count[part] += 1
     return total / count
 
@@ -82,16 +82,19 @@ def _starts(size: int, window: int, overlap: float) -> list[int]:
 
 
 def _probabilities(
-    network: PSPNet, image: NDArray[np.uint8], flip: bool, magnification: float
+    network: PSPNet, image: NDArray[np.uint8], flip: bool, magnifications: Sequence[float]
 ) -> NDArray[np.float32]:  # fmt: skip
     height, width = image.shape[:2]
-    size = [max(1, round(side * magnification)) for side in (height, width)]
+    looks = []
     with torch.inference_mode():
-        given = _scaled(network_input(image[None]), size)
-        out = torch.softmax(_scaled(network(given)[0], (height, width)), dim=1)
-        if flip:
-            mirrored = _scaled(network(given.flip(3))[0], (height, width))
-            out = (out + torch.softmax(mirrored, dim=1).flip(3)) / 2
+        given = network_input(image[None])
+        for magnification in magnifications:
+            shown = _scaled(given, [max(1, round(side * magnification)) for side in (height, width)])
+            looks.append(_scaled(network(shown)[0], (height, width)))
+            if flip:
+                looks.append(_scaled(network(shown.flip(3))[0], (height, width)).flip(3))
+        mean = torch.stack([torch.log_softmax(look, dim=1) for look in looks]).mean(dim=0)
+        out = torch.softmax(mean, dim=1)
     probabilities: NDArray[np.float32] = out[0].permute(1, 2, 0).numpy()
     return probabilities
 
