@@ -19,7 +19,7 @@ class TrainingParameters:
     ----------
     backbone : str, default "small"
         ``small``, ``resnet50`` or ``resnet101``; the paper's are ResNets that were trained on ImageNet before.
-    n_steps : int, default 1200
+    n_steps : int, default 1150
         Batches. More is better and takes longer.
     batch_size : int, default 6
         Crops per batch; 16 in the PSPNet's paper. In a given time more steps of fewer crops do
@@ -72,7 +72,7 @@ class TrainingParameters:
     """
 
     backbone: str = "small"
-    n_steps: int = 1200
+    n_steps: int = 1150
     batch_size: int = 6
     crop: int = 320
     scale: tuple[float, float] = (1.0, 2.2)
