@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import (
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
 
-QUICK = TrainingParameters(n_steps=25, batch_size=4, crop=49, warm_up=3, learning_rate=0.03, class_balance=0.5)
+QUICK = TrainingParameters(n_steps=35, batch_size=4, crop=49, warm_up=3, learning_rate=0.02, class_balance=0.5)
 
 
 def published_shapes(blocks, n_classes):
