@@ -245,9 +245,11 @@ def test_several_looks_have_the_geometric_mean_of_their_probabilities():
     np.testing.assert_allclose(segment_image(network, image, magnification=(1, 1.5)), expected, atol=1e-5)
 
 
-def test_colours_are_centred():
+def test_colours_are_centred_and_images_may_be_read_only():
+    image = np.full((1, 2, 2, 3), 128, np.uint8)
+    image.flags.writeable = False
     assert torch.allclose(
-        network_input(np.full((1, 2, 2, 3), 128, np.uint8))[0, :, 0, 0],
+        network_input(image)[0, :, 0, 0],
         torch.tensor([0.0741, 0.2052, 0.4265]),
         atol=1e-3,
     )
