@@ -6,7 +6,7 @@ import pytest
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
 from mlsroad_pipeline.algorithms.segmentation.poles import separate_poles
-from mlsroad_pipeline.algorithms.segmentation.rejoining import rejoin_floating_parts
+from mlsroad_pipeline.algorithms.segmentation.rejoining import join_stacked_poles, rejoin_floating_parts
 
 UNCUT = {"max_cut": 0.0}  # what is told apart then was not cut apart
 
@@ -145,3 +145,32 @@ def test_half_a_crown_that_was_cut_off_is_joined_again(rng):
     joined = segment(points, parameters=NormalizedCutParameters(tolerance=0.3))
     assert cut.max() == 1
     assert joined.max() == 0
+
+
+def test_lamp_beside_a_thick_trunk_is_an_object_though_the_crown_lies_around_it(rng):
+    """The trunk is too thick to be a stem; the crown stands on it all the same."""
+    angle, z = rng.uniform(0, 2 * np.pi, 9000), rng.uniform(0, 5, 9000)
+    trunk = np.column_stack([-0.6 + 0.35 * np.cos(angle), 0.35 * np.sin(angle), z])
+    whole = np.concatenate([trunk, crown(rng, -0.3, 0, 5.0, 2.2, 20000)])
+    overlap, n_found = segmented([whole, pole(rng, 0.25, 0)])
+    assert n_found == 2
+    assert min(overlap) > 0.85
+
+
+def test_stretches_of_a_hidden_pole_are_one_object(rng):
+    whole = pole(rng, 0, 0)
+    seen = whole[(whole[:, 2] < 2.6) | (whole[:, 2] > 3.9)]
+    assert segmented([seen], pole_gap=0)[1] == 2
+    assert segmented([seen])[1] == 1
+    assert segmented([seen], pole_gap=1.0)[1] == 2
+
+
+def test_what_does_not_continue_a_pole_is_not_joined_with_it(rng):
+    post = pole(rng, 0, 0, height=2.0)[:5000]
+    beside = post + [0.4, 0, 3.0]
+    wide = crown(rng, 0, 0, 4.2, 1.0)
+    stump = post[post[:, 2] < 0.8]
+    for lower, upper in ((post, beside), (post, wide), (stump, post + [0, 0, 1.6])):
+        assert segmented([lower, upper])[1] == 2
+    nothing = np.zeros(0, np.int64)
+    assert len(join_stacked_poles(np.zeros((0, 3)), nothing, max_gap=2.0)) == 0

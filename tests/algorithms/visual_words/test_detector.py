@@ -39,7 +39,7 @@ def test_likeness_is_equation_23(rng):
     np.testing.assert_allclose(np.diag(similarity(bags, bags)), 1.0)
 
 
-NEAREST = DetectorParameters(decision="nearest", size_share=0.0, size_margin=0.0)  # as printed
+NEAREST = DetectorParameters(decision="nearest", size_share=0.0, profile_share=0.0, size_margin=0.0)  # as printed
 
 
 def planted(rng, n):
@@ -60,7 +60,7 @@ def test_planted_classes_are_found_in_all_their_kinds(rng):
     np.testing.assert_array_equal(found, truth)
     assert found.dtype == np.int16 and scores.dtype == np.float32
     assert (scores[truth >= 0] > 0).all() and (scores[truth < 0] == 0).all()
-    assert all(2 <= q.bags.shape[0] <= 12 for q in detector.queries_.values())  # a query for each kind of the class
+    assert all(2 <= len(q.looks) <= 12 for q in detector.queries_.values())  # a query for each kind of the class
 
 
 def test_one_query_finds_less_than_several(rng):
@@ -70,7 +70,7 @@ def test_one_query_finds_less_than_several(rng):
     for n in (1, 12):
         parameters = replace(NEAREST, max_queries=n)
         detector = VisualWordsDetector(["pole", "car"], parameters=parameters).fit(counts, labels)
-        assert all(q.bags.shape[0] <= n for q in detector.queries_.values())
+        assert all(len(q.looks) <= n for q in detector.queries_.values())
         right.append((detector.detect(unseen)[0] == truth).mean())
     assert right[0] < 0.9 < right[1]
 
@@ -78,7 +78,7 @@ def test_one_query_finds_less_than_several(rng):
 def test_a_class_with_one_example_is_detected_by_any_likeness(rng):
     counts = csr_array(np.array([[3.0, 0, 1], [0, 5, 0], [0, 4, 1]]))
     detector = VisualWordsDetector(["pole"], parameters=NEAREST).fit(counts, [0, -1, -1])
-    assert detector.queries_["pole"].bags.shape[0] == 1
+    assert len(detector.queries_["pole"].looks) == 1
     assert detector.queries_["pole"].threshold > 0
     assert detector.detect(counts)[0][0] == 0
 
@@ -114,7 +114,7 @@ def test_sizes_tell_apart_what_has_the_same_words(rng, decision):
     sizes = np.where(labels[:, None] == 0, [0, 7, 0.8, 0.2], [0, 4, 3.0, 3.0]) * rng.uniform(0.8, 1.2, (200, 4))
     right = []
     for share in (0.0, 0.5):
-        parameters = DetectorParameters(decision=decision, size_share=share, size_margin=0.0)
+        parameters = DetectorParameters(decision=decision, size_share=share, profile_share=0.0, size_margin=0.0)
         half = np.arange(200) % 2 == 0
         detector = VisualWordsDetector(["pole"], parameters=parameters).fit(
             counts[half], labels[half], sizes=sizes[half]

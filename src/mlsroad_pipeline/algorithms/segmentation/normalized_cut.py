@@ -22,7 +22,7 @@ from mlsroad_pipeline.algorithms.segmentation._bisection import (
 )
 from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
 from mlsroad_pipeline.algorithms.segmentation.poles import separate_poles
-from mlsroad_pipeline.algorithms.segmentation.rejoining import rejoin_floating_parts
+from mlsroad_pipeline.algorithms.segmentation.rejoining import join_stacked_poles, rejoin_floating_parts
 from mlsroad_pipeline.algorithms.segmentation.spacing import cluster_by_spacing
 from mlsroad_pipeline.algorithms.validation import check_at_least, check_column, check_positive, check_xyz
 from mlsroad_pipeline.algorithms.voxels.grid import build_voxel_grid
@@ -69,6 +69,9 @@ class NormalizedCutParameters:
     foot_height : float, default 2.0
         A part that does not come down to within this height above the foot of its cluster is joined again with the
         part that it touches most, metres: half a crown is no object. Larger joins fewer; 0 joins none, as the paper.
+    pole_gap : float, default 2.0
+        Narrow upright parts that lie in one line are joined over a gap of at most this, metres: something hides a
+        stretch of a pole. Larger joins more; 0 joins none, as the paper.
 
     Raises
     ------
@@ -90,6 +93,7 @@ class NormalizedCutParameters:
     max_nodes: int = 256
     pole_length: float = 1.2
     foot_height: float = 2.0
+    pole_gap: float = 2.0
 
     def __post_init__(self) -> None:
         for name in (
@@ -105,7 +109,7 @@ class NormalizedCutParameters:
             check_positive(getattr(self, name), name)
         if not 0 <= self.max_cut <= 2:
             raise ParameterError(f"max_cut must be between 0 and 2, got {self.max_cut!r}")
-        for name in ("spacing_factor", "max_smoothness", "pole_length", "foot_height"):
+        for name in ("spacing_factor", "max_smoothness", "pole_length", "foot_height", "pole_gap"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise ParameterError(f"{name} must be at least 0, got {getattr(self, name)!r}")
         if self.max_nodes < 8:
@@ -170,6 +174,7 @@ def segment(
         parts = rejoin_floating_parts(
             places[:, :3], of_voxel, parts, foot_height=parameters.foot_height, reach=2.0 * parameters.voxel_size
         )
+    parts = join_stacked_poles(places[:, :3], parts, max_gap=parameters.pole_gap)
     return number_objects(parts[voxel], min_points)
 
 

@@ -20,16 +20,18 @@ from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 _SLAB = 0.2  # height of a section, metres
 _STEP = 0.15  # voxels of one section are this close, metres
 _WIDTH = 0.5  # the widest section of a pole, metres
-_FREE = 0.4  # nothing else is this close to the middle of a section that stands free, metres
+_FREE, _STRAY = 0.4, 1.34  # metres around a section that stands free, and voxels there over its own
 _SHIFT = 0.12  # of the middles of a pole's sections from one to the next, metres
 _LEAN, _CURVE = 0.15, 0.05  # slope of its axis, and deviation from it, metres
 _CORE, _RING = 0.15, 0.45  # radii within which a pole is denser than around it, metres
 _DENSER = 3.0
 _GAP = 4  # sections that may be hidden inside a crown
 _RADIUS = 0.22  # of what belongs to a pole around its axis, metres
-_HEIGHT = 2.0  # the lowest pole that is taken out, metres
+_HEIGHT = 1.7  # the lowest pole that is taken out, metres
 _AROUND = 2.0  # of an axis, where a crown is looked for, metres
 _CROWN = 300  # voxels that make a crown
+_JOINED = 0.25  # voxels of one crown are this close, metres
+_FOOT, _BESIDE = 0.7, 0.3  # height of a foot, and how far from a line that of another stem is, metres
 _ASIDE = 0.7  # a crown whose middle is farther from an axis grows on another stem, metres
 _FIXTURE, _REACH, _ABOVE = 200, 4.0, 1.0  # voxels and width of lamps, arms and plates, and their least height, metres
 _APART = 0.5  # what is left of a cluster and lies farther apart falls into parts, metres
@@ -107,7 +109,7 @@ def _find_stems(places: NDArray[np.float64], clusters: NDArray[np.int32], free_l
     near = cKDTree(flat).query_ball_point(
         np.column_stack([middle[narrow, :2], 10.0 * slab[first[narrow]]]), _FREE, return_length=True
     )
-    free = narrow[near <= size[narrow]]
+    free = narrow[near <= _STRAY * size[narrow]]
     owner = clusters[rows[first[free]]]
     found: dict[int, list[_Stem]] = {}
     for chain in _chains(middle[free], slab[first[free]], owner):
@@ -218,27 +220,42 @@ def _merged(stems: list[_Stem]) -> list[_Stem]:
 
 
 def _without_crown(xyz: NDArray[np.float64], stems: list[_Stem]) -> list[_Stem]:
-    """Return the lines that no crown grows on: those around which there is little, or only on one side."""
+    """Return the lines that no crown grows on: there is little around, or on one side, or it stands on another stem."""
     if not stems:
         return []
     rest = np.ones(len(xyz), np.bool_)
     for stem in stems:
         rest &= (stem.distance(xyz) > _RADIUS) | (xyz[:, 2] > stem.high + _SLAB)
     places = xyz[rest]
+    piece = cluster(np.ascontiguousarray(places), tolerance=_JOINED)
     size, aside = np.zeros(len(stems), np.int64), np.zeros(len(stems))
+    hidden = np.zeros(len(stems), np.bool_)
     for k, stem in enumerate(stems):
         away = stem.away(places)
         here = (np.hypot(*away.T) <= _AROUND) & (places[:, 2] >= stem.low + 0.4 * (stem.high - stem.low))
         size[k] = here.sum()
         aside[k] = np.hypot(*away[here].mean(axis=0)) if here.any() else np.inf
+        hidden[k] = here.any() and _stands(away, places[:, 2] - stem.low, piece == np.bincount(piece[here]).argmax())
     foot = np.array([stem.base + stem.slope * stem.low for stem in stems])
     poles = []
     for k, stem in enumerate(stems):
-        rivals = (np.hypot(*(foot - foot[k]).T) <= _AROUND) & (size >= _CROWN)
-        carries = size[k] >= _CROWN and aside[k] < _ASIDE and aside[k] <= aside[rivals].min()
+        apart = np.hypot(*(foot - foot[k]).T)
+        rivals = (apart <= _AROUND) & (size >= _CROWN)
+        # A crown that reaches over from a stem farther off lies aside of this one, and around that one.
+        rivals |= (apart <= 1.5 * _AROUND) & (size >= _CROWN) & (aside < 0.5 * aside[k])
+        carries = size[k] >= _CROWN and aside[k] < _ASIDE and aside[k] <= aside[rivals].min() and not hidden[k]
         if not carries:
             poles.append(stem)
     return poles
+
+
+def _stands(away: NDArray[np.float64], height: NDArray[np.float64], crown: NDArray[np.bool_]) -> bool:
+    """Tell whether a crown comes down to the ground beside a line: then a stem that was not found carries it."""
+    near = crown & (np.hypot(*away.T) <= _AROUND)
+    if not near.any() or height[near].min() > _FOOT:
+        return False
+    foot = near & (height <= height[near].min() + _FOOT)
+    return bool(np.hypot(*away[foot].mean(axis=0)) >= _BESIDE)
 
 
 def _attach(xyz: NDArray[np.float64], parts: NDArray[np.int64], poles: list[_Stem]) -> None:

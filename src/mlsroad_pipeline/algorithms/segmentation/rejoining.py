@@ -1,4 +1,4 @@
-"""Parts that hang in the air given back to what they were cut from: what stands in a street stands on the ground."""
+"""Parts given back to what they belong to: those that hang in the air, and what continues a pole above a gap."""
 
 from __future__ import annotations
 
@@ -7,6 +7,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.graphs import connected_components
+
+_END = 0.6  # of a part that shows how it goes on, metres
+_NARROW = 0.5  # the widest end of a pole, metres
+_OFF_LINE = 0.2  # of two ends of one pole, horizontally, metres
 
 
 def rejoin_floating_parts(
@@ -58,3 +62,61 @@ def rejoin_floating_parts(
     order = np.lexsort((touch[:, 1], -count, touch[:, 0]))
     best = order[np.unique(touch[order, 0], return_index=True)[1]]
     return connected_components(touch[best], n_nodes=n)[parts].astype(np.int64)
+
+
+def join_stacked_poles(
+    places: NDArray[np.float64], parts: NDArray[np.int64], *, max_gap: float, min_height: float = 1.0
+) -> NDArray[np.int64]:
+    """Join a pole with what continues it above a stretch that was hidden, or that was given to a crown.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (v, 3)
+        Voxels, metres, z up.
+    parts : ndarray of int64, shape (v,)
+        Part of each, 0, 1, ...
+    max_gap : float
+        The longest stretch without the pole, metres. Larger joins more; 0 joins nothing.
+    min_height : float, default 1.0
+        Height of the lowest part that is continued, metres.
+
+    Returns
+    -------
+    ndarray of int64, shape (v,)
+        Parts, numbered anew.
+    """
+    if len(parts) == 0 or max_gap == 0:
+        return parts
+    top, high, narrow_top = _ends(places, parts, 1.0)
+    bottom, low, narrow_bottom = _ends(places, parts, -1.0)
+    tall = high - low
+    under = np.flatnonzero(narrow_top & (tall >= min_height))
+    over = np.flatnonzero(narrow_bottom & (tall >= _END))
+    if len(under) == 0 or len(over) == 0:
+        return parts
+    pairs = []
+    for k, near in zip(over, cKDTree(top[under]).query_ball_point(bottom[over], _OFF_LINE), strict=True):
+        gap = low[k] - high[under[near]]
+        good = (gap > -0.5 * _END) & (gap <= max_gap) & (under[near] != k)
+        if good.any():
+            pairs.append((k, under[np.asarray(near)[good][np.argmin(gap[good])]]))
+    if not pairs:
+        return parts
+    return connected_components(np.array(pairs, dtype=np.int64), n_nodes=len(high))[parts].astype(np.int64)
+
+
+def _ends(
+    places: NDArray[np.float64], parts: NDArray[np.int64], sign: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the middle of the upper (1) or lower (-1) end of each part, its height, and whether the end is narrow."""
+    n = int(parts.max()) + 1
+    height = np.full(n, -np.inf)
+    np.maximum.at(height, parts, sign * places[:, 2])
+    rows = np.flatnonzero(sign * places[:, 2] >= height[parts] - _END)
+    owner, xy = parts[rows], places[rows, :2]
+    count = np.maximum(np.bincount(owner, minlength=n), 1)
+    middle = np.column_stack([np.bincount(owner, xy[:, axis], minlength=n) / count for axis in range(2)])
+    least, most = np.full((n, 2), np.inf), np.full((n, 2), -np.inf)
+    np.minimum.at(least, owner, xy)
+    np.maximum.at(most, owner, xy)
+    return middle, sign * height, (most - least).max(axis=1) <= _NARROW

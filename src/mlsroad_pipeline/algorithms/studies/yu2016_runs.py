@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.baselines.hough_forest_training import train_ho
 from mlsroad_pipeline.algorithms.baselines.object_matching_training import train_object_matching
 from mlsroad_pipeline.algorithms.baselines.object_parts import describe_parts
 from mlsroad_pipeline.algorithms.baselines.oriented_points import describe_surfaces
-from mlsroad_pipeline.algorithms.classes import ClassScheme
+from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.detection import DetectionParameters, count_detections_of_scene, object_classes
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps, score_segmentation
 from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
@@ -30,6 +30,14 @@ from mlsroad_pipeline.algorithms.visual_words.training import train_detector
 
 TOUCHING = 0.15
 """Objects closer than this touch, metres: the clustering distance of the paper."""
+
+IMAGE_GAP = 2.0
+"""Two images of one thing that moved lie farther apart than this, metres."""
+
+_MOVING = [
+    TAXONOMY[name]
+    for name in ("car", "van", "truck", "bus", "train", "other_vehicle", "motorcycle", "bicycle", "rider", "person")
+]
 
 _DESCRIBE: Mapping[str, Any] = {
     "hough_forest": (describe_parts, "regions"),
@@ -66,10 +74,49 @@ def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -
     """
     columns = ("intensity", "gps_time", "scanner", "label", "instance")
     street = make_street(simulation=simulation, ground=ground, columns=columns)
-    cloud = replace(street, columns={**street.columns, "core": np.ones(len(street), dtype=np.bool_)})
+    instance = separate_images(street.xyz, street["instance"], np.isin(street["label"], _MOVING))
+    more = {"instance": instance, "core": np.ones(len(street), dtype=np.bool_)}
+    cloud = replace(street, columns={**street.columns, **more})
     _, seconds = timed(find_ground, cloud, ground)
     facts = {"seconds": np.array(seconds), "points": np.array(len(cloud))}
     return {"points": cloud, "facts": facts}
+
+
+def separate_images(
+    xyz: NDArray[np.floating], instance: NDArray[np.integer], rows: NDArray[np.bool_]
+) -> NDArray[np.int32]:
+    """Number the images of what moved apart: each scanner draws it whole, in another place.
+
+    The two scanners of the system see a place about a second apart. Whoever labels such a cloud by hand sees two cars
+    that lie many metres apart, and so does any segmentation.
+
+    Parameters
+    ----------
+    xyz : ndarray of shape (n, 3)
+        Points, metres.
+    instance : ndarray of int, shape (n,)
+        What each belongs to; 0 is nothing.
+    rows : ndarray of bool, shape (n,)
+        The points of what may move.
+
+    Returns
+    -------
+    ndarray of int32, shape (n,)
+        The same instances; new numbers for those images of one that lie more than `IMAGE_GAP` from its first point's.
+    """
+    out = np.asarray(instance, dtype=np.int32).copy()
+    last = int(out.max(initial=0))
+    moving = np.flatnonzero(rows & (out > 0))
+    if len(moving) == 0:
+        return out
+    moving = moving[np.argsort(out[moving], kind="stable")]
+    names, first = np.unique(out[moving], return_index=True)
+    flat = np.column_stack([xyz[moving, :2].astype(np.float64), np.zeros(len(moving))])
+    for name, members in zip(names.tolist(), np.split(np.arange(len(moving)), first[1:]), strict=True):
+        image = cluster(np.ascontiguousarray(flat[members]), tolerance=IMAGE_GAP)
+        out[moving[members]] = np.where(image > 0, image + last, name)
+        last += int(image.max())
+    return out
 
 
 def segment_street(
@@ -91,9 +138,10 @@ def segment_street(
     Returns
     -------
     dict
-        ``objects``, what `segment_scene` gave; ``scores``: figures of `score_segmentation`, ``touching`` and
-        ``weighted_touching``: coverage of the instances that touch another, ``wanted``: share of the instances of the
-        wanted classes that are found with an IoU of `detection.iou_threshold`, ``seconds``.
+        ``objects``, what `segment_scene` gave; ``classes``, what `object_classes` gave for them; ``scores``: figures of
+        `score_segmentation`, ``touching`` and ``weighted_touching``: coverage of the instances that touch another,
+        ``wanted``: share of the instances of the wanted classes that are found with an IoU of
+        `detection.iou_threshold`, ``seconds``.
     """
     objects, seconds = timed(segment_scene, points, {"ground": points["ground"]}, parameters)
     found, least = objects["objects"], detection.min_points
@@ -114,7 +162,9 @@ def segment_street(
         "wanted": (best[wanted] >= detection.iou_threshold).mean() if wanted.any() else np.nan,
         "seconds": seconds,
     }
-    return {"objects": objects, "scores": {**figures, **{name: np.array(value) for name, value in extra.items()}}}
+    scores = {**figures, **{name: np.array(value) for name, value in extra.items()}}
+    classes = object_classes(points, objects, scheme=scheme, parameters=detection)
+    return {"objects": objects, "classes": classes, "scores": scores}
 
 
 def touching_instances(points: PointCloud, names: NDArray[np.int64], min_points: int) -> NDArray[np.bool_]:
@@ -182,7 +232,9 @@ def train_and_detect(
 
     Parameters
     ----------
-    train, test : mapping of str to mapping
+    train : mapping of str to mapping
+        Street to the ``classes`` of its objects, see `segment_street`, and their ``parts``.
+    test : mapping of str to mapping
         Street to its ``points``, ``objects`` and ``parts``.
     method : str
         The detector.
@@ -202,7 +254,7 @@ def train_and_detect(
         ``train_seconds``, ``examples`` (training objects of each class) and ``thresholds``.
     """
     judge: dict[str, Any] = {"scheme": scheme, "parameters": detection}
-    labels = {key: object_classes(given["points"], given["objects"], **judge) for key, given in train.items()}
+    labels = {key: given["classes"] for key, given in train.items()}
     bundle, train_seconds = timed(
         _TRAIN[method],
         {key: given["parts"] for key, given in train.items()}, labels, parameters=parameters, stages=stages,

@@ -14,18 +14,20 @@ from mlsroad_pipeline.algorithms.detection import best_threshold, detect_by_thre
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.object_detector_training import choose_queries
 from mlsroad_pipeline.algorithms.validation import check_column
-from mlsroad_pipeline.algorithms.visual_words.bags import inverse_document_frequency, similarity, weigh_words
+from mlsroad_pipeline.algorithms.visual_words.appearance import Appearance, appearance_of, likeness
+from mlsroad_pipeline.algorithms.visual_words.bags import inverse_document_frequency, weigh_words
 from mlsroad_pipeline.algorithms.visual_words.queries import ClassQueries, DetectorParameters
-from mlsroad_pipeline.algorithms.visual_words.sizes import SIZES, size_likeness, within_sizes
+from mlsroad_pipeline.algorithms.visual_words.sizes import within_sizes
 from mlsroad_pipeline.algorithms.visual_words.weights import assign_folds, held_out_scores, learn_weights, weigh
 
 logger = logging.getLogger(__name__)
 
 _DEFAULTS = DetectorParameters()
+_PARTS = ("data", "indices", "indptr", "sizes", "profiles", "weights", "offset", "threshold", "examples")
 
 
 class VisualWordsDetector:
-    """Detects objects whose bag of words, and size, are like those of queries.
+    """Detects objects whose bag of words, size and profile are like those of queries.
 
     Parameters
     ----------
@@ -52,7 +54,13 @@ class VisualWordsDetector:
         self.parameters = parameters
 
     def fit(
-        self, counts: csr_array, labels: ArrayLike, *, sizes: ArrayLike | None = None, scenes: ArrayLike | None = None
+        self,
+        counts: csr_array,
+        labels: ArrayLike,
+        *,
+        sizes: ArrayLike | None = None,
+        profiles: ArrayLike | None = None,
+        scenes: ArrayLike | None = None,
     ) -> VisualWordsDetector:
         """Choose queries and thresholds from training objects.
 
@@ -69,6 +77,8 @@ class VisualWordsDetector:
             Class of each, an index into `classes`; -1 for all others.
         sizes : array-like of shape (n, 4), optional
             What `measure_sizes` gave; without, all objects are taken to be of one size.
+        profiles : array-like of shape (n, p), optional
+            What `measure_profiles` gave; without, all objects are taken to have one.
         scenes : array-like of shape (n,), optional
             Scene of each; without, each object is held out by itself.
 
@@ -80,90 +90,94 @@ class VisualWordsDetector:
         Raises
         ------
         DataError
-            If there is not one label, size or scene per object.
+            If there is not one label, size, profile or scene per object.
         """
         truth = np.asarray(labels)
         n = counts.shape[0]
         if truth.shape != (n,):
             raise DataError(f"{truth.shape} labels for {n} objects")
-        large = _sizes(sizes, n)
         given = np.arange(n) if scenes is None else check_column(scenes, n, "scenes")
         self.inverse_frequency_ = inverse_document_frequency(counts)
-        bags = weigh_words(counts, self.inverse_frequency_)
+        looks = appearance_of(weigh_words(counts, self.inverse_frequency_), sizes, profiles)
         filled = np.asarray(counts.sum(axis=1)).ravel()
         self.queries_: dict[str, ClassQueries] = {}
         self.f_scores_: dict[str, float] = {}
-        self.examples_ = [_range(large[(truth == k) & (filled > 0)]) for k in range(len(self.classes))]
+        self.examples_ = [_range(looks.sizes[(truth == k) & (filled > 0)]) for k in range(len(self.classes))]
         fit = self._fit_weighted if self.parameters.decision == "weighted" else self._fit_nearest
-        fit(bags, large, truth, filled, given)
+        fit(looks, truth, filled, given)
         return self
 
-    def _none(self, name: str, bags: csr_array) -> None:
+    def _none(self, name: str, looks: Appearance) -> None:
         """Warn of a class without examples."""
         logger.warning("No training object is a %s: the model never detects one", name)
-        nothing = np.zeros((0, len(SIZES)), np.float32)
-        self.queries_[name] = ClassQueries(bags[np.zeros(0, np.int64)], nothing, np.zeros(0), 0.0, float("inf"))
+        nothing = looks.select(np.zeros(0, np.int64))
+        self.queries_[name] = ClassQueries(nothing, np.zeros(0), 0.0, float("inf"))
 
-    def _fit_nearest(
-        self, bags: csr_array, sizes: NDArray[np.float32], truth: NDArray, filled: NDArray[np.float64], _: NDArray
-    ) -> None:
-        possible = self._possible(sizes)
+    def _fit_nearest(self, looks: Appearance, truth: NDArray, filled: NDArray[np.float64], _: NDArray) -> None:
+        possible = self._possible(looks.sizes)
         for number, name in enumerate(self.classes):
             mine = np.flatnonzero((truth == number) & (filled > 0))
             if len(mine) == 0:
-                self._none(name, bags)
+                self._none(name, looks)
                 continue
             order = mine[np.argsort(-filled[mine], kind="stable")][: self.parameters.candidates]
-            alike = self._likeness(bags[order], sizes[order], bags, sizes) * possible
+            alike = self._likeness(looks.select(order), looks) * possible
             most = self.parameters.max_queries
             chosen, threshold, self.f_scores_[name] = choose_queries(alike, order, truth == number, max_queries=most)
-            rows = order[chosen]
-            self.queries_[name] = ClassQueries(bags[rows], sizes[rows], np.zeros(0), 0.0, threshold)
+            self.queries_[name] = ClassQueries(looks.select(order[chosen]), np.zeros(0), 0.0, threshold)
 
-    def _fit_weighted(
-        self, bags: csr_array, sizes: NDArray[np.float32], truth: NDArray, filled: NDArray[np.float64], scenes: NDArray
-    ) -> None:
+    def _fit_weighted(self, looks: Appearance, truth: NDArray, filled: NDArray[np.float64], scenes: NDArray) -> None:
         p = self.parameters
-        rows = self._taking_part(sizes, truth, filled > 0)
-        known, large = bags[rows], sizes[rows]
-        alike = self._likeness(known, large, known, large)
-        fold = assign_folds(scenes[rows], p.folds, p.seed)
+        wanted, others = self._candidates(looks.sizes, truth, filled > 0)
+        every = np.sort(np.concatenate([wanted, others]))
+        rows = np.sort(np.concatenate([wanted, self._counterexamples(looks, wanted, others)]))
+        known, kinds = looks.select(rows), truth[rows]
+        alike = self._likeness(known, known)
+        fold = assign_folds(scenes[every], p.folds, p.seed)
+        own_fold = fold[np.searchsorted(every, rows)]
+        scores = held_out_scores(
+            alike, lambda some, here: self._likeness(known.select(some), looks.select(every[here])), kinds,
+            (own_fold, fold), n_classes=len(self.classes), penalty=p.penalty,
+        )  # fmt: skip
         for number, name in enumerate(self.classes):
-            mine = truth[rows] == number
+            mine = kinds == number
             if not mine.any():
-                self._none(name, bags)
+                self._none(name, looks)
                 continue
             if mine.all():
                 raise DataError(f"all training objects are a {name}: the weighted decision needs others too")
             found = learn_weights(alike, mine, p.penalty)
-            scores = held_out_scores(alike, mine, fold, p.penalty)
-            self.f_scores_[name], threshold = best_threshold(scores, mine)
-            if len(np.unique(fold[mine])) == 1:
+            self.f_scores_[name], threshold = best_threshold(scores[:, number], truth[every] == number)
+            if len(np.unique(own_fold[mine])) == 1:
                 threshold = 0.5
-            self.queries_[name] = ClassQueries(
-                known[found.chosen], large[found.chosen], found.values, found.offset, threshold
-            )
+            self.queries_[name] = ClassQueries(known.select(found.chosen), found.values, found.offset, threshold)
 
-    def _taking_part(self, sizes: NDArray[np.float32], truth: NDArray, filled: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """Return the training objects that vote: all of wanted classes, and others of a size that these may have."""
-        p = self.parameters
+    def _candidates(
+        self, sizes: NDArray[np.float32], truth: NDArray, filled: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the objects of wanted classes, and others of a size that these may have."""
         others = np.flatnonzero(filled & (truth < 0))
         near = self._possible(sizes)[others]
         # Where all others are of another size they still have to stand against the classes.
-        others = others[near] if near.any() else others
-        if len(others) > p.max_others:
-            others = np.random.default_rng(p.seed).permutation(others)[: p.max_others]
-        return np.sort(np.concatenate([np.flatnonzero(filled & (truth >= 0)), others])).astype(np.int64)
+        return np.flatnonzero(filled & (truth >= 0)), others[near] if near.any() else others
 
-    def _likeness(
-        self, queries: csr_array, large: NDArray[np.float32], bags: csr_array, sizes: NDArray[np.float32]
-    ) -> NDArray[np.float64]:
+    def _counterexamples(
+        self, looks: Appearance, wanted: NDArray[np.int64], others: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        """Return the others that vote: half of them the most like an example, half drawn from the rest."""
+        most = self.parameters.max_others
+        if len(others) <= most:
+            return others
+        alike = self._likeness(looks.select(wanted), looks.select(others)).max(axis=0, initial=0.0)
+        order = np.argsort(-alike, kind="stable")
+        near, rest = order[: (most + 1) // 2], order[(most + 1) // 2 :]
+        drawn = np.random.default_rng(self.parameters.seed).permutation(rest)[: most // 2]
+        return others[np.concatenate([near, drawn])]
+
+    def _likeness(self, queries: Appearance, objects: Appearance) -> NDArray[np.float64]:
         """Return the likeness of every object to every query."""
-        share = self.parameters.size_share
-        alike = similarity(queries, bags)
-        if share > 0:
-            alike = (1.0 - share) * alike + share * size_likeness(large, sizes)
-        return alike
+        p = self.parameters
+        return likeness(queries, objects, size_share=p.size_share, profile_share=p.profile_share)
 
     def _possible(self, sizes: NDArray[np.float32]) -> NDArray[np.bool_]:
         """Tell which objects are of a size that some class may have."""
@@ -173,7 +187,9 @@ class VisualWordsDetector:
         found = [within_sizes(sizes, examples, margin) for examples in self.examples_]
         return np.asarray(np.any(found, axis=0))
 
-    def score(self, counts: csr_array, sizes: ArrayLike | None = None) -> NDArray[np.float64]:
+    def score(
+        self, counts: csr_array, sizes: ArrayLike | None = None, profiles: ArrayLike | None = None
+    ) -> NDArray[np.float64]:
         """Compare objects with the queries.
 
         Parameters
@@ -182,6 +198,8 @@ class VisualWordsDetector:
             Words of the objects.
         sizes : array-like of shape (n, 4), optional
             What `measure_sizes` gave; left out where it was in `fit`.
+        profiles : array-like of shape (n, p), optional
+            What `measure_profiles` gave; left out where it was in `fit`.
 
         Returns
         -------
@@ -194,12 +212,12 @@ class VisualWordsDetector:
         DataError
             If the objects have another vocabulary.
         """
-        bags = weigh_words(counts, self.inverse_frequency_)
-        large = _sizes(sizes, counts.shape[0])
+        looks = appearance_of(weigh_words(counts, self.inverse_frequency_), sizes, profiles)
         scores = np.zeros((counts.shape[0], len(self.classes)))
-        rows = np.flatnonzero(self._possible(large) & (np.asarray(counts.sum(axis=1)).ravel() > 0))
+        rows = np.flatnonzero(self._possible(looks.sizes) & (np.asarray(counts.sum(axis=1)).ravel() > 0))
+        looked_at = looks.select(rows)
         for number, found in enumerate(self.queries_.values()):
-            alike = self._likeness(found.bags, found.sizes, bags[rows], large[rows])
+            alike = self._likeness(found.looks, looked_at)
             if len(found.weights):
                 scores[rows, number] = weigh(alike, found.weights, found.offset)
             else:
@@ -207,7 +225,7 @@ class VisualWordsDetector:
         return scores
 
     def detect(
-        self, counts: csr_array, sizes: ArrayLike | None = None
+        self, counts: csr_array, sizes: ArrayLike | None = None, profiles: ArrayLike | None = None
     ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
         """Detect objects.
 
@@ -217,6 +235,8 @@ class VisualWordsDetector:
             Words of the objects.
         sizes : array-like of shape (n, 4), optional
             What `measure_sizes` gave; left out where it was in `fit`.
+        profiles : array-like of shape (n, p), optional
+            What `measure_profiles` gave; left out where it was in `fit`.
 
         Returns
         -------
@@ -231,7 +251,7 @@ class VisualWordsDetector:
         DataError
             If the objects have another vocabulary.
         """
-        return detect_by_thresholds(self.score(counts, sizes), self.thresholds)
+        return detect_by_thresholds(self.score(counts, sizes, profiles), self.thresholds)
 
     @property
     def thresholds(self) -> NDArray[np.float64]:
@@ -251,11 +271,18 @@ class VisualWordsDetector:
             "inverse_frequency": self.inverse_frequency_,
             "classes": np.array(self.classes),
             "size_share": np.array(p.size_share),
+            "profile_share": np.array(p.profile_share),
             "size_margin": np.array(p.size_margin),
         }
         for number, (found, examples) in enumerate(zip(self.queries_.values(), self.examples_, strict=True)):
-            parts = {"data": found.bags.data, "indices": found.bags.indices, "indptr": found.bags.indptr}
-            parts |= {"sizes": found.sizes, "weights": found.weights, "offset": np.array(found.offset)}
+            bags = found.looks.bags
+            parts = {"data": bags.data, "indices": bags.indices, "indptr": bags.indptr}
+            parts |= {
+                "sizes": found.looks.sizes,
+                "profiles": found.looks.profiles,
+                "weights": found.weights,
+                "offset": np.array(found.offset),
+            }
             parts |= {"threshold": np.array(found.threshold), "examples": examples}
             arrays |= {f"queries.{number}.{name}": part for name, part in parts.items()}
         return arrays
@@ -274,32 +301,19 @@ class VisualWordsDetector:
         VisualWordsDetector
             The same detector.
         """
-        parameters = DetectorParameters(
-            size_share=float(arrays["size_share"]), size_margin=float(arrays["size_margin"])
-        )
+        size, profile, margin = (float(arrays[name]) for name in ("size_share", "profile_share", "size_margin"))
+        parameters = DetectorParameters(size_share=size, profile_share=profile, size_margin=margin)
         detector = cls([str(name) for name in arrays["classes"]], parameters=parameters)
         detector.inverse_frequency_ = arrays["inverse_frequency"]
         detector.queries_, detector.examples_ = {}, []
         for number, name in enumerate(detector.classes):
-            own = {
-                part: arrays[f"queries.{number}.{part}"]
-                for part in ("data", "indices", "indptr", "sizes", "weights", "offset", "threshold", "examples")
-            }
+            own = {part: arrays[f"queries.{number}.{part}"] for part in _PARTS}
             shape = (len(own["indptr"]) - 1, len(detector.inverse_frequency_))
             bags = csr_array((own["data"], own["indices"], own["indptr"]), shape=shape)
-            detector.queries_[name] = ClassQueries(
-                bags, own["sizes"], own["weights"], float(own["offset"]), float(own["threshold"])
-            )
+            looks = Appearance(bags, own["sizes"], own["profiles"])
+            detector.queries_[name] = ClassQueries(looks, own["weights"], float(own["offset"]), float(own["threshold"]))
             detector.examples_.append(own["examples"])
         return detector
-
-
-def _sizes(sizes: ArrayLike | None, n: int) -> NDArray[np.float32]:
-    """Return sizes, or those of objects that are all alike."""
-    found = np.ones((n, len(SIZES)), np.float32) if sizes is None else np.asarray(sizes, dtype=np.float32)
-    if found.shape != (n, len(SIZES)):
-        raise DataError(f"{n} objects need sizes of shape ({n}, {len(SIZES)}), got {found.shape}")
-    return found
 
 
 def _range(sizes: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -23,6 +23,7 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.visual_words.bags import count_words
 from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetector
 from mlsroad_pipeline.algorithms.visual_words.groups import ContextualGroups, build_groups
+from mlsroad_pipeline.algorithms.visual_words.profiles import measure_profiles
 from mlsroad_pipeline.algorithms.visual_words.sizes import measure_sizes
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import Vocabulary
 
@@ -68,7 +69,8 @@ def describe_objects(
     -------
     dict of str to ndarray
         The arrays of `ContextualGroups`; ``objects`` int32, the object of each group; ``n_objects``; ``sizes`` float32
-        (objects, 4), what `measure_sizes` gave; ``intensity``, whether the scene has it.
+        (objects, 4), what `measure_sizes` gave; ``profiles``
+        float32 (objects, p), what `measure_profiles` gave; ``intensity``, whether the scene has it.
     """
     regions = describe_regions(
         scene.xyz, objects["objects"], intensity=scene.get("intensity"), parameters=parameters.regions
@@ -81,6 +83,7 @@ def describe_objects(
         "objects": regions.objects,
         "n_objects": np.array(int(objects["objects"].max(initial=-1)) + 1),
         "sizes": measure_sizes(scene.xyz, objects["objects"]),
+        "profiles": measure_profiles(scene.xyz, objects["objects"]),
         "intensity": np.array("intensity" in scene),
     }
 
@@ -171,7 +174,7 @@ def detect_scene(arrays: Mapping[str, NDArray], bundle: ModelBundle) -> dict[str
     variant = choose_variant(arrays, bundle)
     vocabulary, detector = model_of(bundle, variant)
     counts = bag_objects(arrays, vocabulary, intensity=variant == WITH_INTENSITY)
-    scores = detector.score(counts, arrays["sizes"])
+    scores = detector.score(counts, arrays["sizes"], arrays["profiles"])
     label, score = detect_by_thresholds(scores, detector.thresholds)
     return {"label": label, "score": score, "scores": scores.astype(np.float32)}
 

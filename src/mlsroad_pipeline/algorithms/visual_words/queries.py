@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.visual_words.appearance import Appearance
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,12 @@ class DetectorParameters:
         With "nearest" an object's score is its likeness to the most similar of a few queries of the class, as in the
         paper. With "weighted" all training objects may be queries, those of no wanted class too, and the score is
         their weighted vote: a support vector machine whose kernel is the likeness.
-    size_share : float, default 0.5
-        Share of the size in the likeness of two objects, 0 to 1; the rest is that of their bags, equation 23. 0 is as
-        printed. Bags are shares of words and do not tell a small object from a large one.
+    size_share : float, default 0.33
+        Share of the size in the likeness of two objects, 0 to 1. 0 is as printed. Bags are shares of words and do not
+        tell a small object from a large one.
+    profile_share : float, default 0.33
+        Share of the profile, where the object's substance lies, 0 to 1. 0 is as printed. Bags do not tell what is high
+        on an object from what is low. The rest is the likeness of bags, equation 23.
     size_margin : float, default 1.5
         Objects whose height above the ground or extents lie outside the range of all examples of all classes by more
         than this factor are never detected, and are no counterexamples; 0 looks at objects of any size, as printed.
@@ -34,7 +37,8 @@ class DetectorParameters:
     folds : int, default 5
         Groups of training scenes that are held out in turn to choose the thresholds of the weighted vote.
     max_others : int, default 5000
-        The most training objects of no wanted class that take part in it, drawn at random.
+        The most training objects of no wanted class that take part in it: half of them those most like an example,
+        half drawn at random. Thresholds are chosen on all. Larger costs time and memory with its square.
     seed : int, default 2016
         Of this draw and of the folds.
     max_queries : int, default 12
@@ -50,7 +54,8 @@ class DetectorParameters:
     """
 
     decision: Literal["weighted", "nearest"] = "weighted"
-    size_share: float = 0.5
+    size_share: float = 0.33
+    profile_share: float = 0.33
     size_margin: float = 1.5
     penalty: float = 10.0
     folds: int = 5
@@ -65,8 +70,14 @@ class DetectorParameters:
                 raise ParameterError(f"{name} must be at least {least}, got {getattr(self, name)!r}")
         if self.decision not in ("weighted", "nearest"):
             raise ParameterError(f"decision must be 'weighted' or 'nearest', got {self.decision!r}")
-        if not 0 <= self.size_share <= 1:
-            raise ParameterError(f"size_share must be between 0 and 1, got {self.size_share!r}")
+        for name in ("size_share", "profile_share"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ParameterError(f"{name} must be between 0 and 1, got {getattr(self, name)!r}")
+        if self.size_share + self.profile_share > 1:
+            raise ParameterError(
+                f"size_share and profile_share must not exceed 1 together, got {self.size_share!r} and "
+                f"{self.profile_share!r}"
+            )
         if self.size_margin != 0 and not self.size_margin >= 1:
             raise ParameterError(f"size_margin must be 0 or at least 1, got {self.size_margin!r}")
         if not self.penalty > 0:
@@ -79,10 +90,8 @@ class ClassQueries:
 
     Attributes
     ----------
-    bags : csr_array of shape (q, v)
-        Bags of the queries.
-    sizes : ndarray of float32, shape (q, 4)
-        Their sizes.
+    looks : Appearance
+        The queries.
     weights : ndarray of float64, shape (q,)
         Their weights; none where the most similar query decides.
     offset : float
@@ -91,8 +100,7 @@ class ClassQueries:
         Score from which an object is detected.
     """
 
-    bags: csr_array
-    sizes: NDArray[np.float32]
+    looks: Appearance
     weights: NDArray[np.float64]
     offset: float
     threshold: float

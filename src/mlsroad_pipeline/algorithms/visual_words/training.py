@@ -129,7 +129,7 @@ def train_detector(
         arrays |= {f"{variant}.{name}": part for name, part in _arrays(vocabulary, detector).items()}
         facts[variant] = {
             "words": len(vocabulary),
-            "queries": {name: int(found.bags.shape[0]) for name, found in detector.queries_.items()},
+            "queries": {name: len(found.looks) for name, found in detector.queries_.items()},
             "f_scores": detector.f_scores_,
             "thresholds": {
                 name: found.threshold for name, found in detector.queries_.items() if np.isfinite(found.threshold)
@@ -167,12 +167,12 @@ def _train_variant(
     counts = count_words(words, objects, n_objects=int(n_objects.sum()), stopped=vocabulary.stopped)
     own = np.concatenate([found["own"] for found in labels])
     label = np.concatenate([found["label"] for found in labels])
-    sizes = np.concatenate([found["sizes"] for found in groups])
+    sizes, profiles = (np.concatenate([found[name] for found in groups]) for name in ("sizes", "profiles"))
     scene = np.repeat(np.arange(len(labels)), [len(found["own"]) for found in labels])
     rows = np.flatnonzero(own)
     detector = VisualWordsDetector(detection.classes, parameters=parameters.detector)
     truth = np.where(label[rows] < 0, IGNORE, label[rows])
-    return vocabulary, detector.fit(counts[rows], truth, sizes=sizes[rows], scenes=scene[rows])
+    return vocabulary, detector.fit(counts[rows], truth, sizes=sizes[rows], profiles=profiles[rows], scenes=scene[rows])
 
 
 def _arrays(vocabulary: Vocabulary, detector: VisualWordsDetector) -> dict[str, NDArray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -73,33 +74,48 @@ def learn_weights(alike: NDArray[np.float64], truth: NDArray[np.bool_], penalty:
 
 
 def held_out_scores(
-    alike: NDArray[np.float64], truth: NDArray[np.bool_], fold: NDArray[np.integer], penalty: float
+    alike: NDArray[np.float64],
+    across: Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float64]],
+    truth: NDArray[np.integer],
+    folds: tuple[NDArray[np.integer], NDArray[np.integer]],
+    *,
+    n_classes: int,
+    penalty: float,
 ) -> NDArray[np.float64]:
-    """Score the training objects of each fold by weights learned from the other folds.
+    """Score the objects of each fold by weights learned from the other folds.
 
     Parameters
     ----------
     alike : ndarray of float64, shape (n, n)
-        Likeness of the training objects to each other.
-    truth : ndarray of bool, shape (n,)
-        Whether each is of the class.
-    fold : ndarray of int, shape (n,)
-        Fold of each.
+        Likeness of the objects that weights are learned from to each other.
+    across : callable
+        Gives the likeness of some of all objects (second argument) to some of those learned from (first).
+    truth : ndarray of int, shape (n,)
+        Class of each object that is learned from; -1 for others.
+    folds : tuple of ndarray of int, shapes (n,) and (m,)
+        Fold of each object that is learned from, and of each of all.
+    n_classes : int
+        Number of classes.
     penalty : float
         See `learn_weights`.
 
     Returns
     -------
-    ndarray of float64, shape (n,)
+    ndarray of float64, shape (m, n_classes)
         Scores; 0 where the other folds hold no object of the class, or nothing else.
     """
-    scores = np.zeros(len(truth))
-    for number in np.unique(fold):
-        here = np.flatnonzero(fold == number)
-        rest = np.flatnonzero(fold != number)
-        if 0 < truth[rest].sum() < len(rest):
-            found = learn_weights(alike[np.ix_(rest, rest)], truth[rest], penalty)
-            scores[here] = weigh(alike[np.ix_(rest[found.chosen], here)], found.values, found.offset)
+    of_known, of_all = folds
+    scores = np.zeros((len(of_all), n_classes))
+    for number in np.unique(of_all):
+        here, rest = np.flatnonzero(of_all == number), np.flatnonzero(of_known != number)
+        if len(rest) == 0:
+            continue
+        seen, own = across(rest, here), alike[np.ix_(rest, rest)]
+        for label in range(n_classes):
+            mine = truth[rest] == label
+            if mine.any() and not mine.all():
+                found = learn_weights(own, mine, penalty)
+                scores[here, label] = weigh(seen[found.chosen], found.values, found.offset)
     return scores
 
 

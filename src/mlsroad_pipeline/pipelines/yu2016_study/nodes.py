@@ -176,20 +176,22 @@ def _run(
     method: str,
     parameters: Any,
 ) -> SceneTask:
-    points, objects, parts = (
-        store.part(part) for store, part in zip(stores, ("points", "objects", "parts"), strict=True)
-    )
+    streets, segmented, described = stores
+    points, parts = streets.part("points"), described.part("parts")
+    objects, classes = (segmented.part(part) for part in ("objects", "classes"))
 
     def inputs(split: str) -> dict[str, Any]:
-        return {
-            run_key(survey, seed): {
-                "points": points[street_key(survey, seed)],
-                "objects": objects[f"{CUT}.{street_key(survey, seed)}"],
-                "parts": parts[f"{name}.{street_key(survey, seed)}"],
-            }
-            for survey in surveys
-            for seed in getattr(plan.scale.surveys[survey], split)
-        }
+        given: dict[str, Any] = {}
+        for survey in surveys:
+            for seed in getattr(plan.scale.surveys[survey], split):
+                street = street_key(survey, seed)
+                own = {"parts": parts[f"{name}.{street}"]}
+                if split == "train":
+                    own["classes"] = classes[f"{CUT}.{street}"]
+                else:
+                    own |= {"points": points[street], "objects": objects[f"{CUT}.{street}"]}
+                given[run_key(survey, seed)] = own
+        return given
 
     return SceneTask(
         yu2016_runs.train_and_detect,

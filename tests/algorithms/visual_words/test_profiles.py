@@ -1,0 +1,52 @@
+"""How the voxels of objects are spread over height and distance from their axis."""
+
+import numpy as np
+import pytest
+
+from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.visual_words.profiles import BANDS, RINGS, measure_profiles, profile_likeness
+
+
+def lamp(rng, x=0.0, y=0.0, turn=0.0):
+    """A mast of 6 m with an arm of 2 m."""
+    mast = np.column_stack([np.zeros((600, 2)), np.linspace(0, 6, 600)])
+    arm = np.column_stack([np.linspace(0, 2, 200), np.zeros(200), np.full(200, 6.0)])
+    points = np.concatenate([mast, arm])
+    about = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    return np.column_stack([points[:, :2] @ about.T + [x, y], points[:, 2]])
+
+
+def test_shares_by_hand():
+    """Twelve places above each other and one aside of the highest, all in voxels of their own."""
+    column = np.column_stack([np.zeros((12, 2)), 0.05 + np.arange(12) / 2])
+    points = np.concatenate([column, [[1.0, 0.0, 5.55]], column + [50.0, 0, 0]])
+    owner = np.repeat([0, 2], [13, 12])
+    found = measure_profiles(points, owner).reshape(3, BANDS, len(RINGS))
+    assert found[0, :, 0].tolist() == pytest.approx([1 / 13] * 12)
+    assert found[0, -1, np.searchsorted(RINGS, 1.0)] == pytest.approx(1 / 13)
+    assert found[0].sum() == pytest.approx(1.0)
+    assert not found[1].any()  # no point is of object 1
+    assert found[2, :, 0].tolist() == pytest.approx([1 / 12] * 12)
+
+
+def test_profiles_do_not_change_with_place_turn_order_or_density(rng):
+    one = measure_profiles(lamp(rng), np.zeros(800, int))
+    order = rng.permutation(800)
+    many = np.repeat(lamp(rng), 5, axis=0)
+    for points in (lamp(rng, 30.0, -8.0)[order], lamp(rng, turn=1.0), many):
+        other = measure_profiles(points, np.zeros(len(points), int))
+        assert profile_likeness(one, other)[0, 0] > 0.8
+    block = rng.uniform([-2, -1, 0], [2, 1, 1.5], (4000, 3))
+    assert profile_likeness(one, measure_profiles(block, np.zeros(4000, int)))[0, 0] < 0.2
+
+
+def test_likeness_is_what_is_shared_over_what_either_has():
+    one, other = np.array([[0.5, 0.5, 0.0], [0.0, 0.0, 0.0]]), np.array([[0.25, 0.25, 0.5], [0.5, 0.5, 0.0]])
+    np.testing.assert_allclose(profile_likeness(one, other), [[0.5 / 1.5, 1.0], [0.0, 0.0]])
+    assert profile_likeness(one[1:], one[1:])[0, 0] == 0.0  # nothing is like nothing
+    with pytest.raises(DataError, match="2 and 3 shares"):
+        profile_likeness(one[:, :2], other)
+
+
+def test_no_objects_have_no_profiles():
+    assert measure_profiles(np.zeros((5, 3)), np.full(5, -1)).shape == (0, BANDS * len(RINGS))
