@@ -8,6 +8,7 @@ from sklearn.metrics import adjusted_rand_score
 from mlsroad_pipeline.algorithms.exceptions import MissingColumnError, ParameterError
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, segment_scene
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.segmentation import two_step
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
 from mlsroad_pipeline.algorithms.segmentation.spacing import cluster_by_spacing
 from mlsroad_pipeline.algorithms.segmentation.two_step import TwoStepParameters, segment_two_step
@@ -122,6 +123,21 @@ def test_two_step_keeps_apart_what_touches_with_an_edge():
     joined = segment_two_step(rows[:, :3], **columns, parameters=TwoStepParameters(contact=0.0))[near]
     assert len(np.unique(joined)) == 1
     assert radius_graph_components(rows[near, :3], 0.15).max() == 0
+
+
+@pytest.mark.parametrize("contact", [0.0, 0.25, 0.8])
+def test_runs_that_touch_are_those_of_brute_force(rng, contact):
+    parameters = TwoStepParameters(across=0.2, contact=contact)
+    of_run = np.sort(rng.integers(0, 60, 1500))
+    places = rng.uniform(0, 2, (60, 3))[of_run] + rng.normal(0, 0.15, (1500, 3)) + [4e5, 5e6, 30]
+    near = np.linalg.norm(places[:, None] - places[None], axis=2) <= 0.2
+    touches = np.stack([near[:, of_run == run].any(axis=1) for run in range(60)], axis=1)  # place by run
+    counts = np.stack([touches[of_run == run].sum(axis=0) for run in range(60)])
+    size = np.bincount(of_run, minlength=60)
+    good = (counts > 0) & (size[:, None] <= size[None]) & (counts >= contact * size[:, None])
+    np.fill_diagonal(good, False)
+    found = two_step._touching(places, of_run, parameters)
+    assert sorted(map(tuple, found.tolist())) == sorted(map(tuple, np.argwhere(good).tolist()))
 
 
 def test_two_step_needs_the_order_of_the_scan(rng):

@@ -8,7 +8,7 @@ from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.studies import yu2016, yu2016_paper
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters, StudySurvey
-from mlsroad_pipeline.algorithms.studies.yu2016_runs import touching_instances
+from mlsroad_pipeline.algorithms.studies.yu2016_runs import separate_images, touching_instances
 
 
 def street(objects, label, right, score):
@@ -81,3 +81,22 @@ def test_streets_may_not_be_learned_from_and_scored_on():
         StudySurvey({}, [1, 2], [2])
     with pytest.raises(ParameterError, match="scale 'huge' is unknown"):
         StudyParameters("huge", {"fast": {}})
+
+
+def test_each_image_of_what_moved_is_an_object(rng):
+    """A car drawn by both scanners 20 m apart, one that stands, seen from two sides, and a hedge in two pieces."""
+    box = rng.uniform([0, 0, 0], [4, 2, 1.5], (600, 3))
+    sides = np.concatenate([rng.uniform([0, y, 0], [4, y + 0.1, 1.5], (300, 3)) for y in (0.0, 1.8)])
+    parts = [box, box + [20, 3, 0], sides + [0, 30, 0], box + [0, 60, 0], box + [30, 60, 0], box + [90, 0, 0]]
+    xyz = np.concatenate(parts)
+    instance = np.repeat([5, 5, 7, 9, 9, 0], 600)
+    vehicle = np.repeat([True, True, True, False, False, True], 600)
+    order = rng.permutation(len(xyz))
+    found = np.empty(len(xyz), np.int64)
+    found[order] = separate_images(xyz[order], instance[order], vehicle[order])
+    first = [np.unique(found[instance_rows]) for instance_rows in np.arange(3600).reshape(6, 600)]
+    assert all(len(one) == 1 for one in first)
+    names = [int(one[0]) for one in first]
+    assert names[2:] == [7, 9, 9, 0]
+    assert sorted(names[:2]) == [5, 10]  # one image keeps the number, the other gets the next that is free
+    np.testing.assert_array_equal(separate_images(xyz, np.zeros(3600, int), vehicle), 0)

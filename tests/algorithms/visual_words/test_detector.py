@@ -123,6 +123,55 @@ def test_sizes_tell_apart_what_has_the_same_words(rng, decision):
     assert right[0] < 0.7 and right[1] > 0.95
 
 
+def test_thresholds_stand_against_all_others_not_those_drawn_alone(rng):
+    """Others of the classes' own words are rare among those drawn, and as many as the examples in the scenes."""
+    counts, labels = planted(rng, 600)
+    twin = (labels == 0) & (rng.random(600) < 0.5)
+    truth = np.where(twin, -1, labels)  # half of the poles are something else that looks the same
+    few = DetectorParameters(max_others=4, size_share=0.0, profile_share=0.0, size_margin=0.0)
+    detector = VisualWordsDetector(["pole", "car"], parameters=few).fit(counts, truth, scenes=np.arange(600) % 6)
+    assert detector.f_scores_["pole"] < 0.8  # with the four that vote it would be near 1
+    assert detector.f_scores_["car"] > 0.95
+
+
+def test_others_most_like_an_example_vote(rng):
+    counts, labels = planted(rng, 400)
+    looks = np.full((400, 4), 0.25)
+    near = np.flatnonzero(labels < 0)[:6]
+    counts = counts.tolil()
+    counts[near] = counts[np.flatnonzero(labels == 0)[:6]]
+    parameters = DetectorParameters(max_others=12, size_share=0.0, profile_share=0.0, size_margin=0.0)
+    detector = VisualWordsDetector(["pole", "car"], parameters=parameters)
+    detector.fit(csr_array(counts), labels, profiles=looks, scenes=np.arange(400) % 5)
+    against = detector.queries_["pole"]
+    twins = weigh_words(csr_array(counts[near]), detector.inverse_frequency_).toarray()
+    known = against.looks.bags.toarray()[against.weights < 0]
+    assert all((np.abs(known - twin).max(axis=1) < 1e-12).any() for twin in twins)
+
+
+@pytest.mark.parametrize("decision", ["weighted", "nearest"])
+def test_profiles_tell_apart_what_has_the_same_words_and_size(rng, decision):
+    counts = csr_array(rng.poisson(np.full((200, 30), 1.0)).astype(np.float64))
+    labels = np.repeat([0, -1], 100)
+    profiles = rng.dirichlet(np.full(8, 5.0), 200) * np.where(
+        labels[:, None] == 0, [[1] * 4 + [0] * 4], [[0] * 4 + [1] * 4]
+    )
+    half = np.arange(200) % 2 == 0
+    right = []
+    for share in (0.0, 0.5):
+        parameters = DetectorParameters(decision=decision, size_share=0.0, profile_share=share, size_margin=0.0)
+        detector = VisualWordsDetector(["pole"], parameters=parameters).fit(
+            counts[half], labels[half], profiles=profiles[half]
+        )
+        again = VisualWordsDetector.from_arrays(detector.to_arrays())
+        right.append((again.detect(counts[~half], profiles=profiles[~half])[0] == labels[~half]).mean())
+    assert right[0] < 0.7 and right[1] > 0.95
+    with pytest.raises(DataError, match="one profile each"):
+        detector.score(counts, profiles=profiles[:3])
+    with pytest.raises(ParameterError, match="must not exceed 1 together, got 0.7 and 0.4"):
+        DetectorParameters(size_share=0.7, profile_share=0.4)
+
+
 def test_others_are_drawn_and_a_single_scene_takes_the_border_of_the_vote(rng):
     counts, labels = planted(rng, 300)
     parameters = DetectorParameters(max_others=20)

@@ -31,7 +31,7 @@ _HEIGHT = 1.7  # the lowest pole that is taken out, metres
 _AROUND = 2.0  # of an axis, where a crown is looked for, metres
 _CROWN = 300  # voxels that make a crown
 _JOINED = 0.25  # voxels of one crown are this close, metres
-_FOOT, _BESIDE = 0.7, 0.3  # height of a foot, and how far from a line that of another stem is, metres
+_FOOT, _BESIDE, _STEM = 0.7, 0.3, 1.2  # of a stem that was not found: height of its foot, distance, width, metres
 _ASIDE = 0.7  # a crown whose middle is farther from an axis grows on another stem, metres
 _FIXTURE, _REACH, _ABOVE = 200, 4.0, 1.0  # voxels and width of lamps, arms and plates, and their least height, metres
 _APART = 0.5  # what is left of a cluster and lies farther apart falls into parts, metres
@@ -254,8 +254,9 @@ def _stands(away: NDArray[np.float64], height: NDArray[np.float64], crown: NDArr
     near = crown & (np.hypot(*away.T) <= _AROUND)
     if not near.any() or height[near].min() > _FOOT:
         return False
-    foot = near & (height <= height[near].min() + _FOOT)
-    return bool(np.hypot(*away[foot].mean(axis=0)) >= _BESIDE)
+    foot = away[near & (height <= height[near].min() + _FOOT)]
+    # A wall or a hedge that the crown touches is no stem.
+    return bool(np.hypot(*foot.mean(axis=0)) >= _BESIDE and np.ptp(foot, axis=0).max() <= _STEM)
 
 
 def _attach(xyz: NDArray[np.float64], parts: NDArray[np.int64], poles: list[_Stem]) -> None:

@@ -9,15 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from mlsroad_pipeline.algorithms.cell_grid import CELLS_PER_RADIUS, build_cell_grids
+from mlsroad_pipeline.algorithms.cell_windows import first_window, move_window
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.graphs import connected_components
-from mlsroad_pipeline.algorithms.neighbors import radius_neighbors
 from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
 from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
-
-_BATCH = 200_000  # places whose neighbours are listed at a time
 
 
 @dataclass(frozen=True)
@@ -128,19 +128,87 @@ def _thinned(
 
 def _touching(places: NDArray[np.float64], of_run: NDArray[np.int64], parameters: TwoStepParameters) -> NDArray:
     """Return the pairs of runs of which a large enough share lies side by side."""
-    n_runs = int(of_run.max()) + 1
-    found = []
-    for first in range(0, len(places), _BATCH):
-        some = places[first : first + _BATCH]
-        indices, indptr = radius_neighbors(places, radius=parameters.across, queries=some)
-        here = np.repeat(np.arange(first, first + len(some)), np.diff(indptr))
-        other = of_run[indices]
-        apart = other != of_run[here]
-        found.append(np.unique(here[apart] * n_runs + other[apart]))  # a place touches a run once
-    touch = np.concatenate(found)
-    pairs, count = np.unique(of_run[touch // n_runs] * n_runs + touch % n_runs, return_counts=True)
-    a, b = pairs // n_runs, pairs % n_runs
-    size = np.bincount(of_run, minlength=n_runs)
-    # Of two equally long runs either may be the one that is judged.
-    good = (size[a] <= size[b]) & (count >= parameters.contact * size[a])
-    return np.column_stack([a[good], b[good]])
+    size = parameters.across * (1 + 1e-9) / CELLS_PER_RADIUS  # rounding cannot put a neighbour a cell too far
+    grid = build_cell_grids(places, cell_size=size, margin=CELLS_PER_RADIUS)[0]
+    rows = grid.row_offsets(CELLS_PER_RADIUS)
+    begin, end = _windows(grid.keys, rows, CELLS_PER_RADIUS)
+    bounds = np.searchsorted(of_run, np.arange(int(of_run.max()) + 2))
+    return np.asarray(
+        _side_by_side(
+            places, grid.order, grid.starts, begin, end, of_run, bounds, parameters.across, parameters.contact
+        )
+    )
+
+
+@njit(cache=True, nogil=True)
+def _windows(keys: NDArray[np.int64], rows: NDArray[np.int64], reach: int) -> tuple[NDArray, NDArray]:
+    """Return where each row of cells around each occupied cell begins and ends among the occupied ones."""
+    begins, ends = np.empty((len(keys), len(rows)), np.int32), np.empty((len(keys), len(rows)), np.int32)
+    begin, end = first_window(keys, keys[0], rows, reach)
+    for cell in range(len(keys)):
+        move_window(keys, keys[cell], rows, reach, begin, end)
+        begins[cell], ends[cell] = begin, end
+    return begins, ends
+
+
+@njit(cache=True, nogil=True)
+def _side_by_side(
+    places: NDArray[np.float64],
+    order: NDArray[np.int32],
+    starts: NDArray[np.int64],
+    begins: NDArray[np.int32],
+    ends: NDArray[np.int32],
+    of_run: NDArray[np.int64],
+    bounds: NDArray[np.int64],
+    across: float,
+    contact: float,
+) -> NDArray[np.int64]:
+    """Count, run by run, the places of a run that each other run touches; a place touches a run once."""
+    n_runs = len(bounds) - 1
+    cell_of = np.empty(len(places), np.int32)
+    for cell in range(len(starts) - 1):
+        for i in range(starts[cell], starts[cell + 1]):
+            cell_of[order[i]] = cell
+    count, seen = np.zeros(n_runs, np.int64), np.full(n_runs, -1, np.int64)
+    touched = np.empty(n_runs, np.int64)
+    pairs, n_pairs = np.empty((1024, 2), np.int64), 0
+    for run in range(n_runs):
+        n_touched, size = 0, bounds[run + 1] - bounds[run]
+        for p in range(bounds[run], bounds[run + 1]):
+            near, far = begins[cell_of[p]], ends[cell_of[p]]
+            n_touched = _touch(places, p, order, starts, near, far, of_run, across, count, seen, touched, n_touched)
+        for k in range(n_touched):
+            other = touched[k]
+            # Of two equally long runs either may be the one that is judged.
+            if size <= bounds[other + 1] - bounds[other] and count[other] >= contact * size:
+                if n_pairs == len(pairs):
+                    pairs = np.concatenate((pairs, np.empty_like(pairs)))
+                pairs[n_pairs, 0], pairs[n_pairs, 1] = run, other
+                n_pairs += 1
+            count[other] = 0
+    return pairs[:n_pairs]
+
+
+@njit(cache=True, nogil=True)
+def _touch(
+    places: NDArray[np.float64], p: int, order: NDArray[np.int32], starts: NDArray[np.int64], begin: NDArray[np.int32],
+    end: NDArray[np.int32], of_run: NDArray[np.int64], across: float, count: NDArray[np.int64],
+    seen: NDArray[np.int64], touched: NDArray[np.int64], n_touched: int,
+) -> int:  # fmt: skip
+    """Count a place for each other run that it touches; return how many runs its own run touches by now."""
+    for j in range(len(begin)):
+        for i in range(starts[begin[j]], starts[end[j]]):
+            q = order[i]
+            other = of_run[q]
+            if other == of_run[p] or seen[other] == p:
+                continue
+            away = 0.0
+            for axis in range(3):
+                away += (places[p, axis] - places[q, axis]) ** 2
+            if away <= across * across:
+                seen[other] = p
+                if count[other] == 0:
+                    touched[n_touched] = other
+                    n_touched += 1
+                count[other] += 1
+    return n_touched

@@ -19,17 +19,21 @@ from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.detection import DetectionParameters, count_detections_of_scene, object_classes
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps, score_segmentation
 from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
-from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, segment_scene
+from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, owned_by_core, segment_scene
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
-from mlsroad_pipeline.algorithms.studies.streets import make_street, timed
+from mlsroad_pipeline.algorithms.simulation.survey import simulate_survey
+from mlsroad_pipeline.algorithms.studies.streets import cut_street, timed
 from mlsroad_pipeline.algorithms.visual_words import labeller
 from mlsroad_pipeline.algorithms.visual_words.training import train_detector
 
 TOUCHING = 0.15
 """Objects closer than this touch, metres: the clustering distance of the paper."""
+
+RUN_IN = 12.0
+"""What is driven beyond both ends of a street, metres."""
 
 IMAGE_GAP = 2.0
 """Two images of one thing that moved lie farther apart than this, metres."""
@@ -59,6 +63,9 @@ _DETECT: Mapping[str, Any] = {
 def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -> dict[str, Any]:
     """Simulate a street that is a scene of its own, and time the search for its ground.
 
+    The van drives `RUN_IN` farther at both ends: planes of scanners stand at a slant, and what is near the ends of a
+    drive is scanned in part. Objects there are not the scene's own.
+
     Parameters
     ----------
     simulation : SimulationParameters
@@ -69,14 +76,15 @@ def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -
     Returns
     -------
     dict
-        ``points``: a cloud with `ground` and what the stages need; ``facts``: ``seconds`` of the ground filter and
-        number of ``points``.
+        ``points``: a cloud with `ground`, `core` and what the stages need; ``facts``: ``seconds`` of the ground filter
+        and number of ``points``.
     """
     columns = ("intensity", "gps_time", "scanner", "label", "instance")
-    street = make_street(simulation=simulation, ground=ground, columns=columns)
+    survey = simulate_survey(replace(simulation, length=simulation.length + 2 * RUN_IN), n_threads=1)
+    street, station = cut_street(survey, ground=ground, columns=columns, source=f"street of seed {simulation.seed}")
     instance = separate_images(street.xyz, street["instance"], np.isin(street["label"], _MOVING))
-    more = {"instance": instance, "core": np.ones(len(street), dtype=np.bool_)}
-    cloud = replace(street, columns={**street.columns, **more})
+    core = (station >= RUN_IN) & (station <= RUN_IN + simulation.length)
+    cloud = replace(street, columns={**street.columns, "instance": instance, "core": core})
     _, seconds = timed(find_ground, cloud, ground)
     facts = {"seconds": np.array(seconds), "points": np.array(len(cloud))}
     return {"points": cloud, "facts": facts}
@@ -122,7 +130,7 @@ def separate_images(
 def segment_street(
     points: PointCloud, *, parameters: SegmentationParameters, scheme: ClassScheme, detection: DetectionParameters
 ) -> dict[str, Any]:
-    """Segment a street and score the objects against its instances.
+    """Segment a street and score the objects against the instances that it owns.
 
     Parameters
     ----------
@@ -145,15 +153,19 @@ def segment_street(
     """
     objects, seconds = timed(segment_scene, points, {"ground": points["ground"]}, parameters)
     found, least = objects["objects"], detection.min_points
+    owned = owned_by_core(
+        points, np.where(points["instance"] > 0, points["instance"], -1), int(points["instance"].max()) + 1
+    )
+    mine = np.where(owned[points["instance"]], points["instance"], 0)
     figures = {name: np.array(value) for name, value in asdict(
-        score_segmentation(points["instance"], found, min_points=least)).items()}  # fmt: skip
-    pairs = find_overlaps(points["instance"], found)
+        score_segmentation(mine, found, min_points=least)).items()}  # fmt: skip
+    pairs = find_overlaps(mine, found)
     best = np.zeros(len(pairs.instances))
     np.maximum.at(best, pairs.instance, pairs.iou)
     large = pairs.instance_sizes >= least
     touching = touching_instances(points, pairs.instances, least) & large
     weights = pairs.instance_sizes[touching]
-    first = np.unique(points["instance"], return_index=True)
+    first = np.unique(mine, return_index=True)
     label = scheme.encode(points["label"], source=points.source)[first[1][np.searchsorted(first[0], pairs.instances)]]
     wanted = large & np.isin(label, detection.labels_in(scheme))
     extra = {

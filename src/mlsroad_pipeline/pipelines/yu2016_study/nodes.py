@@ -81,8 +81,41 @@ def make_surveys(plan: StudyPlan) -> dict[str, SceneTask]:
     return street_tasks(yu2016_runs.make_survey, surveys, plan.stages.ground)
 
 
+def _segment(plan: StudyPlan, streets: SceneCollection, method: str, splits: Sequence[str]) -> dict[str, SceneTask]:
+    points = streets.part("points")
+    parameters = replace(plan.stages.segmentation, method=method)
+    return {
+        f"{method}.{street_key(name, seed)}": SceneTask(
+            yu2016_runs.segment_street,
+            {"points": points[street_key(name, seed)]},
+            {"parameters": parameters, "scheme": plan.scheme, "detection": plan.detection},
+        )
+        for name, given in plan.scale.surveys.items()
+        for split in splits
+        for seed in getattr(given, split)
+    }
+
+
 def segment_surveys(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that segments the streets: all by the method that detectors build on, test streets by every one.
+    """Name the work that segments all streets by the method that detectors build on.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+    streets : SceneCollection
+        The streets.
+
+    Returns
+    -------
+    dict of str to SceneTask
+        One task per street.
+    """
+    return _segment(plan, streets, CUT, ("train", "test"))
+
+
+def compare_segmentations(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
+    """Name the work that segments the test streets by the methods that it is compared with.
 
     Parameters
     ----------
@@ -96,18 +129,11 @@ def segment_surveys(plan: StudyPlan, streets: SceneCollection) -> dict[str, Scen
     dict of str to SceneTask
         One task per method and street.
     """
-    points = streets.part("points")
-    settings = {name: replace(plan.stages.segmentation, method=name) for name in SEGMENTATIONS}
-    return {
-        f"{method}.{street_key(name, seed)}": SceneTask(
-            yu2016_runs.segment_street,
-            {"points": points[street_key(name, seed)]},
-            {"parameters": settings[method], "scheme": plan.scheme, "detection": plan.detection},
-        )
-        for name, given in plan.scale.surveys.items()
-        for method in SEGMENTATIONS
-        for seed in (*(given.train if method == CUT else ()), *given.test)
-    }
+    tasks: dict[str, SceneTask] = {}
+    for method in SEGMENTATIONS:
+        if method != CUT:
+            tasks |= _segment(plan, streets, method, ("test",))
+    return tasks
 
 
 def _settings(plan: StudyPlan) -> dict[str, tuple[str, Any]]:
@@ -253,19 +279,23 @@ def tabulate_study(plan: StudyPlan, *stores: SceneCollection) -> tuple[Any, ...]
     plan : StudyPlan
         The plan.
     *stores : SceneCollection
-        The streets, their objects, these described, and what came of the detectors and of the settings.
+        The streets, their objects, these described, what came of the detectors and of the settings, and the objects of
+        the other segmentations.
 
     Returns
     -------
     tuple of DataFrame
         The tables of `StudyTables` in their order.
     """
-    streets, segmented, described, runs, variants = stores
-    found, scores = variants.load_all(), segmented.part("scores").load_all()
+    streets, segmented, described, runs, variants, compared = stores
+    found = variants.load_all()
+    scores = {**compared.part("scores").load_all(), **segmented.part("scores").load_all()}
+    tests = {street_key(name, seed) for name, given in plan.scale.surveys.items() for seed in given.test}
     return study_tables(
         plan,
         streets.part("facts").load_all(),
-        {key: scores[key] for key in segment_surveys(plan, streets)},  # in the paper's order, not the store's
+        # In the paper's order, not the store's.
+        {f"{method}.{key}": scores[f"{method}.{key}"] for method in SEGMENTATIONS for key in sorted(tests)},
         described.part("facts").load_all(),
         runs.load_all(),
         {name: found[_safe(run)] for name, run in _runs_of_settings(plan).items()},

@@ -7,6 +7,7 @@ from mlsroad_pipeline.algorithms.studies.yu2016_report import study_figures, stu
 from mlsroad_pipeline.algorithms.studies.yu2016_results import StudyTables
 from mlsroad_pipeline.pipelines.study import entries, report_node
 from mlsroad_pipeline.pipelines.yu2016_study.nodes import (
+    compare_segmentations,
     describe_surveys,
     make_surveys,
     plan_study,
@@ -34,8 +35,8 @@ def create_pipeline(**_: object) -> Pipeline:
         Parameters to ``yu2016_study.*``.
     """
     stages = (STUDY, "classes", "ground_removal", "segmentation", "detection", *DETECTORS)
-    names = ("plan", "streets", "objects", "described", "runs", "settings")
-    plan, streets, objects, described, runs, settings = entries(STUDY, names)
+    names = ("plan", "streets", "objects", "described", "runs", "settings", "compared")
+    plan, streets, objects, described, runs, settings, compared = entries(STUDY, names)
     tables = entries(STUDY, StudyTables.names())
     stores = [streets, objects, described]
     return Pipeline(
@@ -46,7 +47,11 @@ def create_pipeline(**_: object) -> Pipeline:
             Node(describe_surveys, inputs=[plan, *stores[:2]], outputs=described, name="describe_yu2016_objects"),
             Node(run_detectors, inputs=[plan, *stores], outputs=runs, name="run_yu2016_detectors"),
             Node(run_settings, inputs=[plan, *stores], outputs=settings, name="run_yu2016_settings"),
-            Node(tabulate_study, inputs=[plan, *stores, runs, settings], outputs=tables, name="tabulate_yu2016_study"),
+            Node(compare_segmentations, inputs=[plan, streets], outputs=compared, name="compare_yu2016_segmentations"),
+            Node(
+                tabulate_study, inputs=[plan, *stores, runs, settings, compared], outputs=tables,
+                name="tabulate_yu2016_study",
+            ),
             report_node(
                 STUDY, tables=StudyTables, figures=FIGURES, draw=study_figures, write=study_sections,
                 title="Yu et al. 2016 on simulated streets",
