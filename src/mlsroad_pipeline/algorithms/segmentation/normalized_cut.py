@@ -58,7 +58,7 @@ class NormalizedCutParameters:
         A group is left whole where the least normalised cut is above this; 0 to 2. Larger cuts more. Not in the paper.
     min_voxels : int, default 20
         No part is made smaller than this. Not in the paper.
-    max_smoothness : float, default 0.15
+    max_smoothness : float, default 0.2
         A group is left whole where the values of its eigenvector are spread more evenly than this: the emptiest bin of
         their histogram over the fullest (Shi and Malik 2000). 1 never stops; smaller cuts less.
     max_nodes : int, default 256
@@ -89,7 +89,7 @@ class NormalizedCutParameters:
     max_distance: float = 5.0
     max_cut: float = 0.5
     min_voxels: int = 20
-    max_smoothness: float = 0.15
+    max_smoothness: float = 0.2
     max_nodes: int = 256
     pole_length: float = 1.2
     foot_height: float = 2.0
