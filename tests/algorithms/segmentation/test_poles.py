@@ -76,6 +76,16 @@ def test_trees_keep_their_trunks_and_lone_lamps_their_arms(rng):
         assert segmented(parts)[1] == 1
 
 
+@pytest.mark.parametrize(("lower", "upper"), [(-0.04, 0.08), (-0.05, 0.08)])
+def test_a_bent_trunk_is_not_taken_out_of_its_palm(lower, upper, rng):
+    angle, z = rng.uniform(0, 2 * np.pi, 16000), rng.uniform(0, 14, 16000)
+    bent = np.where(z < 7, lower, upper) * (z - 7)
+    trunk = np.column_stack([0.12 * np.cos(angle) + bent, 0.12 * np.sin(angle), z])
+    withered = crown(rng, 0, 0, 7, 0.7, 3000)  # which breaks the line in two
+    palm = np.concatenate([trunk, withered, crown(rng, upper * 7, 0, 14, 1.5)])
+    assert segmented([palm])[1] == 1
+
+
 def test_a_wall_is_no_row_of_poles(rng):
     streaks = [
         np.column_stack([np.full(400, 0.25 * k), rng.normal(0, 0.005, 400), rng.uniform(0, 5, 400)]) for k in range(20)

@@ -168,7 +168,7 @@ def _fit(middle: NDArray[np.float64], origin: NDArray[np.float64], free_length: 
 
 def _split(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[_Stem]) -> NDArray[np.int64]:
     """Return the part of each voxel of a cluster: 0 for what stays, 1, 2, ... for poles and what they held together."""
-    stems = _merged([_extended(stem, xyz, counts) for stem in stems])
+    stems = _merged([_extended(stem, xyz, counts) for stem in _merged(stems)])
     stems = [stem for stem in stems if stem.high - stem.low >= _HEIGHT]
     parts = np.zeros(len(xyz), np.int64)
     poles = _without_crown(xyz, stems)
@@ -205,11 +205,12 @@ def _extended(stem: _Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) 
 
 
 def _merged(stems: list[_Stem]) -> list[_Stem]:
-    """Join the lines that are one: below a crown, and above it."""
+    """Join the lines that are one: below a crown and above it, or along a trunk that is bent."""
     found: list[_Stem] = []
     for stem in sorted(stems, key=lambda one: (one.low - one.high, one.base[0], one.base[1])):
         for k, other in enumerate(found):
-            height = 0.5 * (stem.low + stem.high)
+            # In the middle of the heights that both have, or of the gap between them: lines of a bent trunk meet there.
+            height = 0.5 * (max(stem.low, other.low) + min(stem.high, other.high))
             place = np.append(stem.base + stem.slope * height, height)[None]
             if other.distance(place)[0] <= 2 * _CORE:
                 found[k] = _Stem(other.base, other.slope, min(stem.low, other.low), max(stem.high, other.high))
