@@ -1,14 +1,18 @@
 """The tables of the study of yu2016: counts by hand, the paper's own figures, intervals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
+from mlsroad_pipeline.algorithms.simulation.presets import PRESETS
 from mlsroad_pipeline.algorithms.studies import yu2016, yu2016_paper
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters, StudySurvey
-from mlsroad_pipeline.algorithms.studies.yu2016_runs import separate_images, touching_instances
+from mlsroad_pipeline.algorithms.studies.yu2016_runs import make_survey, separate_images, touching_instances
 
 
 def street(objects, label, right, score):
@@ -100,3 +104,17 @@ def test_each_image_of_what_moved_is_an_object(rng):
     assert names[2:] == [7, 9, 9, 0]
     assert sorted(names[:2]) == [5, 10]  # one image keeps the number, the other gets the next that is free
     np.testing.assert_array_equal(separate_images(xyz, np.zeros(3600, int), vehicle), 0)
+
+
+def test_a_second_pass_doubles_the_points_and_leaves_the_ends_where_they_are():
+    """Stations are those of one pass; with those of both passes only what lies nearer to the first was inside."""
+    clouds = []
+    for passes in (1, 2):
+        tiny = replace(PRESETS["tiny"], length=20.0, passes=passes, with_images=False, seed=3)
+        clouds.append(make_survey(simulation=tiny, ground=GroundParameters())["points"])
+    one, two = clouds
+    assert two["core"].mean() == pytest.approx(one["core"].mean(), abs=0.02)
+    for cloud in clouds:
+        extent = np.ptp(cloud.xyz[cloud["core"]], axis=0)
+        np.testing.assert_allclose(extent, np.ptp(one.xyz[one["core"]], axis=0), atol=2.0)
+    assert two["core"].sum() > 1.7 * one["core"].sum()

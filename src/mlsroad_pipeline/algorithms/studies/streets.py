@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.simulation.drive import PAUSE
 from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
 from mlsroad_pipeline.algorithms.simulation.survey import Survey, simulate_survey
 from mlsroad_pipeline.algorithms.trajectory import Trajectory
@@ -108,7 +109,7 @@ def cut_street(
 
 
 def survey_path(survey: Survey) -> Trajectory:
-    """Return the track of a simulated survey.
+    """Return the track of a simulated survey, the first pass: all passes drive the same way along the same street.
 
     Parameters
     ----------
@@ -120,4 +121,7 @@ def survey_path(survey: Survey) -> Trajectory:
     Trajectory
         The track.
     """
-    return Trajectory.from_positions(survey.trajectory[["x", "y", "z"]], survey.trajectory["gps_time"])
+    time = survey.trajectory["gps_time"].to_numpy()
+    # Stations that went on through the second pass would say nothing about where along the street a place is.
+    first = survey.trajectory[np.cumsum(np.diff(time, prepend=time[0]) > 0.5 * PAUSE) == 0]
+    return Trajectory.from_positions(first[["x", "y", "z"]], first["gps_time"])
