@@ -151,8 +151,8 @@ def test_half_a_crown_that_was_cut_off_is_joined_again(rng):
     long_crown = np.concatenate([crown(rng, x, 0, 5, 1.5, 5000) for x in (0.0, 3.0)])
     stem = np.column_stack([rng.normal(0, 0.05, 2000), rng.normal(0, 0.05, 2000), rng.uniform(0, 4, 2000)])
     points = np.concatenate([long_crown, stem])
-    cut = segment(points, parameters=NormalizedCutParameters(tolerance=0.3, foot_height=0))
-    joined = segment(points, parameters=NormalizedCutParameters(tolerance=0.3))
+    cut = segment(points, parameters=NormalizedCutParameters(tolerance=0.3, pole_length=0, foot_height=0))
+    joined = segment(points, parameters=NormalizedCutParameters(tolerance=0.3, pole_length=0))
     assert cut.max() == 1
     assert joined.max() == 0
 

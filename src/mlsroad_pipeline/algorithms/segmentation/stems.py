@@ -1,0 +1,157 @@
+"""Upright lines among voxels: the stems of poles and of trunks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.graphs import connected_components
+from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
+
+SLAB = 0.2
+"""Height of a section, metres."""
+
+RADIUS = 0.22
+"""Of what belongs to a stem around its axis, metres."""
+
+HEIGHT = 1.7
+"""The lowest stem that is looked at, metres."""
+
+_STEP = 0.15  # voxels of one section are this close, metres
+_WIDTH = 0.5  # the widest section of a stem, metres
+_FREE, _STRAY = 0.4, 1.34  # metres around a section that stands free, and voxels there over its own
+_SHIFT = 0.12  # of the middles of a stem's sections from one to the next, metres
+_LEAN, _CURVE = 0.15, 0.05  # slope of its axis, and deviation from it, metres
+_CORE, _RING = 0.15, 0.45  # radii within which a stem is denser than around it, metres
+_DENSER = 3.0
+_GAP = 4  # sections that may be hidden inside a crown
+
+
+@dataclass(frozen=True)
+class Stem:
+    """An upright line: x, y = base + slope * z, from the height `low` to `high`."""
+
+    base: NDArray[np.float64]
+    slope: NDArray[np.float64]
+    low: float
+    high: float
+
+    def away(self, xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+        return xyz[:, :2] - self.base - xyz[:, 2:] * self.slope
+
+    def distance(self, xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.hypot(*self.away(xyz).T)
+
+
+def find_stems(places: NDArray[np.float64], clusters: NDArray[np.int32], free_length: float) -> dict[int, list[Stem]]:
+    """Return the lines of narrow sections that stand free, by cluster."""
+    tall = np.full(int(clusters.max(initial=-1)) + 1, -np.inf)
+    low = -tall
+    np.maximum.at(tall, clusters, places[:, 2])
+    np.minimum.at(low, clusters, places[:, 2])
+    rows = np.flatnonzero((tall - low >= HEIGHT)[clusters])
+    if len(rows) == 0:
+        return {}
+    origin = places.min(axis=0)
+    xyz = places[rows] - origin
+    slab = np.floor(xyz[:, 2] / SLAB)
+    flat = np.column_stack([xyz[:, :2], 10.0 * slab])  # sections of different heights are far apart
+    section = _combined(cluster(flat, tolerance=_STEP), clusters[rows])
+    middle, width, size = measure_sections(xyz, section)
+    first = np.unique(section, return_index=True)[1]
+    narrow = np.flatnonzero(width <= _WIDTH)
+    near = cKDTree(flat).query_ball_point(
+        np.column_stack([middle[narrow, :2], 10.0 * slab[first[narrow]]]), _FREE, return_length=True
+    )
+    free = narrow[near <= _STRAY * size[narrow]]
+    owner = clusters[rows[first[free]]]
+    found: dict[int, list[Stem]] = {}
+    for chain in _chains(middle[free], slab[first[free]], owner):
+        stem = _fit(middle[free[chain]], origin, free_length)
+        if stem is not None:
+            found.setdefault(int(owner[chain[0]]), []).append(stem)
+    return found
+
+
+def _combined(a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Number the pairs of two numbers."""
+    return np.unique(a.astype(np.int64) * (int(b.max()) + 1) + b, return_inverse=True)[1].astype(np.int64)
+
+
+def measure_sections(
+    xyz: NDArray[np.float64], section: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Return the middle of each section, its width and its number of voxels."""
+    n = int(section.max()) + 1
+    size = np.bincount(section, minlength=n)
+    middle = np.column_stack([np.bincount(section, xyz[:, axis], minlength=n) / size for axis in range(3)])
+    low, high = np.full((n, 2), np.inf), np.full((n, 2), -np.inf)
+    np.minimum.at(low, section, xyz[:, :2])
+    np.maximum.at(high, section, xyz[:, :2])
+    return middle, (high - low).max(axis=1), size
+
+
+def _chains(
+    middle: NDArray[np.float64], slab: NDArray[np.float64], owner: NDArray[np.int32]
+) -> list[NDArray[np.int64]]:
+    """Return the sections of each line: those of one cluster that lie above each other with at most one left out."""
+    if len(middle) < 2:
+        return []
+    level = np.column_stack([middle[:, :2], SLAB * slab])
+    pairs = cKDTree(level).query_pairs(np.hypot(_SHIFT, 2.1 * SLAB), output_type="ndarray")
+    step = np.hypot(*(level[pairs[:, 0], :2] - level[pairs[:, 1], :2]).T)
+    good = (step <= _SHIFT) & (slab[pairs[:, 0]] != slab[pairs[:, 1]]) & (owner[pairs[:, 0]] == owner[pairs[:, 1]])
+    label = connected_components(pairs[good], n_nodes=len(middle))
+    order = np.argsort(label, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+
+
+def _fit(middle: NDArray[np.float64], origin: NDArray[np.float64], free_length: float) -> Stem | None:
+    """Fit a straight upright line to sections; None where they are none, or it is short."""
+    low, high = float(middle[:, 2].min()), float(middle[:, 2].max())
+    if len(middle) < 4 or high - low < free_length - SLAB:
+        return None
+    design = np.column_stack([np.ones(len(middle)), middle[:, 2]])
+    line, *_ = np.linalg.lstsq(design, middle[:, :2], rcond=None)
+    off = np.hypot(*(middle[:, :2] - design @ line).T)
+    if np.hypot(*line[1]) > _LEAN or np.sqrt((off**2).mean()) > _CURVE:
+        return None
+    base = line[0] + origin[:2] - line[1] * origin[2]
+    return Stem(base, line[1], low + float(origin[2]), high + float(origin[2]))
+
+
+def extended(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> Stem:
+    """Follow a line up while points crowd along it, and down to its foot."""
+    distance = stem.distance(xyz)
+    near = np.flatnonzero(distance <= _RING)
+    slab = np.floor((xyz[near, 2] - stem.low) / SLAB).astype(np.int64)
+    lowest = int(slab.min())
+    core = distance[near] <= _CORE
+    inner = np.bincount(slab[core] - lowest, counts[near][core], minlength=int(slab.max()) - lowest + 1)
+    outer = np.bincount(slab[~core] - lowest, counts[near][~core], minlength=len(inner))
+    area = (_RING / _CORE) ** 2 - 1.0
+    crowded = (inner > 0) & (inner >= _DENSER * outer[: len(inner)] / area)
+    top = int((stem.high - stem.low) / SLAB) - lowest
+    while crowded[top + 1 : top + 1 + _GAP].any():
+        top += 1 + int(np.argmax(crowded[top + 1 : top + 1 + _GAP]))
+    foot = float(xyz[near[core], 2].min()) if core.any() else stem.low
+    return Stem(stem.base, stem.slope, min(foot, stem.low), max(stem.high, stem.low + (top + lowest + 1) * SLAB))
+
+
+def merged(stems: list[Stem]) -> list[Stem]:
+    """Join the lines that are one: below a crown and above it, or along a trunk that is bent."""
+    found: list[Stem] = []
+    for stem in sorted(stems, key=lambda one: (one.low - one.high, one.base[0], one.base[1])):
+        for k, other in enumerate(found):
+            # In the middle of the heights that both have, or of the gap between them: lines of a bent trunk meet there.
+            height = 0.5 * (max(stem.low, other.low) + min(stem.high, other.high))
+            place = np.append(stem.base + stem.slope * height, height)[None]
+            if other.distance(place)[0] <= 2 * _CORE:
+                found[k] = Stem(other.base, other.slope, min(stem.low, other.low), max(stem.high, other.high))
+                break
+        else:
+            found.append(stem)
+    return found

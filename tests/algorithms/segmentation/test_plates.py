@@ -1,0 +1,61 @@
+"""Plates that hang on masts are told from what belongs to these by their brightness."""
+
+import numpy as np
+import pytest
+
+from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
+
+
+def lamp(rng, height=8.0, radius=0.08, lean=0.0):
+    angle, z = rng.uniform(0, 2 * np.pi, 8000), rng.uniform(0, height, 8000)
+    mast = np.column_stack([radius * np.cos(angle) + lean * z, radius * np.sin(angle), z])
+    arm = np.column_stack([rng.uniform(0, 1.5, 600) + lean * height, rng.normal(0, 0.02, 600), np.full(600, height)])
+    return np.concatenate([mast, arm])
+
+
+def plate(rng, low, high, *, left=-0.35, right=0.35, front=0.1, n=1500):
+    return np.column_stack([rng.uniform(left, right, n), np.full(n, front), rng.uniform(low, high, n)])
+
+
+def found_with(rng, bodies, brightness, **changes):
+    parts = [lamp(rng), *bodies]
+    truth = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    intensity = None if brightness is None else np.append(0.4, brightness)[truth]
+    objects = segment(np.concatenate(parts), intensity=intensity, parameters=NormalizedCutParameters(**changes))
+    return objects, truth
+
+
+@pytest.mark.parametrize("front", [0.1, 0.0])
+def test_bright_plate_on_a_mast_is_an_object_of_its_own(front, rng):
+    objects, truth = found_with(rng, [plate(rng, 2.4, 3.1, front=front)], [0.6])
+    assert objects.max() == 1
+    sign = objects == np.bincount(objects[truth == 1]).argmax()
+    overlap = (sign & (truth == 1)).sum() / (sign | (truth == 1)).sum()
+    assert overlap > 0.7
+
+
+def test_two_plates_at_their_own_heights_are_two_objects(rng):
+    objects, _ = found_with(rng, [plate(rng, 2.2, 2.8), plate(rng, 3.6, 4.2)], [0.6, 0.6])
+    assert objects.max() == 2
+
+
+@pytest.mark.parametrize(
+    ("body", "brightness", "changes"),
+    [
+        ((2.4, 3.1), 0.4, {}),  # as bright as the mast: a box of its own
+        ((2.4, 3.1), None, {}),  # without intensities nothing tells
+        ((2.4, 3.1), 0.6, {"plate_gap": 0.0}),
+        ((2.4, 3.1), 0.6, {"plate_gap": 6.0}),  # the mast does not go on that far
+        ((7.2, 7.9), 0.6, {}),  # a sign ends with its plate
+        ((2.4, 2.6), 0.6, {}),  # an arm is no plate
+    ],
+)
+def test_what_is_no_plate_stays_on_the_mast(body, brightness, changes, rng):
+    objects, _ = found_with(rng, [plate(rng, *body)], None if brightness is None else [brightness], **changes)
+    assert objects.max() == 0
+
+
+def test_negative_length_is_an_error():
+    with pytest.raises(ParameterError, match="plate_gap"):
+        NormalizedCutParameters(plate_gap=-0.1)
