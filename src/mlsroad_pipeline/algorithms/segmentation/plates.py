@@ -21,6 +21,8 @@ _THICK, _TILT = 0.06, 0.5  # deviation from a plane, metres, and vertical part o
 _VOXELS, _CRUMB = 8, 4  # of the smallest plate, and of a piece of one
 _JOINED = 0.2  # voxels of one piece are this close, metres
 _THIN, _MARGIN = (0.1, 0.25), 0.06  # radii that a mast may have, and what is added to the one found, metres
+_SHAFT, _FOOT = 0.35, 0.4  # of an axis, within which a mast's radius is measured, and height from where, metres
+_HALF = 0.05  # of a voxel: what its middle lies off the ends of what is in it, metres
 _BRIGHTER = 0.02  # the least difference of mean intensities
 
 
@@ -74,15 +76,15 @@ def _plates(
 ) -> list[NDArray[np.int64]]:
     """Return the voxels of each plate of a mast, what lies behind it on the mast among them."""
     z, distance = places[:, 2], mast.distance(places[:, :3])
-    shaft = (distance <= 0.35) & (z > mast.low + 0.4) & (z < mast.high)
+    shaft = (distance <= _SHAFT) & (z > mast.low + _FOOT) & (z < mast.high)
     radius = float(np.clip(np.percentile(distance[shaft], 75) + _MARGIN, *_THIN)) if shaft.any() else _THIN[0]
     beside = np.flatnonzero(distance > radius)
     found = []
     for body in _bodies(places, beside, distance[beside], mast, free_length):
-        low, high = z[body].min() - 0.05, z[body].max() + 0.05
+        low, high = z[body].min() - _HALF, z[body].max() + _HALF
         normal, thickness, width = _plane(places[body, :3])
         flat = thickness <= _THICK and abs(normal[2]) <= _TILT
-        if not (flat and _LEAST <= high - low - 0.1 <= _MOST and _LEAST <= width <= _MOST):
+        if not (flat and _LEAST <= high - low - 2 * _HALF <= _MOST and _LEAST <= width <= _MOST):
             continue
         level = (z >= low) & (z <= high)
         rest = (distance <= radius) & ~level & (z > mast.low)
