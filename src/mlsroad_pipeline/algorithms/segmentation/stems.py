@@ -32,7 +32,17 @@ _GAP = 4  # sections that may be hidden inside a crown
 
 @dataclass(frozen=True)
 class Stem:
-    """An upright line: x, y = base + slope * z, from the height `low` to `high`."""
+    """An upright line: x, y = base + slope * z, from the height `low` to `high`.
+
+    Parameters
+    ----------
+    base : ndarray of float64, shape (2,)
+        Its horizontal place at height 0, metres.
+    slope : ndarray of float64, shape (2,)
+        How far it moves per metre of height.
+    low, high : float
+        Heights of its ends, metres.
+    """
 
     base: NDArray[np.float64]
     slope: NDArray[np.float64]
@@ -40,14 +50,53 @@ class Stem:
     high: float
 
     def away(self, xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far places lie off the line.
+
+        Parameters
+        ----------
+        xyz : ndarray of float64, shape (n, 3)
+            Places, metres, z up.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, 2)
+            Horizontal offsets at the places' own heights, metres.
+        """
         return xyz[:, :2] - self.base - xyz[:, 2:] * self.slope
 
     def distance(self, xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the horizontal distance of places from the line, which may be prolonged.
+
+        Parameters
+        ----------
+        xyz : ndarray of float64, shape (n, 3)
+            Places, metres, z up.
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+            Distances, metres.
+        """
         return np.hypot(*self.away(xyz).T)
 
 
 def find_stems(places: NDArray[np.float64], clusters: NDArray[np.int32], free_length: float) -> dict[int, list[Stem]]:
-    """Return the lines of narrow sections that stand free, by cluster."""
+    """Return the lines of narrow sections that stand free.
+
+    Parameters
+    ----------
+    places : ndarray of float64, shape (v, 3)
+        Voxels of about 0.1 m, metres, z up.
+    clusters : ndarray of int32, shape (v,)
+        Cluster of each, 0, 1, ...
+    free_length : float
+        Least length of a line, metres. Larger finds fewer.
+
+    Returns
+    -------
+    dict of int to list of Stem
+        The lines of each cluster that has any.
+    """
     tall = np.full(int(clusters.max(initial=-1)) + 1, -np.inf)
     low = -tall
     np.maximum.at(tall, clusters, places[:, 2])
@@ -84,7 +133,24 @@ def _combined(a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.int64]:
 def measure_sections(
     xyz: NDArray[np.float64], section: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return the middle of each section, its width and its number of voxels."""
+    """Measure sections.
+
+    Parameters
+    ----------
+    xyz : ndarray of float64, shape (n, 3)
+        Places, metres.
+    section : ndarray of int64, shape (n,)
+        Section of each, 0, 1, ...
+
+    Returns
+    -------
+    middle : ndarray of float64, shape (s, 3)
+        Mean of each section's places, metres.
+    width : ndarray of float64, shape (s,)
+        The longer of its extents along x and y, metres.
+    size : ndarray of int64, shape (s,)
+        Its number of places.
+    """
     n = int(section.max()) + 1
     size = np.bincount(section, minlength=n)
     middle = np.column_stack([np.bincount(section, xyz[:, axis], minlength=n) / size for axis in range(3)])
@@ -124,7 +190,22 @@ def _fit(middle: NDArray[np.float64], origin: NDArray[np.float64], free_length: 
 
 
 def extended(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> Stem:
-    """Follow a line up while points crowd along it, and down to its foot."""
+    """Follow a line up while points crowd along it, and down to its foot.
+
+    Parameters
+    ----------
+    stem : Stem
+        The line.
+    xyz : ndarray of float64, shape (v, 3)
+        Voxels of its cluster, metres, z up.
+    counts : ndarray of int64, shape (v,)
+        Points in each.
+
+    Returns
+    -------
+    Stem
+        The same line, at least as long.
+    """
     distance = stem.distance(xyz)
     near = np.flatnonzero(distance <= _RING)
     slab = np.floor((xyz[near, 2] - stem.low) / SLAB).astype(np.int64)
@@ -142,7 +223,18 @@ def extended(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) ->
 
 
 def merged(stems: list[Stem]) -> list[Stem]:
-    """Join the lines that are one: below a crown and above it, or along a trunk that is bent."""
+    """Join the lines that are one: below a crown and above it, or along a trunk that is bent.
+
+    Parameters
+    ----------
+    stems : list of Stem
+        Lines of one cluster.
+
+    Returns
+    -------
+    list of Stem
+        The longest of each, from the lowest end to the highest.
+    """
     found: list[Stem] = []
     for stem in sorted(stems, key=lambda one: (one.low - one.high, one.base[0], one.base[1])):
         for k, other in enumerate(found):
