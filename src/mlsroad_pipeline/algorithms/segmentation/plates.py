@@ -68,7 +68,7 @@ def _mast(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem]
     """Return the only stem of a part, if it carries no crown."""
     found = [stem for stem in merged([extended(stem, xyz, counts) for stem in merged(stems)])
              if stem.high - stem.low >= HEIGHT]  # fmt: skip
-    return found[0] if len(found) == 1 and without_crown(xyz, found) else None
+    return found[0] if len(found) == 1 and without_crown(xyz, counts, found) else None
 
 
 def _plates(

@@ -69,7 +69,7 @@ def _split(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem
     stems = merged([extended(stem, xyz, counts) for stem in merged(stems)])
     stems = [stem for stem in stems if stem.high - stem.low >= HEIGHT]
     parts = np.zeros(len(xyz), np.int64)
-    poles = without_crown(xyz, stems)
+    poles = without_crown(xyz, counts, stems)
     if not poles:
         return parts
     for number, stem in enumerate(poles, start=1):

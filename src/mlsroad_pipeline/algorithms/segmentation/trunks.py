@@ -1,9 +1,8 @@
 """Which stems carry a crown: trunks, as against poles that stand in one.
 
-Where there is a crown around a stem, six things tell: poles are upright, straight and thin, the crown's middle lies
-beside them, another stem is nearer to it, and one is beside them that looks less like a pole. Their weights are those
-of a logistic regression on the stems of the training streets of the study of Yu et al. 2016
-(docs/methods/segmentation.md).
+Where there is a crown around a stem, five things tell: poles are straight, upright and thin, the crown's middle lies
+beside them, and a stem that looks less like a pole is near. Their weights are those of a logistic regression on the
+stems of the training streets of the study of Yu et al. 2016 (docs/methods/segmentation.md).
 """
 
 from __future__ import annotations
@@ -12,30 +11,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.segmentation.stems import RADIUS, SLAB, Stem, measure_sections
+from mlsroad_pipeline.algorithms.segmentation.stems import RADIUS, SLAB, Stem
 
 _AROUND = 2.0  # of an axis, where a crown is looked for, metres
 _CROWN = 300  # voxels that make a crown
 _JOINED = 0.25  # voxels of one crown are this close, metres
 _FOOT, _BESIDE, _STEM = 0.7, 0.3, 1.2  # of a stem that was not found: height of its foot, distance, width, metres
-_ASIDE = 0.7  # a crown whose middle is farther from an axis grows on another stem, metres
-_CENTRED = 0.1  # and one whose middle is nearer stands around its own stem, metres
+_CENTRED = 0.1  # a crown whose middle is nearer to an axis stands around its own stem, metres
 _BESIDE_TRUNK = 2.5  # the farthest pole from the trunk whose crown it stands in, metres
-_OUTSIDE, _CLEAR = 0.6, 0.35  # metres around a section that is measured, and voxels there over its own
-_INSIDE = 0.3  # of an axis, what is measured of a section, metres
-_SECTIONS = 4  # that a stem is measured by
-_OFFSET, _NO_CARRIER, _FIRST = 4.0, 1.0, -2.4  # of likeness
-_LEAN, _BEND, _WIDTH, _MIDDLE = -67.0, -38.8, -9.6, 2.2  # of likeness, per slope and metre
-_UNMEASURED = 0.05, 0.3  # bend and width of a stem that is nowhere clear, metres
+_INSIDE, _BASE = 0.3, 0.2  # of an axis, what is measured of a section, and from where above the foot, metres
+_SECTIONS = 5  # that a stem is measured by, at least
+_ROUNDS, _LEVELLED = 5, 0.01  # of the fit of a line by least deviations, and those that weigh alike, metres
+_OFFSET, _FIRST = -29.8, -2.9  # of likeness
+_BEND, _LEAN, _SPREAD, _MIDDLE = -5.7, -3.3, -5.2, 4.1  # of likeness; the first two per logarithm, then per metre
+_LEAST = 0.02  # bend, metres, and slope below which a smaller one tells little
+_UNMEASURED = 0.05, 0.2  # bend and spread of a stem of few sections, metres
 
 
-def without_crown(xyz: NDArray[np.float64], stems: list[Stem]) -> list[Stem]:
+def without_crown(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem]) -> list[Stem]:
     """Return the stems that no crown grows on: there is little around, or they look like poles.
 
     Parameters
     ----------
     xyz : ndarray of float64, shape (v, 3)
         Voxels of a cluster, metres, z up.
+    counts : ndarray of int64, shape (v,)
+        Points in each.
     stems : list of Stem
         The stems in it.
 
@@ -51,7 +52,7 @@ def without_crown(xyz: NDArray[np.float64], stems: list[Stem]) -> list[Stem]:
         rest &= (stem.distance(xyz) > RADIUS) | (xyz[:, 2] > stem.high + SLAB)
     size, aside, hidden = _crowns(xyz[rest], stems)
     slender = np.array(
-        [_slender(stem, xyz) + _MIDDLE * min(off, _AROUND) for stem, off in zip(stems, aside, strict=True)]
+        [_slender(stem, xyz, counts) + _MIDDLE * min(off, _AROUND) for stem, off in zip(stems, aside, strict=True)]
     )
     foot = np.array([stem.base + stem.slope * stem.low for stem in stems])
     poles = []
@@ -63,11 +64,10 @@ def without_crown(xyz: NDArray[np.float64], stems: list[Stem]) -> list[Stem]:
         if size[k] < _CROWN:
             poles.append(stem)
             continue
-        carries = aside[k] < _ASIDE and aside[k] <= aside[rivals].min() and not hidden[k]
-        likeness = _OFFSET + slender[k] + (0.0 if carries else _NO_CARRIER)
         # Something has to carry the crown: most likely the stem that looks least like a pole.
         first = slender[k] <= slender[near & (apart <= _BESIDE_TRUNK)].min() and not hidden[k]
-        if likeness + (_FIRST if first else 0.0) > 0 and not (carries and aside[k] < _CENTRED):
+        centred = aside[k] < _CENTRED and aside[k] <= aside[rivals].min() and not hidden[k]
+        if _OFFSET + slender[k] + (_FIRST if first else 0.0) > 0 and not centred:
             poles.append(stem)
     return poles
 
@@ -88,31 +88,40 @@ def _crowns(
     return size, aside, hidden
 
 
-def _slender(stem: Stem, xyz: NDArray[np.float64]) -> float:
-    """Return how much more upright, straight and thin a stem is than another."""
-    bend, width = _shape(stem, xyz)
-    return _LEAN * float(np.hypot(*stem.slope)) + _BEND * bend + _WIDTH * width
+def _slender(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> float:
+    """Return how much straighter, more upright and thinner a stem is than another."""
+    bend, spread = _shape(stem, xyz, counts)
+    lean = float(np.hypot(*stem.slope))
+    return _BEND * np.log(_LEAST + bend) + _LEAN * np.log(_LEAST + lean) + _SPREAD * spread
 
 
-def _shape(stem: Stem, xyz: NDArray[np.float64]) -> tuple[float, float]:
-    """Return how far the sections of a stem lie off a straight line, and how wide they are, where it stands clear."""
-    distance = stem.distance(xyz)
-    slab = np.floor((xyz[:, 2] - stem.low) / SLAB).astype(np.int64)
-    near = np.flatnonzero((distance <= _OUTSIDE) & (xyz[:, 2] >= stem.low) & (xyz[:, 2] <= stem.high))
-    inside = near[distance[near] <= _INSIDE]
-    n = int(slab[near].max(initial=0)) + 1
-    own = np.bincount(slab[inside], minlength=n)
-    other = np.bincount(slab[near], minlength=n) - own
-    clear = (own > 1) & (other <= _CLEAR * own)
-    if clear.sum() < _SECTIONS:
+def _shape(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[float, float]:
+    """Return how far the sections of a stem lie off a straight line, and how far points spread in the thin ones.
+
+    Points are counted, not voxels, so that leaves around a stem hardly matter.
+    """
+    height = xyz[:, 2] - stem.low
+    rows = np.flatnonzero((height >= _BASE) & (xyz[:, 2] <= stem.high))
+    rows = rows[stem.distance(xyz[rows]) <= _INSIDE]
+    _, section = np.unique(np.floor(height[rows] / SLAB), return_inverse=True)
+    if len(rows) == 0 or section.max() + 1 < _SECTIONS:
         return _UNMEASURED
-    rows = inside[clear[slab[inside]]]
-    section = np.unique(slab[rows], return_inverse=True)[1].astype(np.int64)
-    middle, width, _ = measure_sections(xyz[rows], section)
-    design = np.column_stack([np.ones(len(middle)), middle[:, 2]])
-    line, *_ = np.linalg.lstsq(design, middle[:, :2], rcond=None)
-    bend = np.sqrt(((middle[:, :2] - design @ line) ** 2).sum(axis=1).mean())
-    return float(bend), float(np.median(width))
+    mass = np.bincount(section, counts[rows])
+    middle = np.column_stack([np.bincount(section, counts[rows] * xyz[rows, axis]) / mass for axis in range(3)])
+    off = ((xyz[rows, :2] - middle[section, :2]) ** 2).sum(axis=1)
+    spread = np.sqrt(np.bincount(section, counts[rows] * off) / mass)
+    return float(np.median(_deviations(middle))), float(np.quantile(spread, 0.25))
+
+
+def _deviations(middle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the distances of places from the upright line of least deviations through them."""
+    design = np.column_stack([np.ones(len(middle)), middle[:, 2] - middle[:, 2].mean()])
+    weight = np.ones((len(middle), 1))
+    for _ in range(_ROUNDS):
+        line, *_ = np.linalg.lstsq(design * weight, middle[:, :2] * weight, rcond=None)
+        off = np.hypot(*(middle[:, :2] - design @ line).T)
+        weight = 1.0 / np.sqrt(np.maximum(off, _LEVELLED))[:, None]
+    return off
 
 
 def _stands(away: NDArray[np.float64], height: NDArray[np.float64], crown: NDArray[np.bool_]) -> bool:
