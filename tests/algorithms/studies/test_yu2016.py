@@ -12,7 +12,8 @@ from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.simulation.presets import PRESETS
 from mlsroad_pipeline.algorithms.studies import yu2016, yu2016_paper
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters, StudySurvey
-from mlsroad_pipeline.algorithms.studies.yu2016_runs import make_survey, separate_images, touching_instances
+from mlsroad_pipeline.algorithms.studies.yu2016_runs import touching_instances
+from mlsroad_pipeline.algorithms.studies.yu2016_streets import make_survey, separate_images, without_streaks
 
 
 def street(objects, label, right, score):
@@ -104,6 +105,19 @@ def test_each_image_of_what_moved_is_an_object(rng):
     assert names[2:] == [7, 9, 9, 0]
     assert sorted(names[:2]) == [5, 10]  # one image keeps the number, the other gets the next that is free
     np.testing.assert_array_equal(separate_images(xyz, np.zeros(3600, int), vehicle), 0)
+
+
+def test_a_car_drawn_over_many_metres_is_no_reference_object(rng):
+    """It lies aslant, so that neither of its extents along x and y is beyond the bound; a bus as long stays."""
+    car = rng.uniform([-2.2, -0.9, 0], [2.2, 0.9, 1.5], (500, 3))
+    turn = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, np.sqrt(2)]]) / np.sqrt(2)
+    streak = (car * [2.0, 1.0, 1.0]) @ turn
+    assert np.ptp(streak, axis=0).max() < 8
+    xyz = np.concatenate([car, streak + 30, car * [2.6, 1.2, 2.0] + 60, car[:1] + 90])
+    instance = np.repeat([3, 4, 8, 9, 0], [500, 500, 300, 200, 1])
+    kept = without_streaks(xyz, instance, np.repeat([True, False, True], [1000, 500, 1]))
+    np.testing.assert_array_equal(kept, np.where(instance == 4, 0, instance))
+    np.testing.assert_array_equal(without_streaks(xyz, instance, np.zeros(1501, bool)), instance)
 
 
 def test_a_second_pass_doubles_the_points_and_leaves_the_ends_where_they_are():

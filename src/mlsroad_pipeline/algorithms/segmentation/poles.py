@@ -25,6 +25,8 @@ from mlsroad_pipeline.algorithms.segmentation.stems import (
 from mlsroad_pipeline.algorithms.segmentation.trunks import without_crown
 
 _FIXTURE, _REACH, _ABOVE = 200, 4.0, 1.0  # voxels and width of lamps, arms and plates, and their least height, metres
+_AROUND, _CROWD = 0.45, 0.5  # metres around a section that is surrounded, and voxels there over those inside
+_THIN = 0.14  # of what is a surrounded pole's own around its axis, metres
 _APART = 0.5  # what is left of a cluster and lies farther apart falls into parts, metres
 _POSTS, _LEVEL = 2.5, 0.5  # the farthest two posts of one plate, and the most that their tops differ, metres
 
@@ -73,7 +75,7 @@ def _split(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem
     if not poles:
         return parts
     for number, stem in enumerate(poles, start=1):
-        parts[(stem.distance(xyz) <= RADIUS) & (xyz[:, 2] <= stem.high + SLAB) & (parts == 0)] = number
+        parts[_shaft(stem, xyz) & (parts == 0)] = number
     _attach(xyz, parts, poles)
     rest = np.flatnonzero(parts == 0)
     if len(rest) == 0:
@@ -82,6 +84,20 @@ def _split(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem
     left = cluster(np.ascontiguousarray(xyz[rest]), tolerance=_APART).astype(np.int64)
     parts[rest] = np.where(left > 0, left + len(poles), 0)
     return parts
+
+
+def _shaft(stem: Stem, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which voxels are a pole's own: all close to its axis, and where something surrounds it the closest alone."""
+    distance = stem.distance(xyz)
+    near = np.flatnonzero((distance <= _AROUND) & (xyz[:, 2] <= stem.high + SLAB))
+    slab = np.floor((xyz[near, 2] - stem.low) / SLAB).astype(np.int64)
+    slab -= slab.min()
+    inside = distance[near] <= RADIUS
+    own = np.bincount(slab[inside], minlength=int(slab.max()) + 1)
+    crowded = np.bincount(slab[~inside], minlength=len(own)) > _CROWD * own
+    shaft = np.zeros(len(xyz), np.bool_)
+    shaft[near] = distance[near] <= np.where(crowded[slab], _THIN, RADIUS)
+    return shaft
 
 
 def _attach(xyz: NDArray[np.float64], parts: NDArray[np.int64], poles: list[Stem]) -> None:

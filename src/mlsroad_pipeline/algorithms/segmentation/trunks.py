@@ -66,8 +66,8 @@ def without_crown(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: li
             continue
         # Something has to carry the crown: most likely the stem that looks least like a pole.
         first = slender[k] <= slender[near & (apart <= _BESIDE_TRUNK)].min() and not hidden[k]
-        centred = aside[k] < _CENTRED and aside[k] <= aside[rivals].min() and not hidden[k]
-        if _OFFSET + slender[k] + (_FIRST if first else 0.0) > 0 and not centred:
+        alone = first and aside[k] < _CENTRED and aside[k] <= aside[rivals].min()
+        if _OFFSET + slender[k] + (_FIRST if first else 0.0) > 0 and not alone:
             poles.append(stem)
     return poles
 

@@ -1,9 +1,9 @@
-"""What the workers of the study of Yu et al. 2016 do: make a street, segment it, describe objects, train and detect."""
+"""What the workers of the study of Yu et al. 2016 do: segment a street, describe objects, train and detect."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -15,33 +15,19 @@ from mlsroad_pipeline.algorithms.baselines.hough_forest_training import train_ho
 from mlsroad_pipeline.algorithms.baselines.object_matching_training import train_object_matching
 from mlsroad_pipeline.algorithms.baselines.object_parts import describe_parts
 from mlsroad_pipeline.algorithms.baselines.oriented_points import describe_surfaces
-from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
+from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.detection import DetectionParameters, count_detections_of_scene, object_classes
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps, score_segmentation
 from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, owned_by_core, segment_scene
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.simulation.presets import SimulationParameters
-from mlsroad_pipeline.algorithms.simulation.survey import simulate_survey
-from mlsroad_pipeline.algorithms.studies.streets import cut_street, timed
+from mlsroad_pipeline.algorithms.studies.streets import timed
 from mlsroad_pipeline.algorithms.visual_words import labeller
 from mlsroad_pipeline.algorithms.visual_words.training import train_detector
 
 TOUCHING = 0.15
 """Objects closer than this touch, metres: the clustering distance of the paper."""
-
-RUN_IN = 12.0
-"""What is driven beyond both ends of a street, metres."""
-
-IMAGE_GAP = 2.0
-"""Two images of one thing that moved lie farther apart than this, metres."""
-
-_MOVING = [
-    TAXONOMY[name]
-    for name in ("car", "van", "truck", "bus", "train", "other_vehicle", "motorcycle", "bicycle", "rider", "person")
-]
 
 _DESCRIBE: Mapping[str, Any] = {
     "hough_forest": (describe_parts, "regions"),
@@ -58,73 +44,6 @@ _TRAIN: Mapping[str, Any] = {
 _DETECT: Mapping[str, Any] = {
     module.SLUG: module.detect_scene for module in (labeller, hough_forest, object_matching, bottom_up_top_down)
 }
-
-
-def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -> dict[str, Any]:
-    """Simulate a street that is a scene of its own, and time the search for its ground.
-
-    The van drives `RUN_IN` farther at both ends: planes of scanners stand at a slant, and what is near the ends of a
-    drive is scanned in part. Objects there are not the scene's own.
-
-    Parameters
-    ----------
-    simulation : SimulationParameters
-        The survey.
-    ground : GroundParameters
-        The ground filter.
-
-    Returns
-    -------
-    dict
-        ``points``: a cloud with `ground`, `core` and what the stages need; ``facts``: ``seconds`` of the ground filter
-        and number of ``points``.
-    """
-    columns = ("intensity", "gps_time", "scanner", "label", "instance")
-    survey = simulate_survey(replace(simulation, length=simulation.length + 2 * RUN_IN), n_threads=1)
-    street, station = cut_street(survey, ground=ground, columns=columns, source=f"street of seed {simulation.seed}")
-    instance = separate_images(street.xyz, street["instance"], np.isin(street["label"], _MOVING))
-    core = (station >= RUN_IN) & (station <= RUN_IN + simulation.length)
-    cloud = replace(street, columns={**street.columns, "instance": instance, "core": core})
-    _, seconds = timed(find_ground, cloud, ground)
-    facts = {"seconds": np.array(seconds), "points": np.array(len(cloud))}
-    return {"points": cloud, "facts": facts}
-
-
-def separate_images(
-    xyz: NDArray[np.floating], instance: NDArray[np.integer], rows: NDArray[np.bool_]
-) -> NDArray[np.int32]:
-    """Number the images of what moved apart: each scanner draws it whole, in another place.
-
-    The two scanners of the system see a place about a second apart. Whoever labels such a cloud by hand sees two cars
-    that lie many metres apart, and so does any segmentation.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3)
-        Points, metres.
-    instance : ndarray of int, shape (n,)
-        What each belongs to; 0 is nothing.
-    rows : ndarray of bool, shape (n,)
-        The points of what may move.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        The same instances; new numbers for those images of one that lie more than `IMAGE_GAP` from its first point's.
-    """
-    out = np.asarray(instance, dtype=np.int32).copy()
-    last = int(out.max(initial=0))
-    moving = np.flatnonzero(rows & (out > 0))
-    if len(moving) == 0:
-        return out
-    moving = moving[np.argsort(out[moving], kind="stable")]
-    names, first = np.unique(out[moving], return_index=True)
-    flat = np.column_stack([xyz[moving, :2].astype(np.float64), np.zeros(len(moving))])
-    for name, members in zip(names.tolist(), np.split(np.arange(len(moving)), first[1:]), strict=True):
-        image = cluster(np.ascontiguousarray(flat[members]), tolerance=IMAGE_GAP)
-        out[moving[members]] = np.where(image > 0, image + last, name)
-        last += int(image.max())
-    return out
 
 
 def segment_street(

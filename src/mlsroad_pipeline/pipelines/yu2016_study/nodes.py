@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.evaluation import find_scheme
 from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-from mlsroad_pipeline.algorithms.studies import yu2016_runs
+from mlsroad_pipeline.algorithms.studies import yu2016_runs, yu2016_streets
 from mlsroad_pipeline.algorithms.studies.parameters import changed
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import CUT, DETECTORS, SEGMENTATIONS, WORDS, StudyParameters
 from mlsroad_pipeline.algorithms.studies.yu2016_results import StudyPlan, run_key, street_key, study_tables
@@ -78,7 +78,7 @@ def make_surveys(plan: StudyPlan) -> dict[str, SceneTask]:
         for name, given in plan.scale.surveys.items()
         for seed in (*given.train, *given.test)
     }
-    return street_tasks(yu2016_runs.make_survey, surveys, plan.stages.ground)
+    return street_tasks(yu2016_streets.make_survey, surveys, plan.stages.ground)
 
 
 def _segment(plan: StudyPlan, streets: SceneCollection, method: str, splits: Sequence[str]) -> dict[str, SceneTask]:
