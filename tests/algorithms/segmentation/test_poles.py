@@ -184,3 +184,27 @@ def test_what_does_not_continue_a_pole_is_not_joined_with_it(rng):
         assert segmented([lower, upper])[1] == 2
     nothing = np.zeros(0, np.int64)
     assert len(join_stacked_poles(np.zeros((0, 3)), nothing, max_gap=2.0)) == 0
+
+
+def test_a_gantry_keeps_its_legs(rng):
+    """Legs are as straight as poles; the beam on them lies beside them as a crown does that grows on another stem."""
+    legs = [
+        np.column_stack([rng.uniform(x - 0.1, x + 0.1, 4000), rng.uniform(-0.1, 0.1, 4000), rng.uniform(0, 6.5, 4000)])
+        for x in (0.0, 9.0)
+    ]
+    beam = np.column_stack(
+        [rng.uniform(-0.5, 9.5, 60000), rng.uniform(-0.35, 0.35, 60000), rng.uniform(5.9, 6.5, 60000)]
+    )
+    gantry = np.concatenate([*legs, beam])
+    found = segment(gantry, parameters=NormalizedCutParameters(max_cut=0.0))
+    assert np.bincount(found).max() > 0.99 * len(gantry)
+
+
+def test_a_lamp_in_the_very_middle_of_a_crown_is_an_object_if_a_leaning_trunk_is_near(rng):
+    """Fronds of a palm that grows 0.8 m off lie around the lamp; the trunk, which leans, carries them."""
+    angle, z = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(0, 9, 4000)
+    trunk = np.column_stack([-0.8 + 0.04 * z + 0.12 * np.cos(angle), 0.12 * np.sin(angle), z])
+    palm = np.concatenate([trunk, crown(rng, 0.0, 0, 9.0, 1.6)])
+    overlap, n_found = segmented([palm, pole(rng, 0.0, 0, height=10.0)])
+    assert n_found == 2
+    assert min(overlap) > 0.85

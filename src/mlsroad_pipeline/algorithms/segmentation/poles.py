@@ -26,7 +26,7 @@ from mlsroad_pipeline.algorithms.segmentation.trunks import without_crown
 
 _FIXTURE, _REACH, _ABOVE = 200, 4.0, 1.0  # voxels and width of lamps, arms and plates, and their least height, metres
 _AROUND, _CROWD = 0.45, 0.5  # metres around a section that is surrounded, and voxels there over those inside
-_THIN = 0.14  # of what is a surrounded pole's own around its axis, metres
+_THIN, _LOW = 0.14, 1.2  # of what is its own there around its axis, and how high above its foot, metres
 _APART = 0.5  # what is left of a cluster and lies farther apart falls into parts, metres
 _POSTS, _LEVEL = 2.5, 0.5  # the farthest two posts of one plate, and the most that their tops differ, metres
 
@@ -87,14 +87,16 @@ def _split(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem
 
 
 def _shaft(stem: Stem, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which voxels are a pole's own: all close to its axis, and where something surrounds it the closest alone."""
+    """Tell which voxels are a pole's own: all close to its axis, and where a bin is at its foot the closest alone."""
     distance = stem.distance(xyz)
     near = np.flatnonzero((distance <= _AROUND) & (xyz[:, 2] <= stem.high + SLAB))
     slab = np.floor((xyz[near, 2] - stem.low) / SLAB).astype(np.int64)
-    slab -= slab.min()
+    first = int(slab.min())
+    slab -= first
     inside = distance[near] <= RADIUS
     own = np.bincount(slab[inside], minlength=int(slab.max()) + 1)
     crowded = np.bincount(slab[~inside], minlength=len(own)) > _CROWD * own
+    crowded &= (np.arange(len(own)) + first) * SLAB < _LOW
     shaft = np.zeros(len(xyz), np.bool_)
     shaft[near] = distance[near] <= np.where(crowded[slab], _THIN, RADIUS)
     return shaft

@@ -22,6 +22,7 @@ _BESIDE_TRUNK = 2.5  # the farthest pole from the trunk whose crown it stands in
 _INSIDE, _BASE = 0.3, 0.2  # of an axis, what is measured of a section, and from where above the foot, metres
 _SECTIONS = 5  # that a stem is measured by, at least
 _ROUNDS, _LEVELLED = 5, 0.01  # of the fit of a line by least deviations, and those that weigh alike, metres
+_BEAM = 1.0  # height of a beam, and of its middle from the top of the post that carries it, metres
 _OFFSET, _FIRST = -29.8, -2.9  # of likeness
 _BEND, _LEAN, _SPREAD, _MIDDLE = -5.7, -3.3, -5.2, 4.1  # of likeness; the first two per logarithm, then per metre
 _LEAST = 0.02  # bend, metres, and slope below which a smaller one tells little
@@ -50,7 +51,7 @@ def without_crown(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: li
     rest = np.ones(len(xyz), np.bool_)
     for stem in stems:
         rest &= (stem.distance(xyz) > RADIUS) | (xyz[:, 2] > stem.high + SLAB)
-    size, aside, hidden = _crowns(xyz[rest], stems)
+    size, aside, hidden, beam = _crowns(xyz[rest], stems)
     slender = np.array(
         [_slender(stem, xyz, counts) + _MIDDLE * min(off, _AROUND) for stem, off in zip(stems, aside, strict=True)]
     )
@@ -63,6 +64,7 @@ def without_crown(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: li
         rivals = near & ((apart <= _AROUND) | (aside < 0.5 * aside[k]))
         if size[k] < _CROWN:
             poles.append(stem)
+        if size[k] < _CROWN or beam[k]:
             continue
         # Something has to carry the crown: most likely the stem that looks least like a pole.
         first = slender[k] <= slender[near & (apart <= _BESIDE_TRUNK)].min() and not hidden[k]
@@ -74,18 +76,25 @@ def without_crown(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: li
 
 def _crowns(
     places: NDArray[np.float64], stems: list[Stem]
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the size of the crown around each stem, how far aside its middle lies, and whether it stands elsewhere."""
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the size of the crown around each stem, how far aside its middle lies, and whether it stands elsewhere.
+
+    And whether it is no crown but the beam of a gantry or a mast's arm: low, and at the top of the stem.
+    """
     piece = cluster(np.ascontiguousarray(places), tolerance=_JOINED)
     size, aside = np.zeros(len(stems), np.int64), np.zeros(len(stems))
-    hidden = np.zeros(len(stems), np.bool_)
+    hidden, beam = np.zeros((2, len(stems)), np.bool_)
     for k, stem in enumerate(stems):
         away = stem.away(places)
         here = (np.hypot(*away.T) <= _AROUND) & (places[:, 2] >= stem.low + 0.4 * (stem.high - stem.low))
         size[k] = here.sum()
         aside[k] = np.hypot(*away[here].mean(axis=0)) if here.any() else np.inf
-        hidden[k] = here.any() and _stands(away, places[:, 2] - stem.low, piece == np.bincount(piece[here]).argmax())
-    return size, aside, hidden
+        if not here.any():
+            continue
+        hidden[k] = _stands(away, places[:, 2] - stem.low, piece == np.bincount(piece[here]).argmax())
+        low, middle, high = np.quantile(places[here, 2], (0.05, 0.5, 0.95))
+        beam[k] = high - low < _BEAM and abs(middle - stem.high) < _BEAM
+    return size, aside, hidden, beam
 
 
 def _slender(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> float:
