@@ -208,3 +208,34 @@ def test_a_lamp_in_the_very_middle_of_a_crown_is_an_object_if_a_leaning_trunk_is
     overlap, n_found = segmented([palm, pole(rng, 0.0, 0, height=10.0)])
     assert n_found == 2
     assert min(overlap) > 0.85
+
+
+def sign(rng, x, y, height=2.6):
+    """A post of 0.03 m radius with a square plate of 0.6 m at its top."""
+    angle, z = rng.uniform(0, 2 * np.pi, 2000), rng.uniform(0, height, 2000)
+    post = np.column_stack([x + 0.03 * np.cos(angle), y + 0.03 * np.sin(angle), z])
+    plate = np.column_stack(
+        [rng.uniform(x - 0.3, x + 0.3, 2000), np.full(2000, y - 0.05), rng.uniform(height - 0.6, height, 2000)]
+    )
+    return np.concatenate([post, plate])
+
+
+def shell(rng, low, high, n=6000):
+    """The surface of a box."""
+    unit = rng.random((n, 3))
+    unit[np.arange(n), rng.integers(0, 3, n)] = rng.integers(0, 2, n)
+    return np.asarray(low) + unit * (np.asarray(high) - np.asarray(low))
+
+
+def test_a_sign_is_told_from_the_bin_at_its_foot(rng):
+    parts = [sign(rng, 0, 0), shell(rng, (0.09, -0.25, 0.0), (0.6, 0.25, 1.05))]
+    assert segmented(parts, pole_length=0)[1] == 1
+    overlap, n_found = segmented(parts)
+    assert n_found == 2
+    assert min(overlap) > 0.85
+
+
+def test_a_car_keeps_its_aerial(rng):
+    aerial = np.column_stack([rng.normal(1.5, 0.005, (400, 2)) * [1, 0], rng.uniform(1.5, 2.1, 400)])
+    car = np.concatenate([shell(rng, (0, -0.9, 0.3), (4.4, 0.9, 1.5), 30000), aerial])
+    assert segmented([car])[1] == 1

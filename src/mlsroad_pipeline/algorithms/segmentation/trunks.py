@@ -23,6 +23,7 @@ _INSIDE, _BASE = 0.3, 0.2  # of an axis, what is measured of a section, and from
 _SECTIONS = 5  # that a stem is measured by, at least
 _ROUNDS, _LEVELLED = 5, 0.01  # of the fit of a line by least deviations, and those that weigh alike, metres
 _BEAM = 1.0  # height of a beam, and of its middle from the top of the post that carries it, metres
+_RESTS = 100  # voxels of a beam within reach of its post
 _OFFSET, _FIRST = -29.8, -2.9  # of likeness
 _BEND, _LEAN, _SPREAD, _MIDDLE = -5.7, -3.3, -5.2, 4.1  # of likeness; the first two per logarithm, then per metre
 _LEAST = 0.02  # bend, metres, and slope below which a smaller one tells little
@@ -62,9 +63,10 @@ def without_crown(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: li
         near = (apart <= 1.5 * _AROUND) & (size >= _CROWN)
         # A crown that reaches over from a stem farther off lies aside of this one, and around that one.
         rivals = near & ((apart <= _AROUND) | (aside < 0.5 * aside[k]))
+        if beam[k]:
+            continue
         if size[k] < _CROWN:
             poles.append(stem)
-        if size[k] < _CROWN or beam[k]:
             continue
         # Something has to carry the crown: most likely the stem that looks least like a pole.
         first = slender[k] <= slender[near & (apart <= _BESIDE_TRUNK)].min() and not hidden[k]
@@ -91,9 +93,11 @@ def _crowns(
         aside[k] = np.hypot(*away[here].mean(axis=0)) if here.any() else np.inf
         if not here.any():
             continue
-        hidden[k] = _stands(away, places[:, 2] - stem.low, piece == np.bincount(piece[here]).argmax())
+        whole = piece == np.bincount(piece[here]).argmax()
+        hidden[k] = _stands(away, places[:, 2] - stem.low, whole)
         low, middle, high = np.quantile(places[here, 2], (0.05, 0.5, 0.95))
-        beam[k] = high - low < _BEAM and abs(middle - stem.high) < _BEAM
+        flat = high - low < _BEAM and abs(middle - stem.high) < _BEAM
+        beam[k] = flat and whole.sum() >= _CROWN and size[k] >= _RESTS
     return size, aside, hidden, beam
 
 
