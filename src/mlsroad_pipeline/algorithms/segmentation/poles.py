@@ -26,7 +26,8 @@ from mlsroad_pipeline.algorithms.segmentation.trunks import without_crown
 
 _FIXTURE, _REACH, _ABOVE = 200, 4.0, 1.0  # voxels and width of lamps, arms and plates, and their least height, metres
 _AROUND, _CROWD = 0.45, 0.5  # metres around a section that is surrounded, and voxels there over those inside
-_THIN, _LOW = 0.14, 1.2  # of what is its own there around its axis, and how high above its foot, metres
+_LOW = 1.2  # above its foot, up to where things stand beside a pole, metres
+_THICK, _MARGIN = (0.14, 0.22), 0.05  # radii that a pole may have there, and what is added to that above, metres
 _APART = 0.5  # what is left of a cluster and lies farther apart falls into parts, metres
 _POSTS, _LEVEL = 2.5, 0.5  # the farthest two posts of one plate, and the most that their tops differ, metres
 
@@ -87,18 +88,20 @@ def _split(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem
 
 
 def _shaft(stem: Stem, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which voxels are a pole's own: all close to its axis, and where a bin is at its foot the closest alone."""
-    distance = stem.distance(xyz)
+    """Tell which voxels are a pole's own: all close to its axis, and where a bin is at its foot its thickness alone."""
+    distance, height = stem.distance(xyz), xyz[:, 2] - stem.low
     near = np.flatnonzero((distance <= _AROUND) & (xyz[:, 2] <= stem.high + SLAB))
-    slab = np.floor((xyz[near, 2] - stem.low) / SLAB).astype(np.int64)
+    slab = np.floor(height[near] / SLAB).astype(np.int64)
     first = int(slab.min())
     slab -= first
     inside = distance[near] <= RADIUS
     own = np.bincount(slab[inside], minlength=int(slab.max()) + 1)
     crowded = np.bincount(slab[~inside], minlength=len(own)) > _CROWD * own
-    crowded &= (np.arange(len(own)) + first) * SLAB < _LOW
+    low = (np.arange(len(own)) + first) * SLAB < _LOW
+    above = distance[near[inside & ~(crowded | low)[slab]]]
+    radius = float(np.clip(np.median(above) + _MARGIN, *_THICK)) if len(above) else _THICK[0]
     shaft = np.zeros(len(xyz), np.bool_)
-    shaft[near] = distance[near] <= np.where(crowded[slab], _THIN, RADIUS)
+    shaft[near] = distance[near] <= np.where((crowded & low)[slab], radius, RADIUS)
     return shaft
 
 
