@@ -239,3 +239,13 @@ def test_a_car_keeps_its_aerial(rng):
     aerial = np.column_stack([rng.normal(1.5, 0.005, (400, 2)) * [1, 0], rng.uniform(1.5, 2.1, 400)])
     car = np.concatenate([shell(rng, (0, -0.9, 0.3), (4.4, 0.9, 1.5), 30000), aerial])
     assert segmented([car])[1] == 1
+
+
+def test_parts_that_hang_on_each_other_come_down_to_a_foot_together():
+    """Two halves of a beam touch each other most, and neither comes down; one post carries both."""
+    post = np.column_stack([np.zeros(40), np.zeros(40), np.arange(40) * 0.1])
+    beam = np.array([[x, y, 4.0] for x in np.arange(0, 40) * 0.1 for y in (0.0, 0.1, 0.2)])
+    places = np.concatenate([post, beam])
+    parts = np.repeat([0, 1, 2], [40, 60, 60])
+    joined = rejoin_floating_parts(places, np.zeros(160, np.int32), parts, foot_height=2.0, reach=0.2)
+    assert len(np.unique(joined)) == 1

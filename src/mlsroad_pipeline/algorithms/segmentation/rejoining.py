@@ -42,6 +42,18 @@ def rejoin_floating_parts(
     ndarray of int64, shape (v,)
         Parts, numbered anew.
     """
+    while True:
+        joined = _rejoined(places, clusters, parts, foot_height, reach)
+        # Parts that hang on each other alone may find one with a foot once they are one.
+        if joined.max(initial=-1) == parts.max(initial=-1):
+            return joined
+        parts = joined
+
+
+def _rejoined(
+    places: NDArray[np.float64], clusters: NDArray[np.int32], parts: NDArray[np.int64], foot_height: float, reach: float
+) -> NDArray[np.int64]:
+    """Join each part without a foot once; the same numbers where none can be joined."""
     if len(parts) == 0:
         return parts
     n = int(parts.max()) + 1
