@@ -7,6 +7,7 @@ from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
 from mlsroad_pipeline.algorithms.segmentation.poles import separate_poles
 from mlsroad_pipeline.algorithms.segmentation.rejoining import join_stacked_poles, rejoin_floating_parts
+from mlsroad_pipeline.algorithms.voxels.grid import build_voxel_grid
 
 UNCUT = {"max_cut": 0.0}  # what is told apart then was not cut apart
 
@@ -105,20 +106,20 @@ def test_parts_are_those_of_the_clusters_in_any_order_and_elsewhere(rng):
     places = np.unique(np.round(np.concatenate([tree(rng, 0, 0), pole(rng, 0.9, 0)]), 1), axis=0)
     clusters = np.zeros(len(places), np.int32)
     counts = np.full(len(places), 3)
-    found = separate_poles(places, counts, clusters, free_length=1.2)
+    found, _ = separate_poles(places, counts, clusters, free_length=1.2)
     assert set(found) == {0, 1}
     order = rng.permutation(len(places))
-    np.testing.assert_array_equal(separate_poles(places[order], counts, clusters, free_length=1.2), found[order])
-    again = separate_poles(np.concatenate([places, places + [30.0, 0, 0]]), np.tile(counts, 2),
+    np.testing.assert_array_equal(separate_poles(places[order], counts, clusters, free_length=1.2)[0], found[order])
+    again, _ = separate_poles(np.concatenate([places, places + [30.0, 0, 0]]), np.tile(counts, 2),
                            np.repeat(np.array([0, 1], np.int32), len(places)), free_length=1.2)  # fmt: skip
     assert len(set(again)) == 4
     np.testing.assert_array_equal(again[: len(places)] != 0, found != 0)
 
 
 def test_nothing_to_take_out_is_no_error():
-    none = separate_poles(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int32), free_length=1.2)
+    none, _ = separate_poles(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int32), free_length=1.2)
     assert len(none) == 0
-    flat = separate_poles(np.zeros((1, 3)), np.ones(1, np.int64), np.zeros(1, np.int32), free_length=1.2)
+    flat, _ = separate_poles(np.zeros((1, 3)), np.ones(1, np.int64), np.zeros(1, np.int32), free_length=1.2)
     assert flat.tolist() == [0]
 
 
@@ -249,3 +250,28 @@ def test_parts_that_hang_on_each_other_come_down_to_a_foot_together():
     parts = np.repeat([0, 1, 2], [40, 60, 60])
     joined = rejoin_floating_parts(places, np.zeros(160, np.int32), parts, foot_height=2.0, reach=0.2)
     assert len(np.unique(joined)) == 1
+
+
+def portal(rng, thickness, n):
+    """Two legs 16 m apart, and between them a beam, or wires of 0.02 m."""
+    legs = [
+        np.column_stack([rng.normal(x, 0.06, 4000), rng.normal(0, 0.06, 4000), rng.uniform(0, 6.5, 4000)])
+        for x in (0.0, 16.0)
+    ]
+    lines = [
+        rng.uniform([-1, y - thickness, 6.35 - thickness], [17, y + thickness, 6.35 + thickness], (n, 3))
+        for y in (-0.45, 0.02, 0.49)
+    ]
+    return np.concatenate([*legs, *lines])
+
+
+def test_legs_of_a_gantry_are_linked_wherever_it_is_cut(rng):
+    """Wires between two masts are no beam: the masts are not one object."""
+    for cloud, linked in ((portal(rng, 0.2, 90000), True), (portal(rng, 0.01, 6000), False)):
+        grid = build_voxel_grid(cloud, voxel_size=0.1)
+        counts = np.bincount(grid.voxel_of_point)
+        places = np.column_stack([np.bincount(grid.voxel_of_point, cloud[:, k]) / counts for k in range(3)])
+        _, links = separate_poles(places, counts, np.zeros(len(places), np.int32), free_length=1.2)
+        assert (len(links) == 1) == linked
+        if linked:
+            assert sorted(places[links[0], 0].round().astype(int).tolist()) == [0, 16]

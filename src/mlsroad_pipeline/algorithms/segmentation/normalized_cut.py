@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.graphs import connected_components
 from mlsroad_pipeline.algorithms.segmentation._bisection import (
     best_split,
     extend,
@@ -20,6 +21,7 @@ from mlsroad_pipeline.algorithms.segmentation._bisection import (
     second_eigenvector,
     smoothness,
 )
+from mlsroad_pipeline.algorithms.segmentation._nodes import measure_voxels, number_voxels
 from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
 from mlsroad_pipeline.algorithms.segmentation.plates import separate_plates
 from mlsroad_pipeline.algorithms.segmentation.poles import separate_poles
@@ -165,10 +167,13 @@ def segment(
         return np.zeros(0, dtype=np.int32)
     clusters = cluster_points(points, parameters)
     grid = build_voxel_grid(points, voxel_size=parameters.voxel_size)
-    voxel = _cluster_voxels(clusters, grid.voxel_of_point)
-    places, of_voxel = _places(points - grid.origin, values, voxel, clusters)
+    voxel = number_voxels(clusters, grid.voxel_of_point)
+    places, of_voxel = measure_voxels(points - grid.origin, values, voxel, clusters)
+    links = np.zeros((0, 2), dtype=np.int64)
     if parameters.pole_length > 0:
-        of_voxel = separate_poles(places[:, :3], np.bincount(voxel), of_voxel, free_length=parameters.pole_length)
+        of_voxel, links = separate_poles(
+            places[:, :3], np.bincount(voxel), of_voxel, free_length=parameters.pole_length
+        )
     order = np.argsort(of_voxel, kind="stable")
     starts = np.searchsorted(of_voxel[order], np.arange(int(of_voxel.max()) + 2))
     scale = 1.0 / np.square([parameters.sigma_h, parameters.sigma_v, parameters.sigma_i])
@@ -180,6 +185,7 @@ def segment(
         parts = rejoin_floating_parts(
             places[:, :3], of_voxel, parts, foot_height=parameters.foot_height, reach=2.0 * parameters.voxel_size
         )
+    parts = connected_components(parts[links], n_nodes=int(parts.max()) + 1)[parts].astype(np.int64)
     parts = join_stacked_poles(places[:, :3], parts, max_gap=parameters.pole_gap)
     if parameters.plate_gap > 0 and intensity is not None:
         parts = separate_plates(places, np.bincount(voxel), parts, free_length=parameters.plate_gap)
@@ -216,42 +222,6 @@ def _checked_intensity(intensity: ArrayLike, n_points: int) -> NDArray[np.float6
         row = int(np.argmax(wrong))
         raise DataError(f"intensity at row {row} is {values[row]}: it must be normalised to [0, 1]")
     return values
-
-
-def _cluster_voxels(clusters: NDArray[np.int32], voxel_of_point: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Number the voxels; one that two clusters share counts once for each."""
-    pairs = voxel_of_point.astype(np.int64) * (int(clusters.max()) + 1) + clusters
-    return np.unique(pairs, return_inverse=True)[1].astype(np.int64)
-
-
-@njit(cache=True, nogil=True)
-def _places(
-    points: NDArray, values: NDArray[np.float64], voxel: NDArray[np.int64], clusters: NDArray[np.int32]
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return centroid and interpolated intensity (equations 4, 8, 9) of each voxel, and its cluster."""
-    n = voxel.max() + 1
-    places, counts = np.zeros((n, 4)), np.zeros(n)
-    low, high = np.full(n, np.inf), np.full(n, -np.inf)
-    of_voxel = np.empty(n, np.int32)
-    for i in range(len(voxel)):
-        v = voxel[i]
-        for axis in range(3):
-            places[v, axis] += points[i, axis]
-        counts[v] += 1.0
-        low[v], high[v] = min(low[v], values[i]), max(high[v], values[i])
-        of_voxel[v] = clusters[i]
-    weights = np.zeros(n)
-    for i in range(len(voxel)):
-        v = voxel[i]
-        # A constant intensity makes equation 9 0/0: all points then weigh the same, and the mean is taken.
-        w = (values[i] - low[v]) / (high[v] - low[v]) if high[v] > low[v] else 1.0
-        places[v, 3] += w * values[i]
-        weights[v] += w
-    for v in range(n):
-        for axis in range(3):
-            places[v, axis] /= counts[v]
-        places[v, 3] /= weights[v]
-    return places, of_voxel
 
 
 @njit(cache=True, nogil=True)

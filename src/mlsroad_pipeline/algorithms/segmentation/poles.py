@@ -22,7 +22,7 @@ from mlsroad_pipeline.algorithms.segmentation.stems import (
     measure_sections,
     merged,
 )
-from mlsroad_pipeline.algorithms.segmentation.trunks import without_crown
+from mlsroad_pipeline.algorithms.segmentation.trunks import judge_stems
 
 _FIXTURE, _REACH, _ABOVE = 200, 4.0, 1.0  # voxels and width of lamps, arms and plates, and their least height, metres
 _AROUND, _CROWD = 0.45, 0.5  # metres around a section that is surrounded, and voxels there over those inside
@@ -34,8 +34,8 @@ _POSTS, _LEVEL = 2.5, 0.5  # the farthest two posts of one plate, and the most t
 
 def separate_poles(
     places: NDArray[np.float64], counts: NDArray[np.int64], clusters: NDArray[np.int32], *, free_length: float
-) -> NDArray[np.int32]:
-    """Take poles out of clusters that hold other things too.
+) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Take poles out of clusters that hold other things too, and find the legs of gantries.
 
     Parameters
     ----------
@@ -50,41 +50,59 @@ def separate_poles(
 
     Returns
     -------
-    ndarray of int32, shape (v,)
+    clusters : ndarray of int32, shape (v,)
         The same clusters, and new numbers for the parts of those that held poles.
+    links : ndarray of int64, shape (k, 2)
+        Voxels of legs of one gantry, which is one object wherever it is cut.
     """
     stems = find_stems(places, clusters, free_length)
     out, last = clusters.copy(), int(clusters.max(initial=-1))
+    links = [np.zeros((0, 2), np.int64)]
     if not stems:
-        return out
+        return out, links[0]
     order = np.argsort(clusters, kind="stable")
     for number, found in stems.items():
         first, stop = np.searchsorted(clusters[order], [number, number + 1])
         members = order[first:stop]
-        parts = _split(places[members], counts[members], found)
+        parts, legs = _split(places[members], counts[members], found)
+        links.append(members[legs])
         out[members] = np.where(parts > 0, parts + last, number)
         last += int(parts.max())
-    return out
+    return out, np.concatenate(links)
 
 
-def _split(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem]) -> NDArray[np.int64]:
-    """Return the part of each voxel of a cluster: 0 for what stays, 1, 2, ... for poles and what they held together."""
+def _split(
+    xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the part of each voxel of a cluster: 0 for what stays, 1, 2, ... for poles and what they held together.
+
+    And pairs of voxels on the legs of gantries.
+    """
     stems = merged([extended(stem, xyz, counts) for stem in merged(stems)])
     stems = [stem for stem in stems if stem.high - stem.low >= HEIGHT]
     parts = np.zeros(len(xyz), np.int64)
-    poles = without_crown(xyz, counts, stems)
+    poles, gantries = judge_stems(xyz, counts, stems)
+    at = [[_middle(leg, xyz) for leg in legs] for legs in gantries]
+    links = np.array([(legs[0], leg) for legs in at for leg in legs[1:]], np.int64).reshape(-1, 2)
     if not poles:
-        return parts
+        return parts, links
     for number, stem in enumerate(poles, start=1):
         parts[_shaft(stem, xyz) & (parts == 0)] = number
     _attach(xyz, parts, poles)
     rest = np.flatnonzero(parts == 0)
     if len(rest) == 0:
         # The whole cluster is poles: the first of them keeps the number.
-        return np.maximum(parts - 1, 0)
+        return np.maximum(parts - 1, 0), links
     left = cluster(np.ascontiguousarray(xyz[rest]), tolerance=_APART).astype(np.int64)
     parts[rest] = np.where(left > 0, left + len(poles), 0)
-    return parts
+    return parts, links
+
+
+def _middle(stem: Stem, xyz: NDArray[np.float64]) -> int:
+    """Return the voxel of a stem that is nearest to its middle."""
+    height = 0.5 * (stem.low + stem.high)
+    place = np.append(stem.base + stem.slope * height, height)
+    return int(((xyz - place) ** 2).sum(axis=1).argmin())
 
 
 def _shaft(stem: Stem, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -23,7 +23,10 @@ _INSIDE, _BASE = 0.3, 0.2  # of an axis, what is measured of a section, and from
 _SECTIONS = 5  # that a stem is measured by, at least
 _ROUNDS, _LEVELLED = 5, 0.01  # of the fit of a line by least deviations, and those that weigh alike, metres
 _BEAM = 1.0  # height of a beam, and of its middle from the top of the post that carries it, metres
-_RESTS = 100  # voxels of a beam within reach of its post
+_RESTS, _DENSE = (
+    100,
+    80.0,
+)  # voxels of a beam within reach of its post, and per metre between two posts: wires have less
 _OFFSET, _FIRST = -29.8, -2.9  # of likeness
 _BEND, _LEAN, _SPREAD, _MIDDLE = -5.7, -3.3, -5.2, 4.1  # of likeness; the first two per logarithm, then per metre
 _LEAST = 0.02  # bend, metres, and slope below which a smaller one tells little
@@ -47,8 +50,32 @@ def without_crown(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: li
     list of Stem
         The poles among them.
     """
+    return judge_stems(xyz, counts, stems)[0]
+
+
+def judge_stems(
+    xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem]
+) -> tuple[list[Stem], list[list[Stem]]]:
+    """Tell poles, and the legs of gantries, from trunks.
+
+    Parameters
+    ----------
+    xyz : ndarray of float64, shape (v, 3)
+        Voxels of a cluster, metres, z up.
+    counts : ndarray of int64, shape (v,)
+        Points in each.
+    stems : list of Stem
+        The stems in it.
+
+    Returns
+    -------
+    poles : list of Stem
+        The stems that no crown grows on.
+    gantries : list of list of Stem
+        Those that carry a beam between them, two or more each.
+    """
     if not stems:
-        return []
+        return [], []
     rest = np.ones(len(xyz), np.bool_)
     for stem in stems:
         rest &= (stem.distance(xyz) > RADIUS) | (xyz[:, 2] > stem.high + SLAB)
@@ -59,33 +86,49 @@ def without_crown(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: li
     foot = np.array([stem.base + stem.slope * stem.low for stem in stems])
     poles = []
     for k, stem in enumerate(stems):
-        apart = np.hypot(*(foot - foot[k]).T)
-        near = (apart <= 1.5 * _AROUND) & (size >= _CROWN)
-        # A crown that reaches over from a stem farther off lies aside of this one, and around that one.
-        rivals = near & ((apart <= _AROUND) | (aside < 0.5 * aside[k]))
-        if beam[k]:
+        if beam[k] >= 0:
             continue
         if size[k] < _CROWN:
             poles.append(stem)
             continue
+        apart = np.hypot(*(foot - foot[k]).T)
+        near = (apart <= 1.5 * _AROUND) & (size >= _CROWN)
+        # A crown that reaches over from a stem farther off lies aside of this one, and around that one.
+        rivals = near & ((apart <= _AROUND) | (aside < 0.5 * aside[k]))
         # Something has to carry the crown: most likely the stem that looks least like a pole.
         first = slender[k] <= slender[near & (apart <= _BESIDE_TRUNK)].min() and not hidden[k]
         alone = first and aside[k] < _CENTRED and aside[k] <= aside[rivals].min()
         if _OFFSET + slender[k] + (_FIRST if first else 0.0) > 0 and not alone:
             poles.append(stem)
-    return poles
+    groups = [
+        [stem for stem, b in zip(stems, beam, strict=True) if b == number] for number in np.unique(beam[beam >= 0])
+    ]
+    return poles, [legs for legs in groups if len(legs) > 1 and _spans(xyz[rest], legs)]
+
+
+def _spans(places: NDArray[np.float64], legs: list[Stem]) -> bool:
+    """Tell whether there is a beam between legs, and not some wires."""
+    top = np.array([leg.base + leg.slope * leg.high for leg in legs])
+    far = top[np.argmax(np.hypot(*(top - top[0]).T))] - top[0]
+    span = float(np.hypot(*far))
+    along = (places[:, :2] - top[0]) @ far / max(span, _BEAM)
+    across = (places[:, :2] - top[0]) @ np.array([-far[1], far[0]]) / max(span, _BEAM)
+    between = (along >= 0) & (along <= span) & (np.abs(across) <= _BEAM)
+    high = np.abs(places[:, 2] - np.mean([leg.high for leg in legs])) <= 2 * _BEAM
+    return bool((between & high).sum() >= _DENSE * span)
 
 
 def _crowns(
     places: NDArray[np.float64], stems: list[Stem]
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64]]:
     """Return the size of the crown around each stem, how far aside its middle lies, and whether it stands elsewhere.
 
-    And whether it is no crown but the beam of a gantry or a mast's arm: low, and at the top of the stem.
+    And, where it is no crown but the beam of a gantry or a mast's arm, low and at the top of the stem, its number; -1
+    elsewhere.
     """
     piece = cluster(np.ascontiguousarray(places), tolerance=_JOINED)
     size, aside = np.zeros(len(stems), np.int64), np.zeros(len(stems))
-    hidden, beam = np.zeros((2, len(stems)), np.bool_)
+    hidden, beam = np.zeros(len(stems), np.bool_), np.full(len(stems), -1)
     for k, stem in enumerate(stems):
         away = stem.away(places)
         here = (np.hypot(*away.T) <= _AROUND) & (places[:, 2] >= stem.low + 0.4 * (stem.high - stem.low))
@@ -93,11 +136,13 @@ def _crowns(
         aside[k] = np.hypot(*away[here].mean(axis=0)) if here.any() else np.inf
         if not here.any():
             continue
-        whole = piece == np.bincount(piece[here]).argmax()
+        number = int(np.bincount(piece[here]).argmax())
+        whole = piece == number
         hidden[k] = _stands(away, places[:, 2] - stem.low, whole)
-        low, middle, high = np.quantile(places[here, 2], (0.05, 0.5, 0.95))
+        low, middle, high = np.quantile(places[here, 2], (0.15, 0.5, 0.95))
         flat = high - low < _BEAM and abs(middle - stem.high) < _BEAM
-        beam[k] = flat and whole.sum() >= _CROWN and size[k] >= _RESTS
+        if flat and whole.sum() >= _CROWN and size[k] >= _RESTS:
+            beam[k] = number
     return size, aside, hidden, beam
 
 
