@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from mlsroad_pipeline.algorithms.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
@@ -13,7 +14,12 @@ from mlsroad_pipeline.algorithms.simulation.presets import PRESETS
 from mlsroad_pipeline.algorithms.studies import yu2016, yu2016_paper
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters, StudySurvey
 from mlsroad_pipeline.algorithms.studies.yu2016_runs import touching_instances
-from mlsroad_pipeline.algorithms.studies.yu2016_streets import make_survey, separate_images, without_streaks
+from mlsroad_pipeline.algorithms.studies.yu2016_streets import (
+    make_survey,
+    separate_images,
+    whole_gantries,
+    without_streaks,
+)
 
 
 def street(objects, label, right, score):
@@ -132,3 +138,11 @@ def test_a_second_pass_doubles_the_points_and_leaves_the_ends_where_they_are():
         extent = np.ptp(cloud.xyz[cloud["core"]], axis=0)
         np.testing.assert_allclose(extent, np.ptp(one.xyz[one["core"]], axis=0), atol=2.0)
     assert two["core"].sum() > 1.7 * one["core"].sum()
+
+
+def test_boards_of_a_gantry_are_no_signs():
+    """Another sign, and points of a gantry without a number, keep what they are."""
+    gantry, sign, tree = (TAXONOMY[name] for name in ("gantry", "traffic_sign", "tree"))
+    label = np.array([gantry, sign, sign, sign, tree, gantry])
+    found = whole_gantries(label, np.array([4, 4, 4, 5, 0, 0]))
+    assert found.tolist() == [gantry, gantry, gantry, sign, tree, gantry]

@@ -56,7 +56,8 @@ def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -
     core = (station >= RUN_IN) & (station <= RUN_IN + simulation.length)
     images = separate_images(street.xyz, street["instance"], np.isin(street["label"], _MOVING))
     instance = without_streaks(street.xyz, images, np.isin(street["label"], _CARS))
-    cloud = replace(street, columns={**street.columns, "instance": instance, "core": core})
+    label = whole_gantries(street["label"], instance)
+    cloud = replace(street, columns={**street.columns, "label": label, "instance": instance, "core": core})
     _, seconds = timed(find_ground, cloud, ground)
     streaks = len(np.unique(images[core & (images != instance)]))
     facts = {"seconds": np.array(seconds), "points": np.array(len(cloud)), "streaks": np.array(streaks)}
@@ -132,3 +133,23 @@ def without_streaks(
         if np.ptp(flat @ axis) > STREAK:
             out[members] = 0
     return out
+
+
+def whole_gantries(label: NDArray[np.integer], instance: NDArray[np.integer]) -> NDArray[np.int16]:
+    """Count the boards of a gantry to it: one thing of 25 m over the road is no traffic sign.
+
+    Parameters
+    ----------
+    label : ndarray of int, shape (n,)
+        Classes of the taxonomy.
+    instance : ndarray of int, shape (n,)
+        What each point belongs to; 0 is nothing. Boards have the number of their gantry.
+
+    Returns
+    -------
+    ndarray of int16, shape (n,)
+        The same classes, and the gantry's for all points of an instance that holds one.
+    """
+    gantry = TAXONOMY["gantry"]
+    numbers = np.unique(instance[label == gantry])
+    return np.where(np.isin(instance, numbers[numbers > 0]), gantry, label).astype(np.int16)
