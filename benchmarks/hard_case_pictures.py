@@ -3,8 +3,9 @@
     python benchmarks/hard_case_pictures.py [--seed 9101] [--out docs/images/segmentation_hard_cases.jpg]
 
 The cases are those of Yu et al. 2016, Figure 11: a pole in a palm, shrubs that touch, and cars under trees, on a ring
-road and a campus with many of them, as the VMX-450 scans them in two passes. Of each the case with the most points is
-drawn, whatever comes out. The objects of a case are those that share a Euclidean cluster of 0.15 m, or stand below.
+road and a campus with many of them, as the VMX-450 scans them in two passes. Drawn is the case whose smallest object
+has most points, or the tree with most points above cars, whatever comes out. The objects of a case are those that
+share a Euclidean cluster of 0.15 m, or stand below.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ def labelled(scene: PointCloud, *names: str) -> np.ndarray:
 
 
 def joined(scene: PointCloud, one: np.ndarray, other: np.ndarray) -> list[list[int]]:
-    """Return the instances of two kinds that lie in one cluster, cluster by cluster, those of most points first."""
+    """Return the instances of two kinds that lie in one cluster, that whose smallest is largest first."""
     off = np.flatnonzero(~scene["ground"] & np.isin(scene["instance"], np.union1d(one, other)))
     together = cluster(np.ascontiguousarray(scene.xyz[off], dtype=np.float64), tolerance=TOUCHING)
     pairs = find_overlaps(scene["instance"][off], together)

@@ -33,26 +33,6 @@ _LEAST = 0.02  # bend, metres, and slope below which a smaller one tells little
 _UNMEASURED = 0.05, 0.2  # bend and spread of a stem of few sections, metres
 
 
-def without_crown(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem]) -> list[Stem]:
-    """Return the stems that no crown grows on: there is little around, or they look like poles.
-
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (v, 3)
-        Voxels of a cluster, metres, z up.
-    counts : ndarray of int64, shape (v,)
-        Points in each.
-    stems : list of Stem
-        The stems in it.
-
-    Returns
-    -------
-    list of Stem
-        The poles among them.
-    """
-    return judge_stems(xyz, counts, stems)[0]
-
-
 def judge_stems(
     xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem]
 ) -> tuple[list[Stem], list[list[Stem]]]:
