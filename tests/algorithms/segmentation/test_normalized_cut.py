@@ -106,7 +106,12 @@ def test_intensity_parts_a_pole_from_the_bush_around_it(rng):
     points = np.concatenate([pole, bush[np.abs(bush[:, :2]).max(axis=1) > 0.08]])
     truth = np.arange(len(points)) >= 4000
     intensity = np.where(truth, 0.15, 0.9)
-    parameters = NormalizedCutParameters(sigma_i=0.2, pole_length=0)  # by its shape it would be found without
+    parameters = NormalizedCutParameters(
+        sigma_i=0.2,
+        smoothing=0,
+        max_nodes=2000,
+        pole_length=0,  # by its shape it would be found without
+    )
     with_it = segment(points, intensity=intensity, parameters=parameters)
     without = segment(points, parameters=parameters)
     assert adjusted_rand_score(truth, with_it) > 0.9

@@ -1,7 +1,7 @@
 """One normalised cut: a group of voxels, gathered into weighted nodes, split in two.
 
 Weights reach metres, so the graph of a large cluster has as many edges as pairs of voxels. The voxels are therefore
-gathered into nodes: cells of a grid just coarse enough, split by intensity. A node stands for its voxels at their mean
+gathered into nodes: cells of a grid just coarse enough. A node stands for its voxels at their mean
 place, with their number as its mass; the weight of two nodes is the mass of both times that of equation 19. The second
 eigenvector of the small dense graph is found by Lanczos' method and carried back to every voxel as the weighted mean
 of the nodes' values (Nystrom's extension), so that the border is as fine as the voxels are.
@@ -13,7 +13,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-INTENSITY_BINS = 4
 _STEPS = 60  # of Lanczos' method, at most
 _CONVERGED = 1e-5
 
@@ -53,7 +52,7 @@ def _node_keys(
         key = np.int64(0)
         for axis in range(3):
             key = key * shape[axis] + np.int64((p[axis] - low[axis]) / size)
-        keys[k] = key * INTENSITY_BINS + min(int(p[3] * INTENSITY_BINS), INTENSITY_BINS - 1)
+        keys[k] = key
     return keys
 
 

@@ -1,6 +1,6 @@
 """Off-ground points to objects: Euclidean clusters, cut where they hold several (Yu et al. 2016, section IV-A).
 
-With intensity this is the paper's extended voxel-based normalised cut; without, the one that it is compared with.
+With intensity this is the paper's extended voxel-based normalised cut; without, the one it is compared with.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mlsroad_pipeline.algorithms.segmentation._bisection import (
     second_eigenvector,
     smoothness,
 )
-from mlsroad_pipeline.algorithms.segmentation._nodes import measure_voxels, number_voxels
+from mlsroad_pipeline.algorithms.segmentation._nodes import measure_voxels, number_voxels, smooth_intensities
 from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
 from mlsroad_pipeline.algorithms.segmentation.plates import separate_plates
 from mlsroad_pipeline.algorithms.segmentation.poles import separate_poles
@@ -53,11 +53,14 @@ class NormalizedCutParameters:
     sigma_h, sigma_v : float, default 2.0, 10.0
         Metres over which the weight of two voxels falls to 1/e, horizontally and vertically. A smaller `sigma_h` cuts
         objects that stand closer together, and wide ones in pieces.
-    sigma_i : float, default 1.0
-        The same for the intensity, in [0, 1]. Smaller separates by reflectivity more eagerly.
+    sigma_i : float, default 0.25
+        The same for the intensity, in [0, 1] (yu2016: 1). Smaller separates by reflectivity more eagerly.
+    smoothing : float, default 0.2
+        Intensities that cuts compare are means over three times this in each direction, metres: single voxels of a
+        crown differ more than a crown and a car do. 0 compares those of voxels, as the paper. Not in the paper.
     max_distance : float, default 5.0
         Voxels farther apart horizontally, d_H, have no edge, metres.
-    max_cut : float, default 0.5
+    max_cut : float, default 0.45
         A group is left whole where the least normalised cut is above this; 0 to 2. Larger cuts more. Not in the paper.
     min_voxels : int, default 20
         No part is made smaller than this. Not in the paper.
@@ -66,6 +69,11 @@ class NormalizedCutParameters:
         their histogram over the fullest (Shi and Malik 2000). 1 never stops; smaller cuts less.
     max_nodes : int, default 256
         Size of the graph that a cut is found on; more follows the voxels more closely, and time grows with its square.
+    low_height : float, default 2.5
+        A group no higher than this that stays whole is tried once more with `low_sigma_h` and `low_max_cut`, metres:
+        cars and shrubs stand closer together than trees. Larger cuts more; 0 tries none, as the paper.
+    low_sigma_h, low_max_cut : float, default 1.0, 0.14
+        In place of `sigma_h` and `max_cut` then. Not in the paper.
     pole_length : float, default 1.2
         Poles that stand free over this length, below a crown or above a shrub, are taken out of their clusters before
         these are cut, metres; see `separate_poles`. Larger takes out fewer; 0 takes out none, as the paper.
@@ -92,12 +100,16 @@ class NormalizedCutParameters:
     voxel_size: float = 0.1
     sigma_h: float = 2.0
     sigma_v: float = 10.0
-    sigma_i: float = 1.0
+    sigma_i: float = 0.25
+    smoothing: float = 0.2
     max_distance: float = 5.0
-    max_cut: float = 0.5
+    max_cut: float = 0.45
     min_voxels: int = 20
     max_smoothness: float = 0.2
     max_nodes: int = 256
+    low_height: float = 2.5
+    low_sigma_h: float = 1.0
+    low_max_cut: float = 0.14
     pole_length: float = 1.2
     foot_height: float = 2.0
     pole_gap: float = 2.0
@@ -111,13 +123,18 @@ class NormalizedCutParameters:
             "sigma_h",
             "sigma_v",
             "sigma_i",
+            "low_sigma_h",
             "max_distance",
             "min_voxels",
         ):
             check_positive(getattr(self, name), name)
-        if not 0 <= self.max_cut <= 2:
-            raise ParameterError(f"max_cut must be between 0 and 2, got {self.max_cut!r}")
-        for name in ("spacing_factor", "max_smoothness", "pole_length", "foot_height", "pole_gap", "plate_gap"):
+        for name in ("max_cut", "low_max_cut"):
+            if not 0 <= getattr(self, name) <= 2:
+                raise ParameterError(f"{name} must be between 0 and 2, got {getattr(self, name)!r}")
+        for name in (
+            "spacing_factor", "smoothing", "max_smoothness", "low_height", "pole_length", "foot_height", "pole_gap",
+            "plate_gap",
+        ):  # fmt: skip
             if not 0 <= getattr(self, name) < np.inf:
                 raise ParameterError(f"{name} must be at least 0, got {getattr(self, name)!r}")
         if self.max_nodes < 8:
@@ -177,9 +194,14 @@ def segment(
     order = np.argsort(of_voxel, kind="stable")
     starts = np.searchsorted(of_voxel[order], np.arange(int(of_voxel.max()) + 2))
     scale = 1.0 / np.square([parameters.sigma_h, parameters.sigma_v, parameters.sigma_i])
+    compared = places
+    if parameters.smoothing > 0 and intensity is not None:
+        smoothed = smooth_intensities(places, of_voxel, size=parameters.smoothing)
+        compared = np.column_stack([places[:, :3], smoothed])
     parts = _cut_clusters(
-        places, order, starts, scale, parameters.max_distance**2, parameters.voxel_size, parameters.max_cut,
-        parameters.max_smoothness, parameters.min_voxels, parameters.max_nodes,
+        compared, order, starts, scale, parameters.max_distance**2, parameters.voxel_size, parameters.max_cut,
+        parameters.max_smoothness, parameters.min_voxels, parameters.max_nodes, parameters.low_height,
+        parameters.low_sigma_h**-2.0, parameters.low_max_cut,
     )  # fmt: skip
     if parameters.foot_height > 0:
         parts = rejoin_floating_parts(
@@ -236,9 +258,14 @@ def _cut_clusters(
     max_smoothness: float,
     min_voxels: int,
     max_nodes: int,
+    low_height: float,
+    low_scale: float,
+    low_max_cut: float,
 ) -> NDArray[np.int64]:
     """Return the part of each voxel; the voxels of a part become consecutive in `order`."""
     parts = np.empty(len(places), np.int64)
+    closer = scale.copy()
+    closer[0] = low_scale
     n_parts = 0
     for c in range(len(starts) - 1):
         stack = [(starts[c], starts[c + 1])]
@@ -246,16 +273,13 @@ def _cut_clusters(
             first, stop = stack.pop()
             members = order[first:stop].copy()
             side = _bisect(
-                places,
-                members,
-                scale,
-                max_squared,
-                voxel_size,
-                max_cut,
-                max_smoothness,
-                min_voxels,
-                max_nodes,
+                places, members, scale, max_squared, voxel_size, max_cut, max_smoothness, min_voxels, max_nodes
             )
+            low = len(members) >= 2 * min_voxels and np.ptp(places[members, 2]) <= low_height
+            if low and low_height > 0 and not side.any():
+                side = _bisect(
+                    places, members, closer, max_squared, voxel_size, low_max_cut, max_smoothness, min_voxels, max_nodes
+                )
             n_left = np.int64(side.sum())
             if n_left == 0:
                 parts[members] = n_parts
