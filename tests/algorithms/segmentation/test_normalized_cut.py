@@ -9,6 +9,7 @@ from sklearn.metrics import adjusted_rand_score
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.segmentation._bisection import best_split, gather, node_weights, second_eigenvector
+from mlsroad_pipeline.algorithms.segmentation._nodes import smooth_intensities
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
 from mlsroad_pipeline.algorithms.voxels.grid import build_voxel_grid
@@ -118,6 +119,46 @@ def test_intensity_parts_a_pole_from_the_bush_around_it(rng):
     assert adjusted_rand_score(truth, without) < 0.6
 
 
+def test_intensities_are_means_over_cells_and_their_neighbours(rng):
+    places = np.column_stack([rng.uniform(0, 2, (400, 3)), rng.random(400)])
+    clusters = rng.integers(0, 2, 400).astype(np.int32)
+    found = smooth_intensities(places, clusters, size=0.3)
+    cell = np.floor((places[:, :3] - places[:, :3].min(axis=0)) / 0.3)
+    for k in range(400):
+        near = (np.abs(cell - cell[k]).max(axis=1) <= 1) & (clusters == clusters[k])
+        assert found[k] == pytest.approx(places[near, 3].mean())
+
+
+def test_noisy_intensities_part_a_body_that_has_no_border(rng):
+    body = rng.uniform([0, 0, 0], [6, 1.2, 1.2], (20_000, 3))
+    truth = body[:, 0] > 3
+    intensity = np.clip(np.where(truth, 0.65, 0.35) + rng.normal(0, 0.1, len(body)), 0, 1)
+    with_it, without = segment(body, intensity=intensity), segment(body)
+    assert adjusted_rand_score(truth, with_it) > 0.95
+    assert without.max() == 0
+    assert segment(body, intensity=rng.normal(0.5, 0.1, len(body)).clip(0, 1)).max() == 0
+
+
+def car(rng, x, y, n=6000):
+    """Flanks, bonnet, boot and cabin of a car that points along y."""
+    low = rng.uniform([-0.9, -2.2, 0.3], [0.9, 2.2, 0.9], (n, 3))
+    flank = rng.random(n) < 0.3
+    low[flank, 0], low[~flank, 2] = np.sign(low[flank, 0]) * 0.9, 0.9
+    cabin = rng.uniform([-0.7, -1.2, 0.9], [0.7, 1.2, 1.5], (n // 2, 3))
+    cabin[:, 2] = np.where(rng.random(n // 2) < 0.7, 1.5, cabin[:, 2])
+    return np.concatenate([low, cabin]) + [x, y, 0]
+
+
+def test_cars_side_by_side_are_two_and_one_is_one(rng):
+    one, other = car(rng, 0, 0), car(rng, 2.5, 1.0)
+    between = rng.uniform([0.85, 0, 0.3], [1.65, 0.3, 0.5], (600, 3))  # what both touch
+    points, truth = np.concatenate([one, other, between]), np.repeat([0, 1], len(one))
+    assert segment(one).max() == 0
+    found = segment(points)
+    assert found.max() == 1 and adjusted_rand_score(truth, found[: len(truth)]) > 0.9
+    assert segment(points, parameters=NormalizedCutParameters(low_height=0)).max() == 0
+
+
 def test_no_part_is_small_and_parts_stay_within_their_clusters(rng):
     points = np.concatenate([tree(rng, 0, 0), tree(rng, 3.0, 0), rng.uniform(10, 10.3, (50, 3))])
     parameters = NormalizedCutParameters(tolerance=0.3, spacing_factor=0, max_cut=1.2, min_voxels=40)
@@ -156,6 +197,10 @@ def test_bad_input():
         segment(np.zeros((1, 3)), intensity=[np.nan])
     with pytest.raises(ParameterError, match=r"max_cut must be between 0 and 2, got 3"):
         NormalizedCutParameters(max_cut=3)
+    with pytest.raises(ParameterError, match=r"low_max_cut must be between 0 and 2, got -1"):
+        NormalizedCutParameters(low_max_cut=-1)
+    with pytest.raises(ParameterError, match=r"smoothing must be at least 0, got -0\.1"):
+        NormalizedCutParameters(smoothing=-0.1)
     with pytest.raises(ParameterError, match="max_nodes must be at least 8, got 2"):
         NormalizedCutParameters(max_nodes=2)
     with pytest.raises(ParameterError, match="sigma_h must be"):

@@ -143,6 +143,12 @@ def test_parts_without_a_foot_go_to_what_they_touch_most():
     assert first[1] == first[0]
     assert len({first[0], first[2], first[3], first[4]}) == 4  # the fourth is a cluster of its own: nothing to go to
     np.testing.assert_array_equal(rejoin_floating_parts(places, clusters, parts, foot_height=4.0, reach=0.11), parts)
+    # Two voxels of the trunk do not give the crown's half a foot: it is still taken back.
+    crown = np.tile(pieces[1], (20, 1)) + np.repeat(np.arange(20), len(pieces[1]))[:, None] * [0, 0.1, 0]
+    many = np.concatenate([pieces[0], crown, [[0.1, 0, 0.1], [0.1, 0, 0.2]]])
+    halves = np.repeat([0, 1], [len(pieces[0]), len(crown) + 2])
+    one = rejoin_floating_parts(many, np.zeros(len(many), np.int32), halves, foot_height=2.0, reach=0.11)
+    assert one.max() == 0
     order = np.random.default_rng(1).permutation(len(parts))
     again = rejoin_floating_parts(places[order], clusters[order], parts[order], foot_height=2.0, reach=0.11)
     np.testing.assert_array_equal(again, found[order])

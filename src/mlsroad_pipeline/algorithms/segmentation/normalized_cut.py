@@ -194,10 +194,9 @@ def segment(
     order = np.argsort(of_voxel, kind="stable")
     starts = np.searchsorted(of_voxel[order], np.arange(int(of_voxel.max()) + 2))
     scale = 1.0 / np.square([parameters.sigma_h, parameters.sigma_v, parameters.sigma_i])
-    compared = places
+    compared = places.copy()
     if parameters.smoothing > 0 and intensity is not None:
-        smoothed = smooth_intensities(places, of_voxel, size=parameters.smoothing)
-        compared = np.column_stack([places[:, :3], smoothed])
+        compared[:, 3] = smooth_intensities(places, of_voxel, size=parameters.smoothing)
     parts = _cut_clusters(
         compared, order, starts, scale, parameters.max_distance**2, parameters.voxel_size, parameters.max_cut,
         parameters.max_smoothness, parameters.min_voxels, parameters.max_nodes, parameters.low_height,
