@@ -12,7 +12,8 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.simulation.presets import PRESETS
 from mlsroad_pipeline.algorithms.studies import yu2016, yu2016_paper
-from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters, StudySurvey
+from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters, StudyScale, StudySurvey
+from mlsroad_pipeline.algorithms.studies.yu2016_results import found_by_detector
 from mlsroad_pipeline.algorithms.studies.yu2016_runs import touching_instances
 from mlsroad_pipeline.algorithms.studies.yu2016_streets import (
     make_survey,
@@ -92,6 +93,15 @@ def test_streets_may_not_be_learned_from_and_scored_on():
         StudySurvey({}, [1, 2], [2])
     with pytest.raises(ParameterError, match="scale 'huge' is unknown"):
         StudyParameters("huge", {"fast": {}})
+
+
+def test_models_of_one_detector_are_joined_by_street():
+    surveys = {name: StudySurvey({}, [1], [2]) for name in ("RRS", "SPP")}
+    scale = StudyScale(surveys, ["single"], [0.1], [0])
+    assert scale.learned_together() == [["RRS", "SPP"]]
+    assert replace(scale, pooled=False).learned_together() == [["RRS"], ["SPP"]]
+    models = {"a.RRS": {"RRS_2": ONE, "facts": {}}, "a.SPP": {"SPP_2": TWO, "facts": {}}, "b.RRS_SPP": {"RRS_2": TWO}}
+    assert found_by_detector(models) == {"a": {"RRS_2": ONE, "SPP_2": TWO}, "b": {"RRS_2": TWO}}
 
 
 def test_each_image_of_what_moved_is_an_object(rng):

@@ -87,6 +87,9 @@ class StudyScale:
         Neighbours k in a contextual group (Figure 12c).
     methods : mapping
         Slug to changes of the method's parameters at this scale.
+    pooled : bool, default True
+        Whether one model of each detector learns from the training streets of all surveys, or one for each survey from
+        its own.
     """
 
     surveys: Mapping[str, Any]
@@ -94,12 +97,17 @@ class StudyScale:
     words_per_group: Sequence[float]
     group_sizes: Sequence[int]
     methods: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    pooled: bool = True
 
     def __post_init__(self) -> None:
         made = {name: s if isinstance(s, StudySurvey) else StudySurvey(**s) for name, s in self.surveys.items()}
         if not made:
             raise ParameterError("yu2016_study: a scale must name at least one survey")
         object.__setattr__(self, "surveys", made)
+
+    def learned_together(self) -> list[list[str]]:
+        """Return the surveys that one model of a detector learns from and is judged on, for each model."""
+        return [list(self.surveys)] if self.pooled else [[name] for name in self.surveys]
 
     def settings(self) -> dict[str, dict[str, Any]]:
         """Return the settings of Figure 12: name to changes of the parameters of the visual words."""

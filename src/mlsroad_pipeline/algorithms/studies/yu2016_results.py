@@ -113,6 +113,26 @@ def run_key(survey: str, seed: int) -> str:
     return f"{survey}_{seed}"
 
 
+def found_by_detector(models: Results) -> dict[str, dict[str, Any]]:
+    """Join what the models of each detector found.
+
+    Parameters
+    ----------
+    models : mapping
+        ``<detector>.<surveys>`` to what `train_and_detect` gave.
+
+    Returns
+    -------
+    dict of str to dict
+        Detector to what was found in each test street; without ``facts``, which each model has its own of.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for key, streets in models.items():
+        own = found.setdefault(key.split(".")[0], {})
+        own |= {street: result for street, result in streets.items() if street != "facts"}
+    return found
+
+
 def study_tables(
     plan: StudyPlan, streets: Results, segmented: Results, described: Results, runs: Results, variants: Results
 ) -> StudyTables:
@@ -126,7 +146,7 @@ def study_tables(
         ``facts`` of `make_survey`, ``scores`` of `segment_street` and ``facts`` of `describe_street`, by street; the
         latter two with the method before it.
     runs, variants : mapping
-        What `train_and_detect` gave, by method, and by setting.
+        What was found in each test street, by method, and what `train_and_detect` gave, by setting.
 
     Returns
     -------

@@ -17,7 +17,13 @@ from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.studies import yu2016_runs, yu2016_streets
 from mlsroad_pipeline.algorithms.studies.parameters import changed
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import CUT, DETECTORS, SEGMENTATIONS, WORDS, StudyParameters
-from mlsroad_pipeline.algorithms.studies.yu2016_results import StudyPlan, run_key, street_key, study_tables
+from mlsroad_pipeline.algorithms.studies.yu2016_results import (
+    StudyPlan,
+    found_by_detector,
+    run_key,
+    street_key,
+    study_tables,
+)
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
 from mlsroad_pipeline.datasets.scene_task import SceneTask
@@ -230,7 +236,7 @@ def _run(
 
 
 def run_detectors(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that trains each detector on the training streets of all surveys and detects in the test streets.
+    """Name the work that trains each detector and detects in the test streets of the surveys that it learned from.
 
     Parameters
     ----------
@@ -242,10 +248,13 @@ def run_detectors(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneT
     Returns
     -------
     dict of str to SceneTask
-        One task per detector.
+        One task per model.
     """
-    surveys = list(plan.scale.surveys)
-    return {slug: _run(plan, slug, surveys, stores, slug, plan.methods[slug]) for slug in DETECTORS}
+    return {
+        f"{slug}.{'_'.join(surveys)}": _run(plan, slug, surveys, stores, slug, plan.methods[slug])
+        for slug in DETECTORS
+        for surveys in plan.scale.learned_together()
+    }
 
 
 def run_settings(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTask]:
@@ -297,6 +306,6 @@ def tabulate_study(plan: StudyPlan, *stores: SceneCollection) -> tuple[Any, ...]
         # In the paper's order, not the store's.
         {f"{method}.{key}": scores[f"{method}.{key}"] for method in SEGMENTATIONS for key in sorted(tests)},
         described.part("facts").load_all(),
-        runs.load_all(),
+        found_by_detector(runs.load_all()),
         {name: found[_safe(run)] for name, run in _runs_of_settings(plan).items()},
     ).as_tuple()
