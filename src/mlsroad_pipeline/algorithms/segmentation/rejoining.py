@@ -33,8 +33,8 @@ def rejoin_floating_parts(
     parts : ndarray of int64, shape (v,)
         Part of each, 0, 1, ...; a part lies in one cluster.
     foot_height : float
-        A part has a foot where all but the lowest two hundredth of its voxels come down to within this height above
-        the lowest place of its cluster, metres. Larger keeps more parts.
+        A part has a foot where it comes down to within this height above the lowest place of its cluster, metres; the
+        lowest two-hundredth of its voxels does not count. Larger keeps more parts.
     reach : float
         Voxels of two parts touch when they are at most this far apart, metres.
 
