@@ -1,10 +1,19 @@
-"""How the voxels of objects are spread over height and distance from their axis."""
+"""How the voxels of objects are spread over height, distance from their axis, and intensity."""
 
 import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.visual_words.profiles import BANDS, RINGS, measure_profiles, profile_likeness
+from mlsroad_pipeline.algorithms.visual_words.profiles import (
+    BANDS,
+    N_PLACES,
+    N_SHARES,
+    RINGS,
+    TONES,
+    measure_profiles,
+    profile_likeness,
+    without_intensities,
+)
 
 
 def lamp(rng, x=0.0, y=0.0, turn=0.0):
@@ -21,7 +30,7 @@ def test_shares_by_hand():
     column = np.column_stack([np.zeros((12, 2)), 0.05 + np.arange(12) / 2])
     points = np.concatenate([column, [[1.0, 0.0, 5.55]], column + [50.0, 0, 0]])
     owner = np.repeat([0, 2], [13, 12])
-    found = measure_profiles(points, owner).reshape(3, BANDS, len(RINGS))
+    found = measure_profiles(points, owner)[:, :N_PLACES].reshape(3, BANDS, len(RINGS))
     assert found[0, :, 0].tolist() == pytest.approx([1 / 13] * 12)
     assert found[0, -1, np.searchsorted(RINGS, 1.0)] == pytest.approx(1 / 13)
     assert found[0].sum() == pytest.approx(1.0)
@@ -49,4 +58,29 @@ def test_likeness_is_what_is_shared_over_what_either_has():
 
 
 def test_no_objects_have_no_profiles():
-    assert measure_profiles(np.zeros((5, 3)), np.full(5, -1)).shape == (0, BANDS * len(RINGS))
+    assert measure_profiles(np.zeros((5, 3)), np.full(5, -1)).shape == (0, N_SHARES)
+
+
+def test_shares_of_intensity_by_hand():
+    """A dull post of twelve voxels, the highest two of which are bright on average; one lies outside of [0, 1]."""
+    column = np.column_stack([np.zeros((12, 2)), 0.05 + np.arange(12) / 2])
+    points = np.concatenate([column, column[-2:] + [0.0, 0.0, 0.01]])
+    intensity = np.r_[np.full(10, 0.25), 0.6, 1.0, 0.9, 1.5]
+    found = measure_profiles(points, np.zeros(14, int), intensity=intensity)[0, N_PLACES:].reshape(BANDS, TONES)
+    assert found.sum() == pytest.approx(1.0)
+    assert found[:10, 1].tolist() == pytest.approx([1 / 12] * 10)
+    assert found[10, 3] == pytest.approx(1 / 12)  # the mean of 0.6 and 0.9
+    assert found[11, 4] == pytest.approx(1 / 12)  # what is brighter than 1 is in the brightest step
+    with pytest.raises(DataError, match="intensity"):
+        measure_profiles(points, np.zeros(14, int), intensity=intensity[:3])
+
+
+def test_intensities_tell_apart_what_has_one_form_and_can_be_left_out(rng):
+    """A panel that reflects and one that does not, on the same post."""
+    points, owner = lamp(rng), np.zeros(800, int)
+    dull = measure_profiles(points, owner, intensity=np.full(800, 0.3))
+    bright = measure_profiles(points, owner, intensity=np.where(points[:, 2] > 5, 0.95, 0.3))
+    assert profile_likeness(dull, dull)[0, 0] == 1.0
+    assert profile_likeness(dull, bright)[0, 0] < 0.9
+    np.testing.assert_array_equal(without_intensities(bright), measure_profiles(points, owner))
+    assert bright[:, N_PLACES:].any()

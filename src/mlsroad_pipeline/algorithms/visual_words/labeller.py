@@ -23,7 +23,7 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.visual_words.bags import count_words
 from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetector
 from mlsroad_pipeline.algorithms.visual_words.groups import ContextualGroups, build_groups
-from mlsroad_pipeline.algorithms.visual_words.profiles import measure_profiles
+from mlsroad_pipeline.algorithms.visual_words.profiles import measure_profiles, without_intensities
 from mlsroad_pipeline.algorithms.visual_words.sizes import measure_sizes
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import Vocabulary
 
@@ -83,7 +83,7 @@ def describe_objects(
         "objects": regions.objects,
         "n_objects": np.array(int(objects["objects"].max(initial=-1)) + 1),
         "sizes": measure_sizes(scene.xyz, objects["objects"]),
-        "profiles": measure_profiles(scene.xyz, objects["objects"]),
+        "profiles": measure_profiles(scene.xyz, objects["objects"], intensity=scene.get("intensity")),
         "intensity": np.array("intensity" in scene),
     }
 
@@ -109,6 +109,25 @@ def groups_of(arrays: Mapping[str, NDArray], *, intensity: bool = True) -> Conte
     blind = groups.descriptors.copy()
     blind[..., INTENSITY] = 0.0
     return replace(groups, descriptors=blind)
+
+
+def profiles_of(arrays: Mapping[str, NDArray], *, intensity: bool = True) -> NDArray[np.float32]:
+    """Return the profiles that `describe_objects` stored.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        What it gave.
+    intensity : bool, default True
+        Whether to keep the intensities; without, their shares are 0.
+
+    Returns
+    -------
+    ndarray of float32, shape (objects, p)
+        The profiles.
+    """
+    profiles = arrays["profiles"]
+    return profiles if intensity else without_intensities(profiles)
 
 
 def bag_objects(arrays: Mapping[str, NDArray], vocabulary: Vocabulary, *, intensity: bool) -> csr_array:
@@ -173,8 +192,9 @@ def detect_scene(arrays: Mapping[str, NDArray], bundle: ModelBundle) -> dict[str
     """
     variant = choose_variant(arrays, bundle)
     vocabulary, detector = model_of(bundle, variant)
-    counts = bag_objects(arrays, vocabulary, intensity=variant == WITH_INTENSITY)
-    scores = detector.score(counts, arrays["sizes"], arrays["profiles"])
+    intensity = variant == WITH_INTENSITY
+    counts = bag_objects(arrays, vocabulary, intensity=intensity)
+    scores = detector.score(counts, arrays["sizes"], profiles_of(arrays, intensity=intensity))
     label, score = detect_by_thresholds(scores, detector.thresholds)
     return {"label": label, "score": score, "scores": scores.astype(np.float32)}
 

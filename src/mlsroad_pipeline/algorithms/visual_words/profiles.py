@@ -1,12 +1,13 @@
-"""Where an object's substance lies: how high above its foot, and how far from its axis."""
+"""Where an object's substance lies: how high above its foot, how far from its axis, and how bright it is there."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.validation import check_column
 
 BANDS = 12
 """Bands of equal height between the foot and the top of an object."""
@@ -14,12 +15,23 @@ BANDS = 12
 RINGS = (0.08, 0.16, 0.26, 0.4, 0.6, 0.85, 1.2, 1.7, 2.4, 3.5, 5.0, np.inf)
 """Outer radii of rings around an object's axis, metres."""
 
+TONES = 5
+"""Equal steps of intensity over [0, 1]."""
+
+N_PLACES = BANDS * len(RINGS)
+"""Columns of a profile that tell of places; the others tell of intensities."""
+
+N_SHARES = N_PLACES + BANDS * TONES
+"""Columns of a profile."""
+
 _VOXEL = 0.1  # places within it count once, metres: what was scanned from near weighs no more
 _LEAST = 0.1  # height of the flattest object, metres
 
 
-def measure_profiles(xyz: NDArray[np.floating], objects: NDArray[np.integer]) -> NDArray[np.float32]:
-    """Measure how the voxels of each object are spread over height and distance from its axis.
+def measure_profiles(
+    xyz: NDArray[np.floating], objects: NDArray[np.integer], *, intensity: ArrayLike | None = None
+) -> NDArray[np.float32]:
+    """Measure how the voxels of each object are spread over height, distance from its axis, and intensity.
 
     Parameters
     ----------
@@ -27,47 +39,79 @@ def measure_profiles(xyz: NDArray[np.floating], objects: NDArray[np.integer]) ->
         Points of a scene, metres, z up.
     objects : ndarray of int, shape (n,)
         Object of each point, 0, 1, ...; -1 for none.
+    intensity : array-like of shape (n,), optional
+        Normalised intensity in [0, 1]; a voxel has the mean of its points.
 
     Returns
     -------
-    ndarray of float32, shape (objects, BANDS * len(RINGS))
-        Share of an object's voxels in each band and ring; a row sums to 1, or is 0 for an object without points. The
+    ndarray of float32, shape (objects, N_SHARES)
+        Share of an object's voxels in each band and ring, then in each band and tone; either sums to 1. Both are 0 for
+        an object without points, and the shares of intensities are 0 without intensities. The
         axis is upright, through the medians of the voxels' horizontal coordinates: a mast lies on it and its arm
         does not. Profiles do not change when an object is turned about it.
+
+    Raises
+    ------
+    DataError
+        If there is not one intensity per point.
     """
     n = int(objects.max(initial=-1)) + 1
     rows = np.flatnonzero(objects >= 0)
+    values = None if intensity is None else check_column(intensity, len(xyz), "intensity")
+    shares = np.zeros((n, N_SHARES), dtype=np.float32)
     if len(rows) == 0:
-        return np.zeros((n, BANDS * len(RINGS)), dtype=np.float32)
-    places, owner = _voxels(xyz[rows].astype(np.float64), objects[rows].astype(np.int64))
+        return shares
+    bright = np.zeros(len(rows)) if values is None else values[rows].astype(np.float64)
+    places, means, owner = _voxels(xyz[rows].astype(np.float64), objects[rows].astype(np.int64), bright)
     starts = np.searchsorted(owner, np.arange(n + 1))
     axes = np.zeros((n, 2))
     for k in np.flatnonzero(np.diff(starts)).tolist():
         axes[k] = np.median(places[starts[k] : starts[k + 1], :2], axis=0)
-    return _shares(places, owner, starts, axes, np.array(RINGS))
+    _count(places, means, starts, axes, np.array(RINGS), shares)
+    return shares if values is not None else without_intensities(shares)
 
 
-def _voxels(xyz: NDArray[np.float64], objects: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the centroids of the voxels of each object, ordered by object."""
+def without_intensities(profiles: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return profiles that tell of places alone.
+
+    Parameters
+    ----------
+    profiles : ndarray of float32, shape (objects, N_SHARES)
+        What `measure_profiles` gave.
+
+    Returns
+    -------
+    ndarray of float32, shape (objects, N_SHARES)
+        The same, with 0 for the shares of intensities.
+    """
+    blind = profiles.copy()
+    blind[:, N_PLACES:] = 0.0
+    return blind
+
+
+def _voxels(
+    xyz: NDArray[np.float64], objects: NDArray[np.int64], intensity: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Return the centroids and mean intensities of the voxels of each object, ordered by object."""
     cell = np.floor((xyz - xyz.min(axis=0)) / _VOXEL).astype(np.int64)
     span = cell.max(axis=0) + 1
     names = ((objects * span[2] + cell[:, 2]) * span[1] + cell[:, 1]) * span[0] + cell[:, 0]
     voxels, owner, counts = np.unique(names, return_inverse=True, return_counts=True)
     places = np.column_stack([np.bincount(owner, xyz[:, axis]) / counts for axis in range(3)])
-    return places, voxels // (span[0] * span[1] * span[2])
+    return places, np.bincount(owner, intensity) / counts, voxels // (span[0] * span[1] * span[2])
 
 
 @njit(cache=True, nogil=True)
-def _shares(
+def _count(
     places: NDArray[np.float64],
-    owner: NDArray[np.int64],
+    intensity: NDArray[np.float64],
     starts: NDArray[np.int64],
     axes: NDArray[np.float64],
     rings: NDArray[np.float64],
-) -> NDArray[np.float32]:
-    n, width = len(axes), len(rings)
-    shares = np.zeros((n, BANDS * width), np.float32)
-    for k in range(n):
+    shares: NDArray[np.float32],
+) -> None:
+    width, first_tone = len(rings), BANDS * len(rings)
+    for k in range(len(axes)):
         first, stop = starts[k], starts[k + 1]
         if stop == first:
             continue
@@ -79,9 +123,10 @@ def _shares(
             ring = 0
             while away >= rings[ring] and ring < width - 1:
                 ring += 1
+            tone = min(max(int(intensity[i] * TONES), 0), TONES - 1)
             shares[k, band * width + ring] += 1.0
+            shares[k, first_tone + band * TONES + tone] += 1.0
         shares[k] /= stop - first
-    return shares
 
 
 def profile_likeness(queries: NDArray[np.floating], objects: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -22,12 +22,12 @@ class DetectorParameters:
         With "nearest" an object's score is its likeness to the most similar of a few queries of the class, as in the
         paper. With "weighted" all training objects may be queries, those of no wanted class too, and the score is
         their weighted vote: a support vector machine whose kernel is the likeness.
-    size_share : float, default 0.33
+    size_share : float, default 0.25
         Share of the size in the likeness of two objects, 0 to 1. 0 is as printed. Bags are shares of words and do not
         tell a small object from a large one.
-    profile_share : float, default 0.33
-        Share of the profile, where the object's substance lies, 0 to 1. 0 is as printed. Bags do not tell what is high
-        on an object from what is low. The rest is the likeness of bags, equation 23.
+    profile_share : float, default 0.5
+        Share of the profile, where the object's substance lies and how bright it is there, 0 to 1. 0 is as printed.
+        Bags do not tell what is high on an object from what is low. The rest is the likeness of bags, equation 23.
     size_margin : float, default 1.5
         Objects whose height above the ground or extents lie outside the range of all examples of all classes by more
         than this factor are never detected, and are no counterexamples; 0 looks at objects of any size, as printed.
@@ -54,8 +54,8 @@ class DetectorParameters:
     """
 
     decision: Literal["weighted", "nearest"] = "weighted"
-    size_share: float = 0.33
-    profile_share: float = 0.33
+    size_share: float = 0.25
+    profile_share: float = 0.5
     size_margin: float = 1.5
     penalty: float = 10.0
     folds: int = 5

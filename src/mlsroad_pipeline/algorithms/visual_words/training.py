@@ -24,6 +24,7 @@ from mlsroad_pipeline.algorithms.visual_words.labeller import (
     SLUG,
     GroupParameters,
     groups_of,
+    profiles_of,
 )
 from mlsroad_pipeline.algorithms.visual_words.queries import DetectorParameters
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import Vocabulary, VocabularyParameters, build_vocabulary
@@ -167,7 +168,8 @@ def _train_variant(
     counts = count_words(words, objects, n_objects=int(n_objects.sum()), stopped=vocabulary.stopped)
     own = np.concatenate([found["own"] for found in labels])
     label = np.concatenate([found["label"] for found in labels])
-    sizes, profiles = (np.concatenate([found[name] for found in groups]) for name in ("sizes", "profiles"))
+    sizes = np.concatenate([found["sizes"] for found in groups])
+    profiles = np.concatenate([profiles_of(found, intensity=intensity) for found in groups])
     scene = np.repeat(np.arange(len(labels)), [len(found["own"]) for found in labels])
     rows = np.flatnonzero(own)
     detector = VisualWordsDetector(detection.classes, parameters=parameters.detector)
