@@ -27,7 +27,7 @@ from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.simulation import PRESETS
 from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
-from mlsroad_pipeline.algorithms.studies.yu2016_runs import TOUCHING
+from mlsroad_pipeline.algorithms.studies.yu2016_objects import TOUCHING
 from mlsroad_pipeline.algorithms.studies.yu2016_streets import make_survey
 
 METHODS = ("normalized_cut", "normalized_cut_geometry", "yang_dong", "two_step")

@@ -25,7 +25,7 @@ from mlsroad_pipeline.algorithms.visual_words.bags import (
     similarity,
     weigh_words,
 )
-from mlsroad_pipeline.algorithms.visual_words.labeller import describe_objects, groups_of
+from mlsroad_pipeline.algorithms.visual_words.descriptions import describe_objects, groups_of
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import VocabularyParameters, build_vocabulary
 from mlsroad_pipeline.datasets.formats.options import ReadOptions

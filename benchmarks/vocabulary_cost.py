@@ -24,8 +24,8 @@ from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.simulation.presets import PRESETS
 from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
 from mlsroad_pipeline.algorithms.studies.yu2016_streets import make_survey
+from mlsroad_pipeline.algorithms.visual_words.descriptions import GroupParameters, describe_objects, groups_of
 from mlsroad_pipeline.algorithms.visual_words.groups import join_groups
-from mlsroad_pipeline.algorithms.visual_words.labeller import GroupParameters, describe_objects, groups_of
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import VocabularyParameters, build_vocabulary
 
 LENGTH = 50.0

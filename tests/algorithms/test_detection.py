@@ -7,14 +7,13 @@ from sklearn.metrics import f1_score
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.detection import (
     DetectionParameters,
-    best_threshold,
     count_detections_of_scene,
-    detect_by_thresholds,
     detection_curves,
     detection_table,
     object_classes,
 )
 from mlsroad_pipeline.algorithms.detection_pictures import FALSE, MISSED, RIGHT, detection_figure, detection_outcomes
+from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold, detect_by_thresholds
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.object_segmentation import (
     SegmentationParameters,

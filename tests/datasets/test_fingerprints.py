@@ -12,8 +12,10 @@ import references_store
 from references_store import give, make_points, square
 from sklearn.tree import DecisionTreeClassifier
 
-from mlsroad_pipeline.algorithms import point_cloud, validation
+from mlsroad_pipeline.algorithms import validation
 from mlsroad_pipeline.algorithms.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
+from mlsroad_pipeline.algorithms.segmentation import euclidean
 from mlsroad_pipeline.datasets import fingerprints
 from mlsroad_pipeline.datasets.digests import digest_file
 from mlsroad_pipeline.datasets.fingerprints import Fingerprinter, describe_sources, package_versions, qualified_name
@@ -150,14 +152,41 @@ def test_sources_and_versions_count(monkeypatch):
     assert package_versions()["numpy"] == np.__version__
 
 
-def test_algorithms_always_count_and_formats_where_they_are_reachable():
+def test_formats_and_own_files_count_where_they_are_reachable():
     algorithms, own = describe_sources([references_store.__name__])
     assert algorithms[0] == "algorithms"
     assert ["validation.py", digest_file(validation.__file__)] in algorithms[1]
     assert own == ["references_store.py", digest_file(references_store.__file__)]
-    assert describe_sources([point_cloud.__name__]) == [algorithms]
     inside = describe_sources([fingerprints.__name__])
+    assert inside[0] == algorithms  # who labels with models can reach all algorithms
     assert [name for name, _ in inside] == ["algorithms", "formats", "mlsroad_pipeline.datasets.fingerprints"]
+
+
+def test_of_the_algorithms_those_count_that_are_imported():
+    [(_, reached)] = describe_sources([euclidean.__name__])
+    names = [name for name, _ in reached]
+    assert {"__init__.py", "segmentation/__init__.py", "segmentation/euclidean.py", "validation.py"} <= set(names)
+    assert names == sorted(names)
+    assert "simulation/survey.py" not in names
+
+
+def test_the_type_of_a_parameter_counts_with_what_it_can_reach():
+    def sources_of(**parameters):
+        seen = []
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(fingerprints, "describe_sources", lambda modules: seen.append(modules) or [])
+            Fingerprinter().task(euclidean.cluster, {}, parameters)
+        return seen[0]
+
+    assert sources_of(tolerance=1.0) == (euclidean.__name__,)
+    cut = sources_of(options=[SegmentationParameters()])
+    assert cut == (
+        "mlsroad_pipeline.algorithms.object_segmentation",
+        euclidean.__name__,
+        "mlsroad_pipeline.algorithms.segmentation.normalized_cut",
+        "mlsroad_pipeline.algorithms.segmentation.two_step",
+        "mlsroad_pipeline.algorithms.segmentation.yang_dong",
+    )
 
 
 def closure():

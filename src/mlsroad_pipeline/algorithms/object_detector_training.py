@@ -12,17 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
-from mlsroad_pipeline.algorithms.detection import DetectionParameters, best_threshold
+from mlsroad_pipeline.algorithms.detection import DetectionParameters
+from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
-from mlsroad_pipeline.algorithms.object_detectors import (
-    GEOMETRY,
-    WITH_INTENSITY,
-    Description,
-    DetectionStages,
-    TrainedDetector,
-    object_bounds,
-)
+from mlsroad_pipeline.algorithms.object_descriptions import Description, object_bounds
+from mlsroad_pipeline.algorithms.object_detectors import GEOMETRY, WITH_INTENSITY, DetectionStages, TrainedDetector
 
 logger = logging.getLogger(__name__)
 

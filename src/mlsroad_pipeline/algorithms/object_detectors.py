@@ -11,19 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import IGNORE
-from mlsroad_pipeline.algorithms.detection import detect_by_thresholds
+from mlsroad_pipeline.algorithms.detection_thresholds import detect_by_thresholds
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, arrays_under
+from mlsroad_pipeline.algorithms.object_descriptions import Description
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, segment_scene
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
 
 WITH_INTENSITY, GEOMETRY = "geometry+intensity", "geometry"
 """Variants of a model: a survey without intensity is judged by one that never saw any."""
-
-Description = Mapping[str, NDArray]
-"""Parts of the objects of a scene: arrays with one row per part, ordered by object; ``objects`` int32, the object of
-each part; ``n_objects``; ``intensity``, whether the scene has it."""
 
 logger = logging.getLogger(__name__)
 
@@ -77,11 +74,6 @@ class TrainedDetector(Protocol):
             The detector.
         """
         ...
-
-
-def object_bounds(parts: Description) -> NDArray[np.int64]:
-    """Return where the parts of each object begin, (n_objects + 1,)."""
-    return np.searchsorted(parts["objects"], np.arange(int(parts["n_objects"]) + 1)).astype(np.int64)
 
 
 def choose_variant(parts: Description, bundle: ModelBundle) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
@@ -20,6 +21,7 @@ from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCu
 from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
 from mlsroad_pipeline.algorithms.segmentation.two_step import TwoStepParameters, segment_two_step
 from mlsroad_pipeline.algorithms.segmentation.yang_dong import YangDongParameters, segment_yang_dong
+from mlsroad_pipeline.algorithms.sorting import rank_integers
 from mlsroad_pipeline.algorithms.validation import check_positive
 
 OBJECT_TOLERANCE = 0.3
@@ -163,14 +165,14 @@ def reference_objects(scene: PointCloud, scheme: ClassScheme) -> tuple[NDArray[n
     """
     labels = scheme.encode(scene["label"], source=scene.source)
     if "instance" in scene:
-        _, numbers = np.unique(np.append(0, scene["instance"]), return_inverse=True)
+        _, numbers = rank_integers(np.append(0, scene["instance"]))
         instances = numbers[1:].astype(np.int32)
     else:
         instances = _components(scene.xyz, labels)
     n = int(instances.max(initial=0)) + 1
-    table = np.zeros((n, len(scheme)), dtype=np.int64)
     known = (labels != IGNORE) & (instances > 0)
-    np.add.at(table, (instances[known], labels[known]), 1)
+    cells = instances[known].astype(np.int64) * len(scheme) + labels[known]
+    table = np.bincount(cells, minlength=n * len(scheme)).reshape(n, len(scheme))
     return instances, np.where(table.any(axis=1), table.argmax(axis=1), IGNORE).astype(np.int16)
 
 
@@ -203,12 +205,21 @@ def owned_by_core(scene: PointCloud, objects: NDArray[np.integer], n_objects: in
         True where the object is the scene's own; an object without points is nobody's.
     """
     owned = np.zeros(n_objects, dtype=np.bool_)
-    rows = np.flatnonzero(objects >= 0)
-    order = rows[np.lexsort((scene.xyz[rows, 2], objects[rows]))]
-    first = np.flatnonzero(np.diff(objects[order], prepend=-1))
-    lowest = order[first]
-    owned[objects[lowest]] = scene["core"][lowest]
+    lowest = _lowest_points(np.ascontiguousarray(scene.xyz[:, 2], dtype=np.float64), objects, n_objects)
+    present = lowest >= 0
+    owned[present] = scene["core"][lowest[present]]
     return owned
+
+
+@njit(cache=True, nogil=True)
+def _lowest_points(z: NDArray[np.float64], objects: NDArray[np.integer], n_objects: int) -> NDArray[np.int64]:
+    """Return the first of the lowest points of each object; -1 where it has none."""
+    lowest = np.full(n_objects, -1, np.int64)
+    for i in range(len(objects)):
+        mine = objects[i]
+        if mine >= 0 and (lowest[mine] < 0 or z[i] < z[lowest[mine]]):
+            lowest[mine] = i
+    return lowest
 
 
 def measure_segmentation(

@@ -45,3 +45,32 @@ def radix_argsort(keys: NDArray[np.int64], n_bits: int) -> tuple[NDArray[np.int6
         sorted_keys, spare_keys = spare_keys, sorted_keys
         order, spare_order = spare_order, order
     return sorted_keys, order
+
+
+def rank_integers(values: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Find the different values, and which of them each is.
+
+    Numbers of objects lie close together: they are counted, which is some ten times as fast as sorting them.
+
+    Parameters
+    ----------
+    values : ndarray of int, shape (n,)
+        Integers.
+
+    Returns
+    -------
+    names : ndarray of int64, shape (u,)
+        The values that occur, ascending.
+    ranks : ndarray of int64, shape (n,)
+        The place of each value in `names`.
+    """
+    if len(values) == 0:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    low, high = int(values.min()), int(values.max())
+    if high - low >= 4 * len(values):
+        names, ranks = np.unique(values, return_inverse=True)
+        return names.astype(np.int64), ranks.astype(np.int64)
+    steps = values.astype(np.int64) - low
+    occurs = np.zeros(high - low + 1, dtype=np.bool_)
+    occurs[steps] = True
+    return np.flatnonzero(occurs) + low, (np.cumsum(occurs) - 1)[steps]

@@ -1,8 +1,9 @@
 """Fingerprints: short digests that change whenever a stored result would have to be computed again.
 
-A fingerprint covers what a function is (qualified name, sources), what it is given (parameters, inputs) and what it
-stands on (versions of numerical packages). Two fingerprints are equal only if all of that is equal; what cannot
-influence a result, such as where the project lies on disk, stays out, so that a copied project keeps its results.
+A fingerprint covers what a function is (qualified name, the sources that it can reach), what it is given (parameters,
+inputs) and what it stands on (versions of numerical packages). Two fingerprints are equal only if all of that is
+equal; what cannot influence a result, such as where the project lies on disk, stays out, so that a copied project keeps
+its results.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ import dataclasses
 import enum
 import functools
 import importlib.metadata
-import importlib.util
 import inspect
 import sys
 from collections.abc import Callable, Iterable, Mapping
@@ -23,11 +23,16 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.datasets.digests import digest_file, digest_json
+from mlsroad_pipeline.datasets.source_reach import (
+    ALGORITHMS,
+    PROJECT,
+    all_sources,
+    project_folder,
+    reachable_sources,
+)
 
 NUMERICAL_PACKAGES = ("numpy", "scipy", "numba", "scikit-learn", "open3d", "laspy", "torch", "PyMaxflow")
 """Packages whose version is part of every fingerprint: another version may give other digits."""
-
-PROJECT = "mlsroad_pipeline"
 
 
 @runtime_checkable
@@ -38,8 +43,8 @@ class Fingerprinted(Protocol):
         """Return plain data (str, numbers, lists, mappings) that changes whenever the thing itself does."""
 
 
-def _sources_below(folder: Path) -> list[list[str]]:
-    return [[file.relative_to(folder).as_posix(), digest_file(str(file))] for file in sorted(folder.rglob("*.py"))]
+def _digests(files: Iterable[Path], folder: Path) -> list[list[str]]:
+    return [[file.relative_to(folder).as_posix(), digest_file(str(file))] for file in sorted(files)]
 
 
 @functools.lru_cache(maxsize=1)
@@ -63,30 +68,32 @@ def package_versions() -> dict[str, str]:
 def describe_sources(module_names: Iterable[str]) -> list[Any]:
     """Return digests of all sources that functions of the named modules may reach inside this project.
 
-    The sources of `algorithms` always count. A function that lives elsewhere in the project may also use the readers
-    and writers of `datasets.formats` and the modules beside its own; one from outside counts with its own file.
+    Of `algorithms` those count that its modules can reach by importing; a function that lives elsewhere can reach all
+    of them, as models name the function that labels with them. It may also use the readers and writers of
+    `datasets.formats` and the modules beside its own; one from outside the project counts with its own file.
 
     Parameters
     ----------
     module_names : iterable of str
-        Modules of the functions, imported already.
+        Modules of the functions and of the types of what they are given, imported already.
 
     Returns
     -------
     list
         Plain data for `digest_json`.
     """
-    project = Path(str(importlib.util.find_spec(PROJECT).origin)).parent  # type: ignore[union-attr]  # this package
-    sources: list[Any] = [["algorithms", _sources_below(project / "algorithms")]]
-    for name in sorted(set(module_names)):
-        if name.startswith(f"{PROJECT}.algorithms."):
-            continue
+    names, project = sorted(set(module_names)), project_folder()
+    outside = [name for name in names if not name.startswith(f"{ALGORITHMS}.")]
+    reached = all_sources() if outside else reachable_sources(names)
+    sources: list[Any] = [["algorithms", _digests(reached, project / "algorithms")]]
+    for name in outside:
         file = getattr(sys.modules.get(name), "__file__", None)
         if file is None or not Path(file).is_file():
             continue
         if name.startswith(f"{PROJECT}."):
-            sources.append(["formats", _sources_below(project / "datasets" / "formats")])
-            sources.append([name, _sources_below(Path(file).parent)])
+            formats, beside = project / "datasets" / "formats", Path(file).parent
+            sources.append(["formats", _digests(formats.rglob("*.py"), formats)])
+            sources.append([name, _digests(beside.rglob("*.py"), beside)])
         else:
             sources.append([Path(file).name, digest_file(file)])
     return sources
@@ -128,6 +135,7 @@ class Fingerprinter:
     def __init__(self) -> None:
         self._hashes: dict[int, tuple[Any, str]] = {}
         self._sources: dict[tuple[str, ...], list[Any]] = {}
+        self._types: set[str] = set()  # modules of `algorithms` that define what was described
 
     def task(
         self,
@@ -163,18 +171,16 @@ class Fingerprinter:
             If a source file cannot be read.
         """
         functions = [function] if validator is None else [function, validator]
-        modules = tuple(f.__module__ for f in functions)
+        self._types = set()
+        given = {
+            "functions": [qualified_name(f) for f in functions],
+            "inputs": [[name, self.describe(inputs[name])] for name in sorted(inputs)],
+            "parameters": [[name, self.describe(parameters[name])] for name in sorted(parameters)],
+        }
+        modules = tuple(sorted({f.__module__ for f in functions} | self._types))
         if modules not in self._sources:
             self._sources[modules] = describe_sources(modules)
-        return digest_json(
-            {
-                "functions": [qualified_name(f) for f in functions],
-                "inputs": [[name, self.describe(inputs[name])] for name in sorted(inputs)],
-                "parameters": [[name, self.describe(parameters[name])] for name in sorted(parameters)],
-                "sources": self._sources[modules],
-                "packages": package_versions(),
-            }
-        )
+        return digest_json({**given, "sources": self._sources[modules], "packages": package_versions()})
 
     def describe(self, value: Any) -> Any:
         """Return plain data that stands for a value.
@@ -218,6 +224,8 @@ class Fingerprinter:
 
     def _describe_object(self, value: Any) -> Any:
         kind = f"{type(value).__module__}.{type(value).__qualname__}"
+        if type(value).__module__.startswith(f"{ALGORITHMS}."):
+            self._types.add(type(value).__module__)
         if isinstance(value, enum.Enum):
             return {"enum": kind, "name": value.name}
         if dataclasses.is_dataclass(value) and not isinstance(value, type):

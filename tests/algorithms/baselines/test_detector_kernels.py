@@ -16,8 +16,8 @@ from mlsroad_pipeline.algorithms.baselines.object_matching import (
     likeness,
 )
 from mlsroad_pipeline.algorithms.baselines.object_parts import relative_centres
+from mlsroad_pipeline.algorithms.object_descriptions import object_bounds
 from mlsroad_pipeline.algorithms.object_detector_training import select_objects
-from mlsroad_pipeline.algorithms.object_detectors import object_bounds
 from tests.references_detectors import peak_of_circles
 from tests.references_planted import described, street
 

@@ -12,9 +12,9 @@ from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.simulation.presets import PRESETS
 from mlsroad_pipeline.algorithms.studies import yu2016, yu2016_paper
+from mlsroad_pipeline.algorithms.studies.yu2016_objects import touching_instances
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters, StudyScale, StudySurvey
 from mlsroad_pipeline.algorithms.studies.yu2016_results import found_by_detector
-from mlsroad_pipeline.algorithms.studies.yu2016_runs import touching_instances
 from mlsroad_pipeline.algorithms.studies.yu2016_streets import (
     make_survey,
     separate_images,

@@ -255,7 +255,8 @@ def test_a_scene_without_objects_and_a_cloud_without_any(rng):
     from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, segment_scene
     from mlsroad_pipeline.algorithms.point_cloud import PointCloud
     from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-    from mlsroad_pipeline.algorithms.visual_words.labeller import describe_objects, detect_scene, label_cloud
+    from mlsroad_pipeline.algorithms.visual_words.descriptions import describe_objects
+    from mlsroad_pipeline.algorithms.visual_words.labeller import detect_scene, label_cloud
     from mlsroad_pipeline.algorithms.visual_words.training import (
         DetectionStages,
         VisualWordsParameters,

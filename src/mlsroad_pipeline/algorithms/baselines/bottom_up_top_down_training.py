@@ -15,16 +15,13 @@ from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import (
     class_shares,
     overlaps,
 )
-from mlsroad_pipeline.algorithms.detection import best_threshold
+from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold
+from mlsroad_pipeline.algorithms.object_descriptions import Description, object_bounds
 from mlsroad_pipeline.algorithms.object_detector_training import (
     choose_queries,
     make_trainer,
     sample_objects,
     select_objects,
-)
-from mlsroad_pipeline.algorithms.object_detectors import (
-    Description,
-    object_bounds,
 )
 
 

@@ -17,12 +17,8 @@ from mlsroad_pipeline.algorithms.baselines._hough_trees import vote
 from mlsroad_pipeline.algorithms.baselines.object_parts import describe_parts, descriptors_of, heights_of
 from mlsroad_pipeline.algorithms.cell_grid import run_in_chunks
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.object_detectors import (
-    Description,
-    detect_by_description,
-    label_described_objects,
-    object_bounds,
-)
+from mlsroad_pipeline.algorithms.object_descriptions import Description, object_bounds
+from mlsroad_pipeline.algorithms.object_detectors import detect_by_description, label_described_objects
 from mlsroad_pipeline.algorithms.object_regions import RegionParameters
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive

@@ -16,12 +16,9 @@ from mlsroad_pipeline.algorithms.baselines.hough_forest import (
     offsets_to_centre,
     part_features,
 )
-from mlsroad_pipeline.algorithms.detection import best_threshold
+from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold
+from mlsroad_pipeline.algorithms.object_descriptions import Description, object_bounds
 from mlsroad_pipeline.algorithms.object_detector_training import make_trainer, sample_objects, select_objects
-from mlsroad_pipeline.algorithms.object_detectors import (
-    Description,
-    object_bounds,
-)
 
 
 def fit_hough_forest(

@@ -14,16 +14,13 @@ from mlsroad_pipeline.algorithms.baselines.object_matching import (
     ObjectMatchingParameters,
     likeness,
 )
-from mlsroad_pipeline.algorithms.detection import best_threshold
+from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold
+from mlsroad_pipeline.algorithms.object_descriptions import Description, object_bounds
 from mlsroad_pipeline.algorithms.object_detector_training import (
     choose_queries,
     make_trainer,
     sample_objects,
     select_objects,
-)
-from mlsroad_pipeline.algorithms.object_detectors import (
-    Description,
-    object_bounds,
 )
 
 

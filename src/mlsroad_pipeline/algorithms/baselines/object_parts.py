@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.object_detectors import Description, object_bounds
+from mlsroad_pipeline.algorithms.object_descriptions import Description, object_bounds
 from mlsroad_pipeline.algorithms.object_regions import INTENSITY, RegionParameters, describe_regions
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.sorting import rank_integers
 
 _FRAGMENT = 0.1  # the least share of an instance, or of a segment, that counts as a part of it
 
@@ -102,15 +103,16 @@ def find_overlaps(instances: ArrayLike, segments: ArrayLike, *, background: int 
         if not np.issubdtype(values.dtype, np.integer):
             raise DataError(f"{name} must be integers, got {values.dtype}")
     real, in_segment = truth != background, found != -1
-    names, own = np.unique(truth[real], return_inverse=True)
-    labels, of = np.unique(found[in_segment], return_inverse=True)
+    names, own = rank_integers(truth[real])
+    labels, of = rank_integers(found[in_segment])
     row, column = np.full(len(truth), -1, np.int64), np.full(len(truth), -1, np.int64)
     row[real], column[in_segment] = own, of
     both = real & in_segment
-    pairs, shared = np.unique(row[both] * max(len(labels), 1) + column[both], return_counts=True)
+    pairs, pair = rank_integers(row[both] * max(len(labels), 1) + column[both])
+    shared = np.bincount(pair, minlength=len(pairs))
     return Overlaps(
-        names.astype(np.int64),
-        labels.astype(np.int64),
+        names,
+        labels,
         np.bincount(own, minlength=len(names)),
         np.bincount(of, minlength=len(labels)),
         pairs // max(len(labels), 1),

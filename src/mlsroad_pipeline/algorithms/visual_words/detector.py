@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
-from mlsroad_pipeline.algorithms.detection import best_threshold, detect_by_thresholds
+from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold, detect_by_thresholds
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.object_detector_training import choose_queries
 from mlsroad_pipeline.algorithms.validation import check_column

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -11,123 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from mlsroad_pipeline.algorithms.detection import detect_by_thresholds
+from mlsroad_pipeline.algorithms.detection_thresholds import detect_by_thresholds
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.algorithms.object_detectors import (
     WITH_INTENSITY,
     choose_variant,
     label_described_objects,
 )
-from mlsroad_pipeline.algorithms.object_regions import INTENSITY, RegionParameters, describe_regions
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.visual_words.bags import count_words
+from mlsroad_pipeline.algorithms.visual_words.descriptions import (
+    GroupParameters,
+    describe_objects,
+    groups_of,
+    profiles_of,
+)
 from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetector
-from mlsroad_pipeline.algorithms.visual_words.groups import ContextualGroups, build_groups
-from mlsroad_pipeline.algorithms.visual_words.profiles import measure_profiles, without_intensities
-from mlsroad_pipeline.algorithms.visual_words.sizes import measure_sizes
+from mlsroad_pipeline.algorithms.visual_words.groups import ContextualGroups
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import Vocabulary
 
 SLUG = "visual_words"
 ENTRY_POINT = "mlsroad_pipeline.algorithms.visual_words.labeller:label_cloud"
-
-
-@dataclass(frozen=True)
-class GroupParameters:
-    """How the objects of a scene are described.
-
-    Parameters
-    ----------
-    regions : RegionParameters or mapping
-        Supervoxels and neighbourhoods.
-    k : int, default 2
-        Neighbours in a contextual group (yu2016: 2).
-    """
-
-    regions: RegionParameters
-    k: int = 2
-
-    def __post_init__(self) -> None:
-        if isinstance(self.regions, Mapping):
-            object.__setattr__(self, "regions", RegionParameters(**self.regions))
-
-
-def describe_objects(
-    scene: PointCloud, objects: Mapping[str, NDArray], *, parameters: GroupParameters
-) -> dict[str, NDArray]:
-    """Describe the objects of a scene by contextual groups.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    objects : mapping
-        What `segment_scene` gave.
-    parameters : GroupParameters
-        How they are described.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The arrays of `ContextualGroups`; ``objects`` int32, the object of each group; ``n_objects``; ``sizes`` float32
-        (objects, 4), what `measure_sizes` gave; ``profiles``
-        float32 (objects, p), what `measure_profiles` gave; ``intensity``, whether the scene has it.
-    """
-    regions = describe_regions(
-        scene.xyz, objects["objects"], intensity=scene.get("intensity"), parameters=parameters.regions
-    )
-    groups = build_groups(regions, k=parameters.k)
-    return {
-        "descriptors": groups.descriptors,
-        "orientations": groups.orientations,
-        "scales": groups.scales,
-        "objects": regions.objects,
-        "n_objects": np.array(int(objects["objects"].max(initial=-1)) + 1),
-        "sizes": measure_sizes(scene.xyz, objects["objects"]),
-        "profiles": measure_profiles(scene.xyz, objects["objects"], intensity=scene.get("intensity")),
-        "intensity": np.array("intensity" in scene),
-    }
-
-
-def groups_of(arrays: Mapping[str, NDArray], *, intensity: bool = True) -> ContextualGroups:
-    """Return the groups that `describe_objects` stored.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        What it gave.
-    intensity : bool, default True
-        Whether to keep the intensities; without, they are 0 everywhere.
-
-    Returns
-    -------
-    ContextualGroups
-        The groups.
-    """
-    groups = ContextualGroups(arrays["descriptors"], arrays["orientations"], arrays["scales"])
-    if intensity:
-        return groups
-    blind = groups.descriptors.copy()
-    blind[..., INTENSITY] = 0.0
-    return replace(groups, descriptors=blind)
-
-
-def profiles_of(arrays: Mapping[str, NDArray], *, intensity: bool = True) -> NDArray[np.float32]:
-    """Return the profiles that `describe_objects` stored.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        What it gave.
-    intensity : bool, default True
-        Whether to keep the intensities; without, their shares are 0.
-
-    Returns
-    -------
-    ndarray of float32, shape (objects, p)
-        The profiles.
-    """
-    profiles = arrays["profiles"]
-    return profiles if intensity else without_intensities(profiles)
 
 
 def bag_objects(arrays: Mapping[str, NDArray], vocabulary: Vocabulary, *, intensity: bool) -> csr_array:

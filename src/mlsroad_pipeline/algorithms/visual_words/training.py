@@ -17,15 +17,10 @@ from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.object_detectors import GEOMETRY, WITH_INTENSITY, DetectionStages
 from mlsroad_pipeline.algorithms.object_regions import RegionParameters
 from mlsroad_pipeline.algorithms.visual_words.bags import count_words
+from mlsroad_pipeline.algorithms.visual_words.descriptions import GroupParameters, groups_of, profiles_of
 from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetector
 from mlsroad_pipeline.algorithms.visual_words.groups import join_groups
-from mlsroad_pipeline.algorithms.visual_words.labeller import (
-    ENTRY_POINT,
-    SLUG,
-    GroupParameters,
-    groups_of,
-    profiles_of,
-)
+from mlsroad_pipeline.algorithms.visual_words.labeller import ENTRY_POINT, SLUG
 from mlsroad_pipeline.algorithms.visual_words.queries import DetectorParameters
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import Vocabulary, VocabularyParameters, build_vocabulary
 

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from mlsroad_pipeline.algorithms.visual_words.labeller import describe_objects
+from mlsroad_pipeline.algorithms.visual_words.descriptions import describe_objects
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters, train_detector
 from mlsroad_pipeline.pipelines.detector import detector_pipeline
 

@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.evaluation import find_scheme
 from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-from mlsroad_pipeline.algorithms.studies import yu2016_runs, yu2016_streets
+from mlsroad_pipeline.algorithms.studies import yu2016_objects, yu2016_runs, yu2016_streets
 from mlsroad_pipeline.algorithms.studies.parameters import changed
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import CUT, DETECTORS, SEGMENTATIONS, WORDS, StudyParameters
 from mlsroad_pipeline.algorithms.studies.yu2016_results import (
@@ -92,7 +92,7 @@ def _segment(plan: StudyPlan, streets: SceneCollection, method: str, splits: Seq
     parameters = replace(plan.stages.segmentation, method=method)
     return {
         f"{method}.{street_key(name, seed)}": SceneTask(
-            yu2016_runs.segment_street,
+            yu2016_objects.segment_street,
             {"points": points[street_key(name, seed)]},
             {"parameters": parameters, "scheme": plan.scheme, "detection": plan.detection},
         )
@@ -175,13 +175,14 @@ def describe_surveys(plan: StudyPlan, streets: SceneCollection, segmented: Scene
     points, objects = streets.part("points"), segmented.part("objects")
     tasks = {}
     for name, (method, parameters, surveys) in _described(plan).items():
+        kind = yu2016_objects.DESCRIPTIONS[method]
         for survey in surveys:
             given = plan.scale.surveys[survey]
             for key in (street_key(survey, seed) for seed in (*given.train, *given.test)):
                 tasks[f"{name}.{key}"] = SceneTask(
-                    yu2016_runs.describe_street,
+                    yu2016_objects.describe_street,
                     {"points": points[key], "objects": objects[f"{CUT}.{key}"]},
-                    {"method": method, "parameters": parameters},
+                    {"kind": kind, "parameters": getattr(parameters, kind)},
                 )
     return tasks
 
