@@ -11,9 +11,10 @@ from mlsroad_pipeline.algorithms.detection import (
     detection_curves,
     detection_table,
     object_classes,
+    without_reference,
 )
 from mlsroad_pipeline.algorithms.detection_pictures import FALSE, MISSED, RIGHT, detection_figure, detection_outcomes
-from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold, detect_by_thresholds
+from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold, detect_by_thresholds, object_weights
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.object_segmentation import (
     SegmentationParameters,
@@ -107,6 +108,60 @@ def test_what_is_too_small_to_look_for_is_not_learned_from(rng):
     strict = DetectionParameters(scheme="test", classes=("pole", "car"), min_points=500)
     found = object_classes(scene, objects, scheme=SCHEME, parameters=strict)
     assert found["label"].tolist() == [0, 1, -1, 0] and found["own"].tolist() == [False, True, True, False]
+
+
+@pytest.mark.parametrize("silence", ["ignored label", "car of no instance", "tree of no instance"])
+def test_where_the_reference_says_nothing_nothing_is_learned_or_scored(rng, silence):
+    scene, ground = street(rng)
+    objects = segment_scene(scene, ground, PARAMETERS)
+    columns = {name: values.copy() for name, values in scene.columns.items()}
+    if silence == "ignored label":
+        columns["label"][columns["instance"] == 13] = TAXONOMY["unlabelled"]
+    else:
+        columns["instance"][columns["instance"] == (12 if silence == "car of no instance" else 13)] = 0
+    spoilt = PointCloud(scene.xyz, columns)
+    found = object_classes(spoilt, objects, scheme=SCHEME, parameters=WANTED)
+    detections = {"label": np.array([0, 1, 1, 0], np.int16), "score": np.full(4, 0.5, np.float32)}
+    detections["scores"] = np.full((4, 2), 0.5, np.float32)
+    counted = count_detections_of_scene(spoilt, objects, detections, scheme=SCHEME, parameters=WANTED)
+    if silence == "ignored label":  # the tree is neither a counterexample nor a false car
+        assert found["own"].tolist() == [True, True, False, False]
+        assert counted["n_objects"].tolist() == [1, 1] and counted["right"].tolist() == [True, True]
+    elif silence == "car of no instance":
+        assert found["own"].tolist() == [True, False, True, False]
+        assert counted["n_objects"].tolist() == [1, 0] and counted["right"].tolist() == [True, False]
+    else:  # what is not wanted needs no instance
+        assert found["own"].tolist() == [True, True, True, False]
+        assert counted["n_objects"].tolist() == [1, 1] and counted["right"].tolist() == [True, True, False]
+
+
+def test_half_of_an_object_is_enough_to_be_scored():
+    scene = PointCloud(
+        np.zeros((4, 3)), {"label": np.array([TAXONOMY["unlabelled"], TAXONOMY["tree"]] * 2, np.uint8)}
+    )  # fmt: skip
+    silent = without_reference(scene, np.array([0, 0, 1, -1]), 3, scheme=SCHEME, parameters=WANTED)
+    assert silent.tolist() == [False, True, False]
+
+
+def test_thresholds_stand_against_the_prevalence_of_a_class(rng):
+    labels = np.repeat([0, 1, -1], [200, 30, 400])
+    scores = np.round(rng.normal(np.where(labels == 0, 0.6, 0.4), 0.1), 2).clip(0.01)
+    weights = object_weights(labels, np.array([0.25, 3.0]))
+    assert np.unique(weights[labels == 0]) == 0.25 and np.unique(weights[labels == 1]) == 3.0
+    assert (weights[labels < 0] == 1).all() and (object_weights(labels, None) == 1).all()
+    reached, threshold = best_threshold(scores, labels == 0, weights)
+    best = max(f1_score(labels == 0, scores >= level, sample_weight=weights) for level in np.unique(scores))
+    assert reached == pytest.approx(best)
+    assert f1_score(labels == 0, scores >= threshold, sample_weight=weights) == pytest.approx(best)
+    assert threshold > best_threshold(scores, labels == 0)[1]  # rarer objects need better scores
+
+
+def test_prevalence_of_what_is_not_looked_for_is_named():
+    with pytest.raises(ParameterError, match="prevalence names 'tree', which is not looked for"):
+        DetectionParameters(prevalence={"tree": 0.5})
+    with pytest.raises(ParameterError, match="detection.prevalence of 'car' must be"):
+        DetectionParameters(prevalence={"car": 0})
+    assert DetectionParameters(prevalence={"car": 2}).factors.tolist() == [1, 1, 2]
 
 
 def test_an_object_belongs_to_the_scene_that_holds_its_foot():

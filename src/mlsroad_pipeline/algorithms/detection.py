@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -41,17 +41,22 @@ class DetectionParameters:
         least this much.
     min_points : int, default 30
         Reference objects with fewer points are not looked for: what was hardly scanned cannot be found.
+    prevalence : mapping of str to float, default {}
+        Class to how much more frequent it is where models are used than in the training scenes; 1 for what is not
+        named. Training scenes are chosen to show rare objects; thresholds that were best among them let too many false
+        ones pass where these objects are rarer. Smaller gives a higher threshold.
 
     Raises
     ------
     ParameterError
-        If no class is named or a number is outside its domain.
+        If no class is named, `prevalence` names one that is not looked for, or a number is outside its domain.
     """
 
     scheme: str = "yu2016"
     classes: Sequence[str] = ("light pole", "traffic sign", "car")
     iou_threshold: float = 0.5
     min_points: int = 30
+    prevalence: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.classes:
@@ -59,6 +64,17 @@ class DetectionParameters:
         if not 0 < self.iou_threshold < 1:
             raise ParameterError(f"detection.iou_threshold must be between 0 and 1, got {self.iou_threshold!r}")
         check_positive(self.min_points, "detection.min_points")
+        for name, factor in self.prevalence.items():
+            if name not in self.classes:
+                raise ParameterError(
+                    f"detection.prevalence names {name!r}, which is not looked for (classes: {', '.join(self.classes)})"
+                )
+            check_positive(factor, f"detection.prevalence of {name!r}")
+
+    @property
+    def factors(self) -> NDArray[np.float64]:
+        """Prevalence of each class, (c,)."""
+        return np.array([float(self.prevalence.get(name, 1.0)) for name in self.classes])
 
     def labels_in(self, scheme: ClassScheme) -> NDArray[np.int16]:
         """Return the labels of the wanted classes.
@@ -108,7 +124,8 @@ def object_classes(
     dict of str to ndarray
         ``label`` int16 (number of objects,): place in `parameters.classes`, -1 for objects that match nothing wanted;
         ``own`` bool: whether the scene's core owns the object, and it may be learned from: what matches a reference
-        object of a wanted class with fewer than `parameters.min_points` is neither an example nor a counterexample.
+        object of a wanted class with fewer than `parameters.min_points`, or has no reference (`without_reference`), is
+        neither an example nor a counterexample.
 
     Raises
     ------
@@ -131,7 +148,47 @@ def object_classes(
     small[overlaps.segments[overlaps.segment[good]]] = (
         overlaps.instance_sizes[overlaps.instance[good]] < parameters.min_points
     )
+    own &= ~without_reference(scene, segments, n, scheme=scheme, parameters=parameters)
     return {"label": label, "own": own & ~(small & (label != IGNORE))}
+
+
+def without_reference(
+    scene: PointCloud,
+    segments: NDArray[np.integer],
+    n_segments: int,
+    *,
+    scheme: ClassScheme,
+    parameters: DetectionParameters,
+) -> NDArray[np.bool_]:
+    """Tell which segments lie where the reference says nothing: they are neither learned from nor scored.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene, with `label`.
+    segments : ndarray of int, shape (n,)
+        Segment of each point, -1 for none.
+    n_segments : int
+        Number of segments.
+    scheme : ClassScheme
+        The classes.
+    parameters : DetectionParameters
+        The wanted classes.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_segments,)
+        True where more than half of a segment's points have a label that the scheme ignores, or, in a survey with
+        instances, that of a wanted class without being part of an instance: whoever made the reference saw such an
+        object there and left it out.
+    """
+    labels = scheme.encode(scene["label"], source=scene.source)
+    silent = labels == IGNORE
+    if "instance" in scene:
+        silent |= (scene["instance"] == 0) & np.isin(labels, parameters.labels_in(scheme))
+    inside = segments >= 0
+    counts = np.bincount(segments[inside], minlength=n_segments)
+    return np.asarray(2 * np.bincount(segments[inside & silent], minlength=n_segments) > counts)
 
 
 def count_detections_of_scene(
@@ -143,6 +200,8 @@ def count_detections_of_scene(
     parameters: DetectionParameters,
 ) -> dict[str, NDArray]:
     """Compare the detections of a scene with its reference objects; each object is judged in the scene that owns it.
+
+    What was detected where the reference says nothing (`without_reference`) is neither right nor wrong.
 
     Parameters
     ----------
@@ -182,6 +241,7 @@ def count_detections_of_scene(
     instances, classes = reference_objects(scene, scheme)
     overlaps = find_overlaps(instances, segments)
     own_segment = owned_by_core(scene, segments, n)
+    own_segment &= ~without_reference(scene, segments, n, scheme=scheme, parameters=parameters)
     own_instance = owned_by_core(scene, np.where(instances > 0, instances, -1), len(classes))
     kinds = classes[overlaps.instances]
     large = overlaps.instance_sizes >= parameters.min_points

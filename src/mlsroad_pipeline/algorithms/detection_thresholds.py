@@ -6,10 +6,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import IGNORE
-from mlsroad_pipeline.algorithms.metrics.detection import precision_recall_curve
 
 
-def best_threshold(scores: NDArray[np.floating], truth: NDArray[np.bool_]) -> tuple[float, float]:
+def object_weights(labels: NDArray[np.integer], prevalence: NDArray[np.floating] | None) -> NDArray[np.float64]:
+    """Weigh training objects so that classes are as frequent as where a detector is used.
+
+    Parameters
+    ----------
+    labels : ndarray of int, shape (n,)
+        Class of each object, -1 for others.
+    prevalence : ndarray of float, shape (c,), or None
+        Factor of each class, see `DetectionParameters.prevalence`; None stands for 1.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        Weights; 1 for others.
+    """
+    weights = np.ones(len(labels))
+    if prevalence is not None:
+        wanted = labels >= 0
+        weights[wanted] = np.asarray(prevalence, dtype=np.float64)[labels[wanted]]
+    return weights
+
+
+def best_threshold(
+    scores: NDArray[np.floating], truth: NDArray[np.bool_], weights: NDArray[np.floating] | None = None
+) -> tuple[float, float]:
     """Find the threshold on a score with the best F-score.
 
     Parameters
@@ -18,6 +41,8 @@ def best_threshold(scores: NDArray[np.floating], truth: NDArray[np.bool_]) -> tu
         Score of each training object, which it must not owe to itself. 0 is no likeness at all and never detected.
     truth : ndarray of bool, shape (n,)
         Whether each is of the class.
+    weights : ndarray of float, shape (n,), optional
+        How often each object counts, above 0; once by default.
 
     Returns
     -------
@@ -29,15 +54,18 @@ def best_threshold(scores: NDArray[np.floating], truth: NDArray[np.bool_]) -> tu
     """
     if not truth.any():
         return 0.0, float("inf")
-    some = scores > 0
-    if not (some & truth).any():
+    counted = np.ones(len(scores)) if weights is None else np.asarray(weights, dtype=np.float64)
+    order = np.argsort(-scores, kind="stable")
+    order = order[scores[order] > 0]
+    right = counted[order] * truth[order]
+    if not right.any():
         return 0.0, float(np.nextafter(0.0, 1.0))
-    levels, precision, recall = precision_recall_curve(scores[some], truth[some], int(truth.sum()))
-    with np.errstate(invalid="ignore"):
-        f_score = np.where(precision + recall > 0, 2 * precision * recall / (precision + recall), 0.0)
+    levels = scores[order].astype(np.float64)
+    last = np.flatnonzero(np.append(np.diff(levels) != 0, True))  # equal scores pass together
+    f_score = 2 * np.cumsum(right)[last] / (counted[truth].sum() + np.cumsum(counted[order])[last])
     k = int(np.argmax(f_score))
-    below = levels[k + 1] if k + 1 < len(levels) else 0.0
-    return float(f_score[k]), float(0.5 * (levels[k] + below))
+    below = levels[last[k + 1]] if k + 1 < len(last) else 0.0
+    return float(f_score[k]), float(0.5 * (levels[last[k]] + below))
 
 
 def detect_by_thresholds(

@@ -266,7 +266,7 @@ def make_trainer(
     ----------
     fit : callable
         Trains one variant on parts, classes and whether intensities count, with the keywords ``parameters``,
-        ``n_classes`` and ``n_threads``.
+        ``n_classes``, ``prevalence`` and ``n_threads``.
     slug, entry_point : str
         The method, and the function that labels with its models.
     uses_intensity : bool
@@ -289,7 +289,10 @@ def make_trainer(
         trained_on: Mapping[str, Any],
         n_threads: int = 1,
     ) -> ModelBundle:
-        given = {"parameters": parameters, "n_classes": len(detection.classes), "n_threads": n_threads}
+        given = {
+            "parameters": parameters, "n_classes": len(detection.classes), "prevalence": detection.factors,
+            "n_threads": n_threads,
+        }  # fmt: skip
         return train_object_detector(
             parts, labels, partial(fit, **given), slug=slug, entry_point=entry_point, parameters=parameters,
             uses_intensity=uses_intensity, stages=stages, detection=detection, scheme=scheme, trained_on=trained_on,

@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.baselines.hough_forest import (
     offsets_to_centre,
     part_features,
 )
-from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold
+from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold, object_weights
 from mlsroad_pipeline.algorithms.object_descriptions import Description, object_bounds
 from mlsroad_pipeline.algorithms.object_detector_training import make_trainer, sample_objects, select_objects
 
@@ -28,6 +28,7 @@ def fit_hough_forest(
     *,
     parameters: HoughForestParameters,
     n_classes: int,
+    prevalence: NDArray[np.float64] | None = None,
     n_threads: int = 1,
 ) -> tuple[HoughForest, dict[str, Any]]:
     """Grow a forest, and choose exponents and thresholds by the votes of trees that have not seen the object.
@@ -44,6 +45,8 @@ def fit_hough_forest(
         Parameters.
     n_classes : int
         Wanted classes.
+    prevalence : ndarray of float64, shape (n_classes,), optional
+        See `DetectionParameters.prevalence`; 1 for all by default.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -75,7 +78,8 @@ def fit_hough_forest(
     unseen = np.ones((p.n_trees, len(labels)), dtype=np.bool_)
     unseen[:, drawn] = ~seen
     peaks = forest.peaks(parts, unseen, n_threads=n_threads)
-    return _with_thresholds(forest, peaks, np.maximum(np.diff(object_bounds(parts)), 1), labels, p)
+    n_parts = np.maximum(np.diff(object_bounds(parts)), 1)
+    return _with_thresholds(forest, peaks, n_parts, labels, object_weights(labels, prevalence), p)
 
 
 def _rows_of(sample: Description, seen: NDArray[np.bool_], place: NDArray[np.int64], most: int) -> NDArray[np.int64]:
@@ -129,11 +133,19 @@ def _joined(trees: list[dict[str, NDArray]], p: HoughForestParameters) -> dict[s
 
 
 def _with_thresholds(
-    forest: HoughForest, peaks: NDArray, n_parts: NDArray, labels: NDArray, p: HoughForestParameters
+    forest: HoughForest,
+    peaks: NDArray,
+    n_parts: NDArray,
+    labels: NDArray,
+    weights: NDArray[np.float64],
+    p: HoughForestParameters,
 ) -> tuple[HoughForest, dict[str, Any]]:
     exponents, thresholds, reached = [], [], []
     for k in range(len(forest.thresholds)):
-        trials = [(*best_threshold((peaks[:, k] / n_parts**e).astype(np.float32), labels == k), e) for e in p.exponents]
+        trials = [
+            (*best_threshold((peaks[:, k] / n_parts**e).astype(np.float32), labels == k, weights), e)
+            for e in p.exponents
+        ]
         f_score, threshold, exponent = trials[int(np.argmax([trial[0] for trial in trials]))]
         reached.append(f_score)
         thresholds.append(threshold)

@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.baselines.object_matching import (
     ObjectMatchingParameters,
     likeness,
 )
-from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold
+from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold, object_weights
 from mlsroad_pipeline.algorithms.object_descriptions import Description, object_bounds
 from mlsroad_pipeline.algorithms.object_detector_training import (
     choose_queries,
@@ -31,6 +31,7 @@ def fit_object_matching(
     *,
     parameters: ObjectMatchingParameters,
     n_classes: int,
+    prevalence: NDArray[np.float64] | None = None,
     n_threads: int = 1,
 ) -> tuple[ObjectMatcher, dict[str, Any]]:
     """Choose prototypes and thresholds on training objects, of which none is compared with itself.
@@ -47,6 +48,8 @@ def fit_object_matching(
         Parameters.
     n_classes : int
         Wanted classes.
+    prevalence : ndarray of float64, shape (n_classes,), optional
+        See `DetectionParameters.prevalence`; 1 for all by default.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -65,6 +68,7 @@ def fit_object_matching(
     rng = np.random.default_rng(p.seed)
     chosen: list[NDArray[np.int64]] = []
     thresholds, reached = [], []
+    weights = object_weights(labels, prevalence)
     for k in range(n_classes):
         mine = np.flatnonzero((truth == k) & some)
         if len(mine) > p.candidates:
@@ -76,7 +80,7 @@ def fit_object_matching(
         models = select_objects(sample, np.sort(chosen[k]))
         found = likeness(parts, models, geometry, intensity=intensity, n_threads=n_threads)
         found[drawn[np.sort(chosen[k])], np.arange(len(queries))] = 0.0
-        f_score, threshold = best_threshold(found.max(axis=1, initial=0.0), labels == k)
+        f_score, threshold = best_threshold(found.max(axis=1, initial=0.0), labels == k, weights)
         thresholds.append(threshold)
         reached.append(f_score)
     every = np.concatenate(chosen)

@@ -53,7 +53,7 @@ class NormalizedCutParameters:
     sigma_h, sigma_v : float, default 2.0, 10.0
         Metres over which the weight of two voxels falls to 1/e, horizontally and vertically. A smaller `sigma_h` cuts
         objects that stand closer together, and wide ones in pieces.
-    sigma_i : float, default 0.25
+    sigma_i : float, default 0.2
         The same for the intensity, in [0, 1] (yu2016: 1). Smaller separates by reflectivity more eagerly.
     smoothing : float, default 0.2
         Intensities that cuts compare are means over three times this in each direction, metres: single voxels of a
@@ -100,7 +100,7 @@ class NormalizedCutParameters:
     voxel_size: float = 0.1
     sigma_h: float = 2.0
     sigma_v: float = 10.0
-    sigma_i: float = 0.25
+    sigma_i: float = 0.2
     smoothing: float = 0.2
     max_distance: float = 5.0
     max_cut: float = 0.45

@@ -90,6 +90,9 @@ class StudyScale:
     pooled : bool, default True
         Whether one model of each detector learns from the training streets of all surveys, or one for each survey from
         its own.
+    prevalence : mapping of str to float
+        How much more frequent each class is in the test streets than in the training streets, over all surveys; see
+        `DetectionParameters`.
     """
 
     surveys: Mapping[str, Any]
@@ -98,6 +101,7 @@ class StudyScale:
     group_sizes: Sequence[int]
     methods: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     pooled: bool = True
+    prevalence: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         made = {name: s if isinstance(s, StudySurvey) else StudySurvey(**s) for name, s in self.surveys.items()}

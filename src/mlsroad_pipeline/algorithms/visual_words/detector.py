@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
-from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold, detect_by_thresholds
+from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold, detect_by_thresholds, object_weights
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.object_detector_training import choose_queries
 from mlsroad_pipeline.algorithms.validation import check_column
 from mlsroad_pipeline.algorithms.visual_words.appearance import Appearance, appearance_of, likeness
 from mlsroad_pipeline.algorithms.visual_words.bags import inverse_document_frequency, weigh_words
 from mlsroad_pipeline.algorithms.visual_words.queries import ClassQueries, DetectorParameters
-from mlsroad_pipeline.algorithms.visual_words.sizes import within_sizes
+from mlsroad_pipeline.algorithms.visual_words.sizes import within_any_sizes
 from mlsroad_pipeline.algorithms.visual_words.weights import assign_folds, held_out_scores, learn_weights, weigh
 
 logger = logging.getLogger(__name__)
@@ -61,6 +61,7 @@ class VisualWordsDetector:
         sizes: ArrayLike | None = None,
         profiles: ArrayLike | None = None,
         scenes: ArrayLike | None = None,
+        prevalence: ArrayLike | None = None,
     ) -> VisualWordsDetector:
         """Choose queries and thresholds from training objects.
 
@@ -81,6 +82,9 @@ class VisualWordsDetector:
             What `measure_profiles` gave; without, all objects are taken to have one.
         scenes : array-like of shape (n,), optional
             Scene of each; without, each object is held out by itself.
+        prevalence : array-like of shape (classes,), optional
+            How much more frequent each class is where the detector is used, see `DetectionParameters.prevalence`;
+            thresholds are the best ones for that. 1 by default.
 
         Returns
         -------
@@ -104,7 +108,8 @@ class VisualWordsDetector:
         self.f_scores_: dict[str, float] = {}
         self.examples_ = [_range(looks.sizes[(truth == k) & (filled > 0)]) for k in range(len(self.classes))]
         fit = self._fit_weighted if self.parameters.decision == "weighted" else self._fit_nearest
-        fit(looks, truth, filled, given)
+        factors = None if prevalence is None else np.asarray(prevalence, dtype=np.float64)
+        fit(looks, truth, filled, given, object_weights(truth, factors))
         return self
 
     def _none(self, name: str, looks: Appearance) -> None:
@@ -113,8 +118,10 @@ class VisualWordsDetector:
         nothing = looks.select(np.zeros(0, np.int64))
         self.queries_[name] = ClassQueries(nothing, np.zeros(0), 0.0, float("inf"))
 
-    def _fit_nearest(self, looks: Appearance, truth: NDArray, filled: NDArray[np.float64], _: NDArray) -> None:
-        possible = self._possible(looks.sizes)
+    def _fit_nearest(
+        self, looks: Appearance, truth: NDArray, filled: NDArray[np.float64], _: NDArray, weights: NDArray[np.float64]
+    ) -> None:
+        possible = self.possible(looks.sizes)
         for number, name in enumerate(self.classes):
             mine = np.flatnonzero((truth == number) & (filled > 0))
             if len(mine) == 0:
@@ -123,10 +130,20 @@ class VisualWordsDetector:
             order = mine[np.argsort(-filled[mine], kind="stable")][: self.parameters.candidates]
             alike = self._likeness(looks.select(order), looks) * possible
             most = self.parameters.max_queries
-            chosen, threshold, self.f_scores_[name] = choose_queries(alike, order, truth == number, max_queries=most)
-            self.queries_[name] = ClassQueries(looks.select(order[chosen]), np.zeros(0), 0.0, threshold)
+            chosen = choose_queries(alike, order, truth == number, max_queries=most)[0]
+            alike[np.arange(len(order)), order] = 0.0  # nothing is found by itself
+            nearest = alike[chosen].max(axis=0, initial=0.0)
+            self.f_scores_[name], level = best_threshold(nearest, truth == number, weights)
+            self.queries_[name] = ClassQueries(looks.select(order[chosen]), np.zeros(0), 0.0, level)
 
-    def _fit_weighted(self, looks: Appearance, truth: NDArray, filled: NDArray[np.float64], scenes: NDArray) -> None:
+    def _fit_weighted(
+        self,
+        looks: Appearance,
+        truth: NDArray,
+        filled: NDArray[np.float64],
+        scenes: NDArray,
+        weights: NDArray[np.float64],
+    ) -> None:
         p = self.parameters
         wanted, others = self._candidates(looks.sizes, truth, filled > 0)
         every = np.sort(np.concatenate([wanted, others]))
@@ -147,7 +164,7 @@ class VisualWordsDetector:
             if mine.all():
                 raise DataError(f"all training objects are a {name}: the weighted decision needs others too")
             found = learn_weights(alike, mine, p.penalty)
-            self.f_scores_[name], threshold = best_threshold(scores[:, number], truth[every] == number)
+            self.f_scores_[name], threshold = best_threshold(scores[:, number], truth[every] == number, weights[every])
             if len(np.unique(own_fold[mine])) == 1:
                 threshold = 0.5
             self.queries_[name] = ClassQueries(known.select(found.chosen), found.values, found.offset, threshold)
@@ -157,7 +174,7 @@ class VisualWordsDetector:
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the objects of wanted classes, and others of a size that these may have."""
         others = np.flatnonzero(filled & (truth < 0))
-        near = self._possible(sizes)[others]
+        near = self.possible(sizes)[others]
         # Where all others are of another size they still have to stand against the classes.
         return np.flatnonzero(filled & (truth >= 0)), others[near] if near.any() else others
 
@@ -179,13 +196,20 @@ class VisualWordsDetector:
         p = self.parameters
         return likeness(queries, objects, size_share=p.size_share, profile_share=p.profile_share)
 
-    def _possible(self, sizes: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Tell which objects are of a size that some class may have."""
-        margin = self.parameters.size_margin
-        if margin == 0:
-            return np.ones(len(sizes), np.bool_)
-        found = [within_sizes(sizes, examples, margin) for examples in self.examples_]
-        return np.asarray(np.any(found, axis=0))
+    def possible(self, sizes: ArrayLike) -> NDArray[np.bool_]:
+        """Tell which objects are of a size that some class may have; no others are ever detected.
+
+        Parameters
+        ----------
+        sizes : array-like of shape (n, 4)
+            What `measure_sizes` gave.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+            One flag per object.
+        """
+        return within_any_sizes(np.asarray(sizes, dtype=np.float32), self.examples_, self.parameters.size_margin)
 
     def score(
         self, counts: csr_array, sizes: ArrayLike | None = None, profiles: ArrayLike | None = None
@@ -214,7 +238,7 @@ class VisualWordsDetector:
         """
         looks = appearance_of(weigh_words(counts, self.inverse_frequency_), sizes, profiles)
         scores = np.zeros((counts.shape[0], len(self.classes)))
-        rows = np.flatnonzero(self._possible(looks.sizes) & (np.asarray(counts.sum(axis=1)).ravel() > 0))
+        rows = np.flatnonzero(self.possible(looks.sizes) & (np.asarray(counts.sum(axis=1)).ravel() > 0))
         looked_at = looks.select(rows)
         for number, found in enumerate(self.queries_.values()):
             alike = self._likeness(found.looks, looked_at)

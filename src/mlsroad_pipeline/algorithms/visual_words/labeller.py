@@ -33,7 +33,9 @@ SLUG = "visual_words"
 ENTRY_POINT = "mlsroad_pipeline.algorithms.visual_words.labeller:label_cloud"
 
 
-def bag_objects(arrays: Mapping[str, NDArray], vocabulary: Vocabulary, *, intensity: bool) -> csr_array:
+def bag_objects(
+    arrays: Mapping[str, NDArray], vocabulary: Vocabulary, *, intensity: bool, wanted: NDArray[np.bool_] | None = None
+) -> csr_array:
     """Count the words of the objects of a scene.
 
     Parameters
@@ -44,14 +46,21 @@ def bag_objects(arrays: Mapping[str, NDArray], vocabulary: Vocabulary, *, intens
         The words.
     intensity : bool
         Whether they know of intensities.
+    wanted : ndarray of bool, shape (objects,), optional
+        Objects whose words are counted; all by default. Most groups of a street are those of large plants and
+        facades, which no class is like in size.
 
     Returns
     -------
     csr_array of shape (objects, words)
-        Occurrences.
+        Occurrences; none for objects that are not wanted.
     """
-    words = vocabulary.quantise(groups_of(arrays, intensity=intensity))
-    return count_words(words, arrays["objects"], n_objects=int(arrays["n_objects"]), stopped=vocabulary.stopped)
+    owner, groups = arrays["objects"], groups_of(arrays, intensity=intensity)
+    if wanted is not None:
+        rows = np.flatnonzero(wanted[owner])
+        owner, groups = owner[rows], groups.select(rows)
+    words = vocabulary.quantise(groups)
+    return count_words(words, owner, n_objects=int(arrays["n_objects"]), stopped=vocabulary.stopped)
 
 
 def model_of(bundle: ModelBundle, variant: str) -> tuple[Vocabulary, VisualWordsDetector]:
@@ -96,7 +105,7 @@ def detect_scene(arrays: Mapping[str, NDArray], bundle: ModelBundle) -> dict[str
     variant = choose_variant(arrays, bundle)
     vocabulary, detector = model_of(bundle, variant)
     intensity = variant == WITH_INTENSITY
-    counts = bag_objects(arrays, vocabulary, intensity=intensity)
+    counts = bag_objects(arrays, vocabulary, intensity=intensity, wanted=detector.possible(arrays["sizes"]))
     scores = detector.score(counts, arrays["sizes"], profiles_of(arrays, intensity=intensity))
     label, score = detect_by_thresholds(scores, detector.thresholds)
     return {"label": label, "score": score, "scores": scores.astype(np.float32)}

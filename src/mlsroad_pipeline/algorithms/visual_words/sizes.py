@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -121,3 +123,28 @@ def within_sizes(sizes: NDArray[np.floating], examples: NDArray[np.floating], ma
     own, known = sizes + _SLACK, examples + _SLACK
     inside = (own >= known.min(axis=0) / margin) & (own <= known.max(axis=0) * margin)
     return np.asarray(inside.all(axis=1))
+
+
+def within_any_sizes(
+    sizes: NDArray[np.floating], examples: Sequence[NDArray[np.floating]], margin: float
+) -> NDArray[np.bool_]:
+    """Tell which objects are of a size that some class may have.
+
+    Parameters
+    ----------
+    sizes : ndarray of shape (n, 4)
+        What `measure_sizes` gave of the objects.
+    examples : sequence of ndarray of shape (e, 4)
+        The same of the examples of each class.
+    margin : float
+        See `within_sizes`; 0 lets all pass.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True where `within_sizes` is for some class.
+    """
+    if margin == 0:
+        return np.ones(len(sizes), np.bool_)
+    found = [within_sizes(sizes, known, margin) for known in examples]
+    return np.asarray(np.any(found, axis=0))

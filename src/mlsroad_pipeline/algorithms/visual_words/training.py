@@ -22,6 +22,7 @@ from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetecto
 from mlsroad_pipeline.algorithms.visual_words.groups import join_groups
 from mlsroad_pipeline.algorithms.visual_words.labeller import ENTRY_POINT, SLUG
 from mlsroad_pipeline.algorithms.visual_words.queries import DetectorParameters
+from mlsroad_pipeline.algorithms.visual_words.sizes import within_any_sizes
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import Vocabulary, VocabularyParameters, build_vocabulary
 
 
@@ -154,22 +155,40 @@ def _train_variant(
     n_threads: int,
 ) -> tuple[Vocabulary, VisualWordsDetector]:
     """Learn from all training scenes; an object counts in the scene that owns it."""
-    scenes = np.repeat(np.arange(len(groups)), [len(found["objects"]) for found in groups])
-    joined = join_groups([groups_of(found, intensity=intensity) for found in groups])
-    vocabulary, words = build_vocabulary(joined, scenes, parameters=parameters.vocabulary, n_threads=n_threads)
-    n_objects = np.array([int(found["n_objects"]) for found in groups])
-    objects = np.concatenate([found["objects"] for found in groups]).astype(np.int64)
-    objects += (np.cumsum(n_objects) - n_objects)[scenes]  # numbered through all scenes
-    counts = count_words(words, objects, n_objects=int(n_objects.sum()), stopped=vocabulary.stopped)
     own = np.concatenate([found["own"] for found in labels])
     label = np.concatenate([found["label"] for found in labels])
     sizes = np.concatenate([found["sizes"] for found in groups])
-    profiles = np.concatenate([profiles_of(found, intensity=intensity) for found in groups])
     scene = np.repeat(np.arange(len(labels)), [len(found["own"]) for found in labels])
-    rows = np.flatnonzero(own)
+    rows = np.flatnonzero(own & _compared(sizes, np.where(own, label, IGNORE), detection, parameters.detector))
+    number = np.full(len(own), -1, np.int64)
+    number[rows] = np.arange(len(rows))
+    of_group = np.split(number, np.flatnonzero(np.diff(scene)) + 1)
+    of_group = [part[found["objects"]] for part, found in zip(of_group, groups, strict=True)]
+    parts = [
+        groups_of(found, intensity=intensity).select(np.flatnonzero(part >= 0))
+        for part, found in zip(of_group, groups, strict=True)
+    ]
+    objects = np.concatenate([part[part >= 0] for part in of_group])
+    scenes = np.repeat(np.arange(len(groups)), [len(part) for part in parts])
+    vocabulary, words = build_vocabulary(
+        join_groups(parts), scenes, parameters=parameters.vocabulary, n_threads=n_threads
+    )
+    counts = count_words(words, objects, n_objects=len(rows), stopped=vocabulary.stopped)
+    profiles = np.concatenate([profiles_of(found, intensity=intensity) for found in groups])
     detector = VisualWordsDetector(detection.classes, parameters=parameters.detector)
     truth = np.where(label[rows] < 0, IGNORE, label[rows])
-    return vocabulary, detector.fit(counts[rows], truth, sizes=sizes[rows], profiles=profiles[rows], scenes=scene[rows])
+    known = {"sizes": sizes[rows], "profiles": profiles[rows], "scenes": scene[rows]}
+    return vocabulary, detector.fit(counts, truth, **known, prevalence=detection.factors)
+
+
+def _compared(
+    sizes: NDArray[np.float32], label: NDArray, detection: DetectionParameters, parameters: DetectorParameters
+) -> NDArray[np.bool_]:
+    """Tell which objects are learned from: those of a size that a class may have, or all where no other is."""
+    examples = [sizes[label == k] for k in range(len(detection.classes))]
+    possible = within_any_sizes(sizes, examples, parameters.size_margin)
+    others = label == IGNORE
+    return possible if (possible & others).any() else np.ones(len(sizes), np.bool_)
 
 
 def _arrays(vocabulary: Vocabulary, detector: VisualWordsDetector) -> dict[str, NDArray]:
