@@ -30,6 +30,9 @@ class StudySurvey:
         Seeds of the streets to learn from, and of those to be scored on; no street is in both.
     train_survey, test_survey : mapping
         What differs in the streets to learn from, and in those to be scored on.
+    prevalence : mapping of str to float
+        Class to how much more frequent it is in streets like the test streets than in the training streets; 1 for what
+        is not named. See `DetectionParameters`.
 
     Raises
     ------
@@ -42,6 +45,7 @@ class StudySurvey:
     test: Sequence[int]
     train_survey: Mapping[str, Any] = field(default_factory=dict)
     test_survey: Mapping[str, Any] = field(default_factory=dict)
+    prevalence: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         both = sorted(set(self.train) & set(self.test))
@@ -90,9 +94,6 @@ class StudyScale:
     pooled : bool, default True
         Whether one model of each detector learns from the training streets of all surveys, or one for each survey from
         its own.
-    prevalence : mapping of str to float
-        How much more frequent each class is in the test streets than in the training streets, over all surveys; see
-        `DetectionParameters`.
     """
 
     surveys: Mapping[str, Any]
@@ -101,7 +102,6 @@ class StudyScale:
     group_sizes: Sequence[int]
     methods: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     pooled: bool = True
-    prevalence: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         made = {name: s if isinstance(s, StudySurvey) else StudySurvey(**s) for name, s in self.surveys.items()}

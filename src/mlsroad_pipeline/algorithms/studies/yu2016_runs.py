@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,7 @@ def train_and_detect(
     stages: DetectionStages,
     detection: DetectionParameters,
     scheme: ClassScheme,
+    prevalence: Mapping[str, Mapping[str, float]],
 ) -> dict[str, dict[str, NDArray]]:
     """Train a detector on streets and compare its detections in others with what is there.
 
@@ -58,6 +60,8 @@ def train_and_detect(
         The wanted classes.
     scheme : ClassScheme
         The classes.
+    prevalence : mapping of str to mapping
+        Survey to the factors of its classes, see `StudySurvey`; thresholds stand against those of all surveys together.
 
     Returns
     -------
@@ -67,10 +71,11 @@ def train_and_detect(
     """
     judge: dict[str, Any] = {"scheme": scheme, "parameters": detection}
     labels = {key: given["classes"] for key, given in train.items()}
+    known = replace(detection, prevalence=joint_prevalence(labels, prevalence, detection.classes))
     bundle, train_seconds = timed(
         _TRAIN[method],
         {key: given["parts"] for key, given in train.items()}, labels, parameters=parameters, stages=stages,
-        detection=detection, scheme=scheme, trained_on={"streets": len(train)},
+        detection=known, scheme=scheme, trained_on={"streets": len(train)},
     )  # fmt: skip
     own = np.concatenate([found["label"][found["own"]] for found in labels.values()])
     learned = next(iter(bundle.metadata["learned"].values()))["thresholds"]
@@ -85,3 +90,32 @@ def train_and_detect(
         counts = count_detections_of_scene(given["points"], given["objects"], found, **judge)
         results[key] = {**counts, "seconds": np.array(seconds)}
     return results
+
+
+def joint_prevalence(
+    labels: Mapping[str, Mapping[str, NDArray]], prevalence: Mapping[str, Mapping[str, float]], classes: Sequence[str]
+) -> dict[str, float]:
+    """Join the factors of surveys that one model learns from.
+
+    Parameters
+    ----------
+    labels : mapping of str to mapping
+        Training street, whose name begins with its survey and a dot, to the ``classes`` of its objects.
+    prevalence : mapping of str to mapping
+        Survey to the factors of its classes; 1 for what is not named.
+    classes : sequence of str
+        The wanted classes.
+
+    Returns
+    -------
+    dict of str to float
+        Factor of each class that has training objects: expected objects of all surveys over those in training.
+    """
+    expected, counted = np.zeros(len(classes)), np.zeros(len(classes))
+    for street, found in labels.items():
+        own = prevalence.get(street.partition(".")[0], {})
+        mine = found["label"][found["own"]]
+        number = np.bincount(mine[mine >= 0], minlength=len(classes))
+        counted += number
+        expected += number * [float(own.get(name, 1.0)) for name in classes]
+    return {name: float(e / n) for name, e, n in zip(classes, expected, counted, strict=True) if n > 0}

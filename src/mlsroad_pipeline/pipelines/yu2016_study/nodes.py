@@ -63,8 +63,7 @@ def plan_study(
     given = zip(DETECTORS, (forest, matching, descriptors, words), strict=True)
     methods = {slug: changed(parameters, scale.methods.get(slug, {})) for slug, parameters in given}
     stages = DetectionStages(ground, replace(segmentation, method=CUT))
-    wanted = replace(detection, prevalence=scale.prevalence)
-    return StudyPlan(scale, wanted, find_scheme(classes["schemes"], detection.scheme), stages, methods)
+    return StudyPlan(scale, detection, find_scheme(classes["schemes"], detection.scheme), stages, methods)
 
 
 def make_surveys(plan: StudyPlan) -> dict[str, SceneTask]:
@@ -91,12 +90,11 @@ def make_surveys(plan: StudyPlan) -> dict[str, SceneTask]:
 def _segment(plan: StudyPlan, streets: SceneCollection, method: str, splits: Sequence[str]) -> dict[str, SceneTask]:
     points = streets.part("points")
     parameters = replace(plan.stages.segmentation, method=method)
-    detection = replace(plan.detection, prevalence={})  # objects do not depend on it
     return {
         f"{method}.{street_key(name, seed)}": SceneTask(
             yu2016_objects.segment_street,
             {"points": points[street_key(name, seed)]},
-            {"parameters": parameters, "scheme": plan.scheme, "detection": detection},
+            {"parameters": parameters, "scheme": plan.scheme, "detection": plan.detection},
         )
         for name, given in plan.scale.surveys.items()
         for split in splits
@@ -233,7 +231,7 @@ def _run(
         {"train": inputs("train"), "test": inputs("test")},
         {
             "method": method, "parameters": parameters, "stages": plan.stages, "detection": plan.detection,
-            "scheme": plan.scheme,
+            "scheme": plan.scheme, "prevalence": {name: plan.scale.surveys[name].prevalence for name in surveys},
         },
     )  # fmt: skip
 
