@@ -18,7 +18,13 @@ from mlsroad_pipeline.algorithms.visual_words.appearance import Appearance, appe
 from mlsroad_pipeline.algorithms.visual_words.bags import inverse_document_frequency, weigh_words
 from mlsroad_pipeline.algorithms.visual_words.queries import ClassQueries, DetectorParameters
 from mlsroad_pipeline.algorithms.visual_words.sizes import within_any_sizes
-from mlsroad_pipeline.algorithms.visual_words.weights import assign_folds, held_out_scores, learn_weights, weigh
+from mlsroad_pipeline.algorithms.visual_words.weights import (
+    assign_folds,
+    held_out_scores,
+    learn_weights,
+    train_committee,
+    weigh,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -67,8 +73,9 @@ class VisualWordsDetector:
 
         With ``decision`` "nearest" queries are taken one by one, each time the object that raises the F-score on the
         training objects most, at the threshold that is best for it; no object is compared with itself. With "weighted"
-        the threshold is the best one for the scores of held-out scenes; where all examples of a class are in one fold
-        it is the border of the vote, 0.5. A class without training objects is warned of and never detected.
+        the vote is the mean of machines that each learned without one fold of the scenes, and the threshold is the best
+        one for the scores by those that have not seen the object's; where no machine has seen other examples of the
+        class it is the border of the vote, 0.5. A class without training objects is warned of and never detected.
 
         Parameters
         ----------
@@ -150,12 +157,10 @@ class VisualWordsDetector:
         rows = np.sort(np.concatenate([wanted, self._counterexamples(looks, wanted, others)]))
         known, kinds = looks.select(rows), truth[rows]
         alike = self._likeness(known, known)
-        fold = assign_folds(scenes[every], p.folds, p.seed)
-        own_fold = fold[np.searchsorted(every, rows)]
-        scores = held_out_scores(
-            alike, lambda some, here: self._likeness(known.select(some), looks.select(every[here])), kinds,
-            (own_fold, fold), n_classes=len(self.classes), penalty=p.penalty,
-        )  # fmt: skip
+        folds = np.stack([assign_folds(scenes[every], p.folds, p.seed + r) for r in range(p.rounds)])
+        own = folds[:, np.searchsorted(every, rows)]
+        committees = [train_committee(alike, kinds == k, own, penalty=p.penalty) for k in range(len(self.classes))]
+        scores = held_out_scores(committees, lambda here: self._likeness(known, looks.select(every[here])), folds)
         for number, name in enumerate(self.classes):
             mine = kinds == number
             if not mine.any():
@@ -163,9 +168,9 @@ class VisualWordsDetector:
                 continue
             if mine.all():
                 raise DataError(f"all training objects are a {name}: the weighted decision needs others too")
-            found = learn_weights(alike, mine, p.penalty)
+            found = committees[number].mean() or learn_weights(alike, mine, p.penalty)
             self.f_scores_[name], threshold = best_threshold(scores[:, number], truth[every] == number, weights[every])
-            if len(np.unique(own_fold[mine])) == 1:
+            if not (scores[truth[every] == number, number] > 0).any():
                 threshold = 0.5
             self.queries_[name] = ClassQueries(known.select(found.chosen), found.values, found.offset, threshold)
 

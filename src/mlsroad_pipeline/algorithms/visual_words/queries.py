@@ -35,7 +35,10 @@ class DetectorParameters:
     penalty : float, default 10
         Of training objects on the wrong side of the weighted vote. Larger follows single examples more closely.
     folds : int, default 5
-        Groups of training scenes that are held out in turn to choose the thresholds of the weighted vote.
+        Groups of training scenes that are held out in turn: each gives a machine that votes, and scores the scenes that
+        it has not seen, which thresholds are chosen by.
+    rounds : int, default 4
+        How often scenes are divided into such groups anew. More votes make scores steadier and cost training time.
     max_others : int, default 5000
         The most training objects of no wanted class that take part in it: half of them those most like an example,
         half drawn at random. Thresholds are chosen on all. Larger costs time and memory with its square.
@@ -59,13 +62,14 @@ class DetectorParameters:
     size_margin: float = 1.5
     penalty: float = 10.0
     folds: int = 5
+    rounds: int = 4
     max_others: int = 5000
     seed: int = 2016
     max_queries: int = 12
     candidates: int = 200
 
     def __post_init__(self) -> None:
-        for name, least in (("max_queries", 1), ("candidates", 1), ("max_others", 1), ("folds", 2)):
+        for name, least in (("max_queries", 1), ("candidates", 1), ("max_others", 1), ("folds", 2), ("rounds", 1)):
             if getattr(self, name) < least:
                 raise ParameterError(f"{name} must be at least {least}, got {getattr(self, name)!r}")
         if self.decision not in ("weighted", "nearest"):

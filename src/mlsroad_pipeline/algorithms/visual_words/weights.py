@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
+
+_CHUNK = 4096  # objects that are compared with all that weights were learned from at once
 
 
 class Weights(NamedTuple):
@@ -73,49 +76,101 @@ def learn_weights(alike: NDArray[np.float64], truth: NDArray[np.bool_], penalty:
     )
 
 
-def held_out_scores(
-    alike: NDArray[np.float64],
-    across: Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float64]],
-    truth: NDArray[np.integer],
-    folds: tuple[NDArray[np.integer], NDArray[np.integer]],
-    *,
-    n_classes: int,
-    penalty: float,
-) -> NDArray[np.float64]:
-    """Score the objects of each fold by weights learned from the other folds.
+@dataclass(frozen=True)
+class Committee:
+    """Machines of a class, each of which has not seen some scenes.
+
+    Attributes
+    ----------
+    weights : ndarray of float64, shape (rounds, folds, n)
+        Weight of each training object in each machine; all 0 where there is none, as the other folds hold no object of
+        the class, or nothing else.
+    offsets : ndarray of float64, shape (rounds, folds)
+        What is added to the weighted sums.
+    present : ndarray of bool, shape (rounds, folds)
+        Whether there is a machine.
+    """
+
+    weights: NDArray[np.float64]
+    offsets: NDArray[np.float64]
+    present: NDArray[np.bool_]
+
+    def mean(self) -> Weights | None:
+        """Return the mean of the machines, which is a machine itself; None where there is none."""
+        if not self.present.any():
+            return None
+        weights = self.weights[self.present].mean(axis=0)
+        chosen = np.flatnonzero(weights)
+        return Weights(chosen, weights[chosen], float(self.offsets[self.present].mean()))
+
+
+def train_committee(
+    alike: NDArray[np.float64], truth: NDArray[np.bool_], folds: NDArray[np.integer], *, penalty: float
+) -> Committee:
+    """Learn weights from all folds but one, for each fold of each round.
 
     Parameters
     ----------
     alike : ndarray of float64, shape (n, n)
-        Likeness of the objects that weights are learned from to each other.
-    across : callable
-        Gives the likeness of some of all objects (second argument) to some of those learned from (first).
-    truth : ndarray of int, shape (n,)
-        Class of each object that is learned from; -1 for others.
-    folds : tuple of ndarray of int, shapes (n,) and (m,)
-        Fold of each object that is learned from, and of each of all.
-    n_classes : int
-        Number of classes.
+        Likeness of the training objects to each other.
+    truth : ndarray of bool, shape (n,)
+        Whether each is of the class.
+    folds : ndarray of int, shape (rounds, n)
+        Fold of each object in each round.
     penalty : float
         See `learn_weights`.
 
     Returns
     -------
-    ndarray of float64, shape (m, n_classes)
-        Scores; 0 where the other folds hold no object of the class, or nothing else.
+    Committee
+        The machines.
     """
-    of_known, of_all = folds
-    scores = np.zeros((len(of_all), n_classes))
-    for number in np.unique(of_all):
-        here, rest = np.flatnonzero(of_all == number), np.flatnonzero(of_known != number)
-        if len(rest) == 0:
-            continue
-        seen, own = across(rest, here), alike[np.ix_(rest, rest)]
-        for label in range(n_classes):
-            mine = truth[rest] == label
-            if mine.any() and not mine.all():
-                found = learn_weights(own, mine, penalty)
-                scores[here, label] = weigh(seen[found.chosen], found.values, found.offset)
+    n_rounds, n_folds = len(folds), int(folds.max(initial=-1)) + 1
+    weights, offsets = np.zeros((n_rounds, n_folds, len(truth))), np.zeros((n_rounds, n_folds))
+    present = np.zeros((n_rounds, n_folds), np.bool_)
+    for r, f in np.ndindex(n_rounds, n_folds):
+        rest = np.flatnonzero(folds[r] != f)
+        mine = truth[rest]
+        if mine.any() and not mine.all():
+            found = learn_weights(alike[np.ix_(rest, rest)], mine, penalty)
+            weights[r, f, rest[found.chosen]], offsets[r, f] = found.values, found.offset
+            present[r, f] = True
+    return Committee(weights, offsets, present)
+
+
+def held_out_scores(
+    committees: Sequence[Committee],
+    across: Callable[[NDArray[np.int64]], NDArray[np.float64]],
+    folds: NDArray[np.integer],
+) -> NDArray[np.float64]:
+    """Score objects by the machines that have not seen their scene.
+
+    Parameters
+    ----------
+    committees : sequence of Committee
+        The machines of each class.
+    across : callable
+        Gives the likeness of objects to all that weights were learned from, (n, chosen).
+    folds : ndarray of int, shape (rounds, m)
+        Fold of each object in each round.
+
+    Returns
+    -------
+    ndarray of float64, shape (m, classes)
+        The logistic function of the mean over rounds; 0 where no round has a machine that has not seen the object.
+    """
+    scores = np.zeros((folds.shape[1], len(committees)))
+    for start in range(0, folds.shape[1], _CHUNK):
+        rows = np.arange(start, min(start + _CHUNK, folds.shape[1]))
+        alike = across(rows)
+        for label, each in enumerate(committees):
+            total, count = np.zeros(len(rows)), np.zeros(len(rows))
+            for r, f in np.argwhere(each.present):
+                here = folds[r, rows] == f
+                total[here] += each.weights[r, f] @ alike[:, here] + each.offsets[r, f]
+                count += here
+            known = count > 0
+            scores[rows[known], label] = expit(total[known] / count[known])
     return scores
 
 
