@@ -1,0 +1,80 @@
+"""Measure what intensities are worth to the cuts, street by street: weighted coverage with them and without.
+
+    kedro run --pipeline=yu2016_study --to-nodes=segment_yu2016_streets
+    python benchmarks/cut_intensity.py [--jobs 2]
+
+Takes the training streets of the study of Yu et al. 2016 on which `sigma_i` and `max_cut` were not chosen, their
+segmentation by the cut with intensity as the study has stored it, and cuts them again without. The six test streets of
+the study are too few to tell differences of a hundredth; these are made with more signs and traffic, but no setting of
+the intensities was chosen on them.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import joblib
+import numpy as np
+import pandas as pd
+from kedro.framework.session import KedroSession
+from kedro.framework.startup import bootstrap_project
+
+from mlsroad_pipeline.algorithms.studies.tables import paired_interval
+from mlsroad_pipeline.algorithms.studies.yu2016_objects import segment_street
+from mlsroad_pipeline.algorithms.studies.yu2016_parameters import CUT
+from mlsroad_pipeline.algorithms.studies.yu2016_results import StudyPlan, street_key
+from mlsroad_pipeline.datasets.scene_collection import SceneCollection
+from mlsroad_pipeline.pipelines.yu2016_study.nodes import plan_study
+from mlsroad_pipeline.pipelines.yu2016_study.pipeline import create_pipeline
+
+CHOSEN_ON = {"RRS": range(7001, 7013), "SPP": range(7021, 7033)}
+"""Seeds of the streets that decided on `sigma_i` and `max_cut`."""
+
+FIGURES = ("weighted_coverage", "coverage", "weighted_touching", "touching", "wanted")
+
+
+def stored() -> tuple[StudyPlan, SceneCollection, SceneCollection]:
+    """Return the study's plan, its streets and their objects."""
+    root = Path(__file__).parents[1]
+    bootstrap_project(root)
+    with KedroSession.create(root) as session:
+        catalog = session.load_context().catalog
+        [planned] = [node for node in create_pipeline().nodes if node.name == "plan_yu2016_study"]
+        plan = plan_study(*(catalog.load(name) for name in planned.inputs))
+        return plan, catalog.load("yu2016_study.streets"), catalog.load("yu2016_study.objects")
+
+
+def compare(key: str, plan: StudyPlan, streets: SceneCollection, objects: SceneCollection) -> dict[str, float]:
+    """Return the figures of a street, of the cut with intensity minus that without."""
+    blind = replace(plan.stages.segmentation, method="normalized_cut_geometry")
+    given = {"parameters": blind, "scheme": plan.scheme, "detection": plan.detection}
+    without = segment_street(streets.part("points")[key].load(), **given)["scores"]
+    found = objects.part("scores")[f"{CUT}.{key}"].load()
+    return {name: float(found[name]) for name in FIGURES} | {
+        f"{name}_gain": float(found[name]) - float(without[name]) for name in FIGURES
+    }
+
+
+def main() -> None:
+    """Run."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--jobs", type=int, default=2)
+    args = parser.parse_args()
+    plan, streets, objects = stored()
+    rows = []
+    for survey, given in plan.scale.surveys.items():
+        keys = [street_key(survey, seed) for seed in given.train if seed not in CHOSEN_ON[survey]]
+        jobs = (joblib.delayed(compare)(key, plan, streets, objects) for key in keys)
+        table = pd.DataFrame(joblib.Parallel(n_jobs=args.jobs)(jobs))
+        for name in FIGURES:
+            gain, low, high, n = paired_interval(table[f"{name}_gain"].to_numpy())
+            ahead = int((table[f"{name}_gain"] > 0).sum()), int((table[f"{name}_gain"] < 0).sum())
+            rows.append((survey, name, n, np.nanmean(table[name]), gain, low, high, *ahead))
+    columns = ["survey", "figure", "streets", "with", "gain", "low", "high", "better", "worse"]
+    print(pd.DataFrame(rows, columns=columns).round(4).to_string(index=False))
+
+
+if __name__ == "__main__":
+    main()
