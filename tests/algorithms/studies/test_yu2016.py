@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.simulation.presets import PRESETS
 from mlsroad_pipeline.algorithms.studies import yu2016, yu2016_paper
 from mlsroad_pipeline.algorithms.studies.yu2016_objects import touching_instances
 from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters, StudyScale, StudySurvey
-from mlsroad_pipeline.algorithms.studies.yu2016_results import found_by_detector
+from mlsroad_pipeline.algorithms.studies.yu2016_results import found_by_detector, run_key
 from mlsroad_pipeline.algorithms.studies.yu2016_runs import joint_prevalence
 from mlsroad_pipeline.algorithms.studies.yu2016_streets import (
     make_survey,
@@ -107,9 +107,9 @@ def test_models_of_one_detector_are_joined_by_street():
 
 def test_prevalence_of_surveys_is_joined_by_their_training_objects():
     labels = {
-        "A.1": {"label": np.array([0, 0, 1, -1]), "own": np.array([True, True, True, True])},
-        "A.2": {"label": np.array([0, 2]), "own": np.array([True, False])},
-        "B.1": {"label": np.array([0, 1, 1, 1]), "own": np.ones(4, bool)},
+        run_key("A", 1): {"label": np.array([0, 0, 1, -1]), "own": np.array([True, True, True, True])},
+        run_key("A", 2): {"label": np.array([0, 2]), "own": np.array([True, False])},
+        run_key("B", 1): {"label": np.array([0, 1, 1, 1]), "own": np.ones(4, bool)},
     }
     found = joint_prevalence(labels, {"A": {"pole": 0.5}, "B": {"pole": 2.0, "sign": 0.1}}, ["pole", "sign", "car"])
     assert found == pytest.approx({"pole": (3 * 0.5 + 2.0) / 4, "sign": (1 + 3 * 0.1) / 4})  # no car was learned from

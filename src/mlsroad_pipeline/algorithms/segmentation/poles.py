@@ -25,6 +25,7 @@ from mlsroad_pipeline.algorithms.segmentation.stems import (
 from mlsroad_pipeline.algorithms.segmentation.trunks import judge_stems
 
 _FIXTURE, _REACH, _ABOVE = 200, 4.0, 1.0  # voxels and width of lamps, arms and plates, and their least height, metres
+_ARM = 12.0, 0.9, 1.6, 3.0  # length, width, height and least height above ground of a long arm with signals, metres
 _AROUND, _CROWD = 0.45, 0.5  # metres around a section that is surrounded, and voxels there over those inside
 _LOW = 1.2  # above its foot, up to where things stand beside a pole, metres
 _THICK, _MARGIN = (0.14, 0.22), 0.05  # radii that a pole may have there, and what is added to that above, metres
@@ -132,11 +133,14 @@ def _attach(xyz: NDArray[np.float64], parts: NDArray[np.int64], poles: list[Stem
     _, width, size = measure_sections(xyz[rest], piece)
     low = np.full(len(size), np.inf)
     np.minimum.at(low, piece, xyz[rest, 2])
+    small = (size <= _FIXTURE) & (width <= _REACH)
     for number, stem in enumerate(poles, start=1):
         touching = np.zeros(len(size), np.bool_)
         close = (stem.distance(xyz[rest]) <= RADIUS + 0.25) & (xyz[rest, 2] <= stem.high + 0.5)
         touching[piece[close]] = True
-        own = touching & (size <= _FIXTURE) & (width <= _REACH) & (low >= stem.low + _ABOVE)
+        own = touching & small & (low >= stem.low + _ABOVE)
+        for k in np.flatnonzero(touching & ~small & (low >= stem.low + _ARM[3])):
+            own[k] = _is_arm(xyz[rest[piece == k]])
         target = number
         for first in np.unique(parts[rest[own[piece]]]).tolist():
             # Two posts that carry one plate between them are one sign.
@@ -144,6 +148,14 @@ def _attach(xyz: NDArray[np.float64], parts: NDArray[np.int64], poles: list[Stem
                 parts[parts == target] = first
                 target = first
         parts[rest[own[piece] & (parts[rest] == 0)]] = target
+
+
+def _is_arm(places: NDArray[np.float64]) -> bool:
+    """Tell whether a piece is the long arm of a mast: no crown is so narrow and so flat."""
+    flat = places[:, :2] - places[:, :2].mean(axis=0)
+    along = np.linalg.eigh(flat.T @ flat)[1]
+    width, length = np.ptp(flat @ along, axis=0)
+    return bool(length <= _ARM[0] and width <= _ARM[1] and np.ptp(places[:, 2]) <= _ARM[2])
 
 
 def _level(one: Stem, other: Stem) -> bool:

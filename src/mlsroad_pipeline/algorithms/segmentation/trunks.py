@@ -23,6 +23,7 @@ _INSIDE, _BASE = 0.3, 0.2  # of an axis, what is measured of a section, and from
 _SECTIONS = 5  # that a stem is measured by, at least
 _ROUNDS, _LEVELLED = 5, 0.01  # of the fit of a line by least deviations, and those that weigh alike, metres
 _BEAM = 1.0  # height of a beam, and of its middle from the top of the post that carries it, metres
+_SPAN = 5.0  # the least distance between two legs of a gantry, metres
 _RESTS, _DENSE = (
     100,
     80.0,
@@ -60,6 +61,7 @@ def judge_stems(
     for stem in stems:
         rest &= (stem.distance(xyz) > RADIUS) | (xyz[:, 2] > stem.high + SLAB)
     size, aside, hidden, beam = _crowns(xyz[rest], stems)
+    _find_second_legs(xyz[rest], stems, beam)
     slender = np.array(
         [_slender(stem, xyz, counts) + _MIDDLE * min(off, _AROUND) for stem, off in zip(stems, aside, strict=True)]
     )
@@ -84,6 +86,17 @@ def judge_stems(
         [stem for stem, b in zip(stems, beam, strict=True) if b == number] for number in np.unique(beam[beam >= 0])
     ]
     return poles, [legs for legs in groups if len(legs) > 1 and _spans(xyz[rest], legs)]
+
+
+def _find_second_legs(places: NDArray[np.float64], stems: list[Stem], beam: NDArray[np.int64]) -> None:
+    """Give stems the number of the beam that they carry the other end of, in place: a crown beside it may hide it."""
+    for k in np.flatnonzero(beam >= 0):
+        one = stems[k]
+        for j in np.flatnonzero(beam < 0):
+            other = stems[j]
+            apart = np.hypot(*(one.base + one.slope * one.high - other.base - other.slope * other.high))
+            if apart >= _SPAN and abs(one.high - other.high) <= _BEAM and _spans(places, [one, other]):
+                beam[j] = beam[k]
 
 
 def _spans(places: NDArray[np.float64], legs: list[Stem]) -> bool:

@@ -100,7 +100,7 @@ def joint_prevalence(
     Parameters
     ----------
     labels : mapping of str to mapping
-        Training street, whose name begins with its survey and a dot, to the ``classes`` of its objects.
+        Training street, named by `run_key`, to the ``classes`` of its objects.
     prevalence : mapping of str to mapping
         Survey to the factors of its classes; 1 for what is not named.
     classes : sequence of str
@@ -113,7 +113,7 @@ def joint_prevalence(
     """
     expected, counted = np.zeros(len(classes)), np.zeros(len(classes))
     for street, found in labels.items():
-        own = prevalence.get(street.partition(".")[0], {})
+        own = prevalence[street.rpartition("_")[0]]
         mine = found["label"][found["own"]]
         number = np.bincount(mine[mine >= 0], minlength=len(classes))
         counted += number
