@@ -283,8 +283,11 @@ def test_a_scene_without_objects_and_a_cloud_without_any(rng):
     groups = describe_objects(scene, objects, parameters=parameters.groups)
     named = object_classes(scene, objects, scheme=scheme, parameters=detection)
     assert (named["label"] == 0).sum() == 3
+    bare, nothing = scene.select(np.arange(9000)), {"objects": np.full(9000, -1, np.int32)}
+    no_groups = describe_objects(bare, nothing, parameters=parameters.groups)
+    nameless = object_classes(bare, nothing, scheme=scheme, parameters=detection)
     bundle = train_detector(
-        {"train.a": groups}, {"train.a": named}, parameters=parameters, stages=stages, detection=detection,
+        {"train.a": groups, "train.b": no_groups}, {"train.a": named, "train.b": nameless}, parameters=parameters, stages=stages, detection=detection,
         scheme=scheme, trained_on={},
     )  # fmt: skip
     assert bundle.metadata["variants"] == ["geometry+intensity", "geometry"]

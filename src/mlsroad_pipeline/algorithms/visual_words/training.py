@@ -158,12 +158,13 @@ def _train_variant(
     own = np.concatenate([found["own"] for found in labels])
     label = np.concatenate([found["label"] for found in labels])
     sizes = np.concatenate([found["sizes"] for found in groups])
-    scene = np.repeat(np.arange(len(labels)), [len(found["own"]) for found in labels])
+    n_objects = [len(found["own"]) for found in labels]  # a scene may have none
+    scene = np.repeat(np.arange(len(labels)), n_objects)
     rows = np.flatnonzero(own & _compared(sizes, np.where(own, label, IGNORE), detection, parameters.detector))
     number = np.full(len(own), -1, np.int64)
     number[rows] = np.arange(len(rows))
-    of_group = np.split(number, np.flatnonzero(np.diff(scene)) + 1)
-    of_group = [part[found["objects"]] for part, found in zip(of_group, groups, strict=True)]
+    of_scene = np.split(number, np.cumsum(n_objects)[:-1])
+    of_group = [part[found["objects"]] for part, found in zip(of_scene, groups, strict=True)]
     parts = [
         groups_of(found, intensity=intensity).select(np.flatnonzero(part >= 0))
         for part, found in zip(of_group, groups, strict=True)
