@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import functools
-import importlib.util
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -21,7 +20,7 @@ def project_folder() -> Path:
     Path
         The folder of the package.
     """
-    return Path(str(importlib.util.find_spec(PROJECT).origin)).parent  # type: ignore[union-attr]  # this package
+    return Path(__file__).parents[1]
 
 
 def reachable_sources(module_names: Iterable[str]) -> list[Path]:
