@@ -11,9 +11,9 @@ from mlsroad_pipeline.algorithms.detection import (
     detection_curves,
     detection_table,
     object_classes,
-    without_reference,
 )
 from mlsroad_pipeline.algorithms.detection_pictures import FALSE, MISSED, RIGHT, detection_figure, detection_outcomes
+from mlsroad_pipeline.algorithms.detection_references import wanted_objects, without_reference
 from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold, detect_by_thresholds, object_weights
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.object_segmentation import (
@@ -135,11 +135,27 @@ def test_where_the_reference_says_nothing_nothing_is_learned_or_scored(rng, sile
         assert counted["n_objects"].tolist() == [1, 1] and counted["right"].tolist() == [True, True, False]
 
 
+def test_what_hangs_on_another_object_is_an_object_of_its_own():
+    """Two poles with a car on each, numbered as one instance each; a branch in the first, and points of no label."""
+    names = ["light_pole", "car", "tree", "unlabelled", "light_pole", "car", "tree"]
+    sizes, numbers = [50, 20, 5, 4, 30, 40, 9], np.array([7, 7, 7, 7, 9, 9, 0])
+    labels = np.repeat([TAXONOMY[name] for name in names], sizes).astype(np.uint8)
+    scene = PointCloud(
+        np.zeros((sum(sizes), 3)), {"label": labels, "instance": np.repeat(numbers, sizes).astype(np.int32)}
+    )
+    objects, classes = wanted_objects(scene, SCHEME, WANTED.labels_in(SCHEME))
+    assert classes.tolist() == [-1, 0, 1, 1, 0]  # a car in the first, and in the second the pole, as it is smaller
+    np.testing.assert_array_equal(objects, np.repeat([1, 3, 1, 1, 4, 2, 0], sizes))
+    poles_alone, kinds = wanted_objects(scene, SCHEME, np.array([0], np.int16))
+    assert kinds.tolist() == [-1, 0, 1, 0]  # nobody looks for cars, so the first stays whole
+    np.testing.assert_array_equal(poles_alone, np.repeat([1, 1, 1, 1, 3, 2, 0], sizes))
+
+
 def test_half_of_an_object_is_enough_to_be_scored():
     scene = PointCloud(
         np.zeros((4, 3)), {"label": np.array([TAXONOMY["unlabelled"], TAXONOMY["tree"]] * 2, np.uint8)}
     )  # fmt: skip
-    silent = without_reference(scene, np.array([0, 0, 1, -1]), 3, scheme=SCHEME, parameters=WANTED)
+    silent = without_reference(scene, np.array([0, 0, 1, -1]), 3, scheme=SCHEME, wanted=WANTED.labels_in(SCHEME))
     assert silent.tolist() == [False, True, False]
 
 

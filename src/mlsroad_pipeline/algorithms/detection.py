@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.detection_references import wanted_objects, without_reference
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.metrics.detection import (
     DetectionCounts,
@@ -19,7 +20,7 @@ from mlsroad_pipeline.algorithms.metrics.detection import (
     precision_recall_curve,
 )
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps
-from mlsroad_pipeline.algorithms.object_segmentation import owned_by_core, reference_objects
+from mlsroad_pipeline.algorithms.object_segmentation import owned_by_core
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.validation import check_positive
 
@@ -134,10 +135,11 @@ def object_classes(
     """
     segments = objects["objects"]
     n = int(segments.max(initial=-1)) + 1
-    instances, classes = reference_objects(scene, scheme)
+    wanted = parameters.labels_in(scheme)
+    instances, classes = wanted_objects(scene, scheme, wanted)
     overlaps = find_overlaps(instances, segments)
     place = np.full(len(scheme), IGNORE, dtype=np.int16)
-    place[parameters.labels_in(scheme)] = np.arange(len(parameters.classes))
+    place[wanted] = np.arange(len(wanted))
     label = np.full(n, IGNORE, dtype=np.int16)
     good = np.flatnonzero(overlaps.iou >= parameters.iou_threshold)
     good = good[np.argsort(overlaps.iou[good], kind="stable")]  # the best overlap is written last
@@ -148,47 +150,8 @@ def object_classes(
     small[overlaps.segments[overlaps.segment[good]]] = (
         overlaps.instance_sizes[overlaps.instance[good]] < parameters.min_points
     )
-    own &= ~without_reference(scene, segments, n, scheme=scheme, parameters=parameters)
+    own &= ~without_reference(scene, segments, n, scheme=scheme, wanted=wanted)
     return {"label": label, "own": own & ~(small & (label != IGNORE))}
-
-
-def without_reference(
-    scene: PointCloud,
-    segments: NDArray[np.integer],
-    n_segments: int,
-    *,
-    scheme: ClassScheme,
-    parameters: DetectionParameters,
-) -> NDArray[np.bool_]:
-    """Tell which segments lie where the reference says nothing: they are neither learned from nor scored.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with `label`.
-    segments : ndarray of int, shape (n,)
-        Segment of each point, -1 for none.
-    n_segments : int
-        Number of segments.
-    scheme : ClassScheme
-        The classes.
-    parameters : DetectionParameters
-        The wanted classes.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_segments,)
-        True where more than half of a segment's points have a label that the scheme ignores, or, in a survey with
-        instances, that of a wanted class without being part of an instance: whoever made the reference saw such an
-        object there and left it out.
-    """
-    labels = scheme.encode(scene["label"], source=scene.source)
-    silent = labels == IGNORE
-    if "instance" in scene:
-        silent |= (scene["instance"] == 0) & np.isin(labels, parameters.labels_in(scheme))
-    inside = segments >= 0
-    counts = np.bincount(segments[inside], minlength=n_segments)
-    return np.asarray(2 * np.bincount(segments[inside & silent], minlength=n_segments) > counts)
 
 
 def count_detections_of_scene(
@@ -238,16 +201,17 @@ def count_detections_of_scene(
         raise DataError(
             f"{scene.source}: scores {every.shape} for {n} objects and {len(parameters.classes)} wanted classes"
         )
-    instances, classes = reference_objects(scene, scheme)
+    sought = parameters.labels_in(scheme)
+    instances, classes = wanted_objects(scene, scheme, sought)
     overlaps = find_overlaps(instances, segments)
     own_segment = owned_by_core(scene, segments, n)
-    own_segment &= ~without_reference(scene, segments, n, scheme=scheme, parameters=parameters)
+    own_segment &= ~without_reference(scene, segments, n, scheme=scheme, wanted=sought)
     own_instance = owned_by_core(scene, np.where(instances > 0, instances, -1), len(classes))
     kinds = classes[overlaps.instances]
     large = overlaps.instance_sizes >= parameters.min_points
     known: dict[str, list[NDArray]] = {name: [] for name in _COUNTED}
     counts: list[int] = []
-    for label, wanted in enumerate(parameters.labels_in(scheme)):
+    for label, wanted in enumerate(sought):
         detected = np.where(labels == label, detections["score"], np.nan)
         scored = np.where(every[:, label] > 0, every[:, label], np.nan)
         for prefix, values in (("", detected), ("curve_", scored)):

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.detection import DetectionParameters
+from mlsroad_pipeline.algorithms.detection_references import wanted_objects
 from mlsroad_pipeline.algorithms.metrics.detection import match_detections
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps
-from mlsroad_pipeline.algorithms.object_segmentation import reference_objects
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.rendering.camera import oblique_view
 from mlsroad_pipeline.algorithms.rendering.cloud_figures import cloud_figure, detection_pictures
@@ -60,11 +60,11 @@ def detection_outcomes(
         If the scene has no labels.
     """
     segments = objects["objects"]
-    instances, classes = reference_objects(scene, scheme)
+    wanted_labels = parameters.labels_in(scheme)
+    instances, classes = wanted_objects(scene, scheme, wanted_labels)
     overlaps = find_overlaps(instances, segments)
     kinds = classes[overlaps.instances]
     large = overlaps.instance_sizes >= parameters.min_points
-    wanted_labels = parameters.labels_in(scheme)
     n_instances, n_segments = len(classes), int(segments.max(initial=-1)) + 1
     place = np.full(n_instances, IGNORE, dtype=np.int16)
     missed = np.zeros(n_instances, dtype=np.bool_)

@@ -159,6 +159,18 @@ def test_cars_side_by_side_are_two_and_one_is_one(rng):
     assert segment(points, parameters=NormalizedCutParameters(low_height=0)).max() == 0
 
 
+def test_cars_that_hang_together_by_little_are_cut_at_the_smallest_scale(rng):
+    """At 1 m two cars abreast reach across the gap; at half of that a bar between them weighs next to nothing."""
+    one, other = car(rng, 0, 0), car(rng, 2.4, 0.3)
+    bar = rng.uniform([0.85, 0.2, 0.4], [1.55, 0.4, 0.6], (400, 3))
+    points, truth = np.concatenate([one, other, bar]), np.repeat([0, 1], len(one))
+    assert adjusted_rand_score(truth, segment(points)[: len(truth)]) > 0.95
+    once = NormalizedCutParameters(low_sigma_h=(1.0,), low_max_cut=(0.14,))
+    assert segment(points, parameters=once).max() == 0
+    with pytest.raises(ParameterError, match="go together: 2 and 1 values"):
+        NormalizedCutParameters(low_max_cut=(0.1,))
+
+
 def test_no_part_is_small_and_parts_stay_within_their_clusters(rng):
     points = np.concatenate([tree(rng, 0, 0), tree(rng, 3.0, 0), rng.uniform(10, 10.3, (50, 3))])
     parameters = NormalizedCutParameters(tolerance=0.3, spacing_factor=0, max_cut=1.2, min_voxels=40)

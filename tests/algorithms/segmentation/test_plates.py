@@ -1,4 +1,4 @@
-"""Plates that hang on masts are told from what belongs to these by their brightness."""
+"""Plates that hang on masts are told from what belongs to these by their brightness, or as thin sheets."""
 
 import numpy as np
 import pytest
@@ -35,20 +35,33 @@ def test_bright_plate_on_a_mast_is_an_object_of_its_own(front, rng):
     assert overlap > 0.7
 
 
-def test_two_plates_at_their_own_heights_are_two_objects(rng):
-    objects, _ = found_with(rng, [plate(rng, 2.2, 2.8), plate(rng, 3.6, 4.2)], [0.6, 0.6])
-    assert objects.max() == 2
+def test_all_plates_of_a_mast_are_one_sign(rng):
+    objects, truth = found_with(rng, [plate(rng, 2.2, 2.8), plate(rng, 3.6, 4.2)], [0.6, 0.6])
+    assert objects.max() == 1
+    sign = objects == np.bincount(objects[truth > 0]).argmax()
+    assert (sign & (truth > 0)).sum() / (sign | (truth > 0)).sum() > 0.7
+
+
+def test_back_of_a_plate_is_told_by_its_thin_sheet_and_a_box_is_not(rng):
+    back = plate(rng, 2.4, 3.1)
+    assert found_with(rng, [back], [0.39])[0].max() == 1
+    box = rng.uniform([-0.35, 0.0, 2.4], [0.35, 0.3, 3.1], (6000, 3))
+    assert found_with(rng, [box], [0.39])[0].max() == 0
+    crowded = plate(rng, 6.0, 6.9)  # too high to be a plate itself, and close above one
+    assert found_with(rng, [plate(rng, 5.0, 5.4, left=-0.5, right=0.3), crowded], [0.39, 0.39])[0].max() == 0
 
 
 @pytest.mark.parametrize(
     ("body", "brightness", "changes"),
     [
-        ((2.4, 3.1), 0.4, {}),  # as bright as the mast: a box of its own
+        ((2.4, 3.1), 0.34, {}),  # duller than the mast: no sheeting, nor its back
+        ((2.4, 2.8), 0.4, {"plate_gap": 6.0}),
+        ((2.4, 3.6), 0.4, {}),  # as bright as the mast and higher than signs are: a banner
         ((2.4, 3.1), None, {}),  # without intensities nothing tells
         ((2.4, 3.1), 0.6, {"plate_gap": 0.0}),
         ((2.4, 3.1), 0.6, {"plate_gap": 6.0}),  # the mast does not go on that far
         ((7.2, 7.9), 0.6, {}),  # a sign ends with its plate
-        ((2.4, 2.6), 0.6, {}),  # an arm is no plate
+        ((2.4, 2.5), 0.6, {}),  # an arm is no plate
     ],
 )
 def test_what_is_no_plate_stays_on_the_mast(body, brightness, changes, rng):

@@ -86,7 +86,7 @@ def test_touching_instances_share_a_cluster(rng):
 
     xyz = np.concatenate([box(0), box(0.55), box(3)])
     points = PointCloud(xyz, {"instance": np.repeat([5, 6, 7], 400), "ground": np.zeros(1200, bool)})
-    assert touching_instances(points, np.array([5, 6, 7]), 30).tolist() == [True, True, False]
+    assert touching_instances(points, points["instance"], np.array([5, 6, 7]), 30).tolist() == [True, True, False]
 
 
 def test_streets_may_not_be_learned_from_and_scored_on():

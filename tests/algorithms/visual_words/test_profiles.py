@@ -6,6 +6,7 @@ import pytest
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.visual_words.profiles import (
     BANDS,
+    N_BLIND,
     N_PLACES,
     N_SHARES,
     RINGS,
@@ -14,6 +15,7 @@ from mlsroad_pipeline.algorithms.visual_words.profiles import (
     profile_likeness,
     without_intensities,
 )
+from mlsroad_pipeline.algorithms.visual_words.surfaces import KINDS, surface_kinds
 
 
 def lamp(rng, x=0.0, y=0.0, turn=0.0):
@@ -66,11 +68,11 @@ def test_shares_of_intensity_by_hand():
     column = np.column_stack([np.zeros((12, 2)), 0.05 + np.arange(12) / 2])
     points = np.concatenate([column, column[-2:] + [0.0, 0.0, 0.01]])
     intensity = np.r_[np.full(10, 0.25), 0.6, 1.0, 0.9, 1.5]
-    found = measure_profiles(points, np.zeros(14, int), intensity=intensity)[0, N_PLACES:].reshape(BANDS, TONES)
+    found = measure_profiles(points, np.zeros(14, int), intensity=intensity)[0, N_BLIND:].reshape(BANDS, TONES)
     assert found.sum() == pytest.approx(1.0)
-    assert found[:10, 1].tolist() == pytest.approx([1 / 12] * 10)
-    assert found[10, 3] == pytest.approx(1 / 12)  # the mean of 0.6 and 0.9
-    assert found[11, 4] == pytest.approx(1 / 12)  # what is brighter than 1 is in the brightest step
+    assert found[:10, TONES // 4].tolist() == pytest.approx([1 / 12] * 10)
+    assert found[10, 3 * TONES // 4] == pytest.approx(1 / 12)  # the mean of 0.6 and 0.9
+    assert found[11, -1] == pytest.approx(1 / 12)  # what is brighter than 1 is in the brightest step
     with pytest.raises(DataError, match="intensity"):
         measure_profiles(points, np.zeros(14, int), intensity=intensity[:3])
 
@@ -84,3 +86,50 @@ def test_intensities_tell_apart_what_has_one_form_and_can_be_left_out(rng):
     assert profile_likeness(dull, bright)[0, 0] < 0.9
     np.testing.assert_array_equal(without_intensities(bright), measure_profiles(points, owner))
     assert bright[:, N_PLACES:].any()
+
+
+def _sheet(across, along, n=25):
+    """Voxels of a plane through two directions, 0.1 m apart."""
+    steps = 0.1 * np.arange(n)
+    first, second = np.meshgrid(steps, steps, indexing="ij")
+    return first.reshape(-1, 1) * np.array(across) + second.reshape(-1, 1) * np.array(along)
+
+
+@pytest.mark.parametrize(
+    ("kind", "points"),
+    [
+        (0, 0.1 * np.arange(40)[:, None] * [0, 0, 1]),
+        (1, 0.1 * np.arange(40)[:, None] * [0.7, 0, 0.7]),
+        (2, 0.1 * np.arange(40)[:, None] * [0.6, 0.8, 0]),
+        (3, _sheet([0.6, 0.8, 0], [0, 0, 1])),
+        (4, _sheet([1, 0, 0], [0, 0.7, 0.7])),
+        (5, _sheet([1, 0, 0], [0, 1, 0])),
+        (6, np.stack(np.meshgrid(*[0.1 * np.arange(12)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)),
+        (7, np.array([[0, 0, 0], [0.1, 0, 0], [0, 0, 2.0]])),
+    ],
+)
+def test_lines_planes_and_bodies_are_told_by_the_way_they_run(kind, points):
+    shares = measure_profiles(points + 0.05, np.zeros(len(points), int))[0]
+    of_kind = shares[N_PLACES:N_BLIND].reshape(BANDS, KINDS).sum(axis=0)
+    assert of_kind.sum() == pytest.approx(1.0)
+    assert of_kind.argmax() == kind and of_kind[kind] > 0.6
+
+
+def test_surfaces_are_those_of_the_voxels_around_by_hand_and_end_with_their_object(rng):
+    """Against sums over all pairs, on two clouds that lie in each other."""
+    points = rng.uniform(0, 1.2, (700, 3)) * [1, 1, 0.4]
+    cells = np.floor(points / 0.1).astype(np.int64)[:, ::-1]
+    owner = np.repeat([0, 1], 350)
+    order = np.lexsort([cells[:, 2], cells[:, 1], cells[:, 0], owner])
+    points, cells, owner = points[order], cells[order], owner[order]
+    found = surface_kinds(points, cells, np.array([0, 350, 700]))
+    for i in range(0, 700, 7):
+        around = (np.abs(cells - cells[i]) <= 2).all(axis=1) & (owner == owner[i])
+        if around.sum() < 4:
+            assert found[i] == 7
+            continue
+        values, vectors = np.linalg.eigh(np.cov(points[around].T, bias=True))
+        short, middle, long = np.sqrt(values)
+        up, normal = abs(vectors[2, 2]), abs(vectors[2, 0])
+        line, plane = (0 if up > 0.9 else 1 if up > 0.4 else 2), (3 if normal < 0.3 else 4 if normal < 0.8 else 5)
+        assert found[i] == [line, plane, 6][int(np.argmax([long - middle, middle - short, short]))]

@@ -5,6 +5,7 @@ With intensity this is the paper's extended voxel-based normalised cut; without,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,11 +70,12 @@ class NormalizedCutParameters:
         their histogram over the fullest (Shi and Malik 2000). 1 never stops; smaller cuts less.
     max_nodes : int, default 256
         Size of the graph that a cut is found on; more follows the voxels more closely, and time grows with its square.
-    low_height : float, default 2.5
-        A group no higher than this that stays whole is tried once more with `low_sigma_h` and `low_max_cut`, metres:
-        cars and shrubs stand closer together than trees. Larger cuts more; 0 tries none, as the paper.
-    low_sigma_h, low_max_cut : float, default 1.0, 0.14
-        In place of `sigma_h` and `max_cut` then. Not in the paper.
+    low_height : float, default 3.0
+        A group no higher than this that stays whole is tried again with each of `low_sigma_h` and `low_max_cut`,
+        metres: cars and shrubs stand closer together than trees. Larger cuts more; 0 tries none, as the paper.
+    low_sigma_h, low_max_cut : sequence of float, default (0.5, 1.0), (0.045, 0.14)
+        In place of `sigma_h` and `max_cut` then, in this order, until a cut is found: what hangs together by little
+        shows best at the smallest scale, where a cut of it costs next to nothing. Not in the paper.
     pole_length : float, default 1.2
         Poles that stand free over this length, below a crown or above a shrub, are taken out of their clusters before
         these are cut, metres; see `separate_poles`. Larger takes out fewer; 0 takes out none, as the paper.
@@ -107,30 +109,30 @@ class NormalizedCutParameters:
     min_voxels: int = 20
     max_smoothness: float = 0.2
     max_nodes: int = 256
-    low_height: float = 2.5
-    low_sigma_h: float = 1.0
-    low_max_cut: float = 0.14
+    low_height: float = 3.0
+    low_sigma_h: Sequence[float] = (0.5, 1.0)
+    low_max_cut: Sequence[float] = (0.045, 0.14)
     pole_length: float = 1.2
     foot_height: float = 2.0
     pole_gap: float = 2.0
     plate_gap: float = 1.2
 
     def __post_init__(self) -> None:
+        for name in ("low_sigma_h", "low_max_cut"):
+            object.__setattr__(self, name, tuple(np.atleast_1d(getattr(self, name)).tolist()))
         for name in (
-            "tolerance",
-            "max_tolerance",
-            "voxel_size",
-            "sigma_h",
-            "sigma_v",
-            "sigma_i",
-            "low_sigma_h",
-            "max_distance",
-            "min_voxels",
-        ):
+            "tolerance", "max_tolerance", "voxel_size", "sigma_h", "sigma_v", "sigma_i", "max_distance", "min_voxels",
+        ):  # fmt: skip
             check_positive(getattr(self, name), name)
-        for name in ("max_cut", "low_max_cut"):
-            if not 0 <= getattr(self, name) <= 2:
-                raise ParameterError(f"{name} must be between 0 and 2, got {getattr(self, name)!r}")
+        for name, value in (("max_cut", self.max_cut), *(("low_max_cut", value) for value in self.low_max_cut)):
+            if not 0 <= value <= 2:
+                raise ParameterError(f"{name} must be between 0 and 2, got {value!r}")
+        for value in self.low_sigma_h:
+            check_positive(value, "low_sigma_h")
+        if len(self.low_sigma_h) != len(self.low_max_cut):
+            raise ParameterError(
+                f"low_sigma_h and low_max_cut go together: {len(self.low_sigma_h)} and {len(self.low_max_cut)} values"
+            )
         for name in (
             "spacing_factor", "smoothing", "max_smoothness", "low_height", "pole_length", "foot_height", "pole_gap",
             "plate_gap",
@@ -200,7 +202,7 @@ def segment(
     parts = _cut_clusters(
         compared, order, starts, scale, parameters.max_distance**2, parameters.voxel_size, parameters.max_cut,
         parameters.max_smoothness, parameters.min_voxels, parameters.max_nodes, parameters.low_height,
-        parameters.low_sigma_h**-2.0, parameters.low_max_cut,
+        np.array(parameters.low_sigma_h, np.float64) ** -2.0, np.array(parameters.low_max_cut, np.float64),
     )  # fmt: skip
     if parameters.foot_height > 0:
         parts = rejoin_floating_parts(
@@ -258,13 +260,12 @@ def _cut_clusters(
     min_voxels: int,
     max_nodes: int,
     low_height: float,
-    low_scale: float,
-    low_max_cut: float,
+    low_scales: NDArray[np.float64],
+    low_max_cuts: NDArray[np.float64],
 ) -> NDArray[np.int64]:
     """Return the part of each voxel; the voxels of a part become consecutive in `order`."""
     parts = np.empty(len(places), np.int64)
     closer = scale.copy()
-    closer[0] = low_scale
     n_parts = 0
     for c in range(len(starts) - 1):
         stack = [(starts[c], starts[c + 1])]
@@ -274,11 +275,15 @@ def _cut_clusters(
             side = _bisect(
                 places, members, scale, max_squared, voxel_size, max_cut, max_smoothness, min_voxels, max_nodes
             )
-            low = len(members) >= 2 * min_voxels and np.ptp(places[members, 2]) <= low_height
-            if low and low_height > 0 and not side.any():
+            low = len(members) >= 2 * min_voxels and low_height > 0 and np.ptp(places[members, 2]) <= low_height
+            for k in range(len(low_scales)):
+                if not low or side.any():
+                    break
+                closer[0] = low_scales[k]
                 side = _bisect(
-                    places, members, closer, max_squared, voxel_size, low_max_cut, max_smoothness, min_voxels, max_nodes
-                )
+                    places, members, closer, max_squared, voxel_size, low_max_cuts[k], max_smoothness, min_voxels,
+                    max_nodes,
+                )  # fmt: skip
             n_left = np.int64(side.sum())
             if n_left == 0:
                 parts[members] = n_parts

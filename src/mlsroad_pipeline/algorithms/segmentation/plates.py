@@ -1,7 +1,8 @@
 """Plates that hang on masts: objects of their own, told from what belongs to a mast by their reflectivity.
 
 A sign on a lamp's mast touches it, and its few voxels hardly weigh in a cut. By its shape alone it could be a box or a
-lamp of the mast; retroreflective sheeting is brighter.
+lamp of the mast; retroreflective sheeting is brighter. What is as thin as sheet metal, as large as signs are and alone
+on its mast need not be: its back is no brighter than the mast.
 """
 
 from __future__ import annotations
@@ -16,20 +17,23 @@ from mlsroad_pipeline.algorithms.segmentation.trunks import judge_stems
 _FREE = 1.2  # length over which a mast stands free, metres
 _REACH = 1.2  # of a plate from the mast's axis, metres
 _LOW, _HIGH = 1.2, 5.5  # above a mast's foot, between which plates hang, metres
-_LEAST, _MOST = 0.3, 1.6  # width and height of a plate, metres
-_THICK, _TILT = 0.06, 0.5  # deviation from a plane, metres, and vertical part of its normal
+_LEAST, _MOST = (0.3, 0.2), 1.6  # width and height of a plate, metres
+_THICK, _TILT = 0.075, 0.5  # deviation from a plane, metres, and vertical part of its normal
+_SHEET, _PLUMB = 0.02, 0.1  # the same of sheet metal
+_WIDE, _TALL = (0.5, 1.3), 1.0  # width and height of a sheet that need not be bright, metres
+_ALONE = 12  # voxels beside a mast above such a sheet, at most: there are no more plates
 _VOXELS, _CRUMB = 8, 4  # of the smallest plate, and of a piece of one
 _JOINED = 0.2  # voxels of one piece are this close, metres
 _THIN, _MARGIN = (0.1, 0.25), 0.06  # radii that a mast may have, and what is added to the one found, metres
 _SHAFT, _FOOT = 0.35, 0.4  # of an axis, within which a mast's radius is measured, and height from where, metres
 _HALF = 0.05  # of a voxel: what its middle lies off the ends of what is in it, metres
-_BRIGHTER = 0.02  # the least difference of mean intensities
+_BRIGHTER, _DULLER = 0.02, -0.05  # the least difference of mean intensities, of any plate and of a sheet
 
 
 def separate_plates(
     places: NDArray[np.float64], counts: NDArray[np.int64], parts: NDArray[np.int64], *, free_length: float
 ) -> NDArray[np.int64]:
-    """Take bright plates off the masts that they hang on.
+    """Take plates that are bright or thin off the masts that they hang on.
 
     Parameters
     ----------
@@ -46,7 +50,7 @@ def separate_plates(
     Returns
     -------
     ndarray of int64, shape (v,)
-        The same parts, and new numbers for the plates.
+        The same parts, and a new number for the plates of each mast.
     """
     out = parts.copy()
     stems = find_stems(places[:, :3], parts.astype(np.int32), _FREE)
@@ -58,9 +62,10 @@ def separate_plates(
         mast = _mast(places[members, :3], counts[members], found)
         if mast is None:
             continue
-        for plate in _plates(places[members], counts[members], mast, free_length):
+        plates = _plates(places[members], counts[members], mast, free_length)
+        if plates:  # all that one mast carries are one sign, as on a post of their own
             last += 1
-            out[members[plate]] = last
+            out[members[np.concatenate(plates)]] = last
     return out
 
 
@@ -79,16 +84,21 @@ def _plates(
     shaft = (distance <= _SHAFT) & (z > mast.low + _FOOT) & (z < mast.high)
     radius = float(np.clip(np.percentile(distance[shaft], 75) + _MARGIN, *_THIN)) if shaft.any() else _THIN[0]
     beside = np.flatnonzero(distance > radius)
+    bodies = _bodies(places, beside, distance[beside], mast, free_length)
+    others = np.setdiff1d(beside, np.concatenate([*bodies, beside[:0]]))
     found = []
-    for body in _bodies(places, beside, distance[beside], mast, free_length):
+    for body in bodies:
         low, high = z[body].min() - _HALF, z[body].max() + _HALF
         normal, thickness, width = _plane(places[body, :3])
-        flat = thickness <= _THICK and abs(normal[2]) <= _TILT
-        if not (flat and _LEAST <= high - low - 2 * _HALF <= _MOST and _LEAST <= width <= _MOST):
+        tall, tilt = high - low - 2 * _HALF, abs(normal[2])
+        if not (thickness <= _THICK and tilt <= _TILT and _LEAST[0] <= width <= _MOST and _LEAST[1] <= tall <= _MOST):
             continue
         level = (z >= low) & (z <= high)
         rest = (distance <= radius) & ~level & (z > mast.low)
-        if _mean(places, counts, body) - _mean(places, counts, np.flatnonzero(rest)) < _BRIGHTER:
+        brighter = _mean(places, counts, body) - _mean(places, counts, np.flatnonzero(rest))
+        sheet = thickness <= _SHEET and tilt <= _PLUMB and _WIDE[0] <= width <= _WIDE[1] and tall <= _TALL
+        alone = ((z[others] > high) & (z[others] <= high + free_length)).sum() <= _ALONE
+        if brighter < (_DULLER if sheet and alone else _BRIGHTER):
             continue
         behind = np.flatnonzero((distance <= radius) & level)
         off = np.abs((places[behind, :3] - places[body, :3].mean(axis=0)) @ normal)

@@ -13,6 +13,7 @@ from mlsroad_pipeline.algorithms.baselines.object_parts import describe_parts
 from mlsroad_pipeline.algorithms.baselines.oriented_points import describe_surfaces
 from mlsroad_pipeline.algorithms.classes import ClassScheme
 from mlsroad_pipeline.algorithms.detection import DetectionParameters, object_classes
+from mlsroad_pipeline.algorithms.detection_references import wanted_objects
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps, score_segmentation
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, owned_by_core, segment_scene
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
@@ -60,21 +61,19 @@ def segment_street(
     """
     objects, seconds = timed(segment_scene, points, {"ground": points["ground"]}, parameters)
     found, least = objects["objects"], detection.min_points
-    owned = owned_by_core(
-        points, np.where(points["instance"] > 0, points["instance"], -1), int(points["instance"].max()) + 1
-    )
-    mine = np.where(owned[points["instance"]], points["instance"], 0)
+    sought = detection.labels_in(scheme)
+    instances, kinds = wanted_objects(points, scheme, sought)
+    owned = owned_by_core(points, np.where(instances > 0, instances, -1), len(kinds))
+    mine = np.where(owned[instances], instances, 0)
     figures = {name: np.array(value) for name, value in asdict(
         score_segmentation(mine, found, min_points=least)).items()}  # fmt: skip
     pairs = find_overlaps(mine, found)
     best = np.zeros(len(pairs.instances))
     np.maximum.at(best, pairs.instance, pairs.iou)
     large = pairs.instance_sizes >= least
-    touching = touching_instances(points, pairs.instances, least) & large
+    touching = touching_instances(points, instances, pairs.instances, least) & large
     weights = pairs.instance_sizes[touching]
-    first = np.unique(mine, return_index=True)
-    label = scheme.encode(points["label"], source=points.source)[first[1][np.searchsorted(first[0], pairs.instances)]]
-    wanted = large & np.isin(label, detection.labels_in(scheme))
+    wanted = large & np.isin(kinds[pairs.instances], sought)
     extra = {
         "touching": best[touching].mean() if touching.any() else np.nan,
         "weighted_touching": best[touching] @ weights / weights.sum() if touching.any() else np.nan,
@@ -86,13 +85,17 @@ def segment_street(
     return {"objects": objects, "classes": classes, "scores": scores}
 
 
-def touching_instances(points: PointCloud, names: NDArray[np.int64], min_points: int) -> NDArray[np.bool_]:
+def touching_instances(
+    points: PointCloud, instances: NDArray[np.int32], names: NDArray[np.int64], min_points: int
+) -> NDArray[np.bool_]:
     """Tell which instances share a Euclidean cluster with another one.
 
     Parameters
     ----------
     points : PointCloud
-        A street with `ground` and `instance`.
+        A street with `ground`.
+    instances : ndarray of int32, shape (n,)
+        What each point belongs to; 0 is nothing.
     names : ndarray of int64
         The instances.
     min_points : int
@@ -105,7 +108,7 @@ def touching_instances(points: PointCloud, names: NDArray[np.int64], min_points:
     """
     off = np.flatnonzero(~points["ground"])
     together = cluster(np.ascontiguousarray(points.xyz[off], dtype=np.float64), tolerance=TOUCHING)
-    pairs = find_overlaps(points["instance"][off], together)
+    pairs = find_overlaps(instances[off], together)
     there = pairs.shared >= min_points
     crowded = np.bincount(pairs.segment[there], minlength=len(pairs.segments)) > 1
     return np.isin(names, pairs.instances[pairs.instance[there & crowded[pairs.segment]]])

@@ -1,4 +1,4 @@
-"""Where an object's substance lies: how high above its foot, how far from its axis, and how bright it is there."""
+"""Where an object's substance lies: how high above its foot, how far from its axis, of what form and how bright."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.validation import check_column
+from mlsroad_pipeline.algorithms.visual_words.surfaces import KINDS, surface_kinds
 
 BANDS = 12
 """Bands of equal height between the foot and the top of an object."""
@@ -15,13 +16,16 @@ BANDS = 12
 RINGS = (0.08, 0.16, 0.26, 0.4, 0.6, 0.85, 1.2, 1.7, 2.4, 3.5, 5.0, np.inf)
 """Outer radii of rings around an object's axis, metres."""
 
-TONES = 5
+TONES = 20
 """Equal steps of intensity over [0, 1]."""
 
 N_PLACES = BANDS * len(RINGS)
-"""Columns of a profile that tell of places; the others tell of intensities."""
+"""Columns of a profile that tell of places; those of forms follow."""
 
-N_SHARES = N_PLACES + BANDS * TONES
+N_BLIND = N_PLACES + BANDS * KINDS
+"""Columns of a profile that tell of places and forms; the others tell of intensities."""
+
+N_SHARES = N_BLIND + BANDS * TONES
 """Columns of a profile."""
 
 _VOXEL = 0.1  # places within it count once, metres: what was scanned from near weighs no more
@@ -31,7 +35,7 @@ _LEAST = 0.1  # height of the flattest object, metres
 def measure_profiles(
     xyz: NDArray[np.floating], objects: NDArray[np.integer], *, intensity: ArrayLike | None = None
 ) -> NDArray[np.float32]:
-    """Measure how the voxels of each object are spread over height, distance from its axis, and intensity.
+    """Measure how the voxels of each object are spread over height, distance from its axis, form and intensity.
 
     Parameters
     ----------
@@ -45,10 +49,10 @@ def measure_profiles(
     Returns
     -------
     ndarray of float32, shape (objects, N_SHARES)
-        Share of an object's voxels in each band and ring, then in each band and tone; either sums to 1. Both are 0 for
-        an object without points, and the shares of intensities are 0 without intensities. The
-        axis is upright, through the medians of the voxels' horizontal coordinates: a mast lies on it and its arm
-        does not. Profiles do not change when an object is turned about it.
+        Share of an object's voxels in each band and ring, then in each band and kind of `surface_kinds`, then in each
+        band and tone; each of the three sums to 1. All are 0 for an object without points, and the shares of
+        intensities are 0 without intensities. The axis is upright, through the medians of the voxels' horizontal
+        coordinates: a mast lies on it and its arm does not. Profiles do not change when an object is turned about it.
 
     Raises
     ------
@@ -62,17 +66,18 @@ def measure_profiles(
     if len(rows) == 0:
         return shares
     bright = np.zeros(len(rows)) if values is None else values[rows].astype(np.float64)
-    places, means, owner = _voxels(xyz[rows].astype(np.float64), objects[rows].astype(np.int64), bright)
+    places, means, owner, cells = _voxels(xyz[rows].astype(np.float64), objects[rows].astype(np.int64), bright)
     starts = np.searchsorted(owner, np.arange(n + 1))
+    kinds = surface_kinds(places, cells, starts)
     axes = np.zeros((n, 2))
     for k in np.flatnonzero(np.diff(starts)).tolist():
         axes[k] = np.median(places[starts[k] : starts[k + 1], :2], axis=0)
-    _count(places, means, starts, axes, np.array(RINGS), shares)
+    _count(places, kinds, means, starts, axes, np.array(RINGS), shares)
     return shares if values is not None else without_intensities(shares)
 
 
 def without_intensities(profiles: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return profiles that tell of places alone.
+    """Return profiles that tell of places and forms alone.
 
     Parameters
     ----------
@@ -85,32 +90,35 @@ def without_intensities(profiles: NDArray[np.float32]) -> NDArray[np.float32]:
         The same, with 0 for the shares of intensities.
     """
     blind = profiles.copy()
-    blind[:, N_PLACES:] = 0.0
+    blind[:, N_BLIND:] = 0.0
     return blind
 
 
 def _voxels(
     xyz: NDArray[np.float64], objects: NDArray[np.int64], intensity: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return the centroids and mean intensities of the voxels of each object, ordered by object."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return centroids, mean intensities, objects and cells (z, y, x) of the voxels of each object, in this order."""
     cell = np.floor((xyz - xyz.min(axis=0)) / _VOXEL).astype(np.int64)
     span = cell.max(axis=0) + 1
     names = ((objects * span[2] + cell[:, 2]) * span[1] + cell[:, 1]) * span[0] + cell[:, 0]
     voxels, owner, counts = np.unique(names, return_inverse=True, return_counts=True)
     places = np.column_stack([np.bincount(owner, xyz[:, axis]) / counts for axis in range(3)])
-    return places, np.bincount(owner, intensity) / counts, voxels // (span[0] * span[1] * span[2])
+    cells = np.column_stack([voxels // (span[0] * span[1]) % span[2], voxels // span[0] % span[1], voxels % span[0]])
+    return places, np.bincount(owner, intensity) / counts, voxels // (span[0] * span[1] * span[2]), cells
 
 
 @njit(cache=True, nogil=True)
 def _count(
     places: NDArray[np.float64],
+    kinds: NDArray[np.int64],
     intensity: NDArray[np.float64],
     starts: NDArray[np.int64],
     axes: NDArray[np.float64],
     rings: NDArray[np.float64],
     shares: NDArray[np.float32],
 ) -> None:
-    width, first_tone = len(rings), BANDS * len(rings)
+    width, first_kind = len(rings), BANDS * len(rings)
+    first_tone = first_kind + BANDS * KINDS
     for k in range(len(axes)):
         first, stop = starts[k], starts[k + 1]
         if stop == first:
@@ -125,6 +133,7 @@ def _count(
                 ring += 1
             tone = min(max(int(intensity[i] * TONES), 0), TONES - 1)
             shares[k, band * width + ring] += 1.0
+            shares[k, first_kind + band * KINDS + kinds[i]] += 1.0
             shares[k, first_tone + band * TONES + tone] += 1.0
         shares[k] /= stop - first
 
@@ -155,11 +164,14 @@ def profile_likeness(queries: NDArray[np.floating], objects: NDArray[np.floating
 @njit(cache=True, nogil=True)
 def _jaccard(queries: NDArray[np.float64], objects: NDArray[np.float64]) -> NDArray[np.float64]:
     out = np.zeros((len(queries), len(objects)))
+    totals = objects.sum(axis=1)
     for q in range(len(queries)):
+        filled = np.flatnonzero(queries[q])  # few of its shares are not 0
+        total = queries[q].sum()
         for b in range(len(objects)):
-            least, most = 0.0, 0.0
-            for k in range(queries.shape[1]):
+            least = 0.0
+            for k in filled:
                 least += min(queries[q, k], objects[b, k])
-                most += max(queries[q, k], objects[b, k])
+            most = total + totals[b] - least
             out[q, b] = least / most if most > 0.0 else 0.0
     return out
