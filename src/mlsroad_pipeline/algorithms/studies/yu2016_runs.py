@@ -49,7 +49,8 @@ def train_and_detect(
     train : mapping of str to mapping
         Street to the ``classes`` of its objects, see `segment_street`, and their ``parts``.
     test : mapping of str to mapping
-        Street to its ``points``, ``objects`` and ``parts``.
+        Street to ``scene``, handles of its points and its objects, loaded street by street since those of all streets
+        fill a machine's memory, and to its ``parts``.
     method : str
         The detector.
     parameters : dataclass
@@ -87,7 +88,8 @@ def train_and_detect(
     results = {"facts": facts}
     for key, given in test.items():
         found, seconds = timed(_DETECT[method], given["parts"], bundle)
-        counts = count_detections_of_scene(given["points"], given["objects"], found, **judge)
+        points, objects = (handle.load() for handle in given["scene"])
+        counts = count_detections_of_scene(points, objects, found, **judge)
         results[key] = {**counts, "seconds": np.array(seconds)}
     return results
 

@@ -26,7 +26,7 @@ from mlsroad_pipeline.algorithms.studies.yu2016_results import (
 )
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
 from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask
+from mlsroad_pipeline.datasets.scene_task import Deferred, SceneTask
 from mlsroad_pipeline.pipelines.study import street_tasks
 
 
@@ -222,7 +222,7 @@ def _run(
                 if split == "train":
                     own["classes"] = classes[f"{CUT}.{street}"]
                 else:
-                    own |= {"points": points[street], "objects": objects[f"{CUT}.{street}"]}
+                    own["scene"] = Deferred((points[street], objects[f"{CUT}.{street}"]))
                 given[run_key(survey, seed)] = own
         return given
 
