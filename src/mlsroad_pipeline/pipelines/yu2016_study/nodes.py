@@ -218,7 +218,7 @@ def _run(
         for survey in surveys:
             for seed in getattr(plan.scale.surveys[survey], split):
                 street = street_key(survey, seed)
-                own = {"parts": parts[f"{name}.{street}"]}
+                own: dict[str, Any] = {"parts": parts[f"{name}.{street}"]}
                 if split == "train":
                     own["classes"] = classes[f"{CUT}.{street}"]
                 else:
