@@ -4,8 +4,8 @@
     python benchmarks/cut_intensity.py [--jobs 2]
 
 Takes the training streets of the study of Yu et al. 2016 on which `sigma_i` and `max_cut` were not chosen, their
-segmentation by the cut with intensity as the study has stored it, and cuts them again without. The six test streets of
-the study are too few to tell differences of a hundredth; these are made with more signs and traffic, but no setting of
+segmentation by the cut with intensity as the study has stored it, and cuts them again without. The twelve test streets
+of the study are too few to tell differences of a hundredth; these are made with more signs and traffic, but no setting of
 the intensities was chosen on them.
 """
 
