@@ -30,8 +30,9 @@ from mlsroad_pipeline.algorithms.scene_stages import (
     describe_supervoxels,
     find_ground,
 )
+from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import segment
 from mlsroad_pipeline.algorithms.segmentation.spacing import cluster_by_spacing
 from mlsroad_pipeline.algorithms.segmentation.two_step import segment_two_step
 from mlsroad_pipeline.algorithms.segmentation.yang_dong import segment_yang_dong

@@ -21,7 +21,7 @@ from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters
+from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 
 SCHEME = ClassScheme(
     "test", ("pole", "car", "other"), (("light_pole",), ("car",), ("tree",)), ("unlabelled",), (64, 66, 1)

@@ -10,7 +10,7 @@ from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
 from mlsroad_pipeline.algorithms.recognition import ObjectSet
 from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters
+from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 
 SCHEME = ClassScheme(
     "test", ("pole", "car", "bin", "other"), (("light_pole",), ("car",), ("bin",), ("road", "tree")), ("unlabelled",), (64, 66, 67, 1)

@@ -26,7 +26,7 @@ from mlsroad_pipeline.algorithms.object_segmentation import (
 )
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.rendering.palette import HIT_COLOUR, MISSED_COLOUR, WRONG_COLOUR
-from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters
+from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 
 SCHEME = ClassScheme(
     "test", ("pole", "car", "other"), (("light_pole",), ("car",), ("road", "tree")), ("unlabelled",), (64, 66, 1)

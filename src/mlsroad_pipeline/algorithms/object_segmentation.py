@@ -16,8 +16,9 @@ from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.metrics.instances import InstanceScores, find_overlaps, score_segmentation
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scene_stages import inliers
+from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, cluster_points, segment
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import cluster_points, segment
 from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
 from mlsroad_pipeline.algorithms.segmentation.two_step import TwoStepParameters, segment_two_step
 from mlsroad_pipeline.algorithms.segmentation.yang_dong import YangDongParameters, segment_yang_dong

@@ -9,7 +9,8 @@ from mlsroad_pipeline.algorithms.exceptions import MissingColumnError, Parameter
 from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, segment_scene
 from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.segmentation import two_step
-from mlsroad_pipeline.algorithms.segmentation.normalized_cut import NormalizedCutParameters, segment
+from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import segment
 from mlsroad_pipeline.algorithms.segmentation.spacing import cluster_by_spacing
 from mlsroad_pipeline.algorithms.segmentation.two_step import TwoStepParameters, segment_two_step
 from mlsroad_pipeline.algorithms.segmentation.yang_dong import (
