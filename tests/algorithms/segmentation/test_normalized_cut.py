@@ -111,6 +111,7 @@ def test_intensity_parts_a_pole_from_the_bush_around_it(rng):
     parameters = NormalizedCutParameters(
         sigma_i=0.2,
         smoothing=0,
+        tall_smoothing=0,
         max_nodes=2000,
         pole_length=0,  # by its shape it would be found without
     )

@@ -46,6 +46,7 @@ def test_all_plates_of_a_mast_are_one_sign(rng):
 def test_back_of_a_plate_is_told_by_its_thin_sheet_and_a_box_is_not(rng):
     back = plate(rng, 2.4, 3.1)
     assert found_with(rng, [back], [0.39])[0].max() == 1
+    assert found_with(rng, [back], None)[0].max() == 1
     box = rng.uniform([-0.35, 0.0, 2.4], [0.35, 0.3, 3.1], (6000, 3))
     assert found_with(rng, [box], [0.39])[0].max() == 0
     crowded = plate(rng, 6.0, 6.9)  # too high to be a plate itself, and close above one
@@ -58,7 +59,7 @@ def test_back_of_a_plate_is_told_by_its_thin_sheet_and_a_box_is_not(rng):
         ((2.4, 3.1), 0.34, {}),  # duller than the mast: no sheeting, nor its back
         ((2.4, 2.8), 0.4, {"plate_gap": 6.0}),
         ((2.4, 3.6), 0.4, {}),  # as bright as the mast and higher than signs are: a banner
-        ((2.4, 3.1), None, {}),  # without intensities nothing tells
+        ((2.4, 3.6), None, {}),  # without intensities nothing tells it from a banner
         ((2.4, 3.1), 0.6, {"plate_gap": 0.0}),
         ((2.4, 3.1), 0.6, {"plate_gap": 6.0}),  # the mast does not go on that far
         ((7.2, 7.9), 0.6, {}),  # a sign ends with its plate

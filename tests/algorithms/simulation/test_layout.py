@@ -167,6 +167,21 @@ def test_vehicles_of_a_lane_never_meet():
             assert b - a > (long + other) / 2 + 1.0
 
 
+def test_lorries_are_as_frequent_among_vehicles_as_asked_for():
+    def labels(lorries):
+        parameters = replace(STREETS["ring_road"], traffic=1.8, people=0.0, two_wheelers=0.0, lorries=lorries)
+        street = draw_street(3, length=2400.0, parameters=parameters)
+        movers = [mover for block in range(40) for mover in draw_traffic(street, drive_of(2400), block)]
+        return np.array([mover.label for mover in movers])
+
+    usual, many, none = labels(1.0), labels(10.0), labels(0.0)
+    assert min(len(usual), len(many), len(none)) > 80
+    lorry = TAXONOMY["truck"]
+    assert 0.0 < (usual == lorry).mean() < 0.15
+    assert 0.25 < (many == lorry).mean() < 0.55  # 0.6 of 1.54
+    assert not (none == lorry).any()
+
+
 def test_bus_stops_and_gantries_can_be_left_out_and_alternate_otherwise():
     def counts(**changes):
         street = draw_street(3, length=600.0, parameters=replace(STREETS["ring_road"], clutter=0.0, **changes))

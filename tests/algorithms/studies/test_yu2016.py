@@ -96,6 +96,20 @@ def test_streets_may_not_be_learned_from_and_scored_on():
         StudyParameters("huge", {"fast": {}})
 
 
+def test_streets_with_more_of_what_is_rare_are_training_streets_that_differ_further():
+    survey = StudySurvey(
+        {"length": 50.0, "street": {"signs": 1.0, "traffic": 0.2}}, [1, 2], [3],
+        train_survey={"street": {"traffic": 0.8}}, rare=[2], rare_survey={"speed": 4.0, "street": {"traffic": 2.0}},
+    )  # fmt: skip
+    assert survey.street(1) == {"length": 50.0, "street": {"signs": 1.0, "traffic": 0.8}, "seed": 1}
+    assert survey.street(2) == {"length": 50.0, "speed": 4.0, "street": {"signs": 1.0, "traffic": 2.0}, "seed": 2}
+    assert survey.street(3) == {"length": 50.0, "street": {"signs": 1.0, "traffic": 0.2}, "seed": 3}
+    with pytest.raises(ParameterError, match=r"streets \[3\] of `rare` are not among the training streets"):
+        replace(survey, rare=[3])
+    with pytest.raises(ParameterError, match="seeds of the streets"):
+        replace(survey, rare_survey={"seed": 4})
+
+
 def test_models_of_one_detector_are_joined_by_street():
     surveys = {name: StudySurvey({}, [1], [2]) for name in ("RRS", "SPP")}
     scale = StudyScale(surveys, ["single"], [0.1], [0])

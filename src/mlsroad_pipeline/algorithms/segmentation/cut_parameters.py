@@ -32,9 +32,11 @@ class NormalizedCutParameters:
         objects that stand closer together, and wide ones in pieces.
     sigma_i : float, default 0.2
         The same for the intensity, in [0, 1] (yu2016: 1). Smaller separates by reflectivity more eagerly.
-    smoothing : float, default 0.2
-        Intensities that cuts compare are means over three times this in each direction, metres: single voxels of a
-        crown differ more than a crown and a car do. 0 compares those of voxels, as the paper. Not in the paper.
+    smoothing, tall_smoothing : float, default 0.2, 2.0
+        Intensities that cuts compare are means over three times this in each direction within a cluster, metres; the
+        second in groups higher than `low_height`. Voxels of a body differ more than a crown and a car do, and boughs of
+        one crown more than two crowns of a species. Larger tells what is larger. 0 compares those of voxels, as the
+        paper. Not in the paper.
     max_distance : float, default 5.0
         Voxels farther apart horizontally, d_H, have no edge, metres.
     max_cut : float, default 0.45
@@ -62,9 +64,9 @@ class NormalizedCutParameters:
         Narrow upright parts that lie in one line are joined over a gap of at most this, metres: something hides a
         stretch of a pole. Larger joins more; 0 joins none, as the paper.
     plate_gap : float, default 1.2
-        Plates brighter than the mast that they hang on are objects of their own where the mast goes on for this length
-        above them, metres; only with intensities, see `separate_plates`. Larger takes off fewer; 0 takes off none, as
-        the paper.
+        Plates brighter than the mast that they hang on, and thin ones of any intensity, are objects of their own where
+        the mast goes on for this length above them, metres; see `separate_plates`. Larger takes off fewer; 0 takes off
+        none, as the paper.
 
     Raises
     ------
@@ -80,6 +82,7 @@ class NormalizedCutParameters:
     sigma_v: float = 10.0
     sigma_i: float = 0.2
     smoothing: float = 0.2
+    tall_smoothing: float = 2.0
     max_distance: float = 5.0
     max_cut: float = 0.45
     min_voxels: int = 20
@@ -110,8 +113,8 @@ class NormalizedCutParameters:
                 f"low_sigma_h and low_max_cut go together: {len(self.low_sigma_h)} and {len(self.low_max_cut)} values"
             )
         for name in (
-            "spacing_factor", "smoothing", "max_smoothness", "low_height", "pole_length", "foot_height", "pole_gap",
-            "plate_gap",
+            "spacing_factor", "smoothing", "tall_smoothing", "max_smoothness", "low_height", "pole_length",
+            "foot_height", "pole_gap", "plate_gap",
         ):  # fmt: skip
             if not 0 <= getattr(self, name) < np.inf:
                 raise ParameterError(f"{name} must be at least 0, got {getattr(self, name)!r}")

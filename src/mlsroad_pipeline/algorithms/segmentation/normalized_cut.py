@@ -87,11 +87,10 @@ def segment(
     order = np.argsort(of_voxel, kind="stable")
     starts = np.searchsorted(of_voxel[order], np.arange(int(of_voxel.max()) + 2))
     scale = 1.0 / np.square([parameters.sigma_h, parameters.sigma_v, parameters.sigma_i])
-    compared = places.copy()
-    if parameters.smoothing > 0 and intensity is not None:
-        compared[:, 3] = smooth_intensities(places, of_voxel, size=parameters.smoothing)
+    smoothings = (parameters.smoothing, parameters.tall_smoothing) if intensity is not None else (0.0, 0.0)
+    low, tall = (_compared(places, of_voxel, size) for size in smoothings)
     parts = _cut_clusters(
-        compared, order, starts, scale, parameters.max_distance**2, parameters.voxel_size, parameters.max_cut,
+        low, tall, order, starts, scale, parameters.max_distance**2, parameters.voxel_size, parameters.max_cut,
         parameters.max_smoothness, parameters.min_voxels, parameters.max_nodes, parameters.low_height,
         np.array(parameters.low_sigma_h, np.float64) ** -2.0, np.array(parameters.low_max_cut, np.float64),
     )  # fmt: skip
@@ -101,7 +100,7 @@ def segment(
         )
     parts = connected_components(parts[links], n_nodes=int(parts.max()) + 1)[parts].astype(np.int64)
     parts = join_stacked_poles(places[:, :3], parts, max_gap=parameters.pole_gap)
-    if parameters.plate_gap > 0 and intensity is not None:
+    if parameters.plate_gap > 0:  # without intensities all are equal, and thin sheets alone come off
         parts = separate_plates(places, np.bincount(voxel), parts, free_length=parameters.plate_gap)
     return number_objects(parts[voxel], min_points)
 
@@ -129,6 +128,13 @@ def cluster_points(xyz: ArrayLike, parameters: NormalizedCutParameters) -> NDArr
     )
 
 
+def _compared(places: NDArray[np.float64], clusters: NDArray[np.int32], size: float) -> NDArray[np.float64]:
+    """Return the places with the intensities that cuts compare."""
+    if size == 0:
+        return places
+    return np.column_stack([places[:, :3], smooth_intensities(places, clusters, size=size)])
+
+
 def _checked_intensity(intensity: ArrayLike, n_points: int) -> NDArray[np.float64]:
     values = check_column(intensity, n_points, "intensity").astype(np.float64)
     wrong = ~((values >= 0) & (values <= 1))
@@ -140,7 +146,8 @@ def _checked_intensity(intensity: ArrayLike, n_points: int) -> NDArray[np.float6
 
 @njit(cache=True, nogil=True)
 def _cut_clusters(
-    places: NDArray[np.float64],
+    low_places: NDArray[np.float64],
+    tall_places: NDArray[np.float64],
     order: NDArray[np.int64],
     starts: NDArray[np.int64],
     scale: NDArray[np.float64],
@@ -154,8 +161,11 @@ def _cut_clusters(
     low_scales: NDArray[np.float64],
     low_max_cuts: NDArray[np.float64],
 ) -> NDArray[np.int64]:
-    """Return the part of each voxel; the voxels of a part become consecutive in `order`."""
-    parts = np.empty(len(places), np.int64)
+    """Return the part of each voxel; the voxels of a part become consecutive in `order`.
+
+    Groups no higher than `low_height` compare the intensities of `low_places`, others those of `tall_places`.
+    """
+    parts = np.empty(len(low_places), np.int64)
     closer = scale.copy()
     n_parts = 0
     for c in range(len(starts) - 1):
@@ -163,12 +173,13 @@ def _cut_clusters(
         while len(stack) > 0:
             first, stop = stack.pop()
             members = order[first:stop].copy()
+            low = len(members) > 0 and np.ptp(low_places[members, 2]) <= low_height
+            places = low_places if low else tall_places
             side = _bisect(
                 places, members, scale, max_squared, voxel_size, max_cut, max_smoothness, min_voxels, max_nodes
             )
-            low = len(members) >= 2 * min_voxels and low_height > 0 and np.ptp(places[members, 2]) <= low_height
             for k in range(len(low_scales)):
-                if not low or side.any():
+                if not low or low_height == 0 or side.any():
                     break
                 closer[0] = low_scales[k]
                 side = _bisect(

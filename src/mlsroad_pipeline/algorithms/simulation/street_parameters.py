@@ -52,6 +52,8 @@ class StreetParameters:
     stations, gantries : float, default 1
         Likewise for bus stops, one in every second block of 60 m at 1, and for gantries over roads with a median, one
         in every fifth block.
+    lorries : float, default 1
+        How frequent trucks are among the vehicles that move, as multiples of the usual 6 of 100; 0 is none.
     two_wheelers : float, default 1
         Likewise for bicycles and motorcycles, parked and ridden. Above 1 some are added and all else stays as it is.
     overhead_wires : float, default 0.7
@@ -92,6 +94,7 @@ class StreetParameters:
     traffic: float = 1.0
     stations: float = 1.0
     gantries: float = 1.0
+    lorries: float = 1.0
     two_wheelers: float = 1.0
     overhead_wires: float = 0.7
     hard_cases: float = 0.3
@@ -105,6 +108,7 @@ class StreetParameters:
                      "stations", "two_wheelers"):  # fmt: skip
             self._check(name, 0.0, 5.0)
         self._check("gantries", 0.0, 20.0)
+        self._check("lorries", 0.0, 20.0)
         self._check("verge_width", 0.8, 8.0)
         self._check("grass_height", 0.0, 0.2)
         self._check("junction_spacing", 60.0, 5000.0, zero=True)

@@ -27,6 +27,8 @@ class _Meetings:
         self.street, self.drive, self.block = street, drive, block
         self.rng = generator(street.seed, 30, block)
         self.movers: list[Mover] = []
+        shares = _SHARES * np.where(np.array(_VEHICLES) == "truck", street.parameters.lorries, 1.0)
+        self.shares = _SHARES if street.parameters.lorries == 1 else shares / shares.sum()
 
     def add(
         self, design: Design, station: float, speed: float, offset: float, rng: np.random.Generator | None = None
@@ -39,7 +41,7 @@ class _Meetings:
 
     def vehicle(self) -> Design:
         """Draw a vehicle; motorcycles with who rides them."""
-        label = _VEHICLES[int(self.rng.choice(len(_VEHICLES), p=_SHARES))]
+        label = _VEHICLES[int(self.rng.choice(len(_VEHICLES), p=self.shares))]
         if label == "motorcycle" and is_left_out(self.rng, self.street.parameters.two_wheelers):
             label = "car"
         if label == "motorcycle":

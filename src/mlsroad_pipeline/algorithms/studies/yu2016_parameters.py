@@ -30,6 +30,10 @@ class StudySurvey:
         Seeds of the streets to learn from, and of those to be scored on; no street is in both.
     train_survey, test_survey : mapping
         What differs in the streets to learn from, and in those to be scored on.
+    rare : sequence of int
+        Streets of `train` that hold more of what is rare and easily taken for something else.
+    rare_survey : mapping
+        What differs in these beside `train_survey`.
     prevalence : mapping of str to float
         Class to how much more frequent it is in streets like the test streets than in the training streets; 1 for what
         is not named. See `DetectionParameters`.
@@ -37,7 +41,7 @@ class StudySurvey:
     Raises
     ------
     ParameterError
-        If a list is empty, a street is in both, or the survey names a seed.
+        If a list is empty, a street is in both, `rare` names none of `train`, or the survey names a seed.
     """
 
     survey: Mapping[str, Any]
@@ -45,6 +49,8 @@ class StudySurvey:
     test: Sequence[int]
     train_survey: Mapping[str, Any] = field(default_factory=dict)
     test_survey: Mapping[str, Any] = field(default_factory=dict)
+    rare: Sequence[int] = ()
+    rare_survey: Mapping[str, Any] = field(default_factory=dict)
     prevalence: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -54,7 +60,11 @@ class StudySurvey:
                 f"yu2016_study: training and test streets must be different and some of each, got {list(self.train)} "
                 f"and {list(self.test)}"
             )
-        if any("seed" in given for given in (self.survey, self.train_survey, self.test_survey)):
+        unknown = sorted(set(self.rare) - set(self.train))
+        if unknown:
+            raise ParameterError(f"yu2016_study: streets {unknown} of `rare` are not among the training streets")
+        surveys = (self.survey, self.train_survey, self.test_survey, self.rare_survey)
+        if any("seed" in given for given in surveys):
             raise ParameterError("yu2016_study: the seeds of the streets stand in train and test")
 
     def street(self, seed: int) -> dict[str, Any]:
@@ -70,9 +80,11 @@ class StudySurvey:
         dict
             ``preset`` and changes of `SimulationParameters`.
         """
-        own = self.train_survey if seed in self.train else self.test_survey
-        street = {**self.survey.get("street", {}), **own.get("street", {})}
-        return {**self.survey, **own, "street": street, "seed": seed}
+        given = [self.survey, self.train_survey if seed in self.train else self.test_survey]
+        given += [self.rare_survey] if seed in self.rare else []
+        made: dict[str, Any] = {name: value for changes in given for name, value in changes.items()}
+        street = {name: value for changes in given for name, value in changes.get("street", {}).items()}
+        return {**made, "street": street, "seed": seed}
 
 
 @dataclass(frozen=True)
