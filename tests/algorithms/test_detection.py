@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sklearn.metrics import f1_score
+from sklearn.metrics import adjusted_rand_score, f1_score
 
 from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.detection import (
@@ -203,12 +203,26 @@ def test_intensity_is_used_where_the_method_says_so(rng):
     xyz = np.concatenate([pole, bush[np.abs(bush[:, :2]).max(axis=1) > 0.08]])
     intensity = np.where(np.arange(len(xyz)) < 4000, 0.9, 0.15).astype(np.float32)
     scene, ground = PointCloud(xyz, {"intensity": intensity}), {"ground": np.zeros(len(xyz), bool)}
-    cut = NormalizedCutParameters(sigma_i=0.2, pole_length=0)  # or the pole would be found by its shape
+    cut = NormalizedCutParameters(sigma_i=0.2, tall_smoothing=0.2, pole_length=0)  # or its shape would tell the pole
     both = [
         segment_scene(scene, ground, SegmentationParameters(method, cut))["objects"].max() + 1
         for method in ("normalized_cut", "normalized_cut_geometry")
     ]
     assert both[0] == 2 and both[1] != 2
+
+
+def test_cut_as_published_knows_nothing_of_poles(rng):
+    pole = rng.uniform([-0.06, -0.06, 0], [0.06, 0.06, 6], (6000, 3))
+    bush = rng.uniform([-0.5, -0.5, 0], [0.5, 0.5, 1.5], (8000, 3))
+    xyz = np.concatenate([pole, bush[np.abs(bush[:, :2]).max(axis=1) > 0.06]])
+    scene, ground = PointCloud(xyz, {}), {"ground": np.zeros(len(xyz), bool)}
+    truth = np.arange(len(xyz)) < 6000
+    ours, published = (
+        segment_scene(scene, ground, SegmentationParameters(method))["objects"]
+        for method in ("normalized_cut_geometry", "normalized_cut_plain")
+    )
+    assert adjusted_rand_score(truth, ours) > 0.8
+    assert published.max() == 0
 
 
 def test_threshold_is_that_of_the_best_f_score_of_all(rng):

@@ -43,7 +43,7 @@ def _coverage(table: pd.DataFrame) -> Figure:
         spread = {method: rows.loc[method, [f"{name}_spread" for name in names]] for method in SEGMENTATIONS}
         draw_bars(axes, list(names.values()), values, spread=spread)
         name_axes(axes, title=survey, unit_range="y")
-    legend_below(figure, panels[0], 4)
+    legend_below(figure, panels[0], 3)
     return figure
 
 
