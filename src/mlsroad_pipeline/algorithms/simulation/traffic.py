@@ -28,7 +28,7 @@ class _Meetings:
         self.rng = generator(street.seed, 30, block)
         self.movers: list[Mover] = []
         shares = _SHARES * np.where(np.array(_VEHICLES) == "truck", street.parameters.lorries, 1.0)
-        self.shares = _SHARES if street.parameters.lorries == 1 else shares / shares.sum()
+        self.shares = shares / shares.sum()
 
     def add(
         self, design: Design, station: float, speed: float, offset: float, rng: np.random.Generator | None = None

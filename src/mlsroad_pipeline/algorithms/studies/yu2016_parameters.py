@@ -41,7 +41,7 @@ class StudySurvey:
     Raises
     ------
     ParameterError
-        If a list is empty, a street is in both, `rare` names none of `train`, or the survey names a seed.
+        If a list is empty, a street is in both, one of `rare` is not in `train`, or a survey names a seed.
     """
 
     survey: Mapping[str, Any]
