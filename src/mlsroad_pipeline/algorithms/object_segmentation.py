@@ -78,7 +78,7 @@ class SegmentationParameters:
 
     method: str = "normalized_cut"
     normalized_cut: NormalizedCutParameters = field(default_factory=NormalizedCutParameters)
-    plain_cut: NormalizedCutParameters = PLAIN_CUT
+    plain_cut: NormalizedCutParameters = field(default_factory=lambda: PLAIN_CUT)
     yang_dong: YangDongParameters = field(default_factory=YangDongParameters)
     two_step: TwoStepParameters = field(default_factory=TwoStepParameters)
     min_points: int = 10
