@@ -14,7 +14,12 @@ from mlsroad_pipeline.algorithms.detection import (
 )
 from mlsroad_pipeline.algorithms.detection_pictures import FALSE, MISSED, RIGHT, detection_figure, detection_outcomes
 from mlsroad_pipeline.algorithms.detection_references import wanted_objects, without_reference
-from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold, detect_by_thresholds, object_weights
+from mlsroad_pipeline.algorithms.detection_thresholds import (
+    best_threshold,
+    detect_by_thresholds,
+    object_weights,
+    training_weights,
+)
 from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.object_segmentation import (
     SegmentationParameters,
@@ -170,6 +175,22 @@ def test_thresholds_stand_against_the_prevalence_of_a_class(rng):
     assert reached == pytest.approx(best)
     assert f1_score(labels == 0, scores >= threshold, sample_weight=weights) == pytest.approx(best)
     assert threshold > best_threshold(scores, labels == 0)[1]  # rarer objects need better scores
+
+
+def test_objects_of_scenes_without_weight_have_no_say_in_thresholds(rng):
+    usual = {"label": np.repeat([0, -1], [60, 300]), "own": rng.random(360) < 0.9}
+    odd = {"label": np.repeat([0, 1, -1], [20, 10, 200]), "own": rng.random(230) < 0.9, "weight": 0.0}
+    weights = training_weights([usual, odd], np.array([0.25, 3.0]))
+    n = usual["own"].sum()
+    assert weights[:n].tolist() == np.where(usual["label"] == 0, 0.25, 1.0)[usual["own"]].tolist()
+    assert len(weights) == n + odd["own"].sum() and (weights[n:] == 0).all()
+    labels = np.concatenate([found["label"][found["own"]] for found in (usual, odd)])
+    scores = rng.normal(np.where(labels == 0, 0.6, 0.4), 0.1).clip(0.01)
+    scores[n:][labels[n:] < 0] += 0.3  # what is rare and looks like an example
+    alone = best_threshold(scores[:n], labels[:n] == 0, weights[:n])
+    assert best_threshold(scores, labels == 0, weights) == alone
+    assert alone != best_threshold(scores, labels == 0, np.where(labels == 0, 0.25, 1.0))
+    assert best_threshold(scores, labels == 1, weights) == (0.0, np.inf)  # its examples have no say either
 
 
 def test_prevalence_of_what_is_not_looked_for_is_named():

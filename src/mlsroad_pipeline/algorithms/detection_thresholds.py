@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +33,28 @@ def object_weights(labels: NDArray[np.integer], prevalence: NDArray[np.floating]
     return weights
 
 
+def training_weights(scenes: Sequence[Mapping[str, Any]], prevalence: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Weigh the objects that training scenes own.
+
+    Parameters
+    ----------
+    scenes : sequence of mapping
+        What `object_classes` gave for each scene: ``label`` and ``own``. A scene may have a ``weight`` too, 0 or more,
+        by which all its objects count, 1 by default: with 0 they are learned from, and have no say in thresholds. That
+        is for scenes which show far more of what is easily mistaken than there is where a detector is used.
+    prevalence : ndarray of float, shape (c,)
+        Factor of each class, see `DetectionParameters.prevalence`.
+
+    Returns
+    -------
+    ndarray of float64
+        One weight per object, scene by scene.
+    """
+    own = [found["label"][found["own"]] for found in scenes]
+    each = [float(found.get("weight", 1.0)) for found in scenes]
+    return np.concatenate([w * object_weights(labels, prevalence) for labels, w in zip(own, each, strict=True)])
+
+
 def best_threshold(
     scores: NDArray[np.floating], truth: NDArray[np.bool_], weights: NDArray[np.floating] | None = None
 ) -> tuple[float, float]:
@@ -42,7 +67,7 @@ def best_threshold(
     truth : ndarray of bool, shape (n,)
         Whether each is of the class.
     weights : ndarray of float, shape (n,), optional
-        How often each object counts, above 0; once by default.
+        How often each object counts, once by default; 0 leaves it out.
 
     Returns
     -------
@@ -50,11 +75,12 @@ def best_threshold(
         The best F-score.
     threshold : float
         The middle of the scores between which it is reached; where no object of the class scores, anything above 0;
-        where no object is of the class, infinity.
+        where no object that counts is of the class, infinity.
     """
+    counted = np.ones(len(scores)) if weights is None else np.asarray(weights, dtype=np.float64)
+    scores, truth, counted = scores[counted > 0], truth[counted > 0], counted[counted > 0]
     if not truth.any():
         return 0.0, float("inf")
-    counted = np.ones(len(scores)) if weights is None else np.asarray(weights, dtype=np.float64)
     order = np.argsort(-scores, kind="stable")
     order = order[scores[order] > 0]
     right = counted[order] * truth[order]

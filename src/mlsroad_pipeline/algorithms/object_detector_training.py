@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.detection import DetectionParameters
-from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold
+from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold, training_weights
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.object_descriptions import Description, object_bounds
@@ -21,8 +21,9 @@ from mlsroad_pipeline.algorithms.object_detectors import GEOMETRY, WITH_INTENSIT
 
 logger = logging.getLogger(__name__)
 
-Fit = Callable[[Description, NDArray[np.int16], bool], tuple[TrainedDetector, dict[str, Any]]]
-"""Parts of the training objects, class of each object, whether intensities count: a detector and facts about it."""
+Fit = Callable[..., tuple[TrainedDetector, dict[str, Any]]]
+"""Parts of the training objects, class of each object, whether intensities count, and the keyword ``weights``, how
+often each object counts when thresholds are chosen: a detector and facts about it."""
 
 
 def join_descriptions(parts: Sequence[Description], keep: Sequence[NDArray[np.bool_]]) -> dict[str, NDArray]:
@@ -177,7 +178,7 @@ def train_object_detector(
     parts : mapping of str to mapping
         Description of each training scene.
     labels : mapping of str to mapping
-        What `object_classes` gave for each of them.
+        What `object_classes` gave for each of them; a ``weight`` beside it is known to `training_weights`.
     fit : callable
         Trains one variant.
     slug, entry_point : str
@@ -211,6 +212,7 @@ def train_object_detector(
         raise DataError("no training scenes: the split 'train' is empty")
     joined = join_descriptions([parts[key] for key in keys], [labels[key]["own"] for key in keys])
     truth = np.concatenate([labels[key]["label"][labels[key]["own"]] for key in keys])
+    weights = training_weights([labels[key] for key in keys], detection.factors)
     described = np.diff(object_bounds(joined)) > 0
     for number, name in enumerate(detection.classes):
         if not (described & (truth == number)).any():
@@ -220,7 +222,7 @@ def train_object_detector(
     arrays: dict[str, NDArray] = {}
     facts: dict[str, Any] = {}
     for variant in variants:
-        detector, facts[variant] = fit(joined, truth, variant == WITH_INTENSITY)
+        detector, facts[variant] = fit(joined, truth, variant == WITH_INTENSITY, weights=weights)
         arrays |= {f"{variant}.{name}": values for name, values in detector.to_arrays().items()}
         found = zip(detection.classes, detector.thresholds.tolist(), strict=True)
         facts[variant]["thresholds"] = {name: value for name, value in found if np.isfinite(value)}
@@ -266,7 +268,7 @@ def make_trainer(
     ----------
     fit : callable
         Trains one variant on parts, classes and whether intensities count, with the keywords ``parameters``,
-        ``n_classes``, ``prevalence`` and ``n_threads``.
+        ``n_classes``, ``weights`` and ``n_threads``.
     slug, entry_point : str
         The method, and the function that labels with its models.
     uses_intensity : bool
@@ -289,10 +291,7 @@ def make_trainer(
         trained_on: Mapping[str, Any],
         n_threads: int = 1,
     ) -> ModelBundle:
-        given = {
-            "parameters": parameters, "n_classes": len(detection.classes), "prevalence": detection.factors,
-            "n_threads": n_threads,
-        }  # fmt: skip
+        given = {"parameters": parameters, "n_classes": len(detection.classes), "n_threads": n_threads}
         return train_object_detector(
             parts, labels, partial(fit, **given), slug=slug, entry_point=entry_point, parameters=parameters,
             uses_intensity=uses_intensity, stages=stages, detection=detection, scheme=scheme, trained_on=trained_on,

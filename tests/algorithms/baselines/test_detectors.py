@@ -108,6 +108,24 @@ def test_one_example_is_enough_to_train_and_none_is_never_detected(slug, rng, ca
         )
 
 
+@methods
+def test_a_street_without_weight_has_no_say_in_thresholds(slug, rng):
+    """Its cars are others, so that thresholds which count it find half of the cars false, or lose them."""
+    scene, objects = street(rng, 6)
+    parts = described(slug, scene, objects)
+    own, other = np.ones(18, bool), np.where(LABELS == 1, -1, LABELS).astype(np.int16)
+    reached = {}
+    for weight in (0.0, 1.0):
+        labels = {"a": {"label": np.tile(LABELS, 6), "own": own}}
+        labels["b"] = {"label": np.tile(other, 6), "own": own, "weight": weight}
+        model = METHODS[slug][1](
+            {"a": parts, "b": parts}, labels, parameters=METHODS[slug][2], stages=STAGES, detection=WANTED,
+            scheme=SCHEME, trained_on={},
+        )  # fmt: skip
+        reached[weight] = model.metadata["learned"]["geometry"]["f_scores"][1]
+    assert reached[0.0] > 0.9 > reached[1.0] + 0.05
+
+
 def test_bad_parameters_are_named():
     with pytest.raises(ParameterError, match="hough_forest.n_trees must be at least 1, got 0"):
         HoughForestParameters(n_trees=0)

@@ -135,6 +135,23 @@ def test_thresholds_stand_against_all_others_not_those_drawn_alone(rng):
     assert detector.f_scores_["car"] > 0.95
 
 
+def test_objects_without_weight_vote_and_have_no_say_in_thresholds(rng):
+    counts, labels = planted(rng, 600)
+    scenes = np.arange(600) % 6
+    odd = scenes >= 4  # two scenes in which half of the poles are something else that looks the same
+    truth = np.where((labels == 0) & odd & (rng.random(600) < 0.5), -1, labels)
+    same = DetectorParameters(size_share=0.0, profile_share=0.0, size_margin=0.0)
+    known = {"scenes": scenes, "weights": np.where(odd, 0.0, 1.0)}
+    without = VisualWordsDetector(["pole", "car"], parameters=same).fit(counts, truth, **known)
+    counted = VisualWordsDetector(["pole", "car"], parameters=same).fit(counts, truth, scenes=scenes)
+    assert without.f_scores_["pole"] > 0.95 > counted.f_scores_["pole"]
+    for name in ("pole", "car"):  # thresholds alone differ
+        one, other = without.queries_[name], counted.queries_[name]
+        assert one.weights.tobytes() == other.weights.tobytes() and one.offset == other.offset
+    with pytest.raises(DataError, match="weights"):
+        VisualWordsDetector(["pole"]).fit(counts, truth, weights=np.ones(3))
+
+
 def test_others_most_like_an_example_vote(rng):
     counts, labels = planted(rng, 400)
     looks = np.full((400, 4), 0.25)

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import (
     class_shares,
     overlaps,
 )
-from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold, object_weights
+from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold
 from mlsroad_pipeline.algorithms.object_descriptions import Description, object_bounds
 from mlsroad_pipeline.algorithms.object_detector_training import (
     choose_queries,
@@ -32,7 +32,7 @@ def fit_bottom_up_top_down(
     *,
     parameters: BottomUpTopDownParameters,
     n_classes: int,
-    prevalence: NDArray[np.float64] | None = None,
+    weights: NDArray[np.float64] | None = None,
     n_threads: int = 1,
 ) -> tuple[BottomUpTopDown, dict[str, Any]]:
     """Choose database, models and thresholds on training objects, of which none is compared with itself.
@@ -49,8 +49,8 @@ def fit_bottom_up_top_down(
         Parameters.
     n_classes : int
         Wanted classes.
-    prevalence : ndarray of float64, shape (n_classes,), optional
-        See `DetectionParameters.prevalence`; 1 for all by default.
+    weights : ndarray of float64, shape (n,), optional
+        How often each object counts when thresholds are chosen, see `training_weights`; once by default.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -77,7 +77,6 @@ def fit_bottom_up_top_down(
     rng = np.random.default_rng(p.seed)
     models: list[NDArray[np.int64]] = []
     chosen: list[tuple[float, float, float, float]] = []
-    weights = object_weights(labels, prevalence)
     for k in range(n_classes):
         mine = np.flatnonzero((truth == k) & (np.diff(object_bounds(sample)) > 0))
         if len(mine) > p.candidates:

@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.baselines.hough_forest import (
     offsets_to_centre,
     part_features,
 )
-from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold, object_weights
+from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold
 from mlsroad_pipeline.algorithms.object_descriptions import Description, object_bounds
 from mlsroad_pipeline.algorithms.object_detector_training import make_trainer, sample_objects, select_objects
 
@@ -28,7 +28,7 @@ def fit_hough_forest(
     *,
     parameters: HoughForestParameters,
     n_classes: int,
-    prevalence: NDArray[np.float64] | None = None,
+    weights: NDArray[np.float64] | None = None,
     n_threads: int = 1,
 ) -> tuple[HoughForest, dict[str, Any]]:
     """Grow a forest, and choose exponents and thresholds by the votes of trees that have not seen the object.
@@ -45,8 +45,8 @@ def fit_hough_forest(
         Parameters.
     n_classes : int
         Wanted classes.
-    prevalence : ndarray of float64, shape (n_classes,), optional
-        See `DetectionParameters.prevalence`; 1 for all by default.
+    weights : ndarray of float64, shape (n,), optional
+        How often each object counts when thresholds are chosen, see `training_weights`; once by default.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -79,7 +79,7 @@ def fit_hough_forest(
     unseen[:, drawn] = ~seen
     peaks = forest.peaks(parts, unseen, n_threads=n_threads)
     n_parts = np.maximum(np.diff(object_bounds(parts)), 1)
-    return _with_thresholds(forest, peaks, n_parts, labels, object_weights(labels, prevalence), p)
+    return _with_thresholds(forest, peaks, n_parts, labels, weights, p)
 
 
 def _rows_of(sample: Description, seen: NDArray[np.bool_], place: NDArray[np.int64], most: int) -> NDArray[np.int64]:
@@ -137,7 +137,7 @@ def _with_thresholds(
     peaks: NDArray,
     n_parts: NDArray,
     labels: NDArray,
-    weights: NDArray[np.float64],
+    weights: NDArray[np.float64] | None,
     p: HoughForestParameters,
 ) -> tuple[HoughForest, dict[str, Any]]:
     exponents, thresholds, reached = [], [], []

@@ -31,17 +31,19 @@ class StudySurvey:
     train_survey, test_survey : mapping
         What differs in the streets to learn from, and in those to be scored on.
     rare : sequence of int
-        Streets of `train` that hold more of what is rare and easily taken for something else.
+        Streets of `train` that hold more of what is rare and easily taken for something else. Detectors learn from
+        them, and choose their thresholds on the others, which have as much of it as the test streets.
     rare_survey : mapping
         What differs in these beside `train_survey`.
     prevalence : mapping of str to float
-        Class to how much more frequent it is in streets like the test streets than in the training streets; 1 for what
-        is not named. See `DetectionParameters`.
+        Class to how much more frequent it is in streets like the test streets than in the training streets that are
+        not `rare`; 1 for what is not named. See `DetectionParameters`.
 
     Raises
     ------
     ParameterError
-        If a list is empty, a street is in both, one of `rare` is not in `train`, or a survey names a seed.
+        If a list is empty, a street is in both, one of `rare` is not in `train`, all of `train` are rare, or a survey
+        names a seed.
     """
 
     survey: Mapping[str, Any]
@@ -63,6 +65,10 @@ class StudySurvey:
         unknown = sorted(set(self.rare) - set(self.train))
         if unknown:
             raise ParameterError(f"yu2016_study: streets {unknown} of `rare` are not among the training streets")
+        if set(self.rare) == set(self.train):
+            raise ParameterError(
+                "yu2016_study: all training streets are `rare`, and none is left to choose thresholds on"
+            )
         surveys = (self.survey, self.train_survey, self.test_survey, self.rare_survey)
         if any("seed" in given for given in surveys):
             raise ParameterError("yu2016_study: the seeds of the streets stand in train and test")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -41,6 +41,7 @@ def train_and_detect(
     detection: DetectionParameters,
     scheme: ClassScheme,
     prevalence: Mapping[str, Mapping[str, float]],
+    rare: Collection[str] = (),
 ) -> dict[str, dict[str, NDArray]]:
     """Train a detector on streets and compare its detections in others with what is there.
 
@@ -63,6 +64,8 @@ def train_and_detect(
         The classes.
     prevalence : mapping of str to mapping
         Survey to the factors of its classes, see `StudySurvey`; thresholds stand against those of all surveys together.
+    rare : collection of str
+        Streets of `train` with more of what is rare than there is elsewhere: they have no say in thresholds.
 
     Returns
     -------
@@ -71,8 +74,9 @@ def train_and_detect(
         ``train_seconds``, ``examples`` (training objects of each class) and ``thresholds``.
     """
     judge: dict[str, Any] = {"scheme": scheme, "parameters": detection}
-    labels = {key: given["classes"] for key, given in train.items()}
-    known = replace(detection, prevalence=joint_prevalence(labels, prevalence, detection.classes))
+    labels = {key: {**given["classes"], "weight": float(key not in rare)} for key, given in train.items()}
+    usual = {key: found for key, found in labels.items() if key not in rare}
+    known = replace(detection, prevalence=joint_prevalence(usual, prevalence, detection.classes))
     bundle, train_seconds = timed(
         _TRAIN[method],
         {key: given["parts"] for key, given in train.items()}, labels, parameters=parameters, stages=stages,
@@ -102,7 +106,7 @@ def joint_prevalence(
     Parameters
     ----------
     labels : mapping of str to mapping
-        Training street, named by `run_key`, to the ``classes`` of its objects.
+        Training street that has a say in thresholds, named by `run_key`, to the ``classes`` of its objects.
     prevalence : mapping of str to mapping
         Survey to the factors of its classes; 1 for what is not named.
     classes : sequence of str

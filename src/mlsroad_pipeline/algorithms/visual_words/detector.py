@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
-from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold, detect_by_thresholds, object_weights
+from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold, detect_by_thresholds
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.object_detector_training import choose_queries
 from mlsroad_pipeline.algorithms.validation import check_column
@@ -67,7 +67,7 @@ class VisualWordsDetector:
         sizes: ArrayLike | None = None,
         profiles: ArrayLike | None = None,
         scenes: ArrayLike | None = None,
-        prevalence: ArrayLike | None = None,
+        weights: ArrayLike | None = None,
     ) -> VisualWordsDetector:
         """Choose queries and thresholds from training objects.
 
@@ -89,9 +89,8 @@ class VisualWordsDetector:
             What `measure_profiles` gave; without, all objects are taken to have one.
         scenes : array-like of shape (n,), optional
             Scene of each; without, each object is held out by itself.
-        prevalence : array-like of shape (classes,), optional
-            How much more frequent each class is where the detector is used, see `DetectionParameters.prevalence`;
-            thresholds are the best ones for that. 1 by default.
+        weights : array-like of shape (n,), optional
+            How often each object counts when thresholds are chosen, see `training_weights`; once by default.
 
         Returns
         -------
@@ -101,7 +100,7 @@ class VisualWordsDetector:
         Raises
         ------
         DataError
-            If there is not one label, size, profile or scene per object.
+            If there is not one label, size, profile, scene or weight per object.
         """
         truth = np.asarray(labels)
         n = counts.shape[0]
@@ -115,8 +114,7 @@ class VisualWordsDetector:
         self.f_scores_: dict[str, float] = {}
         self.examples_ = [_range(looks.sizes[(truth == k) & (filled > 0)]) for k in range(len(self.classes))]
         fit = self._fit_weighted if self.parameters.decision == "weighted" else self._fit_nearest
-        factors = None if prevalence is None else np.asarray(prevalence, dtype=np.float64)
-        fit(looks, truth, filled, given, object_weights(truth, factors))
+        fit(looks, truth, filled, given, np.ones(n) if weights is None else check_column(weights, n, "weights"))
         return self
 
     def _none(self, name: str, looks: Appearance) -> None:

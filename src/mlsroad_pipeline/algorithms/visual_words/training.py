@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.detection import DetectionParameters
+from mlsroad_pipeline.algorithms.detection_thresholds import training_weights
 from mlsroad_pipeline.algorithms.exceptions import DataError
 from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
 from mlsroad_pipeline.algorithms.object_detectors import GEOMETRY, WITH_INTENSITY, DetectionStages
@@ -179,7 +180,9 @@ def _train_variant(
     detector = VisualWordsDetector(detection.classes, parameters=parameters.detector)
     truth = np.where(label[rows] < 0, IGNORE, label[rows])
     known = {"sizes": sizes[rows], "profiles": profiles[rows], "scenes": scene[rows]}
-    return vocabulary, detector.fit(counts, truth, **known, prevalence=detection.factors)
+    weights = np.ones(len(own))
+    weights[own] = training_weights(labels, detection.factors)
+    return vocabulary, detector.fit(counts, truth, **known, weights=weights[rows])
 
 
 def _compared(

@@ -232,6 +232,7 @@ def _run(
         {
             "method": method, "parameters": parameters, "stages": plan.stages, "detection": plan.detection,
             "scheme": plan.scheme, "prevalence": {name: plan.scale.surveys[name].prevalence for name in surveys},
+            "rare": [run_key(name, seed) for name in surveys for seed in plan.scale.surveys[name].rare],
         },
     )  # fmt: skip
 
