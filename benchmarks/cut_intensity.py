@@ -32,15 +32,15 @@ from mlsroad_pipeline.pipelines.yu2016_study.pipeline import create_pipeline
 FIGURES = ("weighted_coverage", "coverage", "weighted_touching", "touching", "wanted")
 
 
-def stored() -> tuple[StudyPlan, SceneCollection, SceneCollection]:
-    """Return the study's plan, its streets and their objects."""
+def stored(*names: str) -> tuple[StudyPlan, *tuple[SceneCollection, ...]]:
+    """Return the study's plan, and what it has stored by these names."""
     root = Path(__file__).parents[1]
     bootstrap_project(root)
     with KedroSession.create(root) as session:
         catalog = session.load_context().catalog
         [planned] = [node for node in create_pipeline().nodes if node.name == "plan_yu2016_study"]
         plan = plan_study(*(catalog.load(name) for name in planned.inputs))
-        return plan, catalog.load("yu2016_study.streets"), catalog.load("yu2016_study.objects")
+        return plan, *(catalog.load(f"yu2016_study.{name}") for name in names)
 
 
 def compare(key: str, plan: StudyPlan, streets: SceneCollection, objects: SceneCollection) -> dict[str, float]:
@@ -59,7 +59,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--jobs", type=int, default=2)
     args = parser.parse_args()
-    plan, streets, objects = stored()
+    plan, streets, objects = stored("streets", "objects")
     rows = []
     for survey, given in plan.scale.surveys.items():
         keys = [street_key(survey, seed) for seed in given.train]
