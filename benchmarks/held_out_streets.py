@@ -87,9 +87,7 @@ def main() -> None:
     for silent in (True, False):
         for k in range(args.folds):
             fold = usual[k :: args.folds]
-            others = [
-                street for street in (*usual, *rare) if street not in fold and street not in rare[k :: args.folds]
-            ]
+            others = [street for street in (*usual, *rare) if street not in fold]
             names = [run_key(*street) for street in rare] if silent else []
             work.append(joblib.delayed(detect_in)(
                 fold, others, plan=plan, stores=stores, method=args.method, rare=names))  # fmt: skip
