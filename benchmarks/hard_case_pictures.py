@@ -30,7 +30,7 @@ from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
 from mlsroad_pipeline.algorithms.studies.yu2016_objects import TOUCHING
 from mlsroad_pipeline.algorithms.studies.yu2016_streets import make_survey
 
-METHODS = ("normalized_cut", "normalized_cut_geometry", "yang_dong", "two_step")
+METHODS = ("normalized_cut", "normalized_cut_plain", "yang_dong", "two_step")
 LEAST = 800  # points of an object in a case
 COLOURS = ("#d9480f", "#2b8a3e", "#1971c2", "#9c36b5", "#e8b100", "#0b7285", "#c2255c", "#5c940d")
 OTHERS, GREY = ("#868e96", "#adb5bd", "#495057", "#ced4da"), "#e9ecef"
