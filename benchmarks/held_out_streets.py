@@ -1,4 +1,4 @@
-"""Score a detector on training streets that it has not learned from, with and without a say of the rare ones.
+"""Score a detector on training streets that it has not learned from, by how much the rare ones count in thresholds.
 
     kedro run --pipeline=yu2016_study --to-nodes=describe_yu2016_objects
     python benchmarks/held_out_streets.py [--method visual_words] [--folds 4] [--jobs 2]
@@ -31,7 +31,13 @@ Streets = Sequence[tuple[str, int]]
 
 
 def detect_in(
-    fold: Streets, others: Streets, *, plan: StudyPlan, stores: Sequence[SceneCollection], method: str, rare: list[str]
+    fold: Streets,
+    others: Streets,
+    *,
+    plan: StudyPlan,
+    stores: Sequence[SceneCollection],
+    method: str,
+    rare: dict[str, float],
 ) -> list[dict[str, Any]]:
     """Learn from some streets and detect in others: one row per street and class."""
     streets, segmented, described = stores
@@ -77,6 +83,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--method", default=WORDS, choices=DETECTORS)
     parser.add_argument("--folds", type=int, default=4)
+    parser.add_argument("--weights", type=float, nargs="+", default=[0.0, 0.5, 1.0], help="of the rare streets")
     parser.add_argument("--jobs", type=int, default=2)
     args = parser.parse_args()
     plan, *stores = stored("streets", "objects", "described")
@@ -84,16 +91,17 @@ def main() -> None:
     usual = [(name, seed) for name, given in surveys.items() for seed in given.train if seed not in given.rare]
     rare = [(name, seed) for name, given in surveys.items() for seed in given.rare]
     work = []
-    for silent in (True, False):
+    for weight in args.weights:
         for k in range(args.folds):
             fold = usual[k :: args.folds]
             others = [street for street in (*usual, *rare) if street not in fold]
-            names = [run_key(*street) for street in rare] if silent else []
+            weights = {run_key(*street): weight for street in rare}
             work.append(joblib.delayed(detect_in)(
-                fold, others, plan=plan, stores=stores, method=args.method, rare=names))  # fmt: skip
+                fold, others, plan=plan, stores=stores, method=args.method, rare=weights))  # fmt: skip
     found = joblib.Parallel(n_jobs=args.jobs)(work)
-    for title, rows in (("no say", found[: args.folds]), ("a say", found[args.folds :])):
-        print(f"\nRare streets have {title} in thresholds\n")
+    for place, weight in enumerate(args.weights):
+        rows = found[place * args.folds : (place + 1) * args.folds]
+        print(f"\nObjects of rare streets count {weight:g} in thresholds\n")
         print(figures(pd.DataFrame(list(chain.from_iterable(rows))), plan).round(3).to_string(index=False))
 
 

@@ -106,6 +106,8 @@ def test_streets_with_more_of_what_is_rare_are_training_streets_that_differ_furt
     assert survey.street(3) == {"length": 50.0, "street": {"signs": 1.0, "traffic": 0.2}, "seed": 3}
     with pytest.raises(ParameterError, match=r"streets \[3\] of `rare` are not among the training streets"):
         replace(survey, rare=[3])
+    with pytest.raises(ParameterError, match="rare_weight must be at least 0"):
+        replace(survey, rare_weight=-1)
     with pytest.raises(ParameterError, match="all training streets are `rare`"):
         replace(survey, rare=[2, 1])
     with pytest.raises(ParameterError, match="seeds of the streets"):

@@ -8,6 +8,7 @@ from typing import Any
 
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.studies.parameters import chosen_scale
+from mlsroad_pipeline.algorithms.validation import check_at_least
 
 WORDS = "visual_words"
 DETECTORS = ("hough_forest", "object_matching", "bottom_up_top_down", WORDS)
@@ -31,10 +32,12 @@ class StudySurvey:
     train_survey, test_survey : mapping
         What differs in the streets to learn from, and in those to be scored on.
     rare : sequence of int
-        Streets of `train` that hold more of what is rare and easily taken for something else. Detectors learn from
-        them, and choose their thresholds on the others, which have as much of it as the test streets.
+        Streets of `train` that hold more of what is rare and easily taken for something else.
     rare_survey : mapping
         What differs in these beside `train_survey`.
+    rare_weight : float, default 0.5
+        How much their objects count in thresholds, 0 or more; the others, which have as much of what is rare as the
+        test streets, count 1. Larger makes thresholds stricter.
     prevalence : mapping of str to float
         Class to how much more frequent it is in streets like the test streets than in the training streets that are
         not `rare`; 1 for what is not named. See `DetectionParameters`.
@@ -42,8 +45,8 @@ class StudySurvey:
     Raises
     ------
     ParameterError
-        If a list is empty, a street is in both, one of `rare` is not in `train`, all of `train` are rare, or a survey
-        names a seed.
+        If a list is empty, a street is in both, one of `rare` is not in `train`, all of `train` are rare, `rare_weight`
+        is negative, or a survey names a seed.
     """
 
     survey: Mapping[str, Any]
@@ -53,6 +56,7 @@ class StudySurvey:
     test_survey: Mapping[str, Any] = field(default_factory=dict)
     rare: Sequence[int] = ()
     rare_survey: Mapping[str, Any] = field(default_factory=dict)
+    rare_weight: float = 0.5
     prevalence: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -69,6 +73,7 @@ class StudySurvey:
             raise ParameterError(
                 "yu2016_study: all training streets are `rare`, and none is left to choose thresholds on"
             )
+        check_at_least(self.rare_weight, 0.0, "yu2016_study: rare_weight")
         surveys = (self.survey, self.train_survey, self.test_survey, self.rare_survey)
         if any("seed" in given for given in surveys):
             raise ParameterError("yu2016_study: the seeds of the streets stand in train and test")

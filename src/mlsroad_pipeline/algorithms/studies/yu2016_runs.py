@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -41,7 +41,7 @@ def train_and_detect(
     detection: DetectionParameters,
     scheme: ClassScheme,
     prevalence: Mapping[str, Mapping[str, float]],
-    rare: Collection[str] = (),
+    rare: Mapping[str, float] | None = None,
 ) -> dict[str, dict[str, NDArray]]:
     """Train a detector on streets and compare its detections in others with what is there.
 
@@ -64,8 +64,8 @@ def train_and_detect(
         The classes.
     prevalence : mapping of str to mapping
         Survey to the factors of its classes, see `StudySurvey`; thresholds stand against those of all surveys together.
-    rare : collection of str
-        Streets of `train` with more of what is rare than there is elsewhere: they have no say in thresholds.
+    rare : mapping of str to float, optional
+        Streets of `train` with more of what is rare than there is elsewhere, and how much each counts in thresholds.
 
     Returns
     -------
@@ -74,8 +74,9 @@ def train_and_detect(
         ``train_seconds``, ``examples`` (training objects of each class) and ``thresholds``.
     """
     judge: dict[str, Any] = {"scheme": scheme, "parameters": detection}
-    labels = {key: {**given["classes"], "weight": float(key not in rare)} for key, given in train.items()}
-    usual = {key: found for key, found in labels.items() if key not in rare}
+    odd = rare or {}
+    labels = {key: {**given["classes"], "weight": odd.get(key, 1.0)} for key, given in train.items()}
+    usual = {key: found for key, found in labels.items() if key not in odd}
     known = replace(detection, prevalence=joint_prevalence(usual, prevalence, detection.classes))
     bundle, train_seconds = timed(
         _TRAIN[method],
@@ -106,7 +107,7 @@ def joint_prevalence(
     Parameters
     ----------
     labels : mapping of str to mapping
-        Training street that has a say in thresholds, named by `run_key`, to the ``classes`` of its objects.
+        Training street that is not rare, named by `run_key`, to the ``classes`` of its objects.
     prevalence : mapping of str to mapping
         Survey to the factors of its classes; 1 for what is not named.
     classes : sequence of str
