@@ -1,8 +1,9 @@
-"""The discriminant group distance written out equation by equation."""
+"""The discriminant group distance written out equation by equation, and planted bags of words."""
 
 from itertools import permutations
 
 import numpy as np
+from scipy.sparse import csr_array
 
 
 def distance(group, word, inverse, floor):
@@ -34,3 +35,13 @@ def distance(group, word, inverse, floor):
     total = min(value for likeness, value in found if likeness >= best - 1e-10)
     factor = 1.0 if m == 1 else max(1 - best, floor)
     return factor * total, total
+
+
+def planted(rng, n):
+    """Objects of two classes, each with two kinds of words of its own, and others; all share some words."""
+    kind = rng.integers(0, 5, n)
+    rate = np.full((5, 60), 0.15)
+    for k in range(5):
+        rate[k, 10 * k : 10 * k + 10] = 4.0
+    labels = np.array([0, 0, 1, 1, -1])[kind]
+    return csr_array(rng.poisson(rate[kind]).astype(np.float64)), labels

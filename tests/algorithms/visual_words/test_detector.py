@@ -17,6 +17,7 @@ from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetecto
 from mlsroad_pipeline.algorithms.visual_words.labeller import bag_objects
 from mlsroad_pipeline.algorithms.visual_words.queries import DetectorParameters
 from mlsroad_pipeline.algorithms.visual_words.sizes import measure_sizes, size_likeness, within_sizes
+from tests.references_words import planted
 
 
 def test_bags_are_equations_21_and_22():
@@ -41,16 +42,6 @@ def test_likeness_is_equation_23(rng):
 
 
 NEAREST = DetectorParameters(decision="nearest", size_share=0.0, profile_share=0.0, size_margin=0.0)  # as printed
-
-
-def planted(rng, n):
-    """Objects of two classes, each with two kinds of words of its own, and others; all share some words."""
-    kind = rng.integers(0, 5, n)
-    rate = np.full((5, 60), 0.15)
-    for k in range(5):
-        rate[k, 10 * k : 10 * k + 10] = 4.0
-    labels = np.array([0, 0, 1, 1, -1])[kind]
-    return csr_array(rng.poisson(rate[kind]).astype(np.float64)), labels
 
 
 def test_planted_classes_are_found_in_all_their_kinds(rng):
@@ -122,34 +113,6 @@ def test_sizes_tell_apart_what_has_the_same_words(rng, decision):
         )
         right.append((detector.detect(counts[~half], sizes[~half])[0] == labels[~half]).mean())
     assert right[0] < 0.7 and right[1] > 0.95
-
-
-def test_thresholds_stand_against_all_others_not_those_drawn_alone(rng):
-    """Others of the classes' own words are rare among those drawn, and as many as the examples in the scenes."""
-    counts, labels = planted(rng, 600)
-    twin = (labels == 0) & (rng.random(600) < 0.5)
-    truth = np.where(twin, -1, labels)  # half of the poles are something else that looks the same
-    few = DetectorParameters(max_others=4, size_share=0.0, profile_share=0.0, size_margin=0.0)
-    detector = VisualWordsDetector(["pole", "car"], parameters=few).fit(counts, truth, scenes=np.arange(600) % 6)
-    assert detector.f_scores_["pole"] < 0.8  # with the four that vote it would be near 1
-    assert detector.f_scores_["car"] > 0.95
-
-
-def test_objects_without_weight_vote_and_have_no_say_in_thresholds(rng):
-    counts, labels = planted(rng, 600)
-    scenes = np.arange(600) % 6
-    odd = scenes >= 4  # two scenes in which half of the poles are something else that looks the same
-    truth = np.where((labels == 0) & odd & (rng.random(600) < 0.5), -1, labels)
-    same = DetectorParameters(size_share=0.0, profile_share=0.0, size_margin=0.0)
-    known = {"scenes": scenes, "weights": np.where(odd, 0.0, 1.0)}
-    without = VisualWordsDetector(["pole", "car"], parameters=same).fit(counts, truth, **known)
-    counted = VisualWordsDetector(["pole", "car"], parameters=same).fit(counts, truth, scenes=scenes)
-    assert without.f_scores_["pole"] > 0.95 > counted.f_scores_["pole"]
-    for name in ("pole", "car"):  # thresholds alone differ
-        one, other = without.queries_[name], counted.queries_[name]
-        assert one.weights.tobytes() == other.weights.tobytes() and one.offset == other.offset
-    with pytest.raises(DataError, match="weights"):
-        VisualWordsDetector(["pole"]).fit(counts, truth, weights=np.ones(3))
 
 
 def test_others_most_like_an_example_vote(rng):

@@ -16,8 +16,8 @@ from mlsroad_pipeline.algorithms.object_detector_training import choose_queries
 from mlsroad_pipeline.algorithms.validation import check_column
 from mlsroad_pipeline.algorithms.visual_words.appearance import Appearance, appearance_of, likeness
 from mlsroad_pipeline.algorithms.visual_words.bags import inverse_document_frequency, weigh_words
-from mlsroad_pipeline.algorithms.visual_words.queries import ClassQueries, DetectorParameters
-from mlsroad_pipeline.algorithms.visual_words.sizes import within_any_sizes
+from mlsroad_pipeline.algorithms.visual_words.queries import ClassQueries, DetectorParameters, HeldOut
+from mlsroad_pipeline.algorithms.visual_words.sizes import size_range, within_any_sizes
 from mlsroad_pipeline.algorithms.visual_words.weights import (
     assign_folds,
     held_out_scores,
@@ -53,6 +53,8 @@ class VisualWordsDetector:
     f_scores_ : dict of str to float
         F-score of each class on the training objects, none compared with itself or, with "weighted", its scene's
         others; after `fit` alone.
+    held_out_ : HeldOut
+        What thresholds were chosen by with "weighted"; after `fit` alone.
     """
 
     def __init__(self, classes: Sequence[str], *, parameters: DetectorParameters = _DEFAULTS) -> None:
@@ -112,7 +114,7 @@ class VisualWordsDetector:
         filled = np.asarray(counts.sum(axis=1)).ravel()
         self.queries_: dict[str, ClassQueries] = {}
         self.f_scores_: dict[str, float] = {}
-        self.examples_ = [_range(looks.sizes[(truth == k) & (filled > 0)]) for k in range(len(self.classes))]
+        self.examples_ = [size_range(looks.sizes[(truth == k) & (filled > 0)]) for k in range(len(self.classes))]
         fit = self._fit_weighted if self.parameters.decision == "weighted" else self._fit_nearest
         fit(looks, truth, filled, given, np.ones(n) if weights is None else check_column(weights, n, "weights"))
         return self
@@ -159,6 +161,7 @@ class VisualWordsDetector:
         own = folds[:, np.searchsorted(every, rows)]
         committees = [train_committee(alike, kinds == k, own, penalty=p.penalty) for k in range(len(self.classes))]
         scores = held_out_scores(committees, lambda here: self._likeness(known, looks.select(every[here])), folds)
+        self.held_out_ = HeldOut(scores, truth[every], scenes[every])
         for number, name in enumerate(self.classes):
             mine = kinds == number
             if not mine.any():
@@ -341,8 +344,3 @@ class VisualWordsDetector:
             detector.queries_[name] = ClassQueries(looks, own["weights"], float(own["offset"]), float(own["threshold"]))
             detector.examples_.append(own["examples"])
         return detector
-
-
-def _range(sizes: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the least and the greatest of each size; no rows where there are no objects."""
-    return np.stack([sizes.min(axis=0), sizes.max(axis=0)]) if len(sizes) else sizes

@@ -89,6 +89,25 @@ class DetectorParameters:
 
 
 @dataclass(frozen=True)
+class HeldOut:
+    """How training objects are scored by machines that have not seen their scenes: what thresholds are chosen by.
+
+    Attributes
+    ----------
+    scores : ndarray of float64, shape (m, classes)
+        Score of each class; 0 where no machine has seen other examples of it.
+    labels : ndarray of int, shape (m,)
+        Class of each object, -1 for others.
+    scenes : ndarray, shape (m,)
+        Scene of each.
+    """
+
+    scores: NDArray[np.float64]
+    labels: NDArray[np.integer]
+    scenes: NDArray
+
+
+@dataclass(frozen=True)
 class ClassQueries:
     """What one class is looked for with.
 

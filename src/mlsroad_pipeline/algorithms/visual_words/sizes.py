@@ -125,6 +125,22 @@ def within_sizes(sizes: NDArray[np.floating], examples: NDArray[np.floating], ma
     return np.asarray(inside.all(axis=1))
 
 
+def size_range(sizes: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the least and the greatest of each size, which `within_sizes` knows examples by.
+
+    Parameters
+    ----------
+    sizes : ndarray of float32, shape (n, 4)
+        What `measure_sizes` gave.
+
+    Returns
+    -------
+    ndarray of float32, shape (2, 4)
+        Least and greatest; no rows where there are no objects.
+    """
+    return np.stack([sizes.min(axis=0), sizes.max(axis=0)]) if len(sizes) else sizes
+
+
 def within_any_sizes(
     sizes: NDArray[np.floating], examples: Sequence[NDArray[np.floating]], margin: float
 ) -> NDArray[np.bool_]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -118,8 +118,9 @@ def train_detector(
     facts: dict[str, Any] = {}
     with ThreadPoolExecutor(min(n_threads, len(variants))) as pool:
         jobs = [
-            pool.submit(_train_variant, [groups[key] for key in keys], [labels[key] for key in keys],
-                        variant == WITH_INTENSITY, parameters, detection, n_threads)
+            pool.submit(train_variant, [groups[key] for key in keys], [labels[key] for key in keys],
+                        intensity=variant == WITH_INTENSITY, parameters=parameters, detection=detection,
+                        n_threads=n_threads)
             for variant in variants
         ]  # fmt: skip
     for variant, job in zip(variants, jobs, strict=True):
@@ -147,15 +148,38 @@ def train_detector(
     return ModelBundle(SLUG, arrays, metadata)
 
 
-def _train_variant(
-    groups: list[Mapping[str, NDArray]],
-    labels: list[Mapping[str, NDArray]],
+def train_variant(
+    groups: Sequence[Mapping[str, NDArray]],
+    labels: Sequence[Mapping[str, NDArray]],
+    *,
     intensity: bool,
     parameters: VisualWordsParameters,
     detection: DetectionParameters,
-    n_threads: int,
+    n_threads: int = 1,
 ) -> tuple[Vocabulary, VisualWordsDetector]:
-    """Learn from all training scenes; an object counts in the scene that owns it."""
+    """Learn from all training scenes, with intensities or without; an object counts in the scene that owns it.
+
+    Parameters
+    ----------
+    groups, labels : sequence of mapping
+        What `describe_objects` and `object_classes` gave for each scene; a ``weight`` beside the latter is known to
+        `training_weights`.
+    intensity : bool
+        Whether intensities count.
+    parameters : VisualWordsParameters
+        Parameters.
+    detection : DetectionParameters
+        The wanted classes.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
+
+    Returns
+    -------
+    vocabulary : Vocabulary
+        The words.
+    detector : VisualWordsDetector
+        The detector; scenes of its `held_out_` are places in `labels`.
+    """
     own = np.concatenate([found["own"] for found in labels])
     label = np.concatenate([found["label"] for found in labels])
     sizes = np.concatenate([found["sizes"] for found in groups])

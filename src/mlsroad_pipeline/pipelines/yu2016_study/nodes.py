@@ -233,8 +233,9 @@ def _run(
             "method": method, "parameters": parameters, "stages": plan.stages, "detection": plan.detection,
             "scheme": plan.scheme, "prevalence": {name: plan.scale.surveys[name].prevalence for name in surveys},
             "rare": {
-                run_key(name, seed): given.rare_weight
-                for name, given in plan.scale.surveys.items() if name in surveys for seed in given.rare
+                run_key(name, seed): plan.scale.surveys[name].rare_weight
+                for name in surveys
+                for seed in plan.scale.surveys[name].rare
             },
         },
     )  # fmt: skip
