@@ -1,8 +1,8 @@
 """Which stems carry a crown: trunks, as against poles that stand in one.
 
-Where there is a crown around a stem, five things tell: poles are straight, upright and thin, the crown's middle lies
-beside them, and a stem that looks less like a pole is near. Their weights are those of a logistic regression on the
-stems of the training streets of the study of Yu et al. 2016 (docs/methods/segmentation.md).
+Where there is a crown around a stem, six things tell: poles are straight, upright and thin, the crown's middle lies
+beside them, they reach up to its top, and a stem that looks less like a pole is near. Their weights are those of a
+logistic regression on the stems of the training streets of the study of Yu et al. 2016 (docs/methods/segmentation.md).
 """
 
 from __future__ import annotations
@@ -16,20 +16,21 @@ from mlsroad_pipeline.algorithms.segmentation.stems import RADIUS, SLAB, Stem
 _AROUND = 2.0  # of an axis, where a crown is looked for, metres
 _CROWN = 300  # voxels that make a crown
 _JOINED = 0.25  # voxels of one crown are this close, metres
-_FOOT, _BESIDE, _STEM = 0.7, 0.3, 1.2  # of a stem that was not found: height of its foot, distance, width, metres
 _CENTRED = 0.1  # a crown whose middle is nearer to an axis stands around its own stem, metres
 _BESIDE_TRUNK = 2.5  # the farthest pole from the trunk whose crown it stands in, metres
-_INSIDE, _BASE = 0.3, 0.2  # of an axis, what is measured of a section, and from where above the foot, metres
+_INSIDE, _BASE = 0.3, 0.2  # of an axis, where spread is measured, and from where above the foot, metres
+_RING, _CORE, _CLIMBS = 0.45, 0.2, 4  # of an axis and of its middle, where a section is looked for, metres, and rounds
+_CLEAR = 0.4  # share of the sections that are not looked at: those with most leaves around them
 _SECTIONS = 5  # that a stem is measured by, at least
-_ROUNDS, _LEVELLED = 5, 0.01  # of the fit of a line by least deviations, and those that weigh alike, metres
+_ROUNDS, _LEVELLED = 8, 0.01  # of the fit of a line by least deviations, and those that weigh alike, metres
+_UPPER = 0.4  # share of a stem below which there is no crown
+_TOP, _LOWEST = 0.98, 0.5  # share of a crown that lies below its top, and the least height of that, metres
 _BEAM = 1.0  # height of a beam, and of its middle from the top of the post that carries it, metres
 _SPAN = 5.0  # the least distance between two legs of a gantry, metres
-_RESTS, _DENSE = (
-    100,
-    80.0,
-)  # voxels of a beam within reach of its post, and per metre between two posts: wires have less
-_OFFSET, _FIRST = -29.8, -2.9  # of likeness
-_BEND, _LEAN, _SPREAD, _MIDDLE = -5.7, -3.3, -5.2, 4.1  # of likeness; the first two per logarithm, then per metre
+_RESTS, _DENSE = 100, 80.0  # voxels of a beam within reach of its post, and per metre between two: wires have less
+_OFFSET, _FIRST = -39.79, -2.59  # of likeness; a pole is what is one with odds of two to three
+_BEND, _LEAN, _SPREAD = -7.33, -3.11, -39.7  # of likeness; the first two per logarithm, then per metre
+_MIDDLE, _REACHED, _UNDER = 2.89, 7.93, 0.53  # the same of what the crown tells, per metre, share and metre
 _LEAST = 0.02  # bend, metres, and slope below which a smaller one tells little
 _UNMEASURED = 0.05, 0.2  # bend and spread of a stem of few sections, metres
 
@@ -60,27 +61,20 @@ def judge_stems(
     rest = np.ones(len(xyz), np.bool_)
     for stem in stems:
         rest &= (stem.distance(xyz) > RADIUS) | (xyz[:, 2] > stem.high + SLAB)
-    size, aside, hidden, beam = _crowns(xyz[rest], stems)
+    size, aside, beam = _crowns(xyz[rest], stems)
     _find_second_legs(xyz[rest], stems, beam)
-    slender = np.array(
-        [_slender(stem, xyz, counts) + _MIDDLE * min(off, _AROUND) for stem, off in zip(stems, aside, strict=True)]
-    )
+    pole_like = np.array([_likeness(stem, xyz, counts, off) for stem, off in zip(stems, aside, strict=True)])
     foot = np.array([stem.base + stem.slope * stem.low for stem in stems])
+    crowned = (size >= _CROWN) & (beam < 0)
     poles = []
     for k, stem in enumerate(stems):
         if beam[k] >= 0:
             continue
-        if size[k] < _CROWN:
-            poles.append(stem)
-            continue
-        apart = np.hypot(*(foot - foot[k]).T)
-        near = (apart <= 1.5 * _AROUND) & (size >= _CROWN)
-        # A crown that reaches over from a stem farther off lies aside of this one, and around that one.
-        rivals = near & ((apart <= _AROUND) | (aside < 0.5 * aside[k]))
+        near = crowned & (np.hypot(*(foot - foot[k]).T) <= _BESIDE_TRUNK)
         # Something has to carry the crown: most likely the stem that looks least like a pole.
-        first = slender[k] <= slender[near & (apart <= _BESIDE_TRUNK)].min() and not hidden[k]
-        alone = first and aside[k] < _CENTRED and aside[k] <= aside[rivals].min()
-        if _OFFSET + slender[k] + (_FIRST if first else 0.0) > 0 and not alone:
+        first = crowned[k] and pole_like[k] <= pole_like[near].min()
+        own = first and aside[k] < _CENTRED
+        if not crowned[k] or (pole_like[k] + (_FIRST if first else 0.0) > 0 and not own):
             poles.append(stem)
     groups = [
         [stem for stem, b in zip(stems, beam, strict=True) if b == number] for number in np.unique(beam[beam >= 0])
@@ -113,73 +107,98 @@ def _spans(places: NDArray[np.float64], legs: list[Stem]) -> bool:
 
 def _crowns(
     places: NDArray[np.float64], stems: list[Stem]
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64]]:
-    """Return the size of the crown around each stem, how far aside its middle lies, and whether it stands elsewhere.
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+    """Return the size of the crown around each stem, and how far aside its middle lies.
 
     And, where it is no crown but the beam of a gantry or a mast's arm, low and at the top of the stem, its number; -1
     elsewhere.
     """
     piece = cluster(np.ascontiguousarray(places), tolerance=_JOINED)
-    size, aside = np.zeros(len(stems), np.int64), np.zeros(len(stems))
-    hidden, beam = np.zeros(len(stems), np.bool_), np.full(len(stems), -1)
+    size, aside, beam = np.zeros(len(stems), np.int64), np.zeros(len(stems)), np.full(len(stems), -1)
     for k, stem in enumerate(stems):
-        away = stem.away(places)
-        here = (np.hypot(*away.T) <= _AROUND) & (places[:, 2] >= stem.low + 0.4 * (stem.high - stem.low))
+        here = (stem.distance(places) <= _AROUND) & _beside_crown(stem, places)
         size[k] = here.sum()
-        aside[k] = np.hypot(*away[here].mean(axis=0)) if here.any() else np.inf
         if not here.any():
             continue
+        aside[k] = np.hypot(*stem.away(places[here]).mean(axis=0))
         number = int(np.bincount(piece[here]).argmax())
-        whole = piece == number
-        hidden[k] = _stands(away, places[:, 2] - stem.low, whole)
         low, middle, high = np.quantile(places[here, 2], (0.15, 0.5, 0.95))
         flat = high - low < _BEAM and abs(middle - stem.high) < _BEAM
-        if flat and whole.sum() >= _CROWN and size[k] >= _RESTS:
+        if flat and (piece == number).sum() >= _CROWN and size[k] >= _RESTS:
             beam[k] = number
-    return size, aside, hidden, beam
+    return size, aside, beam
 
 
-def _slender(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> float:
-    """Return how much straighter, more upright and thinner a stem is than another."""
-    bend, spread = _shape(stem, xyz, counts)
-    lean = float(np.hypot(*stem.slope))
-    return _BEND * np.log(_LEAST + bend) + _LEAN * np.log(_LEAST + lean) + _SPREAD * spread
+def _beside_crown(stem: Stem, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which places are as high as the crown of a stem may be."""
+    return xyz[:, 2] >= stem.low + _UPPER * (stem.high - stem.low)
 
 
-def _shape(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[float, float]:
-    """Return how far the sections of a stem lie off a straight line, and how far points spread in the thin ones.
+def _likeness(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64], aside: float) -> float:
+    """Return the logarithm of the odds that a stem in a crown is a pole, where another looks less like one."""
+    bend, lean, spread = _shape(stem, xyz, counts)
+    distance, upper = stem.distance(xyz), _beside_crown(stem, xyz)
+    length, around = stem.high - stem.low, upper & (distance <= _AROUND) & (distance > _INSIDE)
+    top = float(np.quantile(xyz[around, 2], _TOP)) - stem.low if around.any() else length
+    return float(
+        _OFFSET + _BEND * np.log(_LEAST + bend) + _LEAN * np.log(_LEAST + lean) + _SPREAD * spread
+        + _MIDDLE * min(aside, _AROUND) + _REACHED * length / max(top, _LOWEST) + _UNDER * (top - length)
+    )  # fmt: skip
 
-    Points are counted, not voxels, so that leaves around a stem hardly matter.
+
+def _shape(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[float, float, float]:
+    """Return how far the sections of a stem lie off a straight line, its slope, and the spread of the thin sections.
+
+    Points are counted, not voxels, and sections with many leaves around them are left out.
     """
+    height, distance = xyz[:, 2] - stem.low, stem.distance(xyz)
+    rows = np.flatnonzero((height >= _BASE) & (xyz[:, 2] <= stem.high) & (distance <= _RING))
+    _, section = np.unique(np.floor(height[rows] / SLAB), return_inverse=True)
+    if len(rows) == 0 or section.max() + 1 < _SECTIONS:
+        return _UNMEASURED[0], float(np.hypot(*stem.slope)), _spread(stem, xyz, counts)
+    away, mass = stem.away(xyz[rows]), counts[rows].astype(np.float64)
+    middle, share = _climb(away, mass, section)
+    clear = share >= np.quantile(share, _CLEAR)
+    level = np.bincount(section, mass * xyz[rows, 2]) / np.bincount(section, mass)
+    line, off = _straight_line(np.column_stack([middle + stem.base + level[:, None] * stem.slope, level])[clear])
+    return float(np.median(off)), float(np.hypot(*line[1])), _spread(stem, xyz, counts)
+
+
+def _climb(
+    away: NDArray[np.float64], mass: NDArray[np.float64], section: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where in each section points crowd, from the axis on, and the share of them that lies there."""
+    n = int(section.max()) + 1
+    middle = np.zeros((n, 2))
+    for _ in range(_CLIMBS):
+        core = np.hypot(*(away - middle[section]).T) <= _CORE
+        inner = np.bincount(section[core], mass[core], minlength=n)
+        mean = [np.bincount(section[core], mass[core] * away[core, axis], minlength=n) for axis in range(2)]
+        middle = np.where(inner[:, None] > 0, np.column_stack(mean) / np.maximum(inner, 1.0)[:, None], middle)
+    core = np.hypot(*(away - middle[section]).T) <= _CORE
+    return middle, np.bincount(section[core], mass[core], minlength=n) / np.bincount(section, mass)
+
+
+def _spread(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> float:
+    """Return how far points spread in the thin sections of a stem."""
     height = xyz[:, 2] - stem.low
     rows = np.flatnonzero((height >= _BASE) & (xyz[:, 2] <= stem.high))
     rows = rows[stem.distance(xyz[rows]) <= _INSIDE]
     _, section = np.unique(np.floor(height[rows] / SLAB), return_inverse=True)
     if len(rows) == 0 or section.max() + 1 < _SECTIONS:
-        return _UNMEASURED
+        return _UNMEASURED[1]
     mass = np.bincount(section, counts[rows])
-    middle = np.column_stack([np.bincount(section, counts[rows] * xyz[rows, axis]) / mass for axis in range(3)])
-    off = ((xyz[rows, :2] - middle[section, :2]) ** 2).sum(axis=1)
-    spread = np.sqrt(np.bincount(section, counts[rows] * off) / mass)
-    return float(np.median(_deviations(middle))), float(np.quantile(spread, 0.25))
+    middle = np.column_stack([np.bincount(section, counts[rows] * xyz[rows, axis]) / mass for axis in range(2)])
+    off = ((xyz[rows, :2] - middle[section]) ** 2).sum(axis=1)
+    return float(np.quantile(np.sqrt(np.bincount(section, counts[rows] * off) / mass), 0.25))
 
 
-def _deviations(middle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the distances of places from the upright line of least deviations through them."""
+def _straight_line(middle: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Return the upright line of least deviations through places, place and slope, and their distances from it."""
     design = np.column_stack([np.ones(len(middle)), middle[:, 2] - middle[:, 2].mean()])
     weight = np.ones((len(middle), 1))
     for _ in range(_ROUNDS):
         line, *_ = np.linalg.lstsq(design * weight, middle[:, :2] * weight, rcond=None)
         off = np.hypot(*(middle[:, :2] - design @ line).T)
         weight = 1.0 / np.sqrt(np.maximum(off, _LEVELLED))[:, None]
-    return off
-
-
-def _stands(away: NDArray[np.float64], height: NDArray[np.float64], crown: NDArray[np.bool_]) -> bool:
-    """Tell whether a crown comes down to the ground beside a line: then a stem that was not found carries it."""
-    near = crown & (np.hypot(*away.T) <= _AROUND)
-    if not near.any() or height[near].min() > _FOOT:
-        return False
-    foot = away[near & (height <= height[near].min() + _FOOT)]
-    # A wall or a hedge that the crown touches is no stem.
-    return bool(np.hypot(*foot.mean(axis=0)) >= _BESIDE and np.ptp(foot, axis=0).max() <= _STEM)
+    return line, off
