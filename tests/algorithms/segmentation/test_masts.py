@@ -4,7 +4,7 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.segmentation.poles import _is_arm
 from mlsroad_pipeline.algorithms.segmentation.stems import Stem
-from mlsroad_pipeline.algorithms.segmentation.trunks import _find_second_legs
+from mlsroad_pipeline.algorithms.segmentation.trunks import _find_second_legs, find_first, measure_stem
 
 
 def box(rng, length, width, height, n=3000):
@@ -34,3 +34,25 @@ def test_a_leg_is_found_by_the_beam_that_reaches_it(rng):
     alone = np.array([3, -1])
     _find_second_legs(wires, stems[:2], alone)
     assert alone.tolist() == [3, -1]
+
+
+def test_leaves_on_one_side_of_a_pole_do_not_bend_it(rng):
+    """The upper half of a straight pole, lean 0.05, has more leaves to its east than points of its own."""
+    z = np.repeat(np.arange(0.05, 6.0, 0.1), 2)
+    pole = np.column_stack([0.05 * z, np.zeros(len(z)), z]) + rng.normal(0, 0.01, (len(z), 3))
+    leaves = np.column_stack([rng.uniform(0.35, 0.7, 400), rng.uniform(-0.2, 0.2, 400), rng.uniform(3, 6, 400)])
+    leaves[:, 0] += 0.05 * (leaves[:, 2] - 3)
+    xyz = np.concatenate([pole, leaves])
+    counts = np.concatenate([np.full(len(pole), 5), np.ones(400, np.int64)])
+    stem = Stem(np.zeros(2), np.array([0.05, 0.0]), 0.0, 6.0)
+    bend, lean = np.exp(measure_stem(stem, xyz, counts, 0.5)[:2]) - 0.02
+    assert bend < 0.02 and abs(lean - 0.05) < 0.01
+    crooked = xyz + np.column_stack([0.25 * np.sin(1.5 * xyz[:, 2]), np.zeros(len(xyz)), np.zeros(len(xyz))])
+    assert np.exp(measure_stem(stem, crooked, counts, 0.5)[0]) - 0.02 > 3 * bend
+
+
+def test_the_stem_least_like_a_pole_carries_the_crown_of_those_near():
+    at = [(0.0, 0.0), (2.0, 0.0), (4.0, 0.0), (20.0, 0.0)]
+    stems = [Stem(np.array(base), np.zeros(2), 0.0, 5.0) for base in at]
+    assert find_first(stems, np.array([1.0, 2.0, 3.0, 9.0])).tolist() == [True, False, False, True]
+    assert find_first([], np.zeros(0)).tolist() == []

@@ -29,9 +29,8 @@ _BEAM = 1.0  # height of a beam, and of its middle from the top of the post that
 _SPAN = 5.0  # the least distance between two legs of a gantry, metres
 _RESTS, _DENSE = 100, 80.0  # voxels of a beam within reach of its post, and per metre between two: wires have less
 _OFFSET, _FIRST = -39.79, -2.59  # of likeness; a pole is what is one with odds of two to three
-_BEND, _LEAN, _SPREAD = -7.33, -3.11, -39.7  # of likeness; the first two per logarithm, then per metre
-_MIDDLE, _REACHED, _UNDER = 2.89, 7.93, 0.53  # the same of what the crown tells, per metre, share and metre
-_LEAST = 0.02  # bend, metres, and slope below which a smaller one tells little
+_WEIGHTS = -7.33, -3.11, -39.7, 2.89, 7.93, 0.53  # of likeness, in the order of `measure_stem`
+_LEAST = 0.02  # added to bend, metres, and slope, as below it a smaller one tells little
 _UNMEASURED = 0.05, 0.2  # bend and spread of a stem of few sections, metres
 
 
@@ -63,19 +62,13 @@ def judge_stems(
         rest &= (stem.distance(xyz) > RADIUS) | (xyz[:, 2] > stem.high + SLAB)
     size, aside, beam = _crowns(xyz[rest], stems)
     _find_second_legs(xyz[rest], stems, beam)
-    pole_like = np.array([_likeness(stem, xyz, counts, off) for stem, off in zip(stems, aside, strict=True)])
-    foot = np.array([stem.base + stem.slope * stem.low for stem in stems])
-    crowned = (size >= _CROWN) & (beam < 0)
-    poles = []
-    for k, stem in enumerate(stems):
-        if beam[k] >= 0:
-            continue
-        near = crowned & (np.hypot(*(foot - foot[k]).T) <= _BESIDE_TRUNK)
-        # Something has to carry the crown: most likely the stem that looks least like a pole.
-        first = crowned[k] and pole_like[k] <= pole_like[near].min()
-        own = first and aside[k] < _CENTRED
-        if not crowned[k] or (pole_like[k] + (_FIRST if first else 0.0) > 0 and not own):
-            poles.append(stem)
+    is_pole = beam < 0
+    crowned = np.flatnonzero(is_pole & (size >= _CROWN))
+    measured = [measure_stem(stems[k], xyz, counts, aside[k]) for k in crowned]
+    likeness = np.array([_OFFSET + measures @ _WEIGHTS for measures in measured])
+    first = find_first([stems[k] for k in crowned], likeness)
+    is_pole[crowned] = (likeness + _FIRST * first > 0) & ~(first & (aside[crowned] < _CENTRED))
+    poles = [stem for stem, pole in zip(stems, is_pole, strict=True) if pole]
     groups = [
         [stem for stem, b in zip(stems, beam, strict=True) if b == number] for number in np.unique(beam[beam >= 0])
     ]
@@ -134,34 +127,79 @@ def _beside_crown(stem: Stem, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
     return xyz[:, 2] >= stem.low + _UPPER * (stem.high - stem.low)
 
 
-def _likeness(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64], aside: float) -> float:
-    """Return the logarithm of the odds that a stem in a crown is a pole, where another looks less like one."""
-    bend, lean, spread = _shape(stem, xyz, counts)
-    distance, upper = stem.distance(xyz), _beside_crown(stem, xyz)
-    length, around = stem.high - stem.low, upper & (distance <= _AROUND) & (distance > _INSIDE)
-    top = float(np.quantile(xyz[around, 2], _TOP)) - stem.low if around.any() else length
-    return float(
-        _OFFSET + _BEND * np.log(_LEAST + bend) + _LEAN * np.log(_LEAST + lean) + _SPREAD * spread
-        + _MIDDLE * min(aside, _AROUND) + _REACHED * length / max(top, _LOWEST) + _UNDER * (top - length)
-    )  # fmt: skip
+def measure_stem(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64], aside: float) -> NDArray[np.float64]:
+    """Measure what tells a pole in a crown from a trunk.
+
+    Parameters
+    ----------
+    stem : Stem
+        The stem.
+    xyz : ndarray of float64, shape (v, 3)
+        Voxels of its cluster, metres, z up.
+    counts : ndarray of int64, shape (v,)
+        Points in each.
+    aside : float
+        How far the crown's middle lies from its axis, metres.
+
+    Returns
+    -------
+    ndarray of float64, shape (6,)
+        Logarithms of how far its sections lie off a straight line, metres, and of its slope; the spread of the thin
+        sections, metres; `aside`; its length over the height of the crown's top; and what of that is above it, metres.
+    """
+    distance = stem.distance(xyz)
+    upper = (distance <= _AROUND) & (distance > _INSIDE) & _beside_crown(stem, xyz)
+    length = stem.high - stem.low
+    top = float(np.quantile(xyz[upper, 2], _TOP)) - stem.low if upper.any() else length
+    bend, lean = _bend(stem, xyz, counts)
+    logarithms = np.log(_LEAST + bend), np.log(_LEAST + lean)
+    spread = _spread(stem, xyz, counts)
+    return np.array([*logarithms, spread, min(aside, _AROUND), length / max(top, _LOWEST), top - length])
 
 
-def _shape(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[float, float, float]:
-    """Return how far the sections of a stem lie off a straight line, its slope, and the spread of the thin sections.
+def find_first(stems: list[Stem], likeness: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which stems look less like poles than those around them: something has to carry a crown.
+
+    Parameters
+    ----------
+    stems : list of Stem
+        Stems in crowns.
+    likeness : ndarray of float64, shape (n,)
+        How much each looks like a pole.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        One flag per stem.
+    """
+    foot = np.array([stem.base + stem.slope * stem.low for stem in stems]).reshape(-1, 2)
+    near = np.hypot(*(foot[:, None] - foot[None]).transpose(2, 0, 1)) <= _BESIDE_TRUNK
+    return np.array([likeness[k] <= likeness[near[k]].min() for k in range(len(stems))], np.bool_)
+
+
+def _sections(stem: Stem, xyz: NDArray[np.float64], reach: float) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
+    """Return the voxels around an axis, and the section of each, 0, 1, ...; None where there are few sections."""
+    height = xyz[:, 2] - stem.low
+    rows = np.flatnonzero((height >= _BASE) & (xyz[:, 2] <= stem.high) & (stem.distance(xyz) <= reach))
+    _, section = np.unique(np.floor(height[rows] / SLAB), return_inverse=True)
+    return (rows, section) if section.max(initial=-1) + 1 >= _SECTIONS else None
+
+
+def _bend(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[float, float]:
+    """Return how far the sections of a stem lie off a straight line, and the slope of that.
 
     Points are counted, not voxels, and sections with many leaves around them are left out.
     """
-    height, distance = xyz[:, 2] - stem.low, stem.distance(xyz)
-    rows = np.flatnonzero((height >= _BASE) & (xyz[:, 2] <= stem.high) & (distance <= _RING))
-    _, section = np.unique(np.floor(height[rows] / SLAB), return_inverse=True)
-    if len(rows) == 0 or section.max() + 1 < _SECTIONS:
-        return _UNMEASURED[0], float(np.hypot(*stem.slope)), _spread(stem, xyz, counts)
-    away, mass = stem.away(xyz[rows]), counts[rows].astype(np.float64)
-    middle, share = _climb(away, mass, section)
+    found = _sections(stem, xyz, _RING)
+    if found is None:
+        return _UNMEASURED[0], float(np.hypot(*stem.slope))
+    rows, section = found
+    mass = counts[rows].astype(np.float64)
+    middle, share = _climb(stem.away(xyz[rows]), mass, section)
     clear = share >= np.quantile(share, _CLEAR)
     level = np.bincount(section, mass * xyz[rows, 2]) / np.bincount(section, mass)
     line, off = _straight_line(np.column_stack([middle + stem.base + level[:, None] * stem.slope, level])[clear])
-    return float(np.median(off)), float(np.hypot(*line[1])), _spread(stem, xyz, counts)
+    return float(np.median(off)), float(np.hypot(*line[1]))
 
 
 def _climb(
@@ -181,12 +219,10 @@ def _climb(
 
 def _spread(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> float:
     """Return how far points spread in the thin sections of a stem."""
-    height = xyz[:, 2] - stem.low
-    rows = np.flatnonzero((height >= _BASE) & (xyz[:, 2] <= stem.high))
-    rows = rows[stem.distance(xyz[rows]) <= _INSIDE]
-    _, section = np.unique(np.floor(height[rows] / SLAB), return_inverse=True)
-    if len(rows) == 0 or section.max() + 1 < _SECTIONS:
+    found = _sections(stem, xyz, _INSIDE)
+    if found is None:
         return _UNMEASURED[1]
+    rows, section = found
     mass = np.bincount(section, counts[rows])
     middle = np.column_stack([np.bincount(section, counts[rows] * xyz[rows, axis]) / mass for axis in range(2)])
     off = ((xyz[rows, :2] - middle[section]) ** 2).sum(axis=1)
