@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.segmentation.stems import HEIGHT, Stem, extended, find_stems, merged
+from mlsroad_pipeline.algorithms.segmentation.stems import Stem, find_stems, whole_stems
 from mlsroad_pipeline.algorithms.segmentation.trunks import judge_stems
 
 _FREE = 1.2  # length over which a mast stands free, metres
@@ -71,8 +71,7 @@ def separate_plates(
 
 def _mast(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem]) -> Stem | None:
     """Return the only stem of a part, if it carries no crown."""
-    found = [stem for stem in merged([extended(stem, xyz, counts) for stem in merged(stems)])
-             if stem.high - stem.low >= HEIGHT]  # fmt: skip
+    found = whole_stems(stems, xyz, counts)
     return found[0] if len(found) == 1 and judge_stems(xyz, counts, found)[0] else None
 
 

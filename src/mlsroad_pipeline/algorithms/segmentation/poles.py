@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.segmentation.stems import (
-    HEIGHT,
     RADIUS,
     SLAB,
     Stem,
-    extended,
     find_stems,
     measure_sections,
-    merged,
+    whole_stems,
 )
 from mlsroad_pipeline.algorithms.segmentation.trunks import judge_stems
 
@@ -79,8 +77,7 @@ def _split(
 
     And pairs of voxels on the legs of gantries.
     """
-    stems = merged([extended(stem, xyz, counts) for stem in merged(stems)])
-    stems = [stem for stem in stems if stem.high - stem.low >= HEIGHT]
+    stems = whole_stems(stems, xyz, counts)
     parts = np.zeros(len(xyz), np.int64)
     poles, gantries = judge_stems(xyz, counts, stems)
     at = [[_middle(leg, xyz) for leg in legs] for legs in gantries]

@@ -251,3 +251,24 @@ def merged(stems: list[Stem]) -> list[Stem]:
         else:
             found.append(stem)
     return found
+
+
+def whole_stems(stems: list[Stem], xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> list[Stem]:
+    """Join the lines of a cluster that are one, follow each to its ends, and leave out what is low.
+
+    Parameters
+    ----------
+    stems : list of Stem
+        Lines of one cluster.
+    xyz : ndarray of float64, shape (v, 3)
+        Voxels of it, metres, z up.
+    counts : ndarray of int64, shape (v,)
+        Points in each.
+
+    Returns
+    -------
+    list of Stem
+        The stems, `HEIGHT` or more high.
+    """
+    found = merged([extended(stem, xyz, counts) for stem in merged(stems)])
+    return [stem for stem in found if stem.high - stem.low >= HEIGHT]

@@ -30,6 +30,7 @@ _SPAN = 5.0  # the least distance between two legs of a gantry, metres
 _RESTS, _DENSE = 100, 80.0  # voxels of a beam within reach of its post, and per metre between two: wires have less
 _OFFSET, _FIRST = -39.79, -2.59  # of likeness; a pole is what is one with odds of two to three
 _WEIGHTS = -7.33, -3.11, -39.7, 2.89, 7.93, 0.53  # of likeness, in the order of `measure_stem`
+_ASIDE = 3  # place of one of them there
 _LEAST = 0.02  # added to bend, metres, and slope, as below it a smaller one tells little
 _UNMEASURED = 0.05, 0.2  # bend and spread of a stem of few sections, metres
 
@@ -57,22 +58,55 @@ def judge_stems(
     """
     if not stems:
         return [], []
-    rest = np.ones(len(xyz), np.bool_)
-    for stem in stems:
-        rest &= (stem.distance(xyz) > RADIUS) | (xyz[:, 2] > stem.high + SLAB)
-    size, aside, beam = _crowns(xyz[rest], stems)
-    _find_second_legs(xyz[rest], stems, beam)
-    is_pole = beam < 0
-    crowned = np.flatnonzero(is_pole & (size >= _CROWN))
-    measured = [measure_stem(stems[k], xyz, counts, aside[k]) for k in crowned]
-    likeness = np.array([_OFFSET + measures @ _WEIGHTS for measures in measured])
+    beam, crowned, measures = measure_crowned(xyz, counts, stems)
+    likeness = _OFFSET + measures @ _WEIGHTS
     first = find_first([stems[k] for k in crowned], likeness)
-    is_pole[crowned] = (likeness + _FIRST * first > 0) & ~(first & (aside[crowned] < _CENTRED))
+    is_pole = beam < 0
+    is_pole[crowned] = (likeness + _FIRST * first > 0) & ~(first & (measures[:, _ASIDE] < _CENTRED))
     poles = [stem for stem, pole in zip(stems, is_pole, strict=True) if pole]
     groups = [
         [stem for stem, b in zip(stems, beam, strict=True) if b == number] for number in np.unique(beam[beam >= 0])
     ]
-    return poles, [legs for legs in groups if len(legs) > 1 and _spans(xyz[rest], legs)]
+    return poles, [legs for legs in groups if len(legs) > 1 and _spans(_beside(stems, xyz), legs)]
+
+
+def measure_crowned(
+    xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Find the stems of a cluster that stand in crowns, and measure them.
+
+    Parameters
+    ----------
+    xyz : ndarray of float64, shape (v, 3)
+        Voxels of the cluster, metres, z up.
+    counts : ndarray of int64, shape (v,)
+        Points in each.
+    stems : list of Stem
+        The stems in it, one or more.
+
+    Returns
+    -------
+    beam : ndarray of int64, shape (n,)
+        Number of the beam that each carries; -1 for none.
+    crowned : ndarray of int64, shape (c,)
+        Places in `stems` of those in crowns, which carry no beam.
+    measures : ndarray of float64, shape (c, 6)
+        What `measure_stem` gave for these.
+    """
+    rest = _beside(stems, xyz)
+    size, aside, beam = _crowns(rest, stems)
+    _find_second_legs(rest, stems, beam)
+    crowned = np.flatnonzero((beam < 0) & (size >= _CROWN))
+    measures = [measure_stem(stems[k], xyz, counts, aside[k]) for k in crowned]
+    return beam, crowned, np.array(measures, np.float64).reshape(-1, len(_WEIGHTS))
+
+
+def _beside(stems: list[Stem], xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the voxels that are not on a stem."""
+    rest = np.ones(len(xyz), np.bool_)
+    for stem in stems:
+        rest &= (stem.distance(xyz) > RADIUS) | (xyz[:, 2] > stem.high + SLAB)
+    return xyz[rest]
 
 
 def _find_second_legs(places: NDArray[np.float64], stems: list[Stem], beam: NDArray[np.int64]) -> None:

@@ -1,0 +1,144 @@
+"""Fit what tells poles in crowns from trunks on the training streets of the study of Yu et al. 2016.
+
+    kedro run --pipeline=yu2016_study --to-nodes=make_yu2016_streets
+    python benchmarks/stem_weights.py [--jobs 2] [--folds 8]
+
+Every upright line in a crown that runs along a pole, a sign or a mast, or along a trunk, is measured. A logistic
+regression weighs the measures, and whether the stem looks least like a pole of those near; as that depends on the
+weights, it is found anew some times. Printed are the stems mistaken with their streets held out, by the probability
+from which a stem is a pole, those that `judge_stems` mistakes now, and the weights of all streets.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import joblib
+import numpy as np
+import pandas as pd
+from cut_intensity import stored
+from numpy.typing import NDArray
+from scipy.special import expit
+from sklearn.linear_model import LogisticRegression
+from sklearn.model_selection import GroupKFold
+
+from mlsroad_pipeline.algorithms.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.scene_stages import inliers
+from mlsroad_pipeline.algorithms.segmentation._nodes import measure_voxels, number_voxels
+from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import cluster_points
+from mlsroad_pipeline.algorithms.segmentation.stems import Stem, find_stems, whole_stems
+from mlsroad_pipeline.algorithms.segmentation.trunks import find_first, judge_stems, measure_crowned
+from mlsroad_pipeline.algorithms.studies.yu2016_results import street_key
+from mlsroad_pipeline.algorithms.voxels.grid import build_voxel_grid
+from mlsroad_pipeline.datasets.scene_collection import SceneCollection
+
+MEASURES = ["bend", "lean", "spread", "aside", "reached", "under"]
+POLES = [TAXONOMY[name] for name in ("utility_pole", "light_pole", "traffic_sign", "traffic_light", "post", "gantry",
+                                     "station_sign", "wire")]  # fmt: skip
+TRUNKS = [TAXONOMY[name] for name in ("trunk", "tree", "palm")]
+CORE = 0.15  # of a stem's axis, within which most points tell what it is, metres
+ROUNDS, PENALTY = 4, 3.0
+
+
+def stems_of(key: str, streets: SceneCollection, parameters: NormalizedCutParameters) -> pd.DataFrame:
+    """Measure the stems in crowns of a street: one row each, with what it is and whether it is taken for a pole."""
+    scene = streets.part("points")[key].load()
+    rows = np.flatnonzero(inliers(scene) & ~scene["ground"])
+    xyz = np.ascontiguousarray(scene.xyz[rows], dtype=np.float64)
+    clusters = cluster_points(xyz, parameters)
+    grid = build_voxel_grid(xyz, voxel_size=parameters.voxel_size)
+    voxel = number_voxels(clusters, grid.voxel_of_point)
+    places, of_voxel = measure_voxels(xyz - grid.origin, np.zeros(len(xyz)), voxel, clusters)
+    counts = np.bincount(voxel)
+    labels = _most(voxel, scene["label"][rows])
+    table = []
+    for number, lines in find_stems(places[:, :3], of_voxel, parameters.pole_length).items():
+        members = np.flatnonzero(of_voxel == number)
+        own = np.ascontiguousarray(places[members, :3])
+        stems = whole_stems(lines, own, counts[members])
+        if not stems:
+            continue
+        _, crowned, measures = measure_crowned(own, counts[members], stems)
+        poles = {id(stem) for stem in judge_stems(own, counts[members], stems)[0]}
+        for k, values in zip(crowned, measures, strict=True):
+            label = _label(stems[k], own, counts[members], labels[members])
+            table.append([key, number, stems[k], label, id(stems[k]) in poles, *values])
+    return pd.DataFrame(table, columns=["street", "cluster", "stem", "label", "now", *MEASURES])
+
+
+def _most(voxel: NDArray[np.integer], labels: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Return the class of most points of each voxel."""
+    pairs, size = np.unique(np.column_stack([voxel, labels]).astype(np.int64), axis=0, return_counts=True)
+    pairs = pairs[np.lexsort([size, pairs[:, 0]])]
+    return pairs[np.append(np.flatnonzero(np.diff(pairs[:, 0])), len(pairs) - 1), 1]
+
+
+def _label(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64], labels: NDArray) -> int:
+    """Return the class of most points along a stem; that of nothing where there are none."""
+    along = (stem.distance(xyz) <= CORE) & (xyz[:, 2] >= stem.low) & (xyz[:, 2] <= stem.high)
+    return int(np.bincount(labels[along], counts[along], minlength=1).argmax())
+
+
+def first_of(table: pd.DataFrame, likeness: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Tell which stems look least like poles in their cluster."""
+    first = np.zeros(len(table))
+    for rows in table.groupby(["street", "cluster"]).indices.values():
+        first[rows] = find_first([table["stem"].iloc[row] for row in rows], likeness[rows])
+    return first
+
+
+def fit(table: pd.DataFrame) -> tuple[NDArray[np.float64], float, float]:
+    """Return the weights of the measures and of the first of some, and the offset."""
+    known = table["label"].isin([*POLES, *TRUNKS]).to_numpy()
+    values, truth = table[MEASURES].to_numpy(), table["label"].isin(POLES).to_numpy()
+    scale = values[known].std(axis=0)
+    first, model = np.zeros(len(table)), LogisticRegression(C=PENALTY, max_iter=3000)
+    for _ in range(ROUNDS + 1):
+        middle = values[known].mean(axis=0)
+        model.fit(np.column_stack([(values - middle) / scale, first])[known], truth[known])
+        weights = model.coef_[0, :-1] / scale
+        offset = float(model.intercept_[0] - middle @ weights)
+        first = first_of(table, values @ weights)
+    return weights, float(model.coef_[0, -1]), offset
+
+
+def held_out(table: pd.DataFrame, n_folds: int) -> NDArray[np.float64]:
+    """Return the probability that each stem is a pole, by weights that have not seen its street."""
+    chance = np.zeros(len(table))
+    for rest, fold in GroupKFold(n_folds).split(table, groups=table["street"]):
+        weights, first, offset = fit(table.iloc[rest])
+        likeness = table[MEASURES].to_numpy()[fold] @ weights
+        chance[fold] = expit(offset + likeness + first * first_of(table.iloc[fold], likeness))
+    return chance
+
+
+def main() -> None:
+    """Run."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--folds", type=int, default=8)
+    args = parser.parse_args()
+    plan, streets = stored("streets")
+    keys = [street_key(name, seed) for name, given in plan.scale.surveys.items() for seed in given.train]
+    cuts = plan.stages.segmentation.normalized_cut
+    found = joblib.Parallel(n_jobs=args.jobs)(joblib.delayed(stems_of)(key, streets, cuts) for key in keys)
+    table = pd.concat(found, ignore_index=True)
+    chance, label = held_out(table, args.folds), table["label"]
+    pole, trunk = label.isin(POLES), label.isin(TRUNKS)
+    judged = {"now": table["now"]} | {f"{level:.1f}": chance >= level for level in (0.2, 0.3, 0.4, 0.5)}
+    rows = [
+        (name, (pole & ~taken).sum(), (label.eq(TAXONOMY["light_pole"]) & ~taken).sum(),
+         (label.eq(TAXONOMY["traffic_sign"]) & ~taken).sum(), (trunk & taken).sum())
+        for name, taken in judged.items()
+    ]  # fmt: skip
+    print(f"{pole.sum()} poles and {trunk.sum()} trunks in crowns on {len(keys)} streets; mistaken:")
+    names = ["pole from", "poles lost", "lamps lost", "signs lost", "trunks taken"]
+    print(pd.DataFrame(rows, columns=names).to_string(index=False))
+    weights, first, offset = fit(table)
+    print("weights", dict(zip(MEASURES, weights.round(2).tolist(), strict=True)), f"first {first:.2f}")
+    print(f"offset {offset:.2f}")
+
+
+if __name__ == "__main__":
+    main()
