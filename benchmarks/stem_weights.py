@@ -39,6 +39,7 @@ POLES = [TAXONOMY[name] for name in ("utility_pole", "light_pole", "traffic_sign
 TRUNKS = [TAXONOMY[name] for name in ("trunk", "tree", "palm")]
 CORE = 0.15  # of a stem's axis, within which most points tell what it is, metres
 ROUNDS, PENALTY = 4, 3.0
+_LABELS = max(TAXONOMY.values()) + 1
 
 
 def stems_of(key: str, streets: SceneCollection, parameters: NormalizedCutParameters) -> pd.DataFrame:
@@ -69,9 +70,9 @@ def stems_of(key: str, streets: SceneCollection, parameters: NormalizedCutParame
 
 def _most(voxel: NDArray[np.integer], labels: NDArray[np.integer]) -> NDArray[np.int64]:
     """Return the class of most points of each voxel."""
-    pairs, size = np.unique(np.column_stack([voxel, labels]).astype(np.int64), axis=0, return_counts=True)
-    pairs = pairs[np.lexsort([size, pairs[:, 0]])]
-    return pairs[np.append(np.flatnonzero(np.diff(pairs[:, 0])), len(pairs) - 1), 1]
+    pairs, size = np.unique(voxel.astype(np.int64) * _LABELS + labels, return_counts=True)
+    pairs = pairs[np.lexsort([size, pairs // _LABELS])]
+    return pairs[np.append(np.flatnonzero(np.diff(pairs // _LABELS)), len(pairs) - 1)] % _LABELS
 
 
 def _label(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64], labels: NDArray) -> int:
