@@ -2,7 +2,8 @@
 
 Where there is a crown around a stem, six things tell: poles are straight, upright and thin, the crown's middle lies
 beside them, they reach up to its top, and a stem that looks less like a pole is near. Their weights are those of a
-logistic regression on the stems of the training streets of the study of Yu et al. 2016 (docs/methods/segmentation.md).
+logistic regression on the stems of the training streets of the study of Yu et al. 2016 (docs/methods/segmentation.md,
+`benchmarks/stem_weights.py`).
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ _TOP, _LOWEST = 0.98, 0.5  # share of a crown that lies below its top, and the l
 _BEAM = 1.0  # height of a beam, and of its middle from the top of the post that carries it, metres
 _SPAN = 5.0  # the least distance between two legs of a gantry, metres
 _RESTS, _DENSE = 100, 80.0  # voxels of a beam within reach of its post, and per metre between two: wires have less
-_OFFSET, _FIRST = -39.79, -2.59  # of likeness; a pole is what is one with odds of two to three
-_WEIGHTS = -7.33, -3.11, -39.7, 2.89, 7.93, 0.53  # of likeness, in the order of `measure_stem`
+_OFFSET, _FIRST = -39.35, -2.44  # of likeness; a pole is what is one with odds of two to three: 0.41 is added
+_WEIGHTS = -7.1, -3.19, -39.39, 2.97, 7.81, 0.55  # of likeness, in the order of `measure_stem`
 _ASIDE = 3  # place of one of them there
 _LEAST = 0.02  # added to bend, metres, and slope, as below it a smaller one tells little
 _UNMEASURED = 0.05, 0.2  # bend and spread of a stem of few sections, metres
