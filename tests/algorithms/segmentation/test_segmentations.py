@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from references_inventory import radius_graph_components
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import cdist
 from sklearn.metrics import adjusted_rand_score
 
 from mlsroad_pipeline.algorithms.exceptions import MissingColumnError, ParameterError
@@ -48,6 +50,22 @@ def test_sparse_objects_hold_together_and_dense_ones_stay_apart():
     sparse = np.column_stack([6 * grid[:, 0], np.full(len(grid), 9.0), 6 * grid[:, 1]])
     found = cluster_by_spacing(np.concatenate([*dense, sparse]), tolerance=0.15, spacing_factor=1.5, max_tolerance=0.5)
     np.testing.assert_array_equal(found, np.repeat([0, 1, 2], len(grid)))
+
+
+def test_spacing_equals_the_definition_by_all_distances(rng):
+    """Places that lie ever farther apart, no two in one voxel."""
+    lattice = np.stack(np.meshgrid(np.arange(24), np.arange(12), np.arange(3)), axis=-1).reshape(-1, 3) * 0.2
+    xyz = lattice + rng.uniform(-0.03, 0.03, lattice.shape)
+    xyz *= 1.0 + 0.3 * xyz[:, :1]
+    xyz = xyz[rng.random(len(xyz)) < 0.5]
+    far = cdist(xyz, xyz)
+    reach = np.minimum(1.5 * np.sort(far, axis=1)[:, 4], 0.5)
+    touching = far <= np.maximum(np.minimum(reach[:, None], reach[None]), 0.15)
+    expected = connected_components(touching)[1]
+    found = cluster_by_spacing(xyz, tolerance=0.15, spacing_factor=1.5, max_tolerance=0.5)
+    assert 10 < len(set(expected)) < len(xyz) / 2
+    assert adjusted_rand_score(expected, found) == 1.0
+    assert (np.diff(np.unique(found, return_index=True)[1]) > 0).all()  # numbered by their first points
 
 
 def test_spacing_stops_at_the_longest_step():

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+from mlsroad_pipeline.algorithms.cell_grid import CELLS_PER_RADIUS, build_cell_grids
+from mlsroad_pipeline.algorithms.cell_windows import first_window, move_window
 from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.graphs import connected_components
+from mlsroad_pipeline.algorithms.graphs import connected_components, find_root, join
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.validation import check_positive, check_xyz
 from mlsroad_pipeline.algorithms.voxels.grid import build_voxel_grid
@@ -60,10 +63,55 @@ def cluster_by_spacing(
         return labels
     reach = spacing_factor * cKDTree(places).query(places, k=_NEIGHBORS + 1)[0][:, -1]
     sparse = np.flatnonzero(reach > tolerance)
-    reach = np.minimum(reach[sparse], max_tolerance)
-    pairs = cKDTree(places[sparse]).query_pairs(max_tolerance, output_type="ndarray")
-    step = np.linalg.norm(places[sparse[pairs[:, 0]]] - places[sparse[pairs[:, 1]]], axis=1)
-    pairs = pairs[step <= np.minimum(reach[pairs[:, 0]], reach[pairs[:, 1]])]
+    if len(sparse) == 0:
+        return labels
     first = np.unique(grid.voxel_of_point, return_index=True)[1]  # a voxel of two clusters speaks for its first point
-    joined = connected_components(labels[first[sparse[pairs]]], n_nodes=int(labels.max()) + 1)
+    parent = np.arange(int(labels.max()) + 1, dtype=np.int32)
+    _join_reached(
+        places[sparse], np.minimum(reach[sparse], max_tolerance), labels[first[sparse]], max_tolerance, parent
+    )
+    joined = connected_components(np.column_stack([np.arange(len(parent)), parent]), n_nodes=len(parent))
     return joined[labels]
+
+
+def _join_reached(
+    places: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    owner: NDArray[np.int32],
+    longest: float,
+    parent: NDArray[np.int32],
+) -> None:
+    """Join clusters that own two places within the reach of both, in the union-find forest `parent`."""
+    width = CELLS_PER_RADIUS
+    # A cell one part in a billion wider: rounding cannot put a neighbour one cell farther away.
+    cells = build_cell_grids(places, cell_size=longest * (1 + 1e-9) / width, margin=width)[0]
+    rows = cells.row_offsets(width)
+    _join_cells(places, reach, owner, cells.order, cells.keys, cells.starts, rows, width, parent)
+
+
+@njit(cache=True, nogil=True)
+def _join_cells(
+    places: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    owner: NDArray[np.int32],
+    order: NDArray[np.int32],
+    keys: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    rows: NDArray[np.int64],
+    width: int,
+    parent: NDArray[np.int32],
+) -> None:
+    """Join clusters in `parent` cell by cell; a list of pairs would take gigabytes for a block of a million places."""
+    begin, end = first_window(keys, keys[0], rows, width)
+    for cell in range(len(keys)):
+        move_window(keys, keys[cell], rows, width, begin, end)
+        for i in range(starts[cell], starts[cell + 1]):
+            p = order[i]
+            for j in range(len(rows)):
+                for k in range(starts[begin[j]], starts[end[j]]):
+                    q = order[k]
+                    if q <= p or find_root(parent, owner[p]) == find_root(parent, owner[q]):
+                        continue
+                    dx, dy, dz = places[p, 0] - places[q, 0], places[p, 1] - places[q, 1], places[p, 2] - places[q, 2]
+                    if np.sqrt(dx * dx + dy * dy + dz * dz) <= min(reach[p], reach[q]):
+                        join(parent, owner[p], owner[q])

@@ -182,8 +182,9 @@ def measure_stem(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]
         Logarithms of how far its sections lie off a straight line, metres, and of its slope; the spread of the thin
         sections, metres; `aside`; its length over the height of the crown's top; and what of that is above it, metres.
     """
-    distance = stem.distance(xyz)
-    upper = (distance <= _AROUND) & (distance > _INSIDE) & _beside_crown(stem, xyz)
+    near = stem.distance(xyz) <= _AROUND
+    xyz, counts = xyz[near], counts[near]  # a wood may be one cluster of a million voxels
+    upper = (stem.distance(xyz) > _INSIDE) & _beside_crown(stem, xyz)
     length = stem.high - stem.low
     top = float(np.quantile(xyz[upper, 2], _TOP)) - stem.low if upper.any() else length
     bend, lean = _bend(stem, xyz, counts)
