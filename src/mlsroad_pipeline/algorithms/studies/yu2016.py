@@ -32,7 +32,7 @@ def counts_of(street: Counted, classes: Sequence[int]) -> DetectionCounts:
     Returns
     -------
     DetectionCounts
-        Sums. An object below the smallest size that is found all the same counts as an object.
+        Sums. An object that is not asked for, too small or beyond the end of its street, counts where it is found.
     """
     tp = fp = fn = 0
     for k in classes:
