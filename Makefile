@@ -12,7 +12,7 @@ setup:
 
 run: setup
 	@$(BIN)/kedro run --config=conf/quick.yml
-	@$(BIN)/python -m mlsroad_pipeline.summary
+	@$(BIN)/python -m mlsroad_pipeline.commands.summary
 
 compare: setup
 	@$(BIN)/kedro run --env=compare

@@ -27,8 +27,8 @@ from scipy.spatial import cKDTree
 from mlsroad_pipeline.algorithms.inventory.extraction import extract_objects
 from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.trajectory import Trajectory
 
 TOLERANCE = 0.15
 REPEATS = 3

@@ -11,8 +11,8 @@ import numpy as np
 from sklearn.metrics import confusion_matrix as sklearn_matrix
 
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
-from mlsroad_pipeline.algorithms.rendering.camera import birds_eye_view, oblique_view
-from mlsroad_pipeline.algorithms.rendering.splatting import nearest_points, render_points
+from mlsroad_pipeline.reporting.clouds.splatting import nearest_points, render_points
+from mlsroad_pipeline.reporting.clouds.view import birds_eye_view, oblique_view
 
 
 def race(work: dict[str, Callable[[], object]], *, repeats: int = 5) -> dict[str, float]:

@@ -21,16 +21,16 @@ import laspy
 import lazrs
 import numpy as np
 
-from mlsroad_pipeline.datasets.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.datasets.formats.las import LasFormat
-from mlsroad_pipeline.datasets.formats.las_header import LASZIP, RECORD_SIZES, LasHeader, read_header
-from mlsroad_pipeline.datasets.formats.las_records import RecordReader
-from mlsroad_pipeline.datasets.formats.las_writer import RecordWriter
-from mlsroad_pipeline.datasets.formats.ply import PlyFormat
-from mlsroad_pipeline.datasets.formats.registry import get_format
-from mlsroad_pipeline.datasets.formats.text import TextFormat
-from mlsroad_pipeline.datasets.inspect_work import inspect_file
-from mlsroad_pipeline.datasets.labelled_writer import write_labelled
+from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.las.format import LasFormat
+from mlsroad_pipeline.formats.las.header import LASZIP, RECORD_SIZES, LasHeader, read_header
+from mlsroad_pipeline.formats.las.records import RecordReader
+from mlsroad_pipeline.formats.las.writer import RecordWriter
+from mlsroad_pipeline.formats.ply.format import PlyFormat
+from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.formats.text.format import TextFormat
+from mlsroad_pipeline.label.writer import write_labelled
+from mlsroad_pipeline.surveys.inspection import inspect_file
 
 CHUNK = 1_000_000
 REPEATS = 3

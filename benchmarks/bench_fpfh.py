@@ -24,9 +24,9 @@ from statistics import median
 
 import numpy as np
 
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.features.fpfh import compute_fpfh
-from mlsroad_pipeline.algorithms.patches import extract_patches
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.patches.extraction import extract_patches
 
 RADIUS = 0.3
 VOXEL = 0.05

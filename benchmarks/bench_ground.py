@@ -25,12 +25,12 @@ from typing import Any
 
 import numpy as np
 
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.geometry.outliers import keep_inliers
 from mlsroad_pipeline.algorithms.ground.surface import height_above_ground
 from mlsroad_pipeline.algorithms.ground.upward_growing import classify_ground
 from mlsroad_pipeline.algorithms.metrics.ground import score_ground
-from mlsroad_pipeline.algorithms.outliers import keep_inliers
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.quality import inspect_chunk
+from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk
 
 LAST_GROUND_CLASS = 4
 

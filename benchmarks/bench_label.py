@@ -29,9 +29,9 @@ import laspy
 import numpy as np
 import psutil
 
-from mlsroad_pipeline.algorithms.simulation import long_survey, stream_points
-from mlsroad_pipeline.algorithms.simulation.presets import PRESETS
 from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS
+from mlsroad_pipeline.simulation import long_survey, stream_points
+from mlsroad_pipeline.simulation.parameters.presets import PRESETS
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 

@@ -17,7 +17,7 @@ import time
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.neighbors import radius_neighbors
+from mlsroad_pipeline.algorithms.geometry.neighbors import radius_neighbors
 from mlsroad_pipeline.algorithms.patch_graph.costs import CostWeights, weigh_descriptors
 from mlsroad_pipeline.algorithms.patch_graph.refinement import refine
 from mlsroad_pipeline.algorithms.patch_graph.transfer import (
@@ -26,8 +26,8 @@ from mlsroad_pipeline.algorithms.patch_graph.transfer import (
     match_patches,
     train_graph,
 )
-from mlsroad_pipeline.algorithms.patch_voting import vote_on_points
-from mlsroad_pipeline.algorithms.patches import Patches, join_patches
+from mlsroad_pipeline.algorithms.patches.extraction import Patches, join_patches
+from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
 
 STEP, WIDTH, FACADE = 0.2, 20.0, 8.0
 N_CLASSES = 6

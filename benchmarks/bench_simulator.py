@@ -17,8 +17,8 @@ import numpy as np
 import psutil
 from bench_label import tree_pss
 
-from mlsroad_pipeline.algorithms.simulation import PRESETS, long_survey, simulate_survey, stream_points
-from mlsroad_pipeline.algorithms.simulation.street import BLOCK
+from mlsroad_pipeline.simulation import PRESETS, long_survey, simulate_survey, stream_points
+from mlsroad_pipeline.simulation.street.street import BLOCK
 
 
 def whole(seed: int, threads: int) -> int:

@@ -34,10 +34,10 @@ from mlsroad_pipeline.algorithms.image_labels.visibility import (
     hidden_point_removal,
     visible_points,
 )
-from mlsroad_pipeline.algorithms.simulation import PRESETS, SurveyStream
-from mlsroad_pipeline.algorithms.simulation.cameras import camera_pose, pose_at
-from mlsroad_pipeline.algorithms.simulation.scene import RayScene
-from mlsroad_pipeline.algorithms.simulation.street_parameters import street_parameters
+from mlsroad_pipeline.simulation import PRESETS, SurveyStream
+from mlsroad_pipeline.simulation.cameras.cameras import camera_pose, pose_at
+from mlsroad_pipeline.simulation.parameters.street_parameters import street_parameters
+from mlsroad_pipeline.simulation.rays.scene import RayScene
 
 RUNS = 5
 """Runs of which the median time is printed."""

@@ -21,8 +21,8 @@ from scipy.ndimage import gaussian_filter
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.projection import project_points
 from mlsroad_pipeline.algorithms.image_labels.visibility import visible_points
-from mlsroad_pipeline.datasets.formats.options import ReadOptions
-from mlsroad_pipeline.datasets.formats.pcd import PcdFormat
+from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.pcd.format import PcdFormat
 
 CAMERAS = ("front", "left", "right")
 SHIFTS = np.arange(-20, 21)

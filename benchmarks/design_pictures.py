@@ -13,8 +13,8 @@ import matplotlib as mpl
 import numpy as np
 from PIL import Image
 
-from mlsroad_pipeline.algorithms.rendering.design_sheet import photograph
-from mlsroad_pipeline.algorithms.simulation.catalogue import designs
+from mlsroad_pipeline.reporting.clouds.design_sheet import photograph
+from mlsroad_pipeline.simulation.furnishing.catalogue import designs
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

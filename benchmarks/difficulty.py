@@ -19,12 +19,12 @@ import yaml
 from sklearn.ensemble import RandomForestClassifier
 from transfer import CONF
 
-from mlsroad_pipeline.algorithms.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.features.eigen import EIGEN_FEATURES, compute_eigen_features
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
-from mlsroad_pipeline.algorithms.simulation import PRESETS, simulate_survey
-from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
+from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.simulation import PRESETS, simulate_survey
+from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 
 SCHEME = "luo2016"
 FEATURES = [name for name in EIGEN_FEATURES if name not in ("nx", "ny", "nz", "direction_x", "direction_y")]

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from mlsroad_pipeline.algorithms.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.detrended_forest.labeller import StageParameters
 from mlsroad_pipeline.algorithms.metrics.confusion import scores
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.scene_stages import (
+from mlsroad_pipeline.algorithms.stages import (
     FeatureParameters,
     GroundParameters,
     SupervoxelParameters,

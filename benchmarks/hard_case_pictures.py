@@ -19,16 +19,16 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-from mlsroad_pipeline.algorithms.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps
-from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, segment_scene
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.simulation import PRESETS
-from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
-from mlsroad_pipeline.algorithms.studies.yu2016_objects import TOUCHING
-from mlsroad_pipeline.algorithms.studies.yu2016_streets import make_survey
+from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.simulation import PRESETS
+from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
+from mlsroad_pipeline.studies.yu2016.objects import TOUCHING
+from mlsroad_pipeline.studies.yu2016.streets import make_survey
 
 METHODS = ("normalized_cut", "normalized_cut_plain", "yang_dong", "two_step")
 LEAST = 800  # points of an object in a case

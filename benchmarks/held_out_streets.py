@@ -21,13 +21,13 @@ import pandas as pd
 from cut_intensity import stored
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.detection_thresholds import best_threshold, detect_by_thresholds, object_weights
-from mlsroad_pipeline.algorithms.studies.yu2016_parameters import CUT, WORDS
-from mlsroad_pipeline.algorithms.studies.yu2016_results import StudyPlan, run_key, street_key
-from mlsroad_pipeline.algorithms.studies.yu2016_runs import joint_prevalence
+from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold, detect_by_thresholds, object_weights
 from mlsroad_pipeline.algorithms.visual_words.queries import HeldOut
 from mlsroad_pipeline.algorithms.visual_words.training import train_variant
-from mlsroad_pipeline.datasets.scene_collection import SceneCollection
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.studies.yu2016.parameters import CUT, WORDS
+from mlsroad_pipeline.studies.yu2016.results import StudyPlan, run_key, street_key
+from mlsroad_pipeline.studies.yu2016.runs import joint_prevalence
 
 Streets = Sequence[tuple[str, int]]
 

@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.image_labels.cityscapes import (
     encode_label_image,
     image_classes,
@@ -32,8 +32,8 @@ from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import from_arrays,
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
-from mlsroad_pipeline.algorithms.simulation import PRESETS, SimulationParameters, simulate_survey
-from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
+from mlsroad_pipeline.simulation import PRESETS, SimulationParameters, simulate_survey
+from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 
 TRAINING, DEVELOPMENT, TEST = 3001, (4001, 4002, 4003, 4004, 4005, 4006), (5001, 5002, 5003)
 """Seeds: the first street of training, streets on which settings are chosen, streets on which they are scored."""

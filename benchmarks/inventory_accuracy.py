@@ -21,7 +21,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.classes import TAXONOMY, TAXONOMY_NAMES
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.inventory.accuracy import (
     kinds_of_truth,
     match_to_truth,
@@ -31,12 +32,12 @@ from mlsroad_pipeline.algorithms.inventory.accuracy import (
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects, measure_points
 from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, load_bundle
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
-from mlsroad_pipeline.algorithms.simulation import PRESETS, simulate_survey
-from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
-from mlsroad_pipeline.algorithms.survey_labelling import label_new_scene, object_rules, output_codes
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
+from mlsroad_pipeline.label.scene import label_new_scene, object_rules, output_codes
+from mlsroad_pipeline.simulation import PRESETS, simulate_survey
+from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 
 # Stem and crown of a tree are one class, all else is found class by class.
 MEMBERS = {name: ("trunk", "tree") if name == "tree" else (name,) for name in KIND_OF_CLASS if name != "trunk"}

@@ -16,9 +16,9 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
 from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import cluster_points, segment
-from mlsroad_pipeline.algorithms.voxels.grid import build_voxel_grid
 
 SIDE = 100  # voxels
 TREES = 16  # along each side of the wood

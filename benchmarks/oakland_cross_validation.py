@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from forest_trials import CONF, configured, configured_scheme, configured_stages, prepare, report
 
-from mlsroad_pipeline.algorithms.classes import ClassScheme, Coding
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme, Coding
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.detrended_forest.labeller import StageParameters, label_scene
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit, training_rows
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.formats.options import ReadOptions
-from mlsroad_pipeline.datasets.formats.registry import get_format
+from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.registry import get_format
 
 ENVIRONMENT = "oakland"
 SUFFIX = ".xyz_label_conf.gz"

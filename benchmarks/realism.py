@@ -2,7 +2,7 @@
 
     python benchmarks/realism.py [oakland semantickitti taiwan_poles amsterdam] [--seeds 101 102 103] [--kind KIND]
 
-Every recording below $MLSROAD_DATA is described by `algorithms/survey_statistics.py` and `compute_eigen_features`, and
+Every recording below $MLSROAD_DATA is described by `simulation/realism.py` and `compute_eigen_features`, and
 so are streets that are simulated with the preset whose scanner is nearest to the recording's. Prints a table and one
 JSON line per recording, and writes one picture each for the first two.
 """
@@ -21,12 +21,12 @@ import matplotlib as mpl
 import numpy as np
 from transfer import CONF, LENGTH, PRESET, Recording, configured
 
-from mlsroad_pipeline.algorithms.classes import IGNORE, TAXONOMY, ClassScheme
+from mlsroad_pipeline.algorithms.core.classes import IGNORE, TAXONOMY, ClassScheme
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.features.eigen import compute_eigen_features
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.simulation import PRESETS, simulate_survey
-from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
-from mlsroad_pipeline.algorithms.survey_statistics import (
+from mlsroad_pipeline.simulation import PRESETS, simulate_survey
+from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
+from mlsroad_pipeline.simulation.realism import (
     binned_quantiles,
     distribution_gap,
     fit_scan_lines,

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.classes import TAXONOMY, TAXONOMY_NAMES
-from mlsroad_pipeline.algorithms.simulation import PRESETS, simulate_survey
-from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
+from mlsroad_pipeline.simulation import PRESETS, simulate_survey
+from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 
 LUO2016 = {
     "road": (66.6, ("road", "lane_marking", "parking", "manhole")), "grass": (20.9, ("grass",)),

@@ -22,16 +22,16 @@ import numpy as np
 from forest_trials import configured, configured_scheme, configured_stages, prepare, report
 from PIL import Image
 
-from mlsroad_pipeline.algorithms.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit, training_rows
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.rendering.camera import oblique_view
-from mlsroad_pipeline.algorithms.rendering.cloud_figures import cloud_figure, labelling_pictures
-from mlsroad_pipeline.algorithms.rendering.report_parts import figure_pixels
-from mlsroad_pipeline.algorithms.simulation import simulate_survey
-from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
+from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labelling_pictures
+from mlsroad_pipeline.reporting.clouds.view import oblique_view
+from mlsroad_pipeline.reporting.html.parts import figure_pixels
+from mlsroad_pipeline.simulation import simulate_survey
+from mlsroad_pipeline.surveys.simulated import simulation_parameters
 
 PICTURE_WIDTH = 1100  # pixels
 N_JOBS = os.cpu_count() or 1

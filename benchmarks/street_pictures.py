@@ -19,13 +19,13 @@ import matplotlib as mpl
 import numpy as np
 from PIL import Image
 
-from mlsroad_pipeline.algorithms.rendering.design_sheet import photograph
-from mlsroad_pipeline.algorithms.simulation import PRESETS, SurveyStream
-from mlsroad_pipeline.algorithms.simulation.buildings import building, fence, wall
-from mlsroad_pipeline.algorithms.simulation.hedges import hedge
-from mlsroad_pipeline.algorithms.simulation.lighting import expose, radiance
-from mlsroad_pipeline.algorithms.simulation.street import BLOCK
-from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
+from mlsroad_pipeline.reporting.clouds.design_sheet import photograph
+from mlsroad_pipeline.simulation import PRESETS, SurveyStream
+from mlsroad_pipeline.simulation.cameras.lighting import expose, radiance
+from mlsroad_pipeline.simulation.furnishing.buildings import building, fence, wall
+from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
+from mlsroad_pipeline.simulation.plants.hedges import hedge
+from mlsroad_pipeline.simulation.street.street import BLOCK
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

@@ -22,10 +22,10 @@ import yaml
 from joblib import Parallel, delayed
 from sklearn.metrics import f1_score
 
-from mlsroad_pipeline.algorithms.evaluation import find_scheme
-from mlsroad_pipeline.algorithms.recognisers import METHODS, VIEW_OF, _import, make_recogniser
-from mlsroad_pipeline.algorithms.recognition import ObjectSet
-from mlsroad_pipeline.datasets.object_files import find_folds, listed_files, read_fold
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
+from mlsroad_pipeline.algorithms.recognition.recogniser import METHODS, VIEW_OF, _import, make_recogniser
+from mlsroad_pipeline.surveys.object_files import find_folds, listed_files, read_fold
 
 CONF = Path(__file__).resolve().parents[1] / "conf/base"
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sydney_recognition import CONF, configured
 from yaml import safe_load
 
-from mlsroad_pipeline.algorithms.point_cloud import concatenate
+from mlsroad_pipeline.algorithms.core.point_cloud import concatenate
 from mlsroad_pipeline.algorithms.visual_words.bags import (
     count_words,
     inverse_document_frequency,
@@ -28,8 +28,8 @@ from mlsroad_pipeline.algorithms.visual_words.bags import (
 from mlsroad_pipeline.algorithms.visual_words.descriptions import describe_objects, groups_of
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import VocabularyParameters, build_vocabulary
-from mlsroad_pipeline.datasets.formats.options import ReadOptions
-from mlsroad_pipeline.datasets.formats.registry import get_format
+from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.registry import get_format
 
 SHUFFLES = 200
 

@@ -24,12 +24,12 @@ from typing import Any
 import numpy as np
 import yaml
 
-from mlsroad_pipeline.algorithms.classes import ClassScheme, Coding
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme, Coding
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.detrended_forest.labeller import StageParameters, label_scene
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit, training_rows
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.scene_stages import (
+from mlsroad_pipeline.algorithms.stages import (
     FeatureParameters,
     GroundParameters,
     SupervoxelParameters,
@@ -37,12 +37,12 @@ from mlsroad_pipeline.algorithms.scene_stages import (
     describe_supervoxels,
     find_ground,
 )
-from mlsroad_pipeline.algorithms.simulation import PRESETS, SimulationParameters, simulate_survey
-from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
-from mlsroad_pipeline.algorithms.simulation.survey import SurveyPieces
-from mlsroad_pipeline.datasets.formats.options import ReadOptions
-from mlsroad_pipeline.datasets.formats.registry import get_format
-from mlsroad_pipeline.datasets.simulated_frames import FrameWriter
+from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.simulation import PRESETS, SimulationParameters, simulate_survey
+from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
+from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces
+from mlsroad_pipeline.surveys.simulated_frames import FrameWriter
 
 CONF = Path(__file__).resolve().parents[1] / "conf"
 PRESET = {"oakland": "oakland", "semantickitti": "hdl64"}

@@ -18,12 +18,12 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.classes import TAXONOMY, TAXONOMY_NAMES
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.simulation import PRESETS
-from mlsroad_pipeline.algorithms.simulation.blocks import PASS_INSTANCES
-from mlsroad_pipeline.algorithms.simulation.ground import GROUND_LABELS
-from mlsroad_pipeline.algorithms.simulation.survey import SurveyPieces
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.simulation import PRESETS
+from mlsroad_pipeline.simulation.furnishing.blocks import PASS_INSTANCES
+from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces
+from mlsroad_pipeline.simulation.street.ground import GROUND_LABELS
 
 SLACK = 0.05  # metres by which noise, the trajectory's error and mixed pixels may take a point out of its box
 NUMBERLESS = {*GROUND_LABELS, *(TAXONOMY[k] for k in ("building", "wall", "fence", "hedge", "stairs", "outlier"))}

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.store import store_at
 from omegaconf import OmegaConf
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -19,7 +20,7 @@ LONG = (
     "pipelines/test_bad_input.py",  # makes the run that the last five look at
     "pipelines/test_luo2019_study.py",
     "pipelines/test_slices.py",
-    "datasets/test_execution.py",
+    "execution/test_settings.py",
     "pipelines/test_luo2016_study.py",
     "pipelines/test_recognition_bad_input.py",
     "pipelines/test_tomic2019_study.py",
@@ -83,3 +84,15 @@ def pytest_terminal_summary(terminalreporter):
     """Say how many tests were skipped for want of real data."""
     skipped = [r for r in terminalreporter.stats.get("skipped", []) if "real data not found" in str(r.longrepr)]
     terminalreporter.write_line(f"skipped for want of real data: {len(skipped)}")
+
+
+@pytest.fixture
+def marks(tmp_path):
+    folder = tmp_path / "marks"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
+def store(tmp_path):
+    return store_at(tmp_path / "stage")

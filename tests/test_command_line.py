@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 import yaml
+from helpers.conf import base, context_of, from_command_line, parameters_of
+from helpers.wiring import last_line, make_project
 from kedro.io import DatasetError
-from references_conf import base, context_of, from_command_line, parameters_of
-from references_wiring import last_line, make_project
 
-from mlsroad_pipeline.algorithms.ingest import IngestParameters
-from mlsroad_pipeline.datasets.survey_plan import plan_comparison, plan_labelling
+from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.surveys.plan import plan_comparison, plan_labelling
 
 
 @pytest.fixture(scope="module")

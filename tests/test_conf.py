@@ -5,14 +5,14 @@ import re
 
 import pytest
 import yaml
+from helpers.conf import CONF, base, configured, parameters_of
+from helpers.wiring import REPOSITORY, joined, make_project
 from kedro.framework.project import pipelines
-from references_conf import CONF, base, configured, parameters_of
-from references_wiring import REPOSITORY, joined, make_project
 
-from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme, Coding
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
-from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme, Coding
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.simulated import simulation_parameters
 
 ENVIRONMENTS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name != "local")
 

@@ -4,12 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from references_wiring import make_project, session_of
+from helpers.wiring import make_project, session_of
 
-from mlsroad_pipeline.algorithms.classes import TAXONOMY
-from mlsroad_pipeline.algorithms.exceptions import ReadError
-from mlsroad_pipeline.datasets.formats.registry import get_format
-from mlsroad_pipeline.datasets.survey_plan import plan_comparison
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.surveys.plan import plan_comparison
 
 CODES = np.array([0, 1, 2, 4, 7, 9, 10, 14, 15, 19, 20, 21, 22, 23, 24, 25, 26], np.int32)
 

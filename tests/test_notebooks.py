@@ -9,9 +9,9 @@ from pathlib import Path
 import nbformat
 import numpy as np
 import pytest
+from helpers.wiring import REPOSITORY, shared_run
 from nbclient import NotebookClient
 from PIL import Image
-from references_wiring import REPOSITORY, shared_run
 
 NOTEBOOKS = sorted((REPOSITORY / "notebooks").glob("*.ipynb"))
 SAYS = {

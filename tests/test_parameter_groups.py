@@ -6,40 +6,40 @@ import re
 
 import pytest
 import yaml
+from helpers.conf import CONF, base
 from numpydoc.docscrape import ClassDoc
-from references_conf import CONF, base
 
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import BottomUpTopDownParameters
-from mlsroad_pipeline.algorithms.baselines.descriptor_machine import DescriptorParameters
-from mlsroad_pipeline.algorithms.baselines.hough_forest import HoughForestParameters
-from mlsroad_pipeline.algorithms.baselines.max_margin_training import MarginParameters
-from mlsroad_pipeline.algorithms.baselines.object_matching import ObjectMatchingParameters
-from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForestParameters
-from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvmParameters
-from mlsroad_pipeline.algorithms.baselines.pointnet_parameters import PointNetParameters
-from mlsroad_pipeline.algorithms.baselines.shape_based import ShapeParameters
-from mlsroad_pipeline.algorithms.detection import DetectionParameters
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.detector import BottomUpTopDownParameters
+from mlsroad_pipeline.algorithms.baselines.hough_forest.detector import HoughForestParameters
+from mlsroad_pipeline.algorithms.baselines.max_margin_markov.training import MarginParameters
+from mlsroad_pipeline.algorithms.baselines.object_matching.detector import ObjectMatchingParameters
+from mlsroad_pipeline.algorithms.baselines.patch_forest.classifier import PatchForestParameters
+from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import PatchSvmParameters
+from mlsroad_pipeline.algorithms.baselines.pointnet.parameters import PointNetParameters
+from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import ShapeParameters
+from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
 from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters, TrainingParameters
-from mlsroad_pipeline.algorithms.ingest import IngestParameters, OutlierParameters
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
-from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
-from mlsroad_pipeline.algorithms.patches import PatchParameters
-from mlsroad_pipeline.algorithms.recognition_objects import RecognitionParameters
-from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
+from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
+from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters
+from mlsroad_pipeline.algorithms.recognition.descriptor_machine import DescriptorParameters
+from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters, OutlierParameters
 from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
-from mlsroad_pipeline.algorithms.studies.luo2016_parameters import StudyParameters
-from mlsroad_pipeline.algorithms.studies.luo2019_parameters import StudyParameters as Luo2019StudyParameters
-from mlsroad_pipeline.algorithms.studies.luo2019_set_parameters import SimulatedObjectsParameters
-from mlsroad_pipeline.algorithms.studies.tomic2019_parameters import StudyParameters as Tomic2019StudyParameters
-from mlsroad_pipeline.algorithms.studies.yu2016_parameters import StudyParameters as Yu2016StudyParameters
+from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
+from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
-from mlsroad_pipeline.datasets.inspect_work import InspectParameters
-from mlsroad_pipeline.datasets.survey_parameters import LabelParameters, SurveyParameters
+from mlsroad_pipeline.studies.luo2016.parameters import StudyParameters
+from mlsroad_pipeline.studies.luo2019.parameters import StudyParameters as Luo2019StudyParameters
+from mlsroad_pipeline.studies.luo2019.set_parameters import SimulatedObjectsParameters
+from mlsroad_pipeline.studies.tomic2019.parameters import StudyParameters as Tomic2019StudyParameters
+from mlsroad_pipeline.studies.yu2016.parameters import StudyParameters as Yu2016StudyParameters
+from mlsroad_pipeline.surveys.inspection import InspectParameters
+from mlsroad_pipeline.surveys.parameters import LabelParameters, SurveyParameters
 
 TYPED = {
     "bottom_up_top_down": BottomUpTopDownParameters,

@@ -14,9 +14,9 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from references_wiring import REPOSITORY, TINY, run, session_of, shared_run, stage_counts
+from helpers.wiring import REPOSITORY, TINY, run, session_of, shared_run, stage_counts
 
-from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.metrics.scores import COLUMNS
 from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS, RECOGNISERS
 

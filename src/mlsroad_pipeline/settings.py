@@ -3,18 +3,18 @@
 import sys
 import warnings
 
-from mlsroad_pipeline.datasets.early_workers import start_early
+from mlsroad_pipeline.hooks.early_workers import start_early
 
 early = start_early(sys.argv)  # before the imports below, which take seconds
 
 from omegaconf.resolvers import oc  # noqa: E402
 
-from mlsroad_pipeline.command_hooks import EarlyWorkersHooks  # noqa: E402
 from mlsroad_pipeline.config import ParameterConfigLoader  # noqa: E402
-from mlsroad_pipeline.default_pipeline import DefaultPipelineHooks  # noqa: E402
-from mlsroad_pipeline.hooks import MlflowDetailsHooks  # noqa: E402
-from mlsroad_pipeline.progress import ProgressHooks  # noqa: E402
-from mlsroad_pipeline.stage_costs import StageCostsHooks  # noqa: E402
+from mlsroad_pipeline.hooks.command_hooks import EarlyWorkersHooks  # noqa: E402
+from mlsroad_pipeline.hooks.default_pipeline import DefaultPipelineHooks  # noqa: E402
+from mlsroad_pipeline.hooks.mlflow_run import MlflowDetailsHooks  # noqa: E402
+from mlsroad_pipeline.hooks.progress import ProgressHooks  # noqa: E402
+from mlsroad_pipeline.hooks.stage_costs import StageCostsHooks  # noqa: E402
 
 # The dots in names of datasets are what catalog factories such as "{method}.labels" go by; every command would warn.
 warnings.filterwarnings("ignore", message="One or more dataset names contain '.'", category=UserWarning)

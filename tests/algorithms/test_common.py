@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from references_kernels import KERNELS, UTM, heights_above_ground, model_stages, supervoxel_features
+from helpers.kernels import KERNELS, UTM, heights_above_ground, model_stages, supervoxel_features
 from scipy.sparse import csr_array
 from sklearn.metrics import adjusted_rand_score
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.features.eigen import compute_eigen_features
 from mlsroad_pipeline.algorithms.features.supervoxel_features import compute_supervoxel_features
 

@@ -3,13 +3,13 @@
 import laspy
 import numpy as np
 import pytest
-from references_formats import make_labels, make_las
+from helpers.formats import make_labels, make_las
 
-from mlsroad_pipeline.algorithms.ingest import corridor_to_arrays
-from mlsroad_pipeline.algorithms.split_parts import SplitPart
-from mlsroad_pipeline.datasets.formats.base import ReadOptions
-from mlsroad_pipeline.datasets.ingest_work import read_and_cut
-from mlsroad_pipeline.datasets.labelled_writer import write_labelled
+from mlsroad_pipeline.algorithms.scenes.cutting import corridor_to_arrays
+from mlsroad_pipeline.algorithms.scenes.split_parts import SplitPart
+from mlsroad_pipeline.formats.base import ReadOptions
+from mlsroad_pipeline.label.writer import write_labelled
+from mlsroad_pipeline.surveys.reading import read_and_cut
 
 
 def cut(path, start=0, stop=300, **changes):

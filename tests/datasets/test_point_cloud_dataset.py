@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from helpers.formats import make_las
 from kedro.io import DataCatalog, DatasetError
-from references_formats import make_las
 
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 
 TYPE = "mlsroad_pipeline.datasets.point_cloud_dataset.PointCloudDataset"
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from kedro.io import DatasetError
-from references_store import (
+from helpers.store import (
     count_marks,
     fail_on,
     give,
@@ -13,9 +12,10 @@ from references_store import (
     read_text,
     store_at,
 )
+from kedro.io import DatasetError
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError, ReadError
-from mlsroad_pipeline.datasets.scene_task import SceneError, SceneTask, SourceFile, StoredResult
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.execution.task import SceneError, SceneTask, SourceFile, StoredResult
 
 
 def test_failures_are_told_together_after_the_others_have_finished(store, marks, tmp_path):
@@ -58,7 +58,7 @@ def test_validator_keeps_wrong_results_out(tmp_path):
 
 
 def test_interrupt_stops_at_once_and_leaves_a_resumable_store(store, marks, monkeypatch):
-    from mlsroad_pipeline.datasets import backends
+    from mlsroad_pipeline.execution import backends
 
     calls = []
 

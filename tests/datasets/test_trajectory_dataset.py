@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ReadError
-from mlsroad_pipeline.algorithms.trajectory import Trajectory
-from mlsroad_pipeline.datasets.trajectory_dataset import TrajectoryDataset, read_trajectory
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.datasets.trajectory_dataset import TrajectoryDataset
+from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
 
 XYZ = [[583000.5, 4477000.25, 120.0], [583010.5, 4477000.25, 121.0], [583010.5, 4477020.25, 122.0]]
 

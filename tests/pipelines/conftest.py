@@ -1,12 +1,12 @@
 """What tests of `label` share: a project with registered models, and a piece of a street that these were not trained on."""
 
 import pytest
-from references_labelled import N_POINTS
-from references_wiring import label, shared_run, with_models
+from helpers.labelled import N_POINTS
+from helpers.wiring import label, shared_run, with_models
 
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.formats.las import LasFormat
-from mlsroad_pipeline.datasets.formats.options import ReadOptions, WriteOptions
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.las.format import LasFormat
+from mlsroad_pipeline.formats.options import ReadOptions, WriteOptions
 
 
 @pytest.fixture(scope="module")

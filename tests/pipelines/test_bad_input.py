@@ -6,13 +6,13 @@ import laspy
 import numpy as np
 import pandas as pd
 import pytest
-from references_wiring import TINY, joined, label, last_line, make_project, run, shared_run, with_models
+from helpers.wiring import TINY, joined, label, last_line, make_project, run, shared_run, with_models
 
-from mlsroad_pipeline.algorithms.classes import TAXONOMY
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.formats.las import LasFormat
-from mlsroad_pipeline.datasets.formats.options import WriteOptions
-from mlsroad_pipeline.datasets.formats.ply import PlyFormat
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.las.format import LasFormat
+from mlsroad_pipeline.formats.options import WriteOptions
+from mlsroad_pipeline.formats.ply.format import PlyFormat
 from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]

@@ -8,16 +8,16 @@ import laspy
 import numpy as np
 import pandas as pd
 import pytest
-from references_wiring import TINY, empty_store, label, run, session_of, shared_run, stage_counts
+from helpers.wiring import TINY, empty_store, label, run, session_of, shared_run, stage_counts
 
-from mlsroad_pipeline.algorithms.evaluation import find_scheme
-from mlsroad_pipeline.algorithms.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion, spread_confidence
-from mlsroad_pipeline.algorithms.ingest import IngestParameters
-from mlsroad_pipeline.datasets.image_work import LabelledImages, images_of_drives
-from mlsroad_pipeline.datasets.model_registry_dataset import load_registered_bundle
-from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
-from mlsroad_pipeline.datasets.survey_plan import plan_comparison
+from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.datasets.models.model_registry_dataset import load_registered_bundle
+from mlsroad_pipeline.pipelines.image_labels.work import LabelledImages, images_of_drives
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import plan_comparison
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

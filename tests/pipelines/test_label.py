@@ -12,11 +12,11 @@ import laspy
 import numpy as np
 import pyogrio
 import pytest
-from references_labelled import N_POINTS, check_labels, check_same_points, scheme
-from references_wiring import REPOSITORY, label, last_line, stage_counts, with_models
+from helpers.labelled import N_POINTS, check_labels, check_same_points, scheme
+from helpers.wiring import REPOSITORY, label, last_line, stage_counts, with_models
 
-from mlsroad_pipeline.datasets.formats.las import LasFormat
-from mlsroad_pipeline.datasets.formats.options import WriteOptions
+from mlsroad_pipeline.formats.las.format import LasFormat
+from mlsroad_pipeline.formats.options import WriteOptions
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

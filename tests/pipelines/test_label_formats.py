@@ -8,15 +8,15 @@ import laspy
 import numpy as np
 import open3d
 import pytest
-from references_labelled import N_POINTS, check_labels, check_same_points
-from references_wiring import label
+from helpers.labelled import N_POINTS, check_labels, check_same_points
+from helpers.wiring import label
 
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.formats.kitti import KittiFormat
-from mlsroad_pipeline.datasets.formats.las import LasFormat
-from mlsroad_pipeline.datasets.formats.options import ReadOptions, WriteOptions
-from mlsroad_pipeline.datasets.formats.ply import PlyFormat
-from mlsroad_pipeline.datasets.formats.text import TextFormat
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.kitti import KittiFormat
+from mlsroad_pipeline.formats.las.format import LasFormat
+from mlsroad_pipeline.formats.options import ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.ply.format import PlyFormat
+from mlsroad_pipeline.formats.text.format import TextFormat
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

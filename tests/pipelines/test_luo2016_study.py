@@ -4,9 +4,9 @@ import mlflow
 import numpy as np
 import pandas as pd
 import pytest
-from references_wiring import make_project, run, session_of, stage_counts
+from helpers.wiring import make_project, run, session_of, stage_counts
 
-from mlsroad_pipeline.algorithms.studies.luo2016_parameters import METHODS
+from mlsroad_pipeline.studies.luo2016.parameters import METHODS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

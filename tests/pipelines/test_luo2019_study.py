@@ -3,9 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
-from references_wiring import make_project, run
+from helpers.wiring import make_project, run
 
-from mlsroad_pipeline.algorithms.studies.luo2019_parameters import METHODS
+from mlsroad_pipeline.studies.luo2019.parameters import METHODS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

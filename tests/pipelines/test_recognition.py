@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from helpers.wiring import make_project, session_of
 from kedro.framework.project import pipelines
 from kedro.io import DataCatalog, MemoryDataset
 from kedro.runner import SequentialRunner
-from references_wiring import make_project, session_of
 
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.formats.options import WriteOptions
-from mlsroad_pipeline.datasets.formats.sydney import SydneyFormat
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.options import WriteOptions
+from mlsroad_pipeline.formats.sydney import SydneyFormat
 from mlsroad_pipeline.pipelines.methods import RECOGNISERS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]

@@ -7,17 +7,17 @@ import laspy
 import mlflow
 import numpy as np
 import pytest
+from helpers.recognisers import PARAMETERS, car, pole, trained
+from helpers.wiring import label, last_line, make_project, session_of
 from kedro.framework.project import pipelines
 from kedro.io import DataCatalog, MemoryDataset
 from kedro.runner import SequentialRunner
-from references_recognisers import PARAMETERS, car, pole, trained
-from references_wiring import label, last_line, make_project, session_of
 
-from mlsroad_pipeline.algorithms.model_bundle import load_bundle, save_bundle
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.formats.las import LasFormat
-from mlsroad_pipeline.datasets.formats.options import WriteOptions
-from mlsroad_pipeline.datasets.model_registry_dataset import register_bundle
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
+from mlsroad_pipeline.datasets.models.model_registry_dataset import register_bundle
+from mlsroad_pipeline.formats.las.format import LasFormat
+from mlsroad_pipeline.formats.options import WriteOptions
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

@@ -5,13 +5,13 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.wiring import TINY, joined, make_project, run, session_of
 from kedro.framework.project import pipelines
-from references_wiring import TINY, joined, make_project, run, session_of
 
-from mlsroad_pipeline.algorithms.classes import TAXONOMY
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.formats.las import LasFormat
-from mlsroad_pipeline.datasets.formats.options import WriteOptions
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.las.format import LasFormat
+from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.pipeline_registry import COMPARISON
 from mlsroad_pipeline.pipelines.methods import IMAGE_METHODS
 

@@ -2,7 +2,7 @@
 
 import pandas as pd
 import pytest
-from references_wiring import make_project, run
+from helpers.wiring import make_project, run
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

@@ -2,9 +2,9 @@
 
 import pandas as pd
 import pytest
-from references_wiring import make_project, run
+from helpers.wiring import make_project, run
 
-from mlsroad_pipeline.algorithms.studies.yu2016_parameters import DETECTORS, SEGMENTATIONS
+from mlsroad_pipeline.studies.yu2016.parameters import DETECTORS, SEGMENTATIONS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

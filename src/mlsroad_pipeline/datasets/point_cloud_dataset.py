@@ -7,10 +7,10 @@ from typing import Any
 
 from kedro.io import AbstractDataset, DatasetError
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.datasets.formats.base import ReadOptions, WriteOptions
-from mlsroad_pipeline.datasets.formats.registry import format_of_name, get_format, known_extensions
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.registry import format_of_name, get_format, known_extensions
 
 
 class PointCloudDataset(AbstractDataset[PointCloud, PointCloud]):

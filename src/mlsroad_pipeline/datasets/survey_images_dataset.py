@@ -7,8 +7,8 @@ from typing import Any
 
 from kedro.io import AbstractDataset, DatasetError
 
-from mlsroad_pipeline.datasets.camera_files import read_images
-from mlsroad_pipeline.datasets.survey_images import SurveyImages
+from mlsroad_pipeline.surveys.camera_files import read_images
+from mlsroad_pipeline.surveys.images import SurveyImages
 
 
 class SurveyImagesDataset(AbstractDataset[SurveyImages, SurveyImages]):

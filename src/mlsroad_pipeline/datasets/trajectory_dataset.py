@@ -1,135 +1,14 @@
-"""Trajectories from CSV or whitespace-separated text."""
+"""Kedro dataset of the path of a survey vehicle."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
 from kedro.io import AbstractDataset
 
-from mlsroad_pipeline.algorithms.exceptions import ReadError
-from mlsroad_pipeline.algorithms.trajectory import Trajectory
-from mlsroad_pipeline.datasets.sbet import is_sbet, read_sbet
-
-_NAMES = {
-    "time": ("time", "gps_time", "gpstime", "timestamp", "t", "seconds", "sow"),
-    "x": ("x", "easting", "east", "e"),
-    "y": ("y", "northing", "north", "n"),
-    "z": ("z", "height", "altitude", "elevation", "up", "h"),
-}
-_COMMENTS = ("#", "%", "//")
-
-
-def read_trajectory(path: str | Path, *, columns: Sequence[str] | None = None, crs: str | None = None) -> Trajectory:
-    """Read the path of a survey vehicle from a text file, or from SBET, which is known by its content.
-
-    Values are separated by commas, semicolons, tabs or blanks. Lines that begin with ``#``, ``%`` or ``//`` are
-    comments. A first line of names is recognised, in any case and with units in brackets or after the name
-    (``Easting[m]``); without one the columns are ``time x y z``, and roll, pitch, heading or anything else may follow.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    columns : sequence of str, optional
-        What the file's columns are, from the left: ``time``, ``x``, ``y`` and ``z``, and any other word for what is not
-        wanted. ``time`` may be missing: the rows are then in the order of travel. Replaces the line of names.
-    crs : str, optional
-        Coordinate reference system of the survey as WKT: SBET needs it, text is taken to be in it.
-
-    Returns
-    -------
-    Trajectory
-        Sorted by time, cleaned.
-
-    Raises
-    ------
-    ReadError
-        If the file is missing or empty, a value is not a number (the message gives the line), a line has too few
-        values, or x, y or z cannot be found among the columns.
-    DataError
-        If a value is NaN or infinite, or the vehicle does not move; the message names the file.
-    """
-    source = Path(path)
-    if not source.is_file():
-        raise ReadError(f"{source}: no such trajectory file")
-    if is_sbet(source):
-        return read_sbet(source, crs=crs)
-    lines = [
-        (i, line.strip())
-        for i, line in enumerate(source.read_text(encoding="utf-8-sig", errors="replace").splitlines(), start=1)
-    ]
-    rows = [(i, _split(line)) for i, line in lines if line and not line.startswith(_COMMENTS)]
-    if not rows:
-        raise ReadError(f"{source}: no positions in the file")
-    has_names = not _is_number(rows[0][1][0]) or not all(_is_number(word) for word in rows[0][1][1:4])
-    if columns is not None:
-        names = [_meaning(name) for name in columns]
-    elif has_names:
-        names = [_meaning(name) for name in rows[0][1]]
-    else:
-        names = ["time", "x", "y", "z"]
-    missing = [name for name in ("x", "y", "z") if name not in names]
-    if missing:
-        raise ReadError(
-            f"{source}: no column {missing[0]!r} among {list(columns or rows[0][1])}; name them with `columns`"
-        )
-    wanted = {name: names.index(name) for name in _NAMES if name in names}
-    body = rows[1:] if has_names else rows
-    if not body:
-        raise ReadError(f"{source}: no positions in the file")
-    values = np.array([_numbers(source, number, words, wanted) for number, words in body])
-    table = dict(zip(wanted, values.T, strict=True))
-    xyz = np.column_stack([table["x"], table["y"], table["z"]])
-    return Trajectory.from_positions(xyz, table.get("time"), source=str(source))
-
-
-def _split(line: str) -> list[str]:
-    separator = next((mark for mark in (",", ";", "\t") if mark in line), None)
-    return [word.strip().strip('"') for word in line.split(separator)]
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
-
-
-def _meaning(name: str) -> str:
-    plain = re.sub(r"\[.*?\]|\(.*?\)", "", name).strip().lower()
-    plain = re.sub(r"[\s_]+(m|s|sec|deg)$", "", plain)
-    return next((meaning for meaning, names in _NAMES.items() if plain in names), plain)
-
-
-def _numbers(source: Path, number: int, words: Sequence[str], wanted: dict[str, int]) -> list[float]:
-    if len(words) <= max(wanted.values()):
-        raise ReadError(f"{source}: line {number} has {len(words)} values, {max(wanted.values()) + 1} are needed")
-    for name, column in wanted.items():
-        if not _is_number(words[column]):
-            raise ReadError(f"{source}: line {number}: {name} is {words[column]!r}, not a number")
-    return [float(words[column]) for column in wanted.values()]
-
-
-def write_trajectory(trajectory: Trajectory, path: str | Path) -> None:
-    """Write a trajectory as CSV that `read_trajectory` reads back to the millimetre and the microsecond.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The path.
-    path : str or Path
-        The file; its folder must exist.
-    """
-    table = pd.DataFrame(trajectory.xyz, columns=["x", "y", "z"]).round(4)
-    if trajectory.time is not None:
-        table.insert(0, "time", np.round(trajectory.time, 7))
-    table.to_csv(path, index=False, lineterminator="\n")
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.surveys.trajectory_files import read_trajectory, write_trajectory
 
 
 class TrajectoryDataset(AbstractDataset[Trajectory, Trajectory]):

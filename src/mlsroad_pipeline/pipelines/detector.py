@@ -8,17 +8,17 @@ from typing import Any
 from joblib import cpu_count
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.detection import DetectionParameters
-from mlsroad_pipeline.algorithms.evaluation import find_scheme
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
-from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
-from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-from mlsroad_pipeline.datasets.method_work import detect_described_objects
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile, scene_tasks
-from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
-from mlsroad_pipeline.datasets.survey_plan import held_out_keys
+from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
+from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, SourceFile, scene_tasks
+from mlsroad_pipeline.pipelines.method_work import detect_described_objects
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import held_out_keys
 
 
 def detector_pipeline(

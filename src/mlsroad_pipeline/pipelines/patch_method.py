@@ -9,18 +9,18 @@ from typing import Any
 from joblib import cpu_count
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.classes import ClassScheme
-from mlsroad_pipeline.algorithms.evaluation import find_scheme
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
-from mlsroad_pipeline.algorithms.patch_labelling import PatchClassifier, PatchStages
-from mlsroad_pipeline.algorithms.patch_training import PatchTraining, join_training_scenes, number_surveys
-from mlsroad_pipeline.algorithms.patches import PatchParameters
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-from mlsroad_pipeline.datasets.method_work import label_prepared_patches
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile, scene_tasks
-from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
-from mlsroad_pipeline.datasets.survey_plan import held_out_keys
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
+from mlsroad_pipeline.algorithms.patches.labelling import PatchClassifier, PatchStages
+from mlsroad_pipeline.algorithms.patches.training import PatchTraining, join_training_scenes, number_surveys
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, SourceFile, scene_tasks
+from mlsroad_pipeline.pipelines.method_work import label_prepared_patches
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import held_out_keys
 
 
 @dataclass(frozen=True, eq=False)

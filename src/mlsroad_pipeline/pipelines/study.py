@@ -9,11 +9,11 @@ import pandas as pd
 from kedro.pipeline import Node
 from matplotlib.figure import Figure
 
-from mlsroad_pipeline.algorithms.rendering.report import Section, build_report
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-from mlsroad_pipeline.algorithms.studies.tables import Tables
-from mlsroad_pipeline.datasets.scene_task import SceneTask
-from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.reporting.html.report import Section, build_report
+from mlsroad_pipeline.studies.tables import Tables
+from mlsroad_pipeline.surveys.simulated import simulation_parameters
 
 
 def street_tasks(

@@ -3,23 +3,23 @@
 import numpy as np
 from scipy.spatial import cKDTree
 from sklearn.tree import DecisionTreeClassifier
+from tests.references_detectors import peak_of_circles
+from tests.references_planted import described, street
 
-from mlsroad_pipeline.algorithms.baselines._hough_trees import N_DIRECTIONS, grow_tree
-from mlsroad_pipeline.algorithms.baselines._surface_kernels import nearest_images, spread_evenly
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import overlaps
-from mlsroad_pipeline.algorithms.baselines.hough_forest import (
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down._surfaces import nearest_images, spread_evenly
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.detector import overlaps
+from mlsroad_pipeline.algorithms.baselines.hough_forest._trees import N_DIRECTIONS, grow_tree
+from mlsroad_pipeline.algorithms.baselines.hough_forest.detector import (
     HoughForest,
     offsets_to_centre,
 )
-from mlsroad_pipeline.algorithms.baselines.object_matching import (
+from mlsroad_pipeline.algorithms.baselines.object_matching.detector import (
     affine_combinations,
     likeness,
 )
-from mlsroad_pipeline.algorithms.baselines.object_parts import relative_centres
-from mlsroad_pipeline.algorithms.object_descriptions import object_bounds
-from mlsroad_pipeline.algorithms.object_detector_training import select_objects
-from tests.references_detectors import peak_of_circles
-from tests.references_planted import described, street
+from mlsroad_pipeline.algorithms.detection.descriptions import object_bounds
+from mlsroad_pipeline.algorithms.detection.parts import relative_centres
+from mlsroad_pipeline.algorithms.detection.training import select_objects
 
 
 def test_peak_is_that_of_circles_drawn_one_by_one(rng):

@@ -2,21 +2,6 @@
 
 import numpy as np
 import pytest
-
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import BottomUpTopDownParameters
-from mlsroad_pipeline.algorithms.baselines.hough_forest import (
-    HoughForest,
-    HoughForestParameters,
-)
-from mlsroad_pipeline.algorithms.baselines.hough_forest_training import fit_hough_forest
-from mlsroad_pipeline.algorithms.baselines.object_matching import (
-    ObjectMatchingParameters,
-)
-from mlsroad_pipeline.algorithms.baselines.oriented_points import OrientedPointParameters
-from mlsroad_pipeline.algorithms.classes import TAXONOMY
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.model_bundle import label_cloud
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
 from tests.references_planted import (
     FOREST,
     LABELS,
@@ -28,6 +13,21 @@ from tests.references_planted import (
     street,
     trained,
 )
+
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.detector import BottomUpTopDownParameters
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.oriented_points import OrientedPointParameters
+from mlsroad_pipeline.algorithms.baselines.hough_forest.detector import (
+    HoughForest,
+    HoughForestParameters,
+)
+from mlsroad_pipeline.algorithms.baselines.hough_forest.training import fit_hough_forest
+from mlsroad_pipeline.algorithms.baselines.object_matching.detector import (
+    ObjectMatchingParameters,
+)
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.models.bundle import label_cloud
 
 methods = pytest.mark.parametrize("slug", METHODS)
 

@@ -2,25 +2,27 @@
 
 import numpy as np
 import pytest
-from references_patches import SCHEME, prepare, street
+from references.patches import SCHEME, prepare, street
 from sklearn.ensemble import RandomForestClassifier
 
-from mlsroad_pipeline.algorithms.baselines import patch_forest, patch_svm
-from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForest, PatchForestParameters
-from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvm, PatchSvmParameters
-from mlsroad_pipeline.algorithms.baselines.patch_svm_training import fit_patch_svm
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.model_bundle import label_cloud, load_bundle, save_bundle
-from mlsroad_pipeline.algorithms.patch_features import COLOURED, GEOMETRY, draw_training_patches, patch_features
-from mlsroad_pipeline.algorithms.patch_labelling import (
+from mlsroad_pipeline.algorithms.baselines.patch_forest import classifier as patch_forest
+from mlsroad_pipeline.algorithms.baselines.patch_forest.classifier import PatchForest, PatchForestParameters
+from mlsroad_pipeline.algorithms.baselines.patch_svm import classifier as patch_svm
+from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import PatchSvm, PatchSvmParameters
+from mlsroad_pipeline.algorithms.baselines.patch_svm.training import fit_patch_svm
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.models.bundle import label_cloud
+from mlsroad_pipeline.algorithms.patches.extraction import Patches, PatchParameters
+from mlsroad_pipeline.algorithms.patches.features import COLOURED, GEOMETRY, draw_training_patches, patch_features
+from mlsroad_pipeline.algorithms.patches.labelling import (
     PatchStages,
     build_patches,
     label_patch_scene,
     label_patches,
 )
-from mlsroad_pipeline.algorithms.patch_training import PatchTraining, bundle_model, join_training_scenes
-from mlsroad_pipeline.algorithms.patches import Patches, PatchParameters
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
+from mlsroad_pipeline.algorithms.patches.training import PatchTraining, bundle_model, join_training_scenes
+from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 
 SVM = PatchSvmParameters(costs=[1.0, 10.0], gammas=[0.1], cv_per_class=60, max_per_class=100)
 NO_EDGES = np.empty((0, 2), np.int32)

@@ -10,12 +10,12 @@ from sklearn.base import clone
 from sklearn.ensemble import RandomForestClassifier
 from sklearn.exceptions import NotFittedError
 
-from mlsroad_pipeline.algorithms.cell_grid import build_cell_grids
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.detrended_forest.classifier import DetrendedForestClassifier
 from mlsroad_pipeline.algorithms.detrended_forest.labelling import label_points
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures, compute_supervoxel_features
-from mlsroad_pipeline.algorithms.majority import majority_labels
+from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids
+from mlsroad_pipeline.algorithms.models.majority import majority_labels
 
 
 @pytest.fixture

@@ -2,17 +2,17 @@
 
 import numpy as np
 import pytest
-from references_accuracy import smoothed
-from references_forest import voxel_partition
+from references.accuracy import smoothed
+from references.forest import voxel_partition
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.detrended_forest.labelling import (
     label_points,
     nearest_supervoxels,
     smooth_probabilities,
 )
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 
 
 @pytest.mark.parametrize("offset", [0.0, np.array([451_234.0, 5_412_987.0, 312.0])])

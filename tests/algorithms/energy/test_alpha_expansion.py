@@ -4,12 +4,12 @@ from itertools import combinations, product
 
 import numpy as np
 import pytest
-from references_energy import best_expansion, energy_of, global_minimum, iterated_conditional_modes
+from references.energy import best_expansion, energy_of, global_minimum, iterated_conditional_modes
 from scipy.spatial import cKDTree
 
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.energy.alpha_expansion import minimize
 from mlsroad_pipeline.algorithms.energy.binary_cut import CutGraph
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 
 METRIC = np.array([[0.0, 1.0, 2.5], [1.0, 0.0, 1.5], [2.5, 1.5, 0.0]])
 

@@ -4,11 +4,11 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from references_energy import best_expansion, energy_of, global_minimum
+from references.energy import best_expansion, energy_of, global_minimum
 
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.energy import alpha_expansion
 from mlsroad_pipeline.algorithms.energy.robust_potts import Cliques, minimize
-from mlsroad_pipeline.algorithms.exceptions import DataError
 
 
 def random_cliques(rng, n_nodes, n_labels, n_cliques, *, weighted):

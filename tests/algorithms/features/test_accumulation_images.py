@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.features.accumulation_images import compute_images, join_objects
 from tests.references_accumulation import images, normalised
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.features.accumulation_images import compute_images, join_objects
 
 SIZES = (16, 8, 16)
 

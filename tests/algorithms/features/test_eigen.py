@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from references_forest import eigen_features, radius_lists
+from references.forest import eigen_features, radius_lists
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.eigen import EIGEN_FEATURES, SHAPE_FEATURES, compute_eigen_features
 from mlsroad_pipeline.algorithms.features.eigen_solver import solve_symmetric
-from mlsroad_pipeline.algorithms.neighbors import nearest_neighbors
+from mlsroad_pipeline.algorithms.geometry.neighbors import nearest_neighbors
 
 VECTORS = ("nx", "ny", "nz", "direction_x", "direction_y", "direction_z")
 

@@ -4,9 +4,9 @@ import laspy
 import numpy as np
 import open3d as o3d
 import pytest
-from references_patches import fpfh
+from references.patches import fpfh
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.fpfh import compute_fpfh
 from mlsroad_pipeline.algorithms.features.normals import compute_normals
 

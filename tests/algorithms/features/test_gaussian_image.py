@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.features.gaussian_image import align_gaussian_images, compute_gaussian_images
 from tests.references_detectors import likeness_of_turn
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.features.gaussian_image import align_gaussian_images, compute_gaussian_images
 
 
 def turned(normals, angle):

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from tests.references_shot import layers, shot
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.layers import describe_layers
 from mlsroad_pipeline.algorithms.features.shot import SIZE, compute_shot, local_reference_frame
-from tests.references_shot import layers, shot
 
 
 def unit(vectors):

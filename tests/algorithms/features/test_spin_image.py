@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.features.spin_image import compute_spin_images
 from tests.references_detectors import spin_image
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.features.spin_image import compute_spin_images
 
 
 def unit(vectors):

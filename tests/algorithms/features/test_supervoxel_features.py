@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from references_forest import column_statistics, detrended, eigen_features, voxel_partition
+from references.forest import column_statistics, detrended, eigen_features, voxel_partition
 from scipy.sparse import csr_array
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.columns import COLUMN_FEATURES, build_columns, describe_columns
 from mlsroad_pipeline.algorithms.features.detrending import detrend, local_tendency
 from mlsroad_pipeline.algorithms.features.eigen import SHAPE_FEATURES

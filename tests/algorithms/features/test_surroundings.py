@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from references_accuracy import ball_features, footprint, voxel_centroids
-from references_forest import voxel_partition
+from references.accuracy import ball_features, footprint, voxel_centroids
+from references.forest import voxel_partition
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.features.columns import build_columns
 from mlsroad_pipeline.algorithms.features.footprint import FOOTPRINT_FEATURES, describe_footprints
 from mlsroad_pipeline.algorithms.features.supervoxel_features import compute_supervoxel_features

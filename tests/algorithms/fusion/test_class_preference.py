@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from sklearn.metrics import f1_score
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.fusion.class_preference import ClassPreference, count_agreement
 
 

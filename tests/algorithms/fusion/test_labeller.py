@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.fusion.labeller import (
     FusionParameters,
     core_answers,
@@ -12,8 +13,8 @@ from mlsroad_pipeline.algorithms.fusion.labeller import (
     fit,
     fuse_scene,
 )
-from mlsroad_pipeline.algorithms.model_bundle import label_cloud, load_bundle, save_bundle
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.models.bundle import label_cloud
+from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 
 SCHEME = ClassScheme("two", ("a", "b"), (("road",), ("building",)), (), (11, 6))
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from sklearn.linear_model import LogisticRegression
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.fusion.class_preference import ClassPreference
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import LogLinearPool, PoolParameters, _sample
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-import references_ground as references
+from references.basics import ground as references
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.ground.surface import GroundSurface, height_above_ground
 
 

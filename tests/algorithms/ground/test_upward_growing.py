@@ -2,9 +2,9 @@ import gzip
 
 import numpy as np
 import pytest
-import references_ground as references
+from references.basics import ground as references
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.ground.upward_growing import classify_ground
 from mlsroad_pipeline.algorithms.metrics.ground import score_ground
 

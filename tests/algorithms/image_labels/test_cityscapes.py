@@ -3,8 +3,8 @@ import pytest
 import yaml
 
 from conftest import REPOSITORY
-from mlsroad_pipeline.algorithms.classes import TAXONOMY, ClassScheme
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.image_labels.cityscapes import (
     CITYSCAPES,
     encode_label_image,

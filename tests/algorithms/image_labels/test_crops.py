@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.image_labels.crops import Crops
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
 

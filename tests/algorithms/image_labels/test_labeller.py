@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.classes import ClassScheme
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.image_labels import labeller
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
-from mlsroad_pipeline.algorithms.model_bundle import label_cloud, load_bundle, save_bundle
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.models.bundle import label_cloud
+from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 
 SCHEME = ClassScheme("two", ("a", "b"), (("road",), ("building",)), (), (11, 6))
 AXES = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])

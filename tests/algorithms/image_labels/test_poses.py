@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.poses import PoseTrack
 from mlsroad_pipeline.algorithms.image_labels.projection import project_points
-from mlsroad_pipeline.algorithms.simulation.meshes import rotation_matrix
+from mlsroad_pipeline.simulation.model.meshes import rotation_matrix
 
 
 def track(**options):

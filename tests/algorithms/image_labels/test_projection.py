@@ -2,12 +2,12 @@ import json
 
 import numpy as np
 import pytest
-from references_simulator import brown_conrady
+from references.simulator import brown_conrady
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.geometry.lenses import fold_radius
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.projection import project_points, sample_image
-from mlsroad_pipeline.algorithms.lenses import fold_radius
 
 LENS = [-0.105, 0.021, 0.0006, -0.0004, -0.0012]
 K = np.array([[310.0, 0.4, 243.0], [0, 312.0, 176.0], [0, 0, 1]])

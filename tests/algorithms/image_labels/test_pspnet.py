@@ -4,17 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet, network_input
 from mlsroad_pipeline.algorithms.image_labels.pspnet_training import overlap_loss, train_network
-from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import (
-    from_arrays,
-    load_published,
-    load_state,
-    to_arrays,
-)
+from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import from_arrays, load_state, to_arrays
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
+from mlsroad_pipeline.datasets.models.pspnet_checkpoint import load_published
 
 QUICK = TrainingParameters(n_steps=35, batch_size=4, crop=49, warm_up=3, learning_rate=0.02, class_balance=0.5)
 

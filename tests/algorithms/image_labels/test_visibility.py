@@ -1,9 +1,9 @@
 import numpy as np
 import open3d as o3d
 import pytest
-from references_cameras import nearest_disc, seen_past_rectangles
+from references.cameras import nearest_disc, seen_past_rectangles
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.depth_buffer import ground_relief, nearest_discs, typical_spacing
 from mlsroad_pipeline.algorithms.image_labels.projection import project_points

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mlsroad_pipeline.algorithms.classes import TAXONOMY, TAXONOMY_NAMES
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.accuracy import (
     kinds_of_truth,
     match_to_truth,
@@ -17,9 +17,9 @@ from mlsroad_pipeline.algorithms.inventory.accuracy import (
 from mlsroad_pipeline.algorithms.inventory.extraction import measure_points
 from mlsroad_pipeline.algorithms.inventory.measures import MEASURES
 from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
-from mlsroad_pipeline.algorithms.simulation import PRESETS, simulate_survey
-from mlsroad_pipeline.algorithms.simulation.street_parameters import STREETS
+from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.simulation import PRESETS, simulate_survey
+from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 
 TRUTH = {
     "x": 0.0, "y": 0.0, "z": 30.0, "moving": False, "design": "any", "length": 4.5, "width": 1.9, "height": 3.0,

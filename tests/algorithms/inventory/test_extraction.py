@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from references_inventory import planted_box, planted_pole, planted_tree
+from references.inventory import planted_box, planted_pole, planted_tree
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory import merging
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
 from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
-from mlsroad_pipeline.algorithms.trajectory import Trajectory
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 UTM = np.array([583_000.0, 4_477_000.0, 120.0])
 KINDS = ("pole", "sign", "vehicle", "tree")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import shapely
-from references_inventory import (
+from references.inventory import (
     closeness,
     least_rectangle_area,
     planted_box,
@@ -15,7 +15,7 @@ from references_inventory import (
 from scipy.optimize import least_squares
 from scipy.spatial import ConvexHull
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.axes import fit_axis
 from mlsroad_pipeline.algorithms.inventory.boxes import convex_hull, oriented_box, polygon_area, vehicle_box
 from mlsroad_pipeline.algorithms.inventory.circles import fit_circle

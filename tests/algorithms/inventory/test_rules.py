@@ -2,8 +2,8 @@
 
 import pytest
 
-from mlsroad_pipeline.algorithms.classes import ClassScheme
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.inventory.rules import KINDS, ObjectRule, rules_for_scheme
 
 SCHEME = ClassScheme.from_config(

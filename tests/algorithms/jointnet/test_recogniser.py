@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.jointnet import training
 from mlsroad_pipeline.algorithms.jointnet.inputs import Points, augment, encode
 from mlsroad_pipeline.algorithms.jointnet.network import Halving, JointNet, PyramidPooling

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-import references_evaluation as references
+from references.basics import evaluation as references
 from sklearn import metrics as sk
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scores
 
 

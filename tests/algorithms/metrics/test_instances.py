@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps, score_segmentation
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sklearn.metrics import accuracy_score
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.metrics.partition import evaluate_partition, majority_labels
 
 LABELS = np.array([5, 5, 5, 5, 9, 9, 9, 2, 2, 2])

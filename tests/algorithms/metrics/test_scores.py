@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from mlflow.utils.validation import _validate_metric_name
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.metrics import scores as module
 from mlsroad_pipeline.algorithms.metrics.scores import check_scores, labelling_scores, scores_to_metrics, summary
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from references_patch_graph import all_costs, match_cost, optimal_costs, planted_patches
+from references.patch_graph import all_costs, match_cost, optimal_costs, planted_patches
 
 from mlsroad_pipeline.algorithms.patch_graph.costs import CostWeights, block_costs, bounded_cost, weigh_descriptors
 from mlsroad_pipeline.algorithms.patch_graph.description_cells import build_description_cells

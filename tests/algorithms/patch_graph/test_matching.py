@@ -4,9 +4,9 @@ import functools
 
 import numpy as np
 import pytest
-from references_patch_graph import all_costs, match_cost, optimal_costs, planted_patches
+from references.patch_graph import all_costs, match_cost, optimal_costs, planted_patches
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.patch_graph.costs import CostWeights
 from mlsroad_pipeline.algorithms.patch_graph.exhaustive import NodeChooser, minority_classes
 from mlsroad_pipeline.algorithms.patch_graph.iterations import SearchParameters

@@ -4,9 +4,9 @@ import itertools
 
 import numpy as np
 import pytest
-from references_patch_graph import all_costs, field_energy, lowest_energy, optimal_costs, planted_patches
+from references.patch_graph import all_costs, field_energy, lowest_energy, optimal_costs, planted_patches
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.costs import CostWeights
 from mlsroad_pipeline.algorithms.patch_graph.cross_validation import label_held_out

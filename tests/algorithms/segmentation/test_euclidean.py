@@ -3,9 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
-from references_inventory import radius_graph_components, renumber_by_first
+from references.inventory import radius_graph_components, renumber_by_first
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 
 UTM = np.array([583_000.0, 4_477_000.0, 120.0])

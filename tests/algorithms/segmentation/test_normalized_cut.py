@@ -7,13 +7,13 @@ import pytest
 import scipy.linalg
 from sklearn.metrics import adjusted_rand_score
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
 from mlsroad_pipeline.algorithms.segmentation._bisection import best_split, gather, node_weights, second_eigenvector
 from mlsroad_pipeline.algorithms.segmentation._nodes import smooth_intensities
 from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import segment
-from mlsroad_pipeline.algorithms.voxels.grid import build_voxel_grid
 
 SCALE = np.array([1 / 4, 1 / 100, 1.0])
 

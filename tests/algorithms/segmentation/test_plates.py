@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import segment
 

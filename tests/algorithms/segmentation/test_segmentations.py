@@ -2,18 +2,18 @@
 
 import numpy as np
 import pytest
-from references_inventory import radius_graph_components
+from references.inventory import radius_graph_components
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 from sklearn.metrics import adjusted_rand_score
 
-from mlsroad_pipeline.algorithms.exceptions import MissingColumnError, ParameterError
-from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, segment_scene
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.exceptions import MissingColumnError, ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.segmentation import two_step
 from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import segment
 from mlsroad_pipeline.algorithms.segmentation.spacing import cluster_by_spacing
+from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
 from mlsroad_pipeline.algorithms.segmentation.two_step import TwoStepParameters, segment_two_step
 from mlsroad_pipeline.algorithms.segmentation.yang_dong import (
     LINEAR,

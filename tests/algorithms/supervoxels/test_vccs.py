@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-import references_vccs as reference
+from references.basics import vccs as reference
 from scipy.sparse.csgraph import connected_components
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.supervoxels.vccs import segment_supervoxels
 
 

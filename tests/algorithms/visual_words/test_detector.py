@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
+from tests.references_words import planted
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.visual_words.bags import (
     count_words,
     inverse_document_frequency,
@@ -17,7 +18,6 @@ from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetecto
 from mlsroad_pipeline.algorithms.visual_words.labeller import bag_objects
 from mlsroad_pipeline.algorithms.visual_words.queries import DetectorParameters
 from mlsroad_pipeline.algorithms.visual_words.sizes import measure_sizes, size_likeness, within_sizes
-from tests.references_words import planted
 
 
 def test_bags_are_equations_21_and_22():
@@ -231,11 +231,11 @@ def test_bad_input(rng):
 
 
 def test_a_scene_without_objects_and_a_cloud_without_any(rng):
-    from mlsroad_pipeline.algorithms.classes import ClassScheme
-    from mlsroad_pipeline.algorithms.detection import DetectionParameters, object_classes
-    from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters, segment_scene
-    from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-    from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
+    from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+    from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+    from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters, object_classes
+    from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
+    from mlsroad_pipeline.algorithms.stages import GroundParameters
     from mlsroad_pipeline.algorithms.visual_words.descriptions import describe_objects
     from mlsroad_pipeline.algorithms.visual_words.labeller import detect_scene, label_cloud
     from mlsroad_pipeline.algorithms.visual_words.training import (

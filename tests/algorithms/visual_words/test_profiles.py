@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.visual_words.profiles import (
     BANDS,
     N_BLIND,

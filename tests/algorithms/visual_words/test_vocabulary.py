@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from references_words import distance
+from references.words import distance
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.visual_words._clustering import central_members
 from mlsroad_pipeline.algorithms.visual_words._context import orders
 from mlsroad_pipeline.algorithms.visual_words.distance import WordIndex, inverse_covariance

@@ -13,16 +13,16 @@ from sklearn.ensemble import RandomForestClassifier
 from sklearn.exceptions import NotFittedError
 from sklearn.tree import DecisionTreeClassifier
 
-from mlsroad_pipeline.algorithms.class_balance import (
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.detrended_forest.out_of_bag import out_of_bag_curves
+from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures
+from mlsroad_pipeline.algorithms.models.class_balance import (
     EXPONENTS,
     check_weight,
     class_weights,
     draw_per_class,
 )
-from mlsroad_pipeline.algorithms.detrended_forest.out_of_bag import out_of_bag_curves
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures
-from mlsroad_pipeline.algorithms.flat_forest import FlatForest
+from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
 
 Features = SupervoxelFeatures | ArrayLike
 

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.classes import IGNORE
+from mlsroad_pipeline.algorithms.core.classes import IGNORE
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.detrended_forest.labelling import label_points, smooth_probabilities
-from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.flat_forest import FlatForest
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, arrays_under, missing_attributes
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.scene_stages import (
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under, missing_attributes
+from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
+from mlsroad_pipeline.algorithms.stages import (
     FeatureParameters,
     GroundParameters,
     SupervoxelParameters,

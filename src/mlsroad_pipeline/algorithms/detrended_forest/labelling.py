@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
 from mlsroad_pipeline.algorithms.detrended_forest.nearest import nearest_supervoxels
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.detrending import local_tendency
-from mlsroad_pipeline.algorithms.validation import check_column, check_xyz
 
 
 def smooth_probabilities(

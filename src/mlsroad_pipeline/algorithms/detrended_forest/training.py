@@ -10,21 +10,19 @@ from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.detrended_forest.classifier import DetrendedForestClassifier
 from mlsroad_pipeline.algorithms.detrended_forest.labeller import ENTRY_POINT, SLUG, StageParameters
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.radiometry import COLOUR_FEATURES, INTENSITY_FEATURES
 from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures
-from mlsroad_pipeline.algorithms.majority import majority_labels
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.rendering.training_figures import importance_figure, oob_figure
-from mlsroad_pipeline.algorithms.scene_stages import inliers
-from mlsroad_pipeline.algorithms.validation import check_at_least
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.majority import majority_labels
+from mlsroad_pipeline.algorithms.stages import inliers
 
 _ATTRIBUTES = {"rgb": COLOUR_FEATURES, "intensity": INTENSITY_FEATURES}
 
@@ -277,24 +275,3 @@ def _train(
         warnings.filterwarnings("ignore", message="no supervoxel of classes")
         forest.fit(table, labels)
     return forest
-
-
-def diagnose(classifier: DetrendedForestClassifier) -> tuple[Figure, Figure]:
-    """Draw what a forest tells of itself.
-
-    Parameters
-    ----------
-    classifier : DetrendedForestClassifier
-        A trained forest.
-
-    Returns
-    -------
-    importances, out_of_bag : Figure
-        Feature importances, and the out-of-bag error against the number of trees.
-    """
-    found = classifier.feature_importances_
-    curve = classifier.oob_error_curve_
-    return (
-        importance_figure(list(found.values()), names=list(found), title="Feature importances"),
-        oob_figure(np.arange(1, len(curve) + 1), curve, chosen=len(curve), title="Out-of-bag error"),
-    )

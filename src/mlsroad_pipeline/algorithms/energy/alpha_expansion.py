@@ -15,10 +15,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.energy.binary_cut import CutGraph
 from mlsroad_pipeline.algorithms.energy.pairwise_energy import PairwiseEnergy
-from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.validation import check_at_least
 
 _LEAST_GAIN = 1e-10
 """Share of the energy's size by which a move must lower it: below it lies the rounding of the sums."""

@@ -8,9 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.cell_grid import run_in_chunks
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.validation import check_column, check_xyz
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
+from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
 
 N_PARTS = 5
 """Images of each kind: the object as a whole, and its four slices of equal height from the lowest up."""

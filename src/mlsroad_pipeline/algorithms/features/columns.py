@@ -9,8 +9,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from mlsroad_pipeline.algorithms.cell_grid import bounding_box
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.geometry.cell_grid import bounding_box
 
 COLUMN_FEATURES = (
     "column_extent",

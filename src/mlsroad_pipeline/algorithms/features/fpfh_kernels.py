@@ -14,9 +14,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.cell_windows import first_window, most_near, move_window
 from mlsroad_pipeline.algorithms.features.eigen_solver import FAST
 from mlsroad_pipeline.algorithms.features.fpfh_gathering import distances, gather
+from mlsroad_pipeline.algorithms.geometry.cell_windows import first_window, most_near, move_window
 
 _BLOCK = 256
 """Pairs that are worked on together."""

@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.validation import check_at_least
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least
 
 UPRIGHT = 0.05
 """Horizontal length of a unit normal below which it has no azimuth: 3 degrees."""

@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.features.accumulation_images import join_objects
-from mlsroad_pipeline.algorithms.validation import check_at_least
 
 N_FEATURES = 10
 """Numbers per layer."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_xyz
 from mlsroad_pipeline.algorithms.features.eigen import compute_eigen_features
-from mlsroad_pipeline.algorithms.validation import check_xyz
 
 
 def compute_normals(

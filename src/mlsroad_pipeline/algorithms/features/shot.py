@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
+from mlsroad_pipeline.algorithms.core.validation import check_column, check_positive, check_xyz
 
 N_AZIMUTH, N_ELEVATION, N_RADIAL, N_COSINE = 8, 2, 2, 11
 SIZE = N_AZIMUTH * N_ELEVATION * N_RADIAL * N_COSINE

@@ -6,9 +6,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.cell_grid import run_in_chunks
-from mlsroad_pipeline.algorithms.neighbors import radius_neighbors
-from mlsroad_pipeline.algorithms.validation import check_at_least, check_column, check_positive, check_xyz
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_column, check_positive, check_xyz
+from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
+from mlsroad_pipeline.algorithms.geometry.neighbors import radius_neighbors
 
 
 def compute_spin_images(

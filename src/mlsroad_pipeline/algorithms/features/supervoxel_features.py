@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_column, check_positive, check_xyz
 from mlsroad_pipeline.algorithms.features.columns import COLUMN_FEATURES, build_columns, describe_columns
 from mlsroad_pipeline.algorithms.features.detrending import detrend as remove_tendency
 from mlsroad_pipeline.algorithms.features.eigen import EIGEN_FEATURES, SHAPE_FEATURES, emit_features
@@ -31,7 +32,6 @@ from mlsroad_pipeline.algorithms.features.radiometry import (
 )
 from mlsroad_pipeline.algorithms.features.supervoxel_moments import SupervoxelMoments, sum_moments
 from mlsroad_pipeline.algorithms.features.surroundings import ball_feature_names, describe_balls
-from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
 
 Region = Literal["own", "neighborhood", "both"]
 Blocks = list[tuple[tuple[str, ...], NDArray[np.float32]]]

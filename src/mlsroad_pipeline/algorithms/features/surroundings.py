@@ -13,8 +13,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.cell_grid import CELLS_PER_RADIUS, build_cell_grids, run_in_chunks
-from mlsroad_pipeline.algorithms.cell_windows import first_window, most_near, move_window
 from mlsroad_pipeline.algorithms.features.eigen import (
     EIGEN_FEATURES,
     MINIMUM_NEIGHBORS,
@@ -25,7 +23,9 @@ from mlsroad_pipeline.algorithms.features.eigen import (
 )
 from mlsroad_pipeline.algorithms.features.eigen_solver import solve_symmetric
 from mlsroad_pipeline.algorithms.features.orientation import ORIENTATION_FEATURES, describe_orientation
-from mlsroad_pipeline.algorithms.voxels.grid import build_voxel_grid
+from mlsroad_pipeline.algorithms.geometry.cell_grid import CELLS_PER_RADIUS, build_cell_grids, run_in_chunks
+from mlsroad_pipeline.algorithms.geometry.cell_windows import first_window, most_near, move_window
+from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
 
 BALL_FEATURES = (*SHAPE_FEATURES, *ORIENTATION_FEATURES, "horizontal_linearity")
 """What `describe_balls` gives for each radius; names there end in ``_<radius>m``."""

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
 from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion, spread_confidence
-from mlsroad_pipeline.algorithms.model_bundle import NEEDS_IMAGES, ModelBundle
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.models.bundle import NEEDS_IMAGES, ModelBundle
 
 SLUG = "fusion"
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.classes import IGNORE
+from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.fusion.class_preference import ClassPreference
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import LogLinearPool, PoolParameters
 

@@ -11,8 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.validation import check_xyz
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_xyz
 
 Span: TypeAlias = tuple[int, int]
 """First point of a range and the one after its last."""

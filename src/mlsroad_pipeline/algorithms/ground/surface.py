@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_column, check_positive
 from mlsroad_pipeline.algorithms.ground.blocks import BlockGrid, build_blocks
 from mlsroad_pipeline.algorithms.ground.raster import (
     UNITS_PER_METRE,
@@ -18,7 +19,6 @@ from mlsroad_pipeline.algorithms.ground.raster import (
     interpolate,
 )
 from mlsroad_pipeline.algorithms.ground.spans import Span, bounds_of, in_chunks
-from mlsroad_pipeline.algorithms.validation import check_at_least, check_column, check_positive
 
 CELLS_PER_BLOCK = 16
 """Cells along a block's side."""

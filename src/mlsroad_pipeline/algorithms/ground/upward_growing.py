@@ -7,12 +7,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 from mlsroad_pipeline.algorithms.ground.blocks import BlockGrid, build_blocks, column_minima, neighbour_slots
 from mlsroad_pipeline.algorithms.ground.growing import LAYERS, climbing, label_points, occupy, reaching
 from mlsroad_pipeline.algorithms.ground.reference import SurfaceParameters, block_surface, lower_surface
 from mlsroad_pipeline.algorithms.ground.spans import Span, bounds_of, in_chunks
-from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
 
 
 def classify_ground(

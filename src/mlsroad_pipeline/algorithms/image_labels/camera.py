@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 
 _ROTATION_SLACK = 5e-3  # published calibrations are rounded; a mirrored or scaled axis is far beyond this
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Picture
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
 
 _COUNTED = 1000  # images at most whose classes are counted

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.cityscapes import image_classes, point_probabilities
 from mlsroad_pipeline.algorithms.image_labels.crops import Sample
@@ -23,9 +24,8 @@ from mlsroad_pipeline.algorithms.image_labels.pspnet_training import train_netwo
 from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import from_arrays, to_arrays
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
-from mlsroad_pipeline.algorithms.model_bundle import NEEDS_IMAGES, ModelBundle, bundle_scheme
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.scene_stages import inliers
+from mlsroad_pipeline.algorithms.models.bundle import NEEDS_IMAGES, ModelBundle, bundle_scheme
+from mlsroad_pipeline.algorithms.stages import inliers
 
 SLUG = "image_labels"
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.classes import IGNORE
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.classes import IGNORE
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_xyz
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.projection import project_points, sample_image
 from mlsroad_pipeline.algorithms.image_labels.visibility import DepthBuffer, HiddenPointRemoval, visible_points
-from mlsroad_pipeline.algorithms.validation import check_xyz
 
 Probabilities = NDArray[np.float32] | Callable[[], NDArray[np.float32]]
 

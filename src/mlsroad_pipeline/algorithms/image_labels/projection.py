@@ -6,10 +6,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_xyz
+from mlsroad_pipeline.algorithms.geometry.lenses import distort_one, fold_radius
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.lenses import distort_one, fold_radius
-from mlsroad_pipeline.algorithms.validation import check_xyz
 
 
 def project_points(

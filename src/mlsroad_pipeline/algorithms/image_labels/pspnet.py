@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.image_labels.pspnet_backbone import (
     BACKBONES,
     make_stages,
@@ -18,7 +19,6 @@ from mlsroad_pipeline.algorithms.image_labels.pspnet_backbone import (
     normalised,
     resized,
 )
-from mlsroad_pipeline.algorithms.validation import check_at_least
 
 BINS = (1, 2, 3, 6)
 """Cells along each side of the pyramid's levels."""

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.image_labels.crops import Batch, Crops, Sample
 from mlsroad_pipeline.algorithms.image_labels.muon import Muon
 from mlsroad_pipeline.algorithms.image_labels.pspnet import MEAN, PSPNet, network_input
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
-from mlsroad_pipeline.algorithms.torch_training import find_device, limited_threads
+from mlsroad_pipeline.algorithms.models.torch_training import find_device, limited_threads
 
 _BESIDE = 0.3  # of the rate is that of AdamW, which moves what Muon does not
 

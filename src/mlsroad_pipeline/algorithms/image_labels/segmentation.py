@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet, network_input
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import check_magnifications
-from mlsroad_pipeline.algorithms.torch_training import limited_threads
+from mlsroad_pipeline.algorithms.models.torch_training import limited_threads
 
 
 def segment_image(

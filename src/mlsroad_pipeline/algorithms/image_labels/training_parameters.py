@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.validation import check_positive
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_positive
 
 
 @dataclass(frozen=True)

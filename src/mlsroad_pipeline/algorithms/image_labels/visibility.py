@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_positive, check_xyz
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.convex_hull import hull_vertices
 from mlsroad_pipeline.algorithms.image_labels.depth_buffer import (
@@ -19,7 +20,6 @@ from mlsroad_pipeline.algorithms.image_labels.depth_buffer import (
     typical_spacing,
 )
 from mlsroad_pipeline.algorithms.image_labels.projection import project_points
-from mlsroad_pipeline.algorithms.validation import check_positive, check_xyz
 
 SPACING_OF_FEW = 0.06
 """Spacing that is taken for points too few to measure it, metres."""

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.classes import TAXONOMY_NAMES
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY_NAMES
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 
 UNITS = {
     "base": "m", "elevation": "m", "height": "m", "tilt": "deg", "lean_azimuth": "deg", "panel_bottom": "m",

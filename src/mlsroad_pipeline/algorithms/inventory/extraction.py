@@ -15,13 +15,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
 from mlsroad_pipeline.algorithms.inventory.measures import Voxels, measure
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.splitting import split_at_valleys
 from mlsroad_pipeline.algorithms.inventory.table import empty_table, object_table
 from mlsroad_pipeline.algorithms.inventory.voxels import FRAGMENT_FIELDS, find_fragments, join_voxels, voxelise
-from mlsroad_pipeline.algorithms.validation import check_column, check_xyz
 
 
 @dataclass(frozen=True)

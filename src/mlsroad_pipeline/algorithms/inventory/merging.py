@@ -14,13 +14,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.graphs import connected_components
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, measured_rows
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS, empty_table, finish_table, object_table
 from mlsroad_pipeline.algorithms.inventory.voxels import join_voxels, voxel_order
-from mlsroad_pipeline.algorithms.trajectory import Trajectory
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 BATCH = 1 << 18
 """Voxels that are gathered before objects are measured."""

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from mlsroad_pipeline.algorithms.classes import ClassScheme
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.validation import check_at_least
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least
 
 KINDS = ("pole", "sign", "vehicle", "tree")
 """What the inventory can measure; a kind decides how base point, width and tilt are taken."""

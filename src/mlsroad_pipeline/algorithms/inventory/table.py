@@ -10,7 +10,7 @@ import pandas as pd
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.inventory.measures import MEASURES
-from mlsroad_pipeline.algorithms.trajectory import Trajectory
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 
 class Field(NamedTuple):

@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort
 from mlsroad_pipeline.algorithms.inventory.measures import Voxels
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.sorting import radix_argsort
 
 FRAGMENT_FIELDS = {
     "class": "str",

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Self
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 
 VIEWS = ("hssi", "vqai", "vaai")
 """Kinds of images: the three of the paper."""

@@ -12,14 +12,14 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.features.accumulation_images import join_objects, join_values
 from mlsroad_pipeline.algorithms.jointnet.inputs import Points, encode
 from mlsroad_pipeline.algorithms.jointnet.network import JointNet
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
 from mlsroad_pipeline.algorithms.jointnet.training import to_tensors, train_network
-from mlsroad_pipeline.algorithms.recognition import check_training
-from mlsroad_pipeline.algorithms.torch_training import find_device, load_weights, reproducible
+from mlsroad_pipeline.algorithms.models.torch_training import find_device, load_weights, reproducible
+from mlsroad_pipeline.algorithms.recognition.object_set import check_training
 
 _BATCH = 256
 """Objects that the network sees at once when it recognises."""

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from mlsroad_pipeline.algorithms.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.jointnet.inputs import Points, augment, encode
 from mlsroad_pipeline.algorithms.jointnet.network import JointNet
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters, TrainingParameters
-from mlsroad_pipeline.algorithms.torch_training import find_device, learning_rate, reproducible
+from mlsroad_pipeline.algorithms.models.torch_training import find_device, learning_rate, reproducible
 
 HALVE_EVERY = 20
 """Epochs after which the schedule "halving" halves the rate (luo2019, training details)."""

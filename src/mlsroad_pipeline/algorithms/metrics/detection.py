@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.metrics.instances import Overlaps
 from mlsroad_pipeline.algorithms.metrics.scores import ALL, COLUMNS, DETECTION_METRICS, check_scores
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 
 
 @dataclass(frozen=True)

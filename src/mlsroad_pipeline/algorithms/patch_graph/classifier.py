@@ -9,7 +9,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.algorithms.patch_graph.costs import CostWeights
 from mlsroad_pipeline.algorithms.patch_graph.iterations import SearchParameters
 from mlsroad_pipeline.algorithms.patch_graph.training_scenes import cut_scenes, thin_scenes
@@ -19,8 +20,7 @@ from mlsroad_pipeline.algorithms.patch_graph.transfer import (
     match_patches,
     train_graph,
 )
-from mlsroad_pipeline.algorithms.patches import Patches
-from mlsroad_pipeline.algorithms.validation import check_positive
+from mlsroad_pipeline.algorithms.patches.extraction import Patches
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.patches import Patches
-from mlsroad_pipeline.algorithms.validation import check_positive
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.patches.extraction import Patches
 
 N_ABSOLUTE = 4
 """Columns of a table that are compared by their absolute differences: red, green, blue and height."""

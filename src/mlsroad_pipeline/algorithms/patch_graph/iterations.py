@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.cell_grid import check_threads, run_in_chunks
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
+from mlsroad_pipeline.algorithms.geometry.cell_grid import check_threads, run_in_chunks
 from mlsroad_pipeline.algorithms.patch_graph import exhaustive, moves
 from mlsroad_pipeline.algorithms.patch_graph.description_cells import DescriptionCells, search_cells
 from mlsroad_pipeline.algorithms.patch_graph.exhaustive import NodeChooser
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex
-from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-from mlsroad_pipeline.algorithms.classes import ClassScheme
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import (
     GridParameters,
@@ -14,8 +14,8 @@ from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import (
     refine_classifier,
 )
 from mlsroad_pipeline.algorithms.patch_graph.refinement import GroundClasses
-from mlsroad_pipeline.algorithms.patch_labelling import label_patch_cloud
-from mlsroad_pipeline.algorithms.patch_training import PatchTraining, bundle_model
+from mlsroad_pipeline.algorithms.patches.labelling import label_patch_cloud
+from mlsroad_pipeline.algorithms.patches.training import PatchTraining, bundle_model
 
 SLUG, REFINED_SLUG = "patch_graph", "patch_graph_mrf"
 _MODULE = "mlsroad_pipeline.algorithms.patch_graph.labeller"

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.cell_grid import check_threads
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least
+from mlsroad_pipeline.algorithms.geometry.cell_grid import check_threads
 from mlsroad_pipeline.algorithms.patch_graph.costs import CostWeights
 from mlsroad_pipeline.algorithms.patch_graph.description_cells import DescriptionCells, build_description_cells
 from mlsroad_pipeline.algorithms.patch_graph.exhaustive import minority_classes
@@ -19,8 +20,7 @@ from mlsroad_pipeline.algorithms.patch_graph.iterations import (
     make_chooser,
 )
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex, build_patch_index
-from mlsroad_pipeline.algorithms.patches import Patches
-from mlsroad_pipeline.algorithms.validation import check_at_least
+from mlsroad_pipeline.algorithms.patches.extraction import Patches
 
 __all__ = [
     "CostWeights",

@@ -9,9 +9,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.cell_grid import build_cell_grids
+from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids
 from mlsroad_pipeline.algorithms.patch_graph.costs import CostWeights, weigh_descriptors
-from mlsroad_pipeline.algorithms.patches import Patches
+from mlsroad_pipeline.algorithms.patches.extraction import Patches
 
 _CELLS_PER_RADIUS = 4
 

@@ -9,7 +9,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.patch_graph.classifier import (
     PatchGraphClassifier,
     PatchGraphParameters,
@@ -22,8 +23,7 @@ from mlsroad_pipeline.algorithms.patch_graph.refinement import (
     choose_parameters,
     refine,
 )
-from mlsroad_pipeline.algorithms.patches import Patches
-from mlsroad_pipeline.algorithms.validation import check_at_least
+from mlsroad_pipeline.algorithms.patches.extraction import Patches
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_column
 from mlsroad_pipeline.algorithms.energy.alpha_expansion import minimize
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
-from mlsroad_pipeline.algorithms.validation import check_column
 
 CRITERIA = ("mean_f1", "overall_accuracy")
 """What `choose_parameters` can choose by."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.patches import Patches
-from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
+from mlsroad_pipeline.algorithms.patches.extraction import Patches
 
 
 def _along(centroid: NDArray[np.float64]) -> NDArray[np.float64]:

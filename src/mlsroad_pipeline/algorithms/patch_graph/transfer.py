@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_column
 from mlsroad_pipeline.algorithms.patch_graph.costs import N_ABSOLUTE, CostWeights
 from mlsroad_pipeline.algorithms.patch_graph.description_cells import DescriptionCells
 from mlsroad_pipeline.algorithms.patch_graph.iterations import (
@@ -19,8 +20,7 @@ from mlsroad_pipeline.algorithms.patch_graph.iterations import (
 )
 from mlsroad_pipeline.algorithms.patch_graph.matching import check_matches, match_with_each_other
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex, build_patch_index
-from mlsroad_pipeline.algorithms.patches import UNKNOWN, Patches
-from mlsroad_pipeline.algorithms.validation import check_column
+from mlsroad_pipeline.algorithms.patches.extraction import UNKNOWN, Patches
 
 _ARRAYS = ("matches", "labels", "rows", "objective", "coloured")
 

@@ -13,10 +13,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.graphs import find_root, join
-from mlsroad_pipeline.algorithms.sorting import radix_argsort
-from mlsroad_pipeline.algorithms.validation import check_at_least, check_positive, check_xyz
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive, check_xyz
+from mlsroad_pipeline.algorithms.geometry.graphs import find_root, join
+from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort
 
 _MAX_KEY = 2.0**62
 # Row offsets (dy, dz) of the half space that follows a cell in key order, nearest first: near cells are joined first,

@@ -9,8 +9,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.graphs import connected_components
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_column, check_xyz
+from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
+from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
 from mlsroad_pipeline.algorithms.segmentation._bisection import (
     best_split,
     extend,
@@ -26,8 +28,6 @@ from mlsroad_pipeline.algorithms.segmentation.plates import separate_plates
 from mlsroad_pipeline.algorithms.segmentation.poles import separate_poles
 from mlsroad_pipeline.algorithms.segmentation.rejoining import join_stacked_poles, rejoin_floating_parts
 from mlsroad_pipeline.algorithms.segmentation.spacing import cluster_by_spacing
-from mlsroad_pipeline.algorithms.validation import check_at_least, check_column, check_xyz
-from mlsroad_pipeline.algorithms.voxels.grid import build_voxel_grid
 
 _DEFAULTS = NormalizedCutParameters()
 _BINS = 12  # of the histogram of an eigenvector's values

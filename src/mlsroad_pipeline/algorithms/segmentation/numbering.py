@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.validation import check_at_least
+from mlsroad_pipeline.algorithms.core.validation import check_at_least
 
 
 def number_objects(parts: NDArray[np.int64], min_points: int) -> NDArray[np.int32]:

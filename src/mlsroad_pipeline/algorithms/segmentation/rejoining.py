@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.graphs import connected_components
+from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
 
 _FOOT_SHARE = 0.005  # of a part's voxels lie below its foot: half a crown may hold a few of what stands under it
 _END = 0.6  # of a part that shows how it goes on, metres

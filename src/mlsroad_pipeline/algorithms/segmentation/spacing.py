@@ -7,13 +7,13 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.cell_grid import CELLS_PER_RADIUS, build_cell_grids
-from mlsroad_pipeline.algorithms.cell_windows import first_window, move_window
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.graphs import connected_components, find_root, join
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_positive, check_xyz
+from mlsroad_pipeline.algorithms.geometry.cell_grid import CELLS_PER_RADIUS, build_cell_grids
+from mlsroad_pipeline.algorithms.geometry.cell_windows import first_window, move_window
+from mlsroad_pipeline.algorithms.geometry.graphs import connected_components, find_root, join
+from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.validation import check_positive, check_xyz
-from mlsroad_pipeline.algorithms.voxels.grid import build_voxel_grid
 
 _NEIGHBORS = 4  # the spacing of a place is the distance to its fourth nearest: two along a scan line, two across
 

@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.graphs import connected_components
+from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 
 SLAB = 0.2

@@ -12,12 +12,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.cell_grid import CELLS_PER_RADIUS, build_cell_grids
-from mlsroad_pipeline.algorithms.cell_windows import first_window, move_window
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.graphs import connected_components
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_column, check_positive, check_xyz
+from mlsroad_pipeline.algorithms.geometry.cell_grid import CELLS_PER_RADIUS, build_cell_grids
+from mlsroad_pipeline.algorithms.geometry.cell_windows import first_window, move_window
+from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
 from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
-from mlsroad_pipeline.algorithms.validation import check_column, check_positive, check_xyz
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_positive, check_xyz
 from mlsroad_pipeline.algorithms.features.eigen import compute_eigen_features
-from mlsroad_pipeline.algorithms.graphs import connected_components
-from mlsroad_pipeline.algorithms.neighbors import radius_neighbors
+from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
+from mlsroad_pipeline.algorithms.geometry.neighbors import radius_neighbors
+from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
 from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
-from mlsroad_pipeline.algorithms.validation import check_positive, check_xyz
-from mlsroad_pipeline.algorithms.voxels.grid import build_voxel_grid
 
 LINEAR, PLANAR, VOLUMETRIC = 0, 1, 2
 

@@ -6,11 +6,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_column
+from mlsroad_pipeline.algorithms.geometry.voxels import VoxelGrid
+from mlsroad_pipeline.algorithms.geometry.voxels.grid import run_chunks
 from mlsroad_pipeline.algorithms.supervoxels import _normals
-from mlsroad_pipeline.algorithms.validation import check_column
-from mlsroad_pipeline.algorithms.voxels import VoxelGrid
-from mlsroad_pipeline.algorithms.voxels.grid import run_chunks
 
 TENSOR_SCALE = float(1 << 24)  # products of unit normals are rounded to this, so that their sums are exact
 

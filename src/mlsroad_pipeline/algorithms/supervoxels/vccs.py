@@ -9,12 +9,12 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.geometry.voxels import VoxelGrid, build_voxel_grid
+from mlsroad_pipeline.algorithms.geometry.voxels.grid import check_threads, run_chunks
 from mlsroad_pipeline.algorithms.supervoxels import _growth, _partition, _seeds
 from mlsroad_pipeline.algorithms.supervoxels._features import compute_normals, voxel_features
-from mlsroad_pipeline.algorithms.validation import check_positive
-from mlsroad_pipeline.algorithms.voxels import VoxelGrid, build_voxel_grid
-from mlsroad_pipeline.algorithms.voxels.grid import check_threads, run_chunks
 
 LEVELS_PER_SEED_RESOLUTION = 1.8  # voxels per seed resolution times this, less one, is the number of levels grown
 COMPANY = 0.05  # share of a planar disc of radius seed_resolution / 2 that a seed needs filled

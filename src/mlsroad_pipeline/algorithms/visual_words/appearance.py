@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.visual_words.bags import similarity
 from mlsroad_pipeline.algorithms.visual_words.profiles import profile_likeness
 from mlsroad_pipeline.algorithms.visual_words.sizes import SIZES, size_likeness

@@ -15,8 +15,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.validation import check_at_least
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.visual_words._cells import DIRECTIONS, Cells, build_cells, search
 from mlsroad_pipeline.algorithms.visual_words._context import (
     Context,

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.object_regions import FeatureRegions
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.detection.regions import FeatureRegions
 
 MAX_NEIGHBORS = 5
 """The most neighbours in a group: the matching orders of m regions are m!."""

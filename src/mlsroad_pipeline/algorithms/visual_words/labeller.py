@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from mlsroad_pipeline.algorithms.detection_thresholds import detect_by_thresholds
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle, arrays_under
-from mlsroad_pipeline.algorithms.object_detectors import (
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.detection.detector import (
     WITH_INTENSITY,
     choose_variant,
     label_described_objects,
 )
-from mlsroad_pipeline.algorithms.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.detection.thresholds import detect_by_thresholds
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.algorithms.visual_words.bags import count_words
 from mlsroad_pipeline.algorithms.visual_words.descriptions import (
     GroupParameters,

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.visual_words.appearance import Appearance
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 
 SIZES = ("bottom", "top", "length", "width")
 """What is measured of an object: heights above the ground around it, and its horizontal extents; metres."""

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.classes import IGNORE, ClassScheme
-from mlsroad_pipeline.algorithms.detection import DetectionParameters
-from mlsroad_pipeline.algorithms.detection_thresholds import training_weights
-from mlsroad_pipeline.algorithms.exceptions import DataError
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
-from mlsroad_pipeline.algorithms.object_detectors import GEOMETRY, WITH_INTENSITY, DetectionStages
-from mlsroad_pipeline.algorithms.object_regions import RegionParameters
+from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.detection.detector import GEOMETRY, WITH_INTENSITY, DetectionStages
+from mlsroad_pipeline.algorithms.detection.regions import RegionParameters
+from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
+from mlsroad_pipeline.algorithms.detection.thresholds import training_weights
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.visual_words.bags import count_words
 from mlsroad_pipeline.algorithms.visual_words.descriptions import GroupParameters, groups_of, profiles_of
 from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetector

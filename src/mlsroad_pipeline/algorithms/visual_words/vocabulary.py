@@ -14,8 +14,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.validation import check_column, check_positive
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_column, check_positive
 from mlsroad_pipeline.algorithms.visual_words._clustering import central_members
 from mlsroad_pipeline.algorithms.visual_words._context import Context, context_factor, feature_distance, orders
 from mlsroad_pipeline.algorithms.visual_words.distance import CONTEXT_FLOOR, WordIndex, inverse_covariance

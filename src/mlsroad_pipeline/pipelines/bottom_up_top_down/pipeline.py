@@ -2,9 +2,9 @@
 
 from functools import partial
 
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import BottomUpTopDownParameters
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down_training import train_bottom_up_top_down
-from mlsroad_pipeline.algorithms.baselines.oriented_points import describe_surfaces
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.detector import BottomUpTopDownParameters
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.oriented_points import describe_surfaces
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.training import train_bottom_up_top_down
 from mlsroad_pipeline.pipelines.detector import detector_pipeline
 
 create_pipeline = partial(

@@ -6,11 +6,11 @@ from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.rendering.report import build_report
-from mlsroad_pipeline.algorithms.studies.comparison import TASKS, mean_scores, of_methods
-from mlsroad_pipeline.algorithms.studies.comparison_report import compare_task, comparison_sections, costs_table
-from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
 from mlsroad_pipeline.pipelines.methods import DETECTORS, IMAGE_LABELLER, LABELLERS, RECOGNISERS
+from mlsroad_pipeline.reporting.html.report import build_report
+from mlsroad_pipeline.studies.comparison.report import compare_task, comparison_sections, costs_table
+from mlsroad_pipeline.studies.comparison.tables import TASKS, mean_scores, of_methods
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
 METHODS = ((*LABELLERS, IMAGE_LABELLER), DETECTORS, RECOGNISERS)
 """Slugs of the methods of each task, in the order of `TASKS`."""

@@ -2,9 +2,9 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.studies.comparison import TASKS
 from mlsroad_pipeline.pipelines.comparison_report.nodes import METHODS, PICTURED, compare_over_streets
 from mlsroad_pipeline.pipelines.methods import DETECTORS
+from mlsroad_pipeline.studies.comparison.tables import TASKS
 
 
 def create_pipeline(**_: object) -> Pipeline:

@@ -9,15 +9,16 @@ from joblib import cpu_count
 from matplotlib.figure import Figure
 
 from mlsroad_pipeline.algorithms.detrended_forest.labeller import StageParameters
-from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, diagnose, fit, training_rows
-from mlsroad_pipeline.algorithms.evaluation import find_scheme
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
-from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
-from mlsroad_pipeline.datasets.forest_work import label_prepared_scene
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile, scene_tasks
-from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
-from mlsroad_pipeline.datasets.survey_plan import held_out_keys, training_keys
+from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters, fit, training_rows
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, SourceFile, scene_tasks
+from mlsroad_pipeline.pipelines.detrended_forest.work import label_prepared_scene
+from mlsroad_pipeline.reporting.figures.forest import forest_figures
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
 
 
 def take_training_rows(
@@ -91,7 +92,7 @@ def train_forest(
         trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(rows)},
         n_jobs=cpu_count(),
     )
-    return bundle, bundle, *diagnose(classifier)
+    return bundle, bundle, *forest_figures(classifier)
 
 
 def label_scenes(

@@ -9,30 +9,29 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from mlsroad_pipeline.algorithms.classes import ClassScheme
-from mlsroad_pipeline.algorithms.detection import (
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.detection.scoring import (
     DetectionParameters,
     count_detections_of_scene,
     detection_curves,
     detection_table,
 )
-from mlsroad_pipeline.algorithms.detection_pictures import detection_figure
-from mlsroad_pipeline.algorithms.evaluation import (
+from mlsroad_pipeline.algorithms.evaluation.labelling import (
     count_scene,
     find_scheme,
     given_classes,
-    scene_figures,
-    score_figures,
     scores_table,
     sum_by_split,
 )
-from mlsroad_pipeline.algorithms.rendering.detection_figures import precision_recall_figure
-from mlsroad_pipeline.algorithms.visible_evaluation import count_seen_scene, seen_scores_table, seen_share
-from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile, scene_tasks
-from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
-from mlsroad_pipeline.datasets.survey_plan import middle_scenes
+from mlsroad_pipeline.algorithms.evaluation.visibility import count_seen_scene, seen_scores_table, seen_share
+from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, SourceFile, scene_tasks
+from mlsroad_pipeline.reporting.clouds.detection_pictures import detection_figure
+from mlsroad_pipeline.reporting.figures.detection import precision_recall_figure
+from mlsroad_pipeline.reporting.figures.labelling import scene_figures, score_figures
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import middle_scenes
 
 logger = logging.getLogger(__name__)
 

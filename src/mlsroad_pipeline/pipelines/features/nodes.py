@@ -1,8 +1,8 @@
 """Supervoxel features, scene by scene."""
 
-from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, describe_supervoxels
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, scene_tasks
+from mlsroad_pipeline.algorithms.stages import FeatureParameters, describe_supervoxels
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
 
 
 def describe_supervoxels_of_scenes(

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters, core_answers, divide_scenes, fit
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
-from mlsroad_pipeline.algorithms.model_members import with_members
-from mlsroad_pipeline.datasets.fusion_work import fuse_labelled_scene
-from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile, scene_tasks
-from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.members import with_members
+from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, SourceFile, scene_tasks
+from mlsroad_pipeline.pipelines.fusion.work import fuse_labelled_scene
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
 
 def take_test_set_1(

@@ -2,10 +2,10 @@
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters, find_ground
-from mlsroad_pipeline.algorithms.stage_evaluation import count_ground_points, ground_table
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, scene_tasks
+from mlsroad_pipeline.algorithms.evaluation.stages import count_ground_points, ground_table
+from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
 
 
 def find_ground_of_scenes(scenes: SceneCollection, parameters: GroundParameters) -> dict[str, SceneTask]:

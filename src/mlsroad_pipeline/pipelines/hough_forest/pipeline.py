@@ -2,9 +2,9 @@
 
 from functools import partial
 
-from mlsroad_pipeline.algorithms.baselines.hough_forest import HoughForestParameters
-from mlsroad_pipeline.algorithms.baselines.hough_forest_training import train_hough_forest
-from mlsroad_pipeline.algorithms.baselines.object_parts import describe_parts
+from mlsroad_pipeline.algorithms.baselines.hough_forest.detector import HoughForestParameters
+from mlsroad_pipeline.algorithms.baselines.hough_forest.training import train_hough_forest
+from mlsroad_pipeline.algorithms.detection.parts import describe_parts
 from mlsroad_pipeline.pipelines.detector import detector_pipeline
 
 create_pipeline = partial(

@@ -7,21 +7,21 @@ from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
-from mlsroad_pipeline.algorithms.ingest import IngestParameters
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
-from mlsroad_pipeline.datasets.image_work import (
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, SourceFile
+from mlsroad_pipeline.pipelines.image_labels.work import (
     DriveImages,
     images_of_drives,
     label_scene_through_images,
     scenes_beside,
     train_on_drives,
 )
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
-from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
-from mlsroad_pipeline.datasets.survey_plan import held_out_keys, plan_comparison
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import held_out_keys, plan_comparison
 
 
 def find_images(

@@ -8,14 +8,14 @@ from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.ingest import IngestParameters, join_pieces
-from mlsroad_pipeline.algorithms.quality_storage import quality_table
-from mlsroad_pipeline.datasets.ingest_work import describe_file, find_corridor, read_and_cut
-from mlsroad_pipeline.datasets.scene_planning import cut_ranges, plan_drive
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
-from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
-from mlsroad_pipeline.datasets.survey_plan import SurveyPlan, estimated_drives, plan_comparison, trajectory_beside
+from mlsroad_pipeline.algorithms.quality.tables import quality_table
+from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters, join_pieces
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, SourceFile
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import SurveyPlan, estimated_drives, plan_comparison, trajectory_beside
+from mlsroad_pipeline.surveys.reading import describe_file, find_corridor, read_and_cut
+from mlsroad_pipeline.surveys.scene_plan import cut_ranges, plan_drive
 
 logger = logging.getLogger(__name__)
 

@@ -5,9 +5,9 @@ from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.datasets.inspect_report import survey_facts, survey_page, survey_warnings
-from mlsroad_pipeline.datasets.inspect_work import InspectParameters, inspect_survey
-from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
+from mlsroad_pipeline.reporting.inspection_page import survey_facts, survey_page, survey_warnings
+from mlsroad_pipeline.surveys.inspection import InspectParameters, inspect_survey
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
 logger = logging.getLogger(__name__)
 

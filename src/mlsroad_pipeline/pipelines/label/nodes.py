@@ -8,23 +8,23 @@ from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.ingest import IngestParameters
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
-from mlsroad_pipeline.algorithms.quality_storage import quality_table
-from mlsroad_pipeline.algorithms.rendering.report import build_report
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-from mlsroad_pipeline.algorithms.survey_labelling import object_rules, output_codes
-from mlsroad_pipeline.datasets.label_images import LabelImages, images_to_label
-from mlsroad_pipeline.datasets.label_inventory import OBJECTS, inventory_of, objects_task, survey_crs
-from mlsroad_pipeline.datasets.label_results import attribute_warnings, label_report_sections, planned_outputs
-from mlsroad_pipeline.datasets.label_tasks import label_tasks
-from mlsroad_pipeline.datasets.label_work import write_file
-from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
-from mlsroad_pipeline.datasets.road_inventory import RoadInventory
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
-from mlsroad_pipeline.datasets.survey_parameters import LabelParameters
-from mlsroad_pipeline.datasets.survey_plan import SurveyPlan, plan_labelling
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.quality.tables import quality_table
+from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
+from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, SourceFile
+from mlsroad_pipeline.label.images import LabelImages, images_to_label
+from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, objects_task, survey_crs
+from mlsroad_pipeline.label.outputs import attribute_warnings, label_report_sections, planned_outputs
+from mlsroad_pipeline.label.scene import object_rules, output_codes
+from mlsroad_pipeline.label.tasks import label_tasks
+from mlsroad_pipeline.label.work import write_file
+from mlsroad_pipeline.reporting.html.report import build_report
+from mlsroad_pipeline.surveys.parameters import LabelParameters
+from mlsroad_pipeline.surveys.plan import SurveyPlan, plan_labelling
 
 logger = logging.getLogger(__name__)
 

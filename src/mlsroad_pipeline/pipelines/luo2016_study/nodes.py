@@ -5,24 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mlsroad_pipeline.algorithms.baselines.max_margin_training import MarginParameters
-from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForestParameters
-from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvmParameters
-from mlsroad_pipeline.algorithms.baselines.shape_based import ShapeParameters
-from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.baselines.max_margin_markov.training import MarginParameters
+from mlsroad_pipeline.algorithms.baselines.patch_forest.classifier import PatchForestParameters
+from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import PatchSvmParameters
+from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import ShapeParameters
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
-from mlsroad_pipeline.algorithms.patches import PatchParameters
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-from mlsroad_pipeline.algorithms.studies import luo2016_plan
-from mlsroad_pipeline.algorithms.studies.luo2016_parameters import METHODS, StudyParameters
-from mlsroad_pipeline.algorithms.studies.luo2016_plan import StudyPlan, StudyRun
-from mlsroad_pipeline.algorithms.studies.luo2016_results import study_tables
-from mlsroad_pipeline.algorithms.studies.luo2016_runs import cut_patches, train_and_score
-from mlsroad_pipeline.algorithms.studies.streets import make_street
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask
+from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.pipelines.study import street_tasks
+from mlsroad_pipeline.studies.luo2016 import plan as luo2016_plan
+from mlsroad_pipeline.studies.luo2016.parameters import METHODS, StudyParameters
+from mlsroad_pipeline.studies.luo2016.plan import StudyPlan, StudyRun
+from mlsroad_pipeline.studies.luo2016.results import study_tables
+from mlsroad_pipeline.studies.luo2016.runs import cut_patches, train_and_score
+from mlsroad_pipeline.studies.streets import make_street
 
 
 def plan_study(

@@ -2,9 +2,6 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.studies.luo2016_parameters import METHODS
-from mlsroad_pipeline.algorithms.studies.luo2016_report import study_figures, study_sections
-from mlsroad_pipeline.algorithms.studies.luo2016_results import StudyTables
 from mlsroad_pipeline.pipelines.luo2016_study.nodes import (
     cut_streets,
     make_streets,
@@ -14,6 +11,9 @@ from mlsroad_pipeline.pipelines.luo2016_study.nodes import (
     try_settings,
 )
 from mlsroad_pipeline.pipelines.study import entries, report_node
+from mlsroad_pipeline.studies.luo2016.parameters import METHODS
+from mlsroad_pipeline.studies.luo2016.report import study_figures, study_sections
+from mlsroad_pipeline.studies.luo2016.results import StudyTables
 
 STUDY = "luo2016_study"
 FIGURES = ("methods_figure", "patch_size_figure", "search_radius_figure")

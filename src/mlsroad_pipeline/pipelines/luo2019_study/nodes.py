@@ -6,19 +6,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mlsroad_pipeline.algorithms.baselines.descriptor_machine import DescriptorParameters
-from mlsroad_pipeline.algorithms.baselines.pointnet_parameters import PointNetParameters
-from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.baselines.pointnet.parameters import PointNetParameters
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
-from mlsroad_pipeline.algorithms.recognisers import VIEW_OF
-from mlsroad_pipeline.algorithms.studies import luo2019_runs
-from mlsroad_pipeline.algorithms.studies.luo2019_parameters import JOINTNET, PRINTED, RIVALS, StudyParameters
-from mlsroad_pipeline.algorithms.studies.luo2019_plan import SYDNEY, StudyPlan, StudyRun
-from mlsroad_pipeline.algorithms.studies.luo2019_results import study_tables
-from mlsroad_pipeline.algorithms.studies.luo2019_set_parameters import SimulatedObjectsParameters
-from mlsroad_pipeline.datasets.object_files import find_folds, listed_files, read_fold
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile
+from mlsroad_pipeline.algorithms.recognition.descriptor_machine import DescriptorParameters
+from mlsroad_pipeline.algorithms.recognition.recogniser import VIEW_OF
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, SourceFile
+from mlsroad_pipeline.studies.luo2019 import runs as luo2019_runs
+from mlsroad_pipeline.studies.luo2019.parameters import JOINTNET, PRINTED, RIVALS, StudyParameters
+from mlsroad_pipeline.studies.luo2019.plan import SYDNEY, StudyPlan, StudyRun
+from mlsroad_pipeline.studies.luo2019.results import study_tables
+from mlsroad_pipeline.studies.luo2019.set_parameters import SimulatedObjectsParameters
+from mlsroad_pipeline.surveys.object_files import find_folds, listed_files, read_fold
 
 FOLDS, SYDNEY_SCHEME = "folds/fold*.txt", "sydney14"
 

@@ -2,9 +2,6 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.studies.luo2019_parameters import JOINTNET, PRINTED, RIVALS
-from mlsroad_pipeline.algorithms.studies.luo2019_report import CAPTIONS, study_figures, study_sections
-from mlsroad_pipeline.algorithms.studies.luo2019_results import StudyTables
 from mlsroad_pipeline.pipelines import simulated_objects
 from mlsroad_pipeline.pipelines.luo2019_study.nodes import (
     measure_networks,
@@ -14,6 +11,9 @@ from mlsroad_pipeline.pipelines.luo2019_study.nodes import (
     tabulate_study,
 )
 from mlsroad_pipeline.pipelines.study import entries, report_node
+from mlsroad_pipeline.studies.luo2019.parameters import JOINTNET, PRINTED, RIVALS
+from mlsroad_pipeline.studies.luo2019.report import CAPTIONS, study_figures, study_sections
+from mlsroad_pipeline.studies.luo2019.results import StudyTables
 
 STUDY = "luo2019_study"
 

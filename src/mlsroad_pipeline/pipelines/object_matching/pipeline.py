@@ -2,9 +2,9 @@
 
 from functools import partial
 
-from mlsroad_pipeline.algorithms.baselines.object_matching import ObjectMatchingParameters
-from mlsroad_pipeline.algorithms.baselines.object_matching_training import train_object_matching
-from mlsroad_pipeline.algorithms.baselines.object_parts import describe_parts
+from mlsroad_pipeline.algorithms.baselines.object_matching.detector import ObjectMatchingParameters
+from mlsroad_pipeline.algorithms.baselines.object_matching.training import train_object_matching
+from mlsroad_pipeline.algorithms.detection.parts import describe_parts
 from mlsroad_pipeline.pipelines.detector import detector_pipeline
 
 create_pipeline = partial(

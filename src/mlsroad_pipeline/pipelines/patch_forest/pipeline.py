@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from mlsroad_pipeline.algorithms.baselines.patch_forest import PatchForest, PatchForestParameters, train
+from mlsroad_pipeline.algorithms.baselines.patch_forest.classifier import PatchForest, PatchForestParameters, train
 from mlsroad_pipeline.pipelines.patch_method import patch_pipeline, training_node
 
 create_pipeline = partial(patch_pipeline, "patch_forest", training_node(train, PatchForestParameters), PatchForest)

@@ -6,11 +6,11 @@ import pandas as pd
 from joblib import cpu_count
 from matplotlib.figure import Figure
 
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.labeller import train
-from mlsroad_pipeline.algorithms.rendering.training_figures import objective_figure
 from mlsroad_pipeline.pipelines.patch_method import TrainingScenes
+from mlsroad_pipeline.reporting.figures.training import objective_figure
 
 
 def train_patch_graph(

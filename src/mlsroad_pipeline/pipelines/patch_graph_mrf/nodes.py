@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from joblib import cpu_count
 
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.algorithms.patch_graph.labeller import train_refinement
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
-from mlsroad_pipeline.datasets.model_bundle_dataset import open_model
-from mlsroad_pipeline.datasets.scene_task import SourceFile
+from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
+from mlsroad_pipeline.execution.task import SourceFile
 from mlsroad_pipeline.pipelines.patch_method import TrainingScenes
 
 

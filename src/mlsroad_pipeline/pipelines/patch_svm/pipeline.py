@@ -2,8 +2,8 @@
 
 from functools import partial
 
-from mlsroad_pipeline.algorithms.baselines.patch_svm import PatchSvm, PatchSvmParameters
-from mlsroad_pipeline.algorithms.baselines.patch_svm_training import train
+from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import PatchSvm, PatchSvmParameters
+from mlsroad_pipeline.algorithms.baselines.patch_svm.training import train
 from mlsroad_pipeline.pipelines.patch_method import patch_pipeline, training_node
 
 create_pipeline = partial(patch_pipeline, "patch_svm", training_node(train, PatchSvmParameters), PatchSvm)

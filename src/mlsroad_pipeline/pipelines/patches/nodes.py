@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mlsroad_pipeline.algorithms.evaluation import find_scheme
-from mlsroad_pipeline.algorithms.patch_labelling import build_patches, label_patches
-from mlsroad_pipeline.algorithms.patches import PatchParameters
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, scene_tasks
-from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
-from mlsroad_pipeline.datasets.survey_plan import training_keys
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
+from mlsroad_pipeline.algorithms.patches.labelling import build_patches, label_patches
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import training_keys
 
 
 def extract_patches_of_scenes(

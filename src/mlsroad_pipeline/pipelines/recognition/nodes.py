@@ -8,20 +8,21 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from mlsroad_pipeline.algorithms.evaluation import find_scheme
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
-from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
-from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
-from mlsroad_pipeline.algorithms.recognisers import parameter_class, train_and_recognise, train_recogniser
-from mlsroad_pipeline.algorithms.recognition_objects import RecognitionParameters, cut_objects
-from mlsroad_pipeline.algorithms.recognition_scores import score_recognitions
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-from mlsroad_pipeline.datasets.object_files import find_folds, listed_files, read_fold
-from mlsroad_pipeline.datasets.recognition_work import recognise_with_model
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile, scene_tasks
-from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
-from mlsroad_pipeline.datasets.survey_plan import held_out_keys, training_keys
+from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters, cut_objects
+from mlsroad_pipeline.algorithms.recognition.recogniser import parameter_class, train_and_recognise, train_recogniser
+from mlsroad_pipeline.algorithms.recognition.scores import score_recognitions
+from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, SourceFile, scene_tasks
+from mlsroad_pipeline.pipelines.recognition.work import recognise_with_model
+from mlsroad_pipeline.reporting.figures.scores import confusion_figure
+from mlsroad_pipeline.surveys.object_files import find_folds, listed_files, read_fold
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
 
 
 def cut_objects_of_scenes(
@@ -196,10 +197,13 @@ def score_recogniser(
         The confusion matrix of the last split.
     """
     truth = {key: sets[key].load()["label"] for key in recognitions}
-    return score_recognitions(
+    scheme = find_scheme(classes["schemes"], recognition.scheme)
+    scores, matrices = score_recognitions(
         truth,
         {key: found["label"] for key, found in recognitions.load_all().items()},
         method=method,
-        scheme=find_scheme(classes["schemes"], recognition.scheme),
+        scheme=scheme,
         folds=recognition.folds is not None,
     )
+    last = list(matrices)[-1]
+    return scores, confusion_figure(matrices[last], classes=scheme.classes, title=f"{method}, split {last}")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from mlsroad_pipeline.algorithms.comparison_report import comparison_sections
-from mlsroad_pipeline.algorithms.rendering.report import build_report
-from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
+from mlsroad_pipeline.reporting.comparison_page import comparison_sections
+from mlsroad_pipeline.reporting.html.report import build_report
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
 
 def write_report(

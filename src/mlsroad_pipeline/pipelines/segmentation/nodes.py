@@ -7,17 +7,17 @@ from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.detection import DetectionParameters, object_classes
-from mlsroad_pipeline.algorithms.evaluation import find_scheme
-from mlsroad_pipeline.algorithms.object_segmentation import (
+from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters, object_classes
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.segmentation.stage import (
     SegmentationParameters,
     measure_segmentation,
     segment_scene,
     segmentation_table,
 )
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, scene_tasks
-from mlsroad_pipeline.datasets.survey_plan import training_keys
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
+from mlsroad_pipeline.surveys.plan import training_keys
 
 
 def segment_scenes(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from mlsroad_pipeline.algorithms.baselines.shape_based import ShapeParameters, fit, training_objects
-from mlsroad_pipeline.algorithms.model_bundle import ModelBundle
-from mlsroad_pipeline.datasets.method_work import label_prepared_objects
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, SourceFile, scene_tasks
-from mlsroad_pipeline.datasets.survey_plan import held_out_keys, training_keys
+from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import ShapeParameters, fit, training_objects
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, SourceFile, scene_tasks
+from mlsroad_pipeline.pipelines.method_work import label_prepared_objects
 from mlsroad_pipeline.pipelines.patch_method import TrainingScenes
+from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
 
 
 def take_training_objects(

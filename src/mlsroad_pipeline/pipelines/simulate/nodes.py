@@ -6,15 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mlsroad_pipeline.algorithms.exceptions import ParameterError
-from mlsroad_pipeline.datasets.scene_task import SceneTask
-from mlsroad_pipeline.datasets.simulated_survey import (
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.simulated import (
     TRAJECTORY,
     simulation_parameters,
     survey_files,
     write_simulated_survey,
 )
-from mlsroad_pipeline.datasets.survey_parameters import SurveyParameters
 
 THREADS = 2
 """Workers of a survey that is simulated alone; several are simulated side by side with one each."""

@@ -7,15 +7,15 @@ from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.evaluation import find_scheme
-from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-from mlsroad_pipeline.algorithms.studies.luo2019_paper import OBJECTS
-from mlsroad_pipeline.algorithms.studies.luo2019_set_parameters import SimulatedObjectsParameters
-from mlsroad_pipeline.algorithms.studies.luo2019_sets import composition_table, cut_street, draw_split, wanted_objects
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask
-from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.studies.luo2019.paper import OBJECTS
+from mlsroad_pipeline.studies.luo2019.set_parameters import SimulatedObjectsParameters
+from mlsroad_pipeline.studies.luo2019.sets import composition_table, cut_street, draw_split, wanted_objects
+from mlsroad_pipeline.surveys.simulated import simulation_parameters
 
 
 def cut_streets(

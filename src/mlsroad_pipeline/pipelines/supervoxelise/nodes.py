@@ -2,10 +2,10 @@
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.scene_stages import SupervoxelParameters, build_supervoxels
-from mlsroad_pipeline.algorithms.stage_evaluation import measure_supervoxels, supervoxel_table
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask, scene_tasks
+from mlsroad_pipeline.algorithms.evaluation.stages import measure_supervoxels, supervoxel_table
+from mlsroad_pipeline.algorithms.stages import SupervoxelParameters, build_supervoxels
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
 
 
 def supervoxelise_scenes(scenes: SceneCollection, parameters: SupervoxelParameters) -> dict[str, SceneTask]:

@@ -9,21 +9,21 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
-from mlsroad_pipeline.algorithms.evaluation import find_scheme
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
-from mlsroad_pipeline.algorithms.rendering.report import build_report
-from mlsroad_pipeline.algorithms.scene_stages import FeatureParameters, GroundParameters, SupervoxelParameters
-from mlsroad_pipeline.algorithms.studies import tomic2019_runs
-from mlsroad_pipeline.algorithms.studies.tomic2019_figures import study_figures
-from mlsroad_pipeline.algorithms.studies.tomic2019_parameters import StudyParameters
-from mlsroad_pipeline.algorithms.studies.tomic2019_plan import PRINTED, StudyPlan, fuse_survey, make_plan, street_key
-from mlsroad_pipeline.algorithms.studies.tomic2019_report import study_sections
-from mlsroad_pipeline.algorithms.studies.tomic2019_results import StudyTables, study_tables
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import SceneTask
-from mlsroad_pipeline.datasets.simulated_survey import simulation_parameters
+from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.pipelines.study import street_tasks
+from mlsroad_pipeline.reporting.html.report import build_report
+from mlsroad_pipeline.studies.tomic2019 import runs as tomic2019_runs
+from mlsroad_pipeline.studies.tomic2019.figures import study_figures
+from mlsroad_pipeline.studies.tomic2019.parameters import StudyParameters
+from mlsroad_pipeline.studies.tomic2019.plan import PRINTED, StudyPlan, fuse_survey, make_plan, street_key
+from mlsroad_pipeline.studies.tomic2019.report import study_sections
+from mlsroad_pipeline.studies.tomic2019.results import StudyTables, study_tables
+from mlsroad_pipeline.surveys.simulated import simulation_parameters
 
 NETWORK = "network"
 

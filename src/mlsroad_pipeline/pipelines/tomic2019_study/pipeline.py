@@ -2,8 +2,6 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.studies.tomic2019_report import CAPTIONS
-from mlsroad_pipeline.algorithms.studies.tomic2019_results import StudyTables
 from mlsroad_pipeline.pipelines.study import entries
 from mlsroad_pipeline.pipelines.tomic2019_study.nodes import (
     draw_study,
@@ -16,6 +14,8 @@ from mlsroad_pipeline.pipelines.tomic2019_study.nodes import (
     tabulate_study,
     train_network,
 )
+from mlsroad_pipeline.studies.tomic2019.report import CAPTIONS
+from mlsroad_pipeline.studies.tomic2019.results import StudyTables
 
 STUDY = "tomic2019_study"
 

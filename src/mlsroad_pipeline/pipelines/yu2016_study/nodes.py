@@ -6,28 +6,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import BottomUpTopDownParameters
-from mlsroad_pipeline.algorithms.baselines.hough_forest import HoughForestParameters
-from mlsroad_pipeline.algorithms.baselines.object_matching import ObjectMatchingParameters
-from mlsroad_pipeline.algorithms.detection import DetectionParameters
-from mlsroad_pipeline.algorithms.evaluation import find_scheme
-from mlsroad_pipeline.algorithms.object_detectors import DetectionStages
-from mlsroad_pipeline.algorithms.object_segmentation import SegmentationParameters
-from mlsroad_pipeline.algorithms.scene_stages import GroundParameters
-from mlsroad_pipeline.algorithms.studies import yu2016_objects, yu2016_runs, yu2016_streets
-from mlsroad_pipeline.algorithms.studies.parameters import changed
-from mlsroad_pipeline.algorithms.studies.yu2016_parameters import CUT, DETECTORS, SEGMENTATIONS, WORDS, StudyParameters
-from mlsroad_pipeline.algorithms.studies.yu2016_results import (
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.detector import BottomUpTopDownParameters
+from mlsroad_pipeline.algorithms.baselines.hough_forest.detector import HoughForestParameters
+from mlsroad_pipeline.algorithms.baselines.object_matching.detector import ObjectMatchingParameters
+from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
+from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
+from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.task import Deferred, SceneTask
+from mlsroad_pipeline.pipelines.study import street_tasks
+from mlsroad_pipeline.studies.parameters import changed
+from mlsroad_pipeline.studies.yu2016 import objects as yu2016_objects
+from mlsroad_pipeline.studies.yu2016 import runs as yu2016_runs
+from mlsroad_pipeline.studies.yu2016 import streets as yu2016_streets
+from mlsroad_pipeline.studies.yu2016.parameters import CUT, DETECTORS, SEGMENTATIONS, WORDS, StudyParameters
+from mlsroad_pipeline.studies.yu2016.results import (
     StudyPlan,
     found_by_detector,
     run_key,
     street_key,
     study_tables,
 )
-from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
-from mlsroad_pipeline.datasets.scene_store import SceneCollection
-from mlsroad_pipeline.datasets.scene_task import Deferred, SceneTask
-from mlsroad_pipeline.pipelines.study import street_tasks
 
 
 def plan_study(

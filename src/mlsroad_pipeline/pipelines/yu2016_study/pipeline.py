@@ -2,9 +2,6 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.algorithms.studies.yu2016_parameters import DETECTORS
-from mlsroad_pipeline.algorithms.studies.yu2016_report import study_figures, study_sections
-from mlsroad_pipeline.algorithms.studies.yu2016_results import StudyTables
 from mlsroad_pipeline.pipelines.study import entries, report_node
 from mlsroad_pipeline.pipelines.yu2016_study.nodes import (
     compare_segmentations,
@@ -16,6 +13,9 @@ from mlsroad_pipeline.pipelines.yu2016_study.nodes import (
     segment_surveys,
     tabulate_study,
 )
+from mlsroad_pipeline.studies.yu2016.parameters import DETECTORS
+from mlsroad_pipeline.studies.yu2016.report import study_figures, study_sections
+from mlsroad_pipeline.studies.yu2016.results import StudyTables
 
 STUDY = "yu2016_study"
 FIGURES = ("segmentation_figure", "figure_12_figure")

@@ -1,0 +1,1 @@
+"""Baseline of Yu et al. 2016: Hough forest."""

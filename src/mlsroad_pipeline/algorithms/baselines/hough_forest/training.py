@@ -1,0 +1,158 @@
+"""The Hough forest grown on training objects; see `hough_forest`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.baselines.hough_forest._trees import grow_tree
+from mlsroad_pipeline.algorithms.baselines.hough_forest.detector import (
+    ENTRY_POINT,
+    SLUG,
+    HoughForest,
+    HoughForestParameters,
+    offsets_to_centre,
+    part_features,
+)
+from mlsroad_pipeline.algorithms.detection.descriptions import Description, object_bounds
+from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold
+from mlsroad_pipeline.algorithms.detection.training import make_trainer, sample_objects, select_objects
+
+
+def fit_hough_forest(
+    parts: Description,
+    labels: NDArray[np.int16],
+    intensity: bool,
+    *,
+    parameters: HoughForestParameters,
+    n_classes: int,
+    weights: NDArray[np.float64] | None = None,
+    n_threads: int = 1,
+) -> tuple[HoughForest, dict[str, Any]]:
+    """Grow a forest, and choose exponents and thresholds by the votes of trees that have not seen the object.
+
+    Parameters
+    ----------
+    parts : mapping
+        Parts of the training objects.
+    labels : ndarray of int16, shape (n,)
+        Class of each object, -1 for others.
+    intensity : bool
+        Whether intensities count.
+    parameters : HoughForestParameters
+        Parameters.
+    n_classes : int
+        Wanted classes.
+    weights : ndarray of float64, shape (n,), optional
+        How often each object counts when thresholds are chosen, see `training_weights`; once by default.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
+
+    Returns
+    -------
+    forest : HoughForest
+        The forest.
+    facts : dict
+        Leaves, and the F-score of each class on the training objects.
+    """
+    p = parameters
+    rng = np.random.default_rng(p.seed)
+    drawn = sample_objects(labels, max_per_class=p.max_per_class, max_others=p.max_others, seed=p.seed)
+    sample = select_objects(parts, drawn)
+    kinds = np.where(labels[drawn] < 0, n_classes, labels[drawn]).astype(np.int16)
+    # A tree sees objects drawn with replacement, as a whole: parts of one are too alike to be apart.
+    seen = np.zeros((p.n_trees, len(drawn)), dtype=np.bool_)
+    columns = (part_features(sample, intensity=intensity), kinds[sample["objects"]], offsets_to_centre(sample))
+    place = rng.permutation(len(sample["objects"]))
+    trees = []
+    for t in range(p.n_trees):
+        for kind in np.unique(kinds):
+            mine = np.flatnonzero(kinds == kind)
+            seen[t, rng.choice(mine, len(mine))] = True
+        rows = _rows_of(sample, seen[t], place, p.max_parts)
+        trees.append(_tree(columns, rows, n_classes, p, rng))
+    forest = HoughForest(_joined(trees, p), np.zeros(n_classes), np.zeros(n_classes), intensity)
+    # Thresholds are chosen on all objects, drawn or not: among the drawn ones others are rarer than in a street.
+    unseen = np.ones((p.n_trees, len(labels)), dtype=np.bool_)
+    unseen[:, drawn] = ~seen
+    peaks = forest.peaks(parts, unseen, n_threads=n_threads)
+    n_parts = np.maximum(np.diff(object_bounds(parts)), 1)
+    return _with_thresholds(forest, peaks, n_parts, labels, weights, p)
+
+
+def _rows_of(sample: Description, seen: NDArray[np.bool_], place: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """Return up to `most` parts of each object that a tree sees, the first of a fixed random order."""
+    order = np.lexsort((place, sample["objects"]))
+    rank = np.arange(len(order)) - object_bounds(sample)[sample["objects"][order]]
+    return np.sort(order[(rank < most) & seen[sample["objects"][order]]])
+
+
+def _tree(
+    columns: tuple[NDArray, NDArray, NDArray],
+    rows: NDArray[np.int64],
+    n: int,
+    p: HoughForestParameters,
+    rng: np.random.Generator,
+) -> dict[str, NDArray]:
+    features, labels, offsets = columns
+    counts = np.bincount(labels[rows], minlength=n + 1)
+    weights = (1.0 / np.maximum(counts, 1))[labels] * len(rows)  # every class weighs the same
+    grown = grow_tree(features, labels, offsets, weights, rows, n + 1, p.max_depth, p.min_parts, p.n_tests, rng)
+    feature, threshold, left, starts, by_leaf = grown
+    shares = np.zeros((len(starts) - 1, n + 1))
+    leaf = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    np.add.at(shares, (leaf, labels[by_leaf]), weights[by_leaf])
+    shares /= shares.sum(axis=1, keepdims=True)
+    keep = labels[by_leaf] < n
+    leaf, by_leaf = leaf[keep], by_leaf[keep]
+    order = np.lexsort((offsets[by_leaf, 1], offsets[by_leaf, 0], labels[by_leaf], leaf))
+    cell = leaf[order] * n + labels[by_leaf[order]]
+    first = np.searchsorted(cell, np.arange(len(shares) * n + 1))
+    size = np.diff(first)[cell]
+    # Every size / n_votes-th one, so that few votes stand for all.
+    rank = np.arange(len(cell)) - first[cell]
+    kept = (size <= p.n_votes) | ((rank + 1) * p.n_votes // size > rank * p.n_votes // size)
+    starts_kept = np.concatenate([[0], np.cumsum(np.bincount(cell[kept], minlength=len(shares) * n))])
+    return {
+        "feature": feature, "threshold": threshold, "left": left, "shares": shares[:, :n].astype(np.float32),
+        "votes": offsets[by_leaf[order[kept]]].astype(np.float32), "vote_starts": starts_kept,
+    }  # fmt: skip
+
+
+def _joined(trees: list[dict[str, NDArray]], p: HoughForestParameters) -> dict[str, NDArray]:
+    joined = {name: np.concatenate([t[name] for t in trees]) for name in ("feature", "threshold", "left", "shares")}
+    joined["votes"] = np.concatenate([t["votes"] for t in trees])
+    joined["roots"] = np.cumsum([0, *(len(t["feature"]) for t in trees)])
+    joined["leaf_roots"] = np.cumsum([0, *(len(t["shares"]) for t in trees)])
+    sizes = np.concatenate([np.diff(t["vote_starts"]) for t in trees])
+    joined["vote_starts"] = np.concatenate([[0], np.cumsum(sizes)])
+    joined["cells"] = np.array([p.cell, p.height_cell])
+    return joined
+
+
+def _with_thresholds(
+    forest: HoughForest,
+    peaks: NDArray,
+    n_parts: NDArray,
+    labels: NDArray,
+    weights: NDArray[np.float64] | None,
+    p: HoughForestParameters,
+) -> tuple[HoughForest, dict[str, Any]]:
+    exponents, thresholds, reached = [], [], []
+    for k in range(len(forest.thresholds)):
+        trials = [
+            (*best_threshold((peaks[:, k] / n_parts**e).astype(np.float32), labels == k, weights), e)
+            for e in p.exponents
+        ]
+        f_score, threshold, exponent = trials[int(np.argmax([trial[0] for trial in trials]))]
+        reached.append(f_score)
+        thresholds.append(threshold)
+        exponents.append(exponent)
+    done = HoughForest(forest.arrays, np.array(exponents), np.array(thresholds), forest.intensity)
+    return done, {"leaves": len(forest.arrays["shares"]), "f_scores": reached, "exponents": exponents}
+
+
+train_hough_forest = make_trainer(fit_hough_forest, slug=SLUG, entry_point=ENTRY_POINT, uses_intensity=True)
+"""Trains a model; see `object_detector_training.Trainer`."""

@@ -1,0 +1,217 @@
+"""An associative Markov network: learned scores of sites, pairs and cliques, and the labelling that scores most."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Self
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.baselines.max_margin_markov.boosted_trees import BoostedTrees
+from mlsroad_pipeline.algorithms.baselines.max_margin_markov.graph import MarkovGraph
+from mlsroad_pipeline.algorithms.energy.robust_potts import Cliques, minimize
+
+PARTS = ("sites", "pairs", "groups")
+_CYCLES = 5
+"""Turns of each label: more hardly lower an energy, and training asks for many minima."""
+
+
+@njit(cache=True, nogil=True)
+def clique_shares(
+    labels: NDArray[np.integer], indptr: NDArray[np.int64], members: NDArray[np.int32], n_labels: int, truncation: float
+) -> NDArray[np.float64]:
+    """Return how far each label suits each clique.
+
+    Parameters
+    ----------
+    labels : ndarray of int, shape (n,)
+        Label of each site.
+    indptr, members : ndarray of int
+        The cliques.
+    n_labels : int
+        The number of labels.
+    truncation : float
+        Share of deviating members from which on a label does not suit a clique at all.
+
+    Returns
+    -------
+    ndarray of float64, shape (c, n_labels)
+        1 where all members have the label, falling to 0.
+    """
+    suits = np.zeros((len(indptr) - 1, n_labels))
+    for c in range(len(suits)):
+        size = indptr[c + 1] - indptr[c]
+        for s in range(indptr[c], indptr[c + 1]):
+            suits[c, labels[members[s]]] += 1.0
+        for k in range(n_labels):
+            suits[c, k] = max(1.0 - (size - suits[c, k]) / (truncation * size), 0.0)
+    return suits
+
+
+@njit(cache=True, nogil=True)
+def _add_pairs(
+    scores: NDArray[np.float64], labels: NDArray[np.int32], edges: NDArray[np.int32], agreement: NDArray[np.float64]
+) -> None:
+    for e in range(len(edges)):
+        i, j = edges[e, 0], edges[e, 1]
+        scores[i, labels[j]] += agreement[e, labels[j]]
+        scores[j, labels[i]] += agreement[e, labels[i]]
+
+
+@njit(cache=True, nogil=True)
+def _add_groups(
+    scores: NDArray[np.float64],
+    labels: NDArray[np.int32],
+    indptr: NDArray[np.int64],
+    members: NDArray[np.int32],
+    reward: NDArray[np.float64],
+    truncation: float,
+) -> None:
+    n_labels = scores.shape[1]
+    worth = np.empty((n_labels, n_labels))
+    count = np.empty(n_labels)
+    for c in range(len(reward)):
+        size = indptr[c + 1] - indptr[c]
+        count[:] = 0.0
+        for s in range(indptr[c], indptr[c + 1]):
+            count[labels[members[s]]] += 1.0
+        for a in range(n_labels):  # what the clique is worth when one member of label a takes label k
+            for k in range(n_labels):
+                worth[a, k] = 0.0
+                for other in range(n_labels):
+                    have = count[other] + (other == k) - (other == a)
+                    worth[a, k] = max(worth[a, k], reward[c, other] * (1.0 - (size - have) / (truncation * size)))
+        for s in range(indptr[c], indptr[c + 1]):
+            for k in range(n_labels):
+                scores[members[s], k] += worth[labels[members[s]], k]
+
+
+class MarkovNetwork:
+    """Scores of labels, each a sum of regression trees: of sites, of pairs that agree, of cliques that mostly agree.
+
+    Parameters
+    ----------
+    n_labels : int
+        The number of labels.
+    truncation : float
+        Share of deviating members at which a clique's score is spent, above 0 and at most 0.5.
+    """
+
+    def __init__(self, n_labels: int, truncation: float) -> None:
+        self.truncation = truncation
+        self.trees = {part: BoostedTrees(n_labels) for part in PARTS}
+        self.known = np.ones(n_labels, np.bool_)
+
+    @property
+    def n_labels(self) -> int:
+        """The number of labels."""
+        return len(self.known)
+
+    def potentials(self, graph: MarkovGraph) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return what labels score.
+
+        Parameters
+        ----------
+        graph : MarkovGraph
+            A scene.
+
+        Returns
+        -------
+        sites : ndarray of float64, shape (n, l)
+            Score of each label at each site.
+        agreement : ndarray of float64, shape (e, l)
+            Score of a pair of which both ends have the label, not negative.
+        reward : ndarray of float64, shape (c, l)
+            Score of a clique of which all members have the label, not negative: per member learned, here of all.
+        """
+        sites = self.trees["sites"].predict(graph.sites)
+        agreement = np.maximum(self.trees["pairs"].predict(graph.pairs), 0.0)
+        sizes = graph.sizes[:, None].astype(np.float64)
+        reward: NDArray[np.float64] = np.maximum(self.trees["groups"].predict(graph.groups), 0.0) * sizes
+        return sites, agreement, reward
+
+    def best_labels(
+        self,
+        graph: MarkovGraph,
+        potentials: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+        bonus: NDArray[np.float64] | float = 0.0,
+    ) -> NDArray[np.int32]:
+        """Return the labelling that scores most, by alpha-expansion.
+
+        Parameters
+        ----------
+        graph : MarkovGraph
+            A scene.
+        potentials : tuple of ndarray
+            What `potentials` returned.
+        bonus : ndarray of float64, shape (n, l), or float
+            Added to the scores of the sites: the loss, in training.
+
+        Returns
+        -------
+        ndarray of int32, shape (n,)
+            The labels; only those that training has shown.
+        """
+        sites, agreement, reward = potentials
+        unary = -(sites + bonus)
+        unary[:, ~self.known] += 1e6
+        n_cliques = len(graph.sizes)
+        cliques = Cliques(
+            graph.indptr, graph.members, -reward, np.zeros(n_cliques), np.maximum(self.truncation * graph.sizes, 1e-9)
+        )
+        labels, _ = minimize(unary, graph.edges, 0.0, cliques, agreement=agreement, max_cycles=_CYCLES)
+        return labels
+
+    def conditional_probabilities(self, graph: MarkovGraph, temperature: float) -> NDArray[np.float64]:
+        """Return the probability of each label at each site, given the best labels of all other sites.
+
+        The best labelling's own label is the most probable one, as changing one site is an expansion.
+
+        Parameters
+        ----------
+        graph : MarkovGraph
+            A scene.
+        temperature : float
+            What scores are divided by; larger values make probabilities more alike.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, l)
+            Rows of sum 1; 0 for labels that training has not shown.
+        """
+        potentials = self.potentials(graph)
+        labels = self.best_labels(graph, potentials)
+        scores = potentials[0].copy()
+        _add_pairs(scores, labels, graph.edges, potentials[1])
+        _add_groups(scores, labels, graph.indptr, graph.members, potentials[2], self.truncation)
+        scores[:, ~self.known] = -np.inf
+        scores = np.exp((scores - scores.max(axis=1, keepdims=True)) / temperature)
+        return scores / scores.sum(axis=1, keepdims=True)
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return all that was learned as named plain arrays."""
+        arrays = {"known": self.known, "truncation": np.array(self.truncation)}
+        for part, trees in self.trees.items():
+            arrays.update(trees.to_arrays(part))
+        return arrays
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
+        """Rebuild a network from what `to_arrays` returned.
+
+        Parameters
+        ----------
+        arrays : mapping of str to ndarray
+            The arrays; further entries are left alone.
+
+        Returns
+        -------
+        MarkovNetwork
+            The network.
+        """
+        found = cls(len(arrays["known"]), float(arrays["truncation"]))
+        found.known = arrays["known"].astype(np.bool_)
+        found.trees = {part: BoostedTrees.from_arrays(arrays, part) for part in PARTS}
+        return found

@@ -1,0 +1,143 @@
+"""Random forest on patches, a rival of Luo et al. 2016 (section IV-C): ten trees of depth fifteen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.validation import check_at_least
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
+from mlsroad_pipeline.algorithms.patches.extraction import Patches
+from mlsroad_pipeline.algorithms.patches.features import draw_training_patches, patch_features, variants_of
+from mlsroad_pipeline.algorithms.patches.labelling import label_patch_cloud
+from mlsroad_pipeline.algorithms.patches.training import PatchTraining, bundle_model
+from mlsroad_pipeline.algorithms.patches.variants import PatchVariants
+
+SLUG = "patch_forest"
+ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.patch_forest.classifier:label_cloud"
+
+
+@dataclass(frozen=True)
+class PatchForestParameters:
+    """Parameters of the forest.
+
+    Parameters
+    ----------
+    n_trees : int, default 10
+        Trees (luo2016: 10). More smooth the probabilities and cost time.
+    max_depth : int, default 15
+        Greatest depth of a tree (luo2016: 15). Deeper trees follow rarer patches, and noise.
+    max_per_class : int, default 10000
+        Most patches of a class to train on (luo2016: 10,000).
+    seed : int, default 2016
+        Seed of the sample, of the bootstrap and of the splits.
+
+    Raises
+    ------
+    ParameterError
+        If a number is below 1.
+    """
+
+    n_trees: int = 10
+    max_depth: int = 15
+    max_per_class: int = 10_000
+    seed: int = 2016
+
+    def __post_init__(self) -> None:
+        for name in ("n_trees", "max_depth", "max_per_class"):
+            check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
+
+
+class PatchForest(PatchVariants):
+    """A trained forest for each variant of the features.
+
+    Parameters
+    ----------
+    n_classes : int
+        Classes of the scheme.
+    trained_classes : ndarray of int64, shape (t,)
+        Those that training saw, ascending.
+    models : mapping of str to FlatForest
+        Variant to forest.
+    """
+
+    kind, slug = FlatForest, SLUG
+
+    @classmethod
+    def fit(
+        cls,
+        patches: Patches,
+        edges: NDArray[np.int32] | None = None,
+        *,
+        parameters: PatchForestParameters,
+        n_classes: int,
+        n_threads: int = 1,
+    ) -> Self:
+        """Train on labelled patches.
+
+        Parameters
+        ----------
+        patches : Patches
+            Patches of the training scenes; those with label -1 are left out.
+        edges : ndarray of int32, shape (m, 2), optional
+            Not used: a patch is classified by itself.
+        parameters : PatchForestParameters
+            Parameters of the forest.
+        n_classes : int
+            Classes of the scheme.
+        n_threads : int, default 1
+            Threads; the model does not depend on it.
+
+        Returns
+        -------
+        PatchForest
+            The forest.
+
+        Raises
+        ------
+        DataError
+            If no patch is labelled.
+        """
+        from sklearn.ensemble import RandomForestClassifier  # noqa: PLC0415  labelling does without
+
+        sample = draw_training_patches(patches, parameters.max_per_class, seed=parameters.seed)
+        forests = {}
+        for variant in variants_of(sample):
+            model = RandomForestClassifier(
+                parameters.n_trees, max_depth=parameters.max_depth, random_state=parameters.seed, n_jobs=n_threads
+            )
+            model.fit(patch_features(sample, variant), sample.label)
+            forests[variant] = FlatForest.from_trees(model.estimators_)
+        return cls(n_classes, np.unique(sample.label).astype(np.int64), forests)
+
+
+label_cloud = partial(label_patch_cloud, classifier=PatchForest)
+"""Entry point of the models."""
+
+
+def train(training: PatchTraining, *, parameters: PatchForestParameters, n_threads: int = 1) -> ModelBundle:
+    """Train on the training scenes and pack the forest.
+
+    Parameters
+    ----------
+    training : PatchTraining
+        The training scenes.
+    parameters : PatchForestParameters
+        Parameters of the forest.
+    n_threads : int, default 1
+        Threads; the model does not depend on it.
+
+    Returns
+    -------
+    ModelBundle
+        The model.
+    """
+    classifier = PatchForest.fit(
+        training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_threads=n_threads
+    )
+    return bundle_model(SLUG, classifier, training, entry_point=ENTRY_POINT, parameters=parameters)

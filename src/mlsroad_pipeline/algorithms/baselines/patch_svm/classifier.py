@@ -1,0 +1,80 @@
+"""Support vector machine on patches, a rival of Luo et al. 2016 (section IV-C): Gaussian kernel, one against one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.models.kernel_machine import KernelMachine
+from mlsroad_pipeline.algorithms.patches.labelling import label_patch_cloud
+from mlsroad_pipeline.algorithms.patches.variants import PatchVariants
+
+SLUG = "patch_svm"
+ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.patch_svm.classifier:label_cloud"
+
+
+@dataclass(frozen=True)
+class PatchSvmParameters:
+    """Parameters of the machine.
+
+    Parameters
+    ----------
+    costs : sequence of float, default [3.0, 30.0, 300.0]
+        Values of C to choose from by cross-validation. Larger ones fit single patches more closely.
+    gammas : sequence of float, default [0.003, 0.01, 0.03, 0.1]
+        Values of gamma to choose from, for features of standard deviation 1. Larger ones look at closer patches only.
+    n_folds : int, default 3
+        Folds of the cross-validation, at least 2; a scene is in one of them.
+    cv_per_class : int, default 150
+        Most patches of a class in the cross-validation. Its time grows with the square.
+    max_per_class : int, default 2000
+        Most patches of a class to train on (luo2016: 10,000). Time of training grows with the square, of labelling
+        linearly.
+    seed : int, default 2016
+        Seed of the samples and of the folds.
+
+    Raises
+    ------
+    ParameterError
+        If a list is empty, a value in one is not above 0, or a number is too small.
+    """
+
+    costs: Sequence[float] = field(default_factory=lambda: [3.0, 30.0, 300.0])
+    gammas: Sequence[float] = field(default_factory=lambda: [0.003, 0.01, 0.03, 0.1])
+    n_folds: int = 3
+    cv_per_class: int = 150
+    max_per_class: int = 2000
+    seed: int = 2016
+
+    def __post_init__(self) -> None:
+        for name in ("costs", "gammas"):
+            values = getattr(self, name)
+            if not len(values) or not all(np.isfinite(value) and value > 0 for value in values):
+                raise ParameterError(f"{SLUG}.{name} must be numbers > 0, got {values!r}")
+        for name, least in (("n_folds", 2), ("cv_per_class", 2), ("max_per_class", 2)):
+            if getattr(self, name) < least:
+                raise ParameterError(f"{SLUG}.{name} must be at least {least}, got {getattr(self, name)!r}")
+
+
+class PatchSvm(PatchVariants):
+    """A trained machine for each variant of the features; `patch_svm_training` makes it.
+
+    Parameters
+    ----------
+    n_classes : int
+        Classes of the scheme.
+    trained_classes : ndarray of int64, shape (t,)
+        Those that training saw, ascending.
+    models : mapping of str to KernelMachine
+        Variant to machine.
+    """
+
+    kind, slug = KernelMachine, SLUG
+
+
+label_cloud = partial(label_patch_cloud, classifier=PatchSvm)
+"""Entry point of the models."""

@@ -1,0 +1,155 @@
+"""Training the machine of `patch_svm`: C, gamma and the sigmoids come from cross-validation over training scenes."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from dataclasses import asdict
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.model_selection import StratifiedGroupKFold
+
+from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import ENTRY_POINT, SLUG, PatchSvm, PatchSvmParameters
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.kernel_machine_training import (
+    Choice,
+    choose_machine,
+    fit_machine,
+    standardise,
+)
+from mlsroad_pipeline.algorithms.patches.extraction import Patches
+from mlsroad_pipeline.algorithms.patches.features import draw_training_patches, patch_features, variants_of
+from mlsroad_pipeline.algorithms.patches.training import PatchTraining, bundle_model
+
+logger = logging.getLogger(__name__)
+
+
+def fit_patch_svm(
+    patches: Patches,
+    edges: NDArray[np.int32] | None = None,
+    *,
+    parameters: PatchSvmParameters,
+    n_classes: int,
+    n_threads: int = 1,
+) -> tuple[PatchSvm, Choice]:
+    """Train on labelled patches.
+
+    C and gamma are those with the best mean F1 on held-out scenes, of equal ones the smaller. With fewer scenes than
+    folds, each scene is cut across its longer side into as many parts as there are folds, with a warning. The sigmoids
+    that make probabilities are fitted to the decisions on held-out patches; a pair of classes that never meets among
+    them takes the sigmoid of all pairs together. A machine without colour takes the C and gamma of the one with it.
+
+    Parameters
+    ----------
+    patches : Patches
+        Patches of the training scenes; those with label -1 are left out.
+    edges : ndarray of int32, shape (m, 2), optional
+        Not used: a patch is classified by itself.
+    parameters : PatchSvmParameters
+        Parameters of the machine.
+    n_classes : int
+        Classes of the scheme.
+    n_threads : int, default 1
+        Threads; the model does not depend on it.
+
+    Returns
+    -------
+    classifier : PatchSvm
+        The machines.
+    choice : Choice
+        The parameters chosen.
+
+    Raises
+    ------
+    DataError
+        If no patch is labelled, they are of one class only, or folds cannot be made of them.
+    """
+    sample = draw_training_patches(patches, parameters.max_per_class, seed=parameters.seed)
+    trained = np.unique(sample.label).astype(np.int64)
+    if len(trained) < 2:
+        raise DataError(f"{SLUG} needs patches of at least two classes, got class {int(trained[0])} alone")
+    small = draw_training_patches(patches, parameters.cv_per_class, seed=parameters.seed)
+    folds = _folds(small, parameters)
+    if not folds:
+        raise DataError(f"{SLUG}: no fold of the training scenes has patches of two classes to learn from")
+    machines = {}
+    choice: Choice | None = None
+    for variant in reversed(variants_of(sample)):
+        features = patch_features(sample, variant)
+        shift, scale = standardise(features)
+        held_out = (patch_features(small, variant) - shift) / scale
+        if choice is None:
+            choice = choose_machine(
+                held_out, small.label, folds, costs=parameters.costs, gammas=parameters.gammas, n_threads=n_threads
+            )
+        machines[variant] = fit_machine(
+            features, sample.label, choice, held_out=held_out, held_out_labels=small.label, folds=folds
+        )
+    assert choice is not None  # there is at least one variant
+    return PatchSvm(n_classes, trained, machines), choice
+
+
+def train(training: PatchTraining, *, parameters: PatchSvmParameters, n_threads: int = 1) -> ModelBundle:
+    """Train on the training scenes and pack the machine.
+
+    Parameters
+    ----------
+    training : PatchTraining
+        The training scenes.
+    parameters : PatchSvmParameters
+        Parameters of the machine.
+    n_threads : int, default 1
+        Threads; the model does not depend on it.
+
+    Returns
+    -------
+    ModelBundle
+        The model; its metadata say what cross-validation chose.
+
+    Raises
+    ------
+    DataError
+        If the patches are of one class only, or folds cannot be made of them.
+    """
+    classifier, choice = fit_patch_svm(
+        training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_threads=n_threads
+    )
+    facts = {"chosen": asdict(choice)}
+    return bundle_model(SLUG, classifier, training, entry_point=ENTRY_POINT, parameters=parameters, facts=facts)
+
+
+def _groups(patches: Patches, n_folds: int) -> NDArray[np.int64]:
+    """Return the scene of each patch or, with too few scenes, its part of its scene."""
+    scenes, groups = np.unique(patches.scene, return_inverse=True)
+    if len(scenes) >= n_folds:
+        return groups.astype(np.int64)
+    logger.warning(
+        "%s: %d training scenes are fewer than %d folds: each is cut into %d parts, whose edges touch",
+        SLUG, len(scenes), n_folds, n_folds,
+    )  # fmt: skip
+    parts = np.zeros(len(groups), np.int64)
+    for scene in range(len(scenes)):
+        rows = np.flatnonzero(groups == scene)
+        plan = patches.centroid[rows, :2]
+        along = plan[:, int(np.ptp(plan, axis=0).argmax())]
+        rank = np.argsort(np.argsort(along, kind="stable"), kind="stable")
+        parts[rows] = scene * n_folds + rank * n_folds // len(rows)
+    return parts
+
+
+def _folds(patches: Patches, parameters: PatchSvmParameters) -> list[tuple[NDArray, NDArray]]:
+    groups = _groups(patches, parameters.n_folds)
+    if len(np.unique(groups)) < parameters.n_folds:
+        raise DataError(
+            f"{SLUG}: {len(patches)} labelled patches are too few for {parameters.n_folds} folds: give more scenes"
+        )
+    splitter = StratifiedGroupKFold(parameters.n_folds, shuffle=True, random_state=parameters.seed)
+    # Rare classes may miss a fold, which the sigmoids provide for; all of them count as one class here.
+    frequent = np.where(np.bincount(patches.label)[patches.label] >= parameters.n_folds, patches.label, -1)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="The least populated class")
+        parts = list(splitter.split(groups, frequent, groups))
+    found = [(train, test) for train, test in parts if len(train) and len(test)]
+    return [fold for fold in found if len(np.unique(patches.label[fold[0]])) > 1]

@@ -1,0 +1,75 @@
+"""Parameters of PointNet, apart from it so that they are read without PyTorch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_positive
+
+SLUG = "pointnet"
+
+
+@dataclass(frozen=True)
+class PointNetParameters:
+    """Parameters of PointNet.
+
+    Parameters
+    ----------
+    n_points : int, default 128
+        Points that are drawn of an object; fewer are repeated (Qi et al.: 1024, of objects of many more points).
+    widths : sequence of int, default [64, 128, 256]
+        Widths of the shared layers after the feature transform (Qi et al.: 64, 128, 1024).
+    hidden : sequence of int, default [128, 64]
+        Widths of the fully connected layers (Qi et al.: 512, 256).
+    dropout : float, default 0.3
+        Share of the values that are dropped before the last layer (Qi et al.: 0.3).
+    regularisation : float, default 0.001
+        Weight of how far the feature transform is from a rotation (Qi et al.: 0.001).
+    epochs : int, default 100
+        Passes over the training objects.
+    batch_size : int, default 32
+        Objects per step (Qi et al.: 32).
+    learning_rate : float, default 0.001
+        Greatest rate of Adam (Qi et al.: 0.001).
+    jitter : float, default 0.02
+        Standard deviation of noise on the coordinates of training objects, which are scaled to a ball of radius 1
+        (Qi et al.: 0.02). They are turned about z by any angle too.
+    n_turns : int, default 4
+        Headings that an object is looked at from when it is recognised.
+    device : {"auto", "cpu", "cuda"}, default "auto"
+        Where the network runs.
+    seed : int, default 2019
+        Seed of the start, the order and the changes.
+
+    Raises
+    ------
+    ParameterError
+        If a number is outside its range.
+    """
+
+    n_points: int = 128
+    widths: Sequence[int] = field(default_factory=lambda: [64, 128, 256])
+    hidden: Sequence[int] = field(default_factory=lambda: [128, 64])
+    dropout: float = 0.3
+    regularisation: float = 0.001
+    epochs: int = 100
+    batch_size: int = 32
+    learning_rate: float = 0.001
+    jitter: float = 0.02
+    n_turns: int = 4
+    device: str = "auto"
+    seed: int = 2019
+
+    def __post_init__(self) -> None:
+        for name, number in (("widths", 3), ("hidden", 2)):
+            values = getattr(self, name)
+            if len(values) != number or min(values) < 1:
+                raise ParameterError(f"{name} must be {number} numbers of at least 1, got {values!r}")
+        for name, least in (("n_points", 1), ("epochs", 1), ("batch_size", 2), ("n_turns", 1)):
+            if getattr(self, name) < least:
+                raise ParameterError(f"{name} must be at least {least}, got {getattr(self, name)!r}")
+        check_positive(self.learning_rate, "learning_rate")
+        if not 0 <= self.dropout < 1:
+            raise ParameterError(f"dropout must be at least 0 and below 1, got {self.dropout!r}")

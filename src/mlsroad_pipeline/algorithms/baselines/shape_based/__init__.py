@@ -1,0 +1,1 @@
+"""Baseline of Luo et al. 2016: shape-based recognition (Golovinskiy et al. 2009)."""

@@ -1,0 +1,239 @@
+"""Objects located and cut out of off-ground sites (Golovinskiy, Kim and Funkhouser 2009, sections 4 and 5).
+
+Sites are patches above the ground. An object is looked for where much stands upright: at the maxima of a map in plan of
+how many sites lie above each other. At each such place a minimum cut divides the sites around into foreground and
+background: sites close to the place in plan are foreground, sites beyond a radius background, in between belonging to
+the foreground costs more the farther out a site lies, and so does cutting between near sites.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, maximum_filter
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
+from mlsroad_pipeline.algorithms.energy.binary_cut import CutGraph
+from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
+
+_CELL = 0.25  # of the map, metres: about the size of a patch
+
+
+@dataclass(frozen=True)
+class CutParameters:
+    """Parameters of locating and cutting.
+
+    Parameters
+    ----------
+    spacing : float, default 0.6
+        Least distance in plan between two places, and twice the blur of the map, metres. Larger values find fewer.
+    radii : sequence of float
+        Background radii that are tried at each place, metres, ascending. The smallest that isolates is taken.
+    core : float, default 0.3
+        Sites within this distance of the place in plan are foreground, metres.
+    neighbours : int, default 8
+        Each site is linked to so many nearest ones (golovinskiy2009: 4).
+    link : float, default 0.3
+        Distance over which the weight of a link falls to 1/e, metres.
+    background : float, default 0.05
+        What a site at the radius costs as foreground, in links of length 0. Larger values cut closer to the place.
+    isolated : float, default 0.1
+        A cut whose links weigh less than this share of the foreground's number of sites isolates an object.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not above zero or the radii do not ascend.
+    """
+
+    spacing: float = 0.6
+    radii: tuple[float, ...] = (1.0, 2.0, 4.0)
+    core: float = 0.3
+    neighbours: int = 8
+    link: float = 0.3
+    background: float = 0.05
+    isolated: float = 0.1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radii", tuple(float(radius) for radius in self.radii))
+        for name in ("spacing", "core", "link", "background", "isolated"):
+            check_positive(getattr(self, name), f"shape_based.cut.{name}")
+        if not self.radii or self.radii[0] <= self.core or any(np.diff(self.radii) <= 0):
+            raise ParameterError(f"shape_based.cut.radii must ascend from above core = {self.core}, got {self.radii}")
+        check_at_least(self.neighbours, 1, "shape_based.cut.neighbours")
+
+
+def locate(sites: NDArray[np.float64], *, spacing: float) -> NDArray[np.float64]:
+    """Find where objects may stand.
+
+    Parameters
+    ----------
+    sites : ndarray of float64, shape (n, 3)
+        Off-ground sites, metres.
+    spacing : float
+        Least distance in plan between two places, metres.
+
+    Returns
+    -------
+    ndarray of float64, shape (p, 2)
+        Places in plan, each that of a site, those with most sites above each other first.
+    """
+    cell = np.floor(sites[:, :2] / _CELL).astype(np.int64)
+    cell -= cell.min(axis=0)
+    height_map = np.zeros(cell.max(axis=0) + 1)
+    np.add.at(height_map, (cell[:, 0], cell[:, 1]), 1.0)
+    smooth = gaussian_filter(height_map, 0.5 * spacing / _CELL, mode="constant")
+    reach = int(np.ceil(spacing / _CELL))
+    peak = (smooth == maximum_filter(smooth, size=2 * reach + 1, mode="constant")) & (smooth > 1e-9)
+    value = np.where(peak, smooth, -1.0)[cell[:, 0], cell[:, 1]]
+    candidates = np.flatnonzero(value >= 0)
+    order = candidates[np.lexsort((candidates, -value[candidates]))]
+    _, first = np.unique(cell[order], axis=0, return_index=True)
+    chosen = order[np.sort(first)]
+    means = [sites[np.all(cell == cell[i], axis=1), :2].mean(axis=0) for i in chosen]
+    return np.array(means).reshape(-1, 2)
+
+
+def link_sites(
+    sites: NDArray[np.float64], *, neighbours: int, link: float
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Join each site to its nearest ones.
+
+    Parameters
+    ----------
+    sites : ndarray of float64, shape (n, 3)
+        Off-ground sites, metres.
+    neighbours : int
+        How many of the nearest.
+    link : float
+        Distance over which the weight falls to 1/e, metres.
+
+    Returns
+    -------
+    edges : ndarray of int32, shape (e, 2)
+        Pairs of sites, each once.
+    weights : ndarray of float64, shape (e,)
+        ``exp(-distance / link)``.
+    """
+    k = min(neighbours + 1, len(sites))
+    distance, nearest = cKDTree(sites).query(sites, k=k)
+    rows = np.repeat(np.arange(len(sites)), k)
+    pairs = np.sort(np.column_stack([rows, nearest.ravel()]), axis=1)
+    proper = pairs[:, 0] != pairs[:, 1]
+    edges, first = np.unique(pairs[proper], axis=0, return_index=True)
+    return edges.astype(np.int32), np.exp(-distance.ravel()[proper][first] / link)
+
+
+def cut_out(
+    place: NDArray[np.float64],
+    sites: NDArray[np.float64],
+    edges: NDArray[np.int32],
+    weights: NDArray[np.float64],
+    graph: CutGraph,
+    parameters: CutParameters,
+) -> tuple[NDArray[np.bool_], bool]:
+    """Divide the sites around a place into foreground and background.
+
+    Parameters
+    ----------
+    place : ndarray of float64, shape (2,)
+        The place in plan.
+    sites : ndarray of float64, shape (n, 3)
+        The sites around.
+    edges, weights : ndarray
+        Links between them.
+    graph : CutGraph
+        The graph of these links.
+    parameters : CutParameters
+        The parameters.
+
+    Returns
+    -------
+    front : ndarray of bool, shape (n,)
+        The foreground of the smallest radius whose cut isolates it, else of the largest.
+    isolated : bool
+        Whether it is isolated.
+    """
+    distance = np.linalg.norm(sites[:, :2] - place, axis=1)
+    core = distance <= parameters.core
+    front = core
+    for radius in parameters.radii:
+        fixed = core | (distance > radius)
+        cost = parameters.background * np.minimum(distance / radius, 1.0)
+        i, j = edges[:, 0], edges[:, 1]
+        free = ~fixed[i] & ~fixed[j]
+        gain = -cost  # of being background rather than foreground
+        for a, b in ((i, j), (j, i)):
+            border = ~fixed[a] & fixed[b]
+            pull = np.where(core[b[border]], weights[border], -weights[border])
+            gain += np.bincount(a[border], pull, minlength=len(sites))
+        behind = graph.minimize(gain, np.where(free, weights, 0.0), fixed)
+        front = core | ~(behind | fixed)
+        if weights[front[i] != front[j]].sum() < parameters.isolated * np.count_nonzero(front):
+            return front, True
+    return front, False
+
+
+def segment_objects(sites: NDArray[np.float64], parameters: CutParameters) -> NDArray[np.int32]:
+    """Cut off-ground sites into objects.
+
+    A place that lies in an object that an earlier cut isolated is passed over. A site in several foregrounds belongs to
+    the one whose place is nearest in plan. What no cut takes stays together by its links: pieces of walls and crowns
+    between the places.
+
+    Parameters
+    ----------
+    sites : ndarray of float64, shape (n, 3)
+        Off-ground sites, metres.
+    parameters : CutParameters
+        The parameters.
+
+    Returns
+    -------
+    ndarray of int32, shape (n,)
+        Object of each site, numbered by first site.
+    """
+    if len(sites) == 0:
+        return np.zeros(0, np.int32)
+    places = locate(sites, spacing=parameters.spacing)
+    edges, weights = link_sites(sites, neighbours=parameters.neighbours, link=parameters.link)
+    owner, nearest = np.full(len(sites), -1, np.int64), np.full(len(sites), np.inf)
+    sealed = np.zeros(len(sites), np.bool_)
+    tree = cKDTree(sites[:, :2])
+    closest = tree.query(places)[1]
+    place_of = np.full(len(sites), -1, np.int32)
+    start, incident = _rows(edges, len(sites))
+    for number, around in enumerate(tree.query_ball_point(places, parameters.radii[-1] * 1.25)):
+        if sealed[closest[number]]:
+            continue
+        rows = np.sort(np.asarray(around, dtype=np.int64))
+        place_of[rows] = np.arange(len(rows))
+        own = np.concatenate([incident[start[row] : start[row + 1]] for row in rows])
+        local = place_of[edges[own]]
+        inside = own[(local >= 0).all(axis=1)]
+        local = place_of[edges[inside]]
+        graph = CutGraph(local, len(rows))
+        front, isolated = cut_out(places[number], sites[rows], local, weights[inside], graph, parameters)
+        sealed[rows[front]] |= isolated
+        distance = np.linalg.norm(sites[rows, :2] - places[number], axis=1)
+        better = front & (distance < nearest[rows])
+        owner[rows[better]], nearest[rows[better]] = number, distance[better]
+        place_of[rows] = -1
+    together = edges[owner[edges[:, 0]] == owner[edges[:, 1]]]
+    rest = together[owner[together[:, 0]] < 0]
+    leftover = connected_components(rest, n_nodes=len(sites)) + len(places)
+    found = np.where(owner >= 0, owner, leftover)
+    _, first, member = np.unique(found, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), np.int32)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return rank[member]
+
+
+def _rows(edges: NDArray[np.int32], n_nodes: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return, for each node, the edges that it is the first end of."""
+    order = np.argsort(edges[:, 0], kind="stable")
+    return np.searchsorted(edges[order, 0], np.arange(n_nodes + 1)), order

@@ -1,0 +1,307 @@
+"""Shape-based recognition of objects (Golovinskiy, Kim and Funkhouser 2009), a rival of Luo et al. 2016 (section IV-C).
+
+Objects are located, cut out of their surroundings, described and classified. It knows objects only: points of the
+ground stay without a label, and classes that lie on the ground are not among those that it gives.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.ensemble import RandomForestClassifier
+
+from mlsroad_pipeline.algorithms.baselines.shape_based.cutting import CutParameters, segment_objects
+from mlsroad_pipeline.algorithms.baselines.shape_based.shape import describe_objects
+from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.validation import check_at_least
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
+from mlsroad_pipeline.algorithms.models.majority import majority_labels
+from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
+from mlsroad_pipeline.algorithms.patches.labelling import PatchStages, label_patches, prepare_cloud
+from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
+from mlsroad_pipeline.algorithms.stages import inliers
+
+SLUG = "shape_based"
+ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.shape_based.labeller:label_cloud"
+_GREY = 0.5  # stands in for colour where there is none
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class ShapeParameters:
+    """Parameters of the method.
+
+    Parameters
+    ----------
+    spacing : float, default 0.6
+        Least distance in plan between two places where objects are looked for, metres. Larger values find fewer.
+    radii : sequence of float, default [1.0, 2.0, 4.0]
+        Background radii of the cut that are tried at each place, metres, ascending.
+    background : float, default 0.05
+        What a site at the radius costs as foreground. Larger values cut closer to the place.
+    isolated : float, default 0.1
+        Cut links per foreground site below which a cut isolates an object, so that no larger radius is tried.
+    appearance : bool, default True
+        Whether mean histogram and mean colour of the patches describe an object too. The paper has shape and context
+        alone; with them the method sees what the methods that it is compared with see.
+    n_trees : int, default 100
+        Trees of the forest that classifies objects.
+    min_samples_leaf : int, default 1
+        Fewest objects of a leaf.
+    seed : int, default 2009
+        Seed of the forest.
+
+    Raises
+    ------
+    ParameterError
+        If a number is out of its range.
+    """
+
+    spacing: float = 0.6
+    radii: Sequence[float] = field(default_factory=lambda: [1.0, 2.0, 4.0])
+    background: float = 0.05
+    isolated: float = 0.1
+    appearance: bool = True
+    n_trees: int = 100
+    min_samples_leaf: int = 1
+    seed: int = 2009
+
+    def __post_init__(self) -> None:
+        for name in ("n_trees", "min_samples_leaf"):
+            check_at_least(getattr(self, name), 1, f"{SLUG}.{name}")
+        self.cut()
+
+    def cut(self) -> CutParameters:
+        """Return the parameters of locating and cutting.
+
+        Returns
+        -------
+        CutParameters
+            Checked by its constructor.
+        """
+        return CutParameters(
+            spacing=self.spacing, radii=tuple(self.radii), background=self.background, isolated=self.isolated
+        )
+
+
+def build_objects(
+    ground: Mapping[str, NDArray], patches: Mapping[str, NDArray], parameters: ShapeParameters
+) -> dict[str, NDArray]:
+    """Cut the objects of a scene out of its off-ground patches, and describe them.
+
+    Parameters
+    ----------
+    ground : mapping
+        What `find_ground` gave.
+    patches : mapping
+        What `build_patches` gave. A patch is off the ground when most of its points are.
+    parameters : ShapeParameters
+        The parameters.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``features`` float32 (o, d), and ``object_of_patch`` int32 (p,), -1 for patches on the ground.
+    """
+    owner = patches["patch_of_point"]
+    n_patches = len(patches["height"])
+    taken = owner >= 0
+    on_ground = np.bincount(owner[taken], ground["ground"][taken].astype(np.float64), n_patches)
+    off = np.flatnonzero(2 * on_ground < np.bincount(owner[taken], minlength=n_patches))
+    sites = patches["centroid"][off].astype(np.float64)
+    colour = patches["rgb"][off] if "rgb" in patches else np.full((len(off), 3), _GREY)
+    appearance = np.concatenate([patches["fpfh"][off], colour], axis=1)
+    objects = segment_objects(sites, parameters.cut())
+    found = np.full(n_patches, -1, np.int32)
+    found[off] = objects
+    seen = appearance if parameters.appearance else appearance[:, :0]
+    return {"features": describe_objects(sites, patches["height"][off], seen, objects), "object_of_patch": found}
+
+
+def training_objects(
+    scene: PointCloud,
+    ground: Mapping[str, NDArray],
+    patches: Mapping[str, NDArray],
+    *,
+    scheme: ClassScheme,
+    parameters: ShapeParameters,
+) -> dict[str, NDArray]:
+    """Return the objects of a training scene with their classes.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        A training scene, with `label`.
+    ground, patches : mapping
+        What the stages before gave.
+    scheme : ClassScheme
+        The classes.
+    parameters : ShapeParameters
+        The parameters.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``features`` float32 (o, d) and ``label`` int16 (o,): the class of most of an object's labelled patches.
+        ``on_ground`` int64 (2, C): labelled patches of each class off the ground and on it.
+
+    Raises
+    ------
+    MissingColumnError
+        If the scene has no labels.
+    UnknownClassError
+        If a label is not in the scheme.
+    """
+    objects = build_objects(ground, patches, parameters)
+    owner, labels = objects["object_of_patch"], label_patches(scene, patches, scheme)["label"]
+    off = owner >= 0
+    majority, _ = majority_labels(labels[off], owner[off], len(scheme))
+    known = majority != IGNORE
+    counts = [np.bincount(labels[side & (labels != IGNORE)], minlength=len(scheme)) for side in (off, ~off)]
+    return {"features": objects["features"][known], "label": majority[known], "on_ground": np.array(counts)}
+
+
+def fit(
+    scenes: Sequence[Mapping[str, NDArray]],
+    *,
+    parameters: ShapeParameters,
+    stages: PatchStages,
+    scheme: ClassScheme,
+    trained_on: Mapping[str, Any],
+) -> ModelBundle:
+    """Learn the classes of objects, each weighing the square root of its number of patches.
+
+    Parameters
+    ----------
+    scenes : sequence of mapping
+        What `training_objects` gave for each training scene.
+    parameters : ShapeParameters
+        The parameters.
+    stages : PatchStages
+        How the scenes were prepared.
+    scheme : ClassScheme
+        The classes.
+    trained_on : mapping
+        What the metadata say of the training data; JSON values.
+
+    Returns
+    -------
+    ModelBundle
+        The model; its metadata name the classes that it gives: those of objects, without the classes most of whose
+        patches lie on the ground, which stays without labels.
+
+    Raises
+    ------
+    DataError
+        If there is no labelled object, or all are of one class.
+    """
+    filled = [scene for scene in scenes if len(scene["label"])]
+    if not filled:
+        raise DataError("no labelled object in the training scenes: is everything ground?")
+    features = np.concatenate([scene["features"] for scene in filled])
+    labels = np.concatenate([scene["label"] for scene in filled])
+    known = np.unique(labels)
+    if len(known) < 2:
+        raise DataError(f"all training objects are of {scheme.classes[known[0]]}: there is nothing to tell apart")
+    forest = RandomForestClassifier(
+        parameters.n_trees,
+        min_samples_leaf=parameters.min_samples_leaf,
+        class_weight="balanced_subsample",
+        random_state=parameters.seed,
+    ).fit(features, labels, sample_weight=np.exp(0.5 * features[:, 0]))  # the root of an object's number of patches
+    missing = [name for number, name in enumerate(scheme.classes) if number not in known]
+    if missing:
+        logger.warning("%s: no training object is of %s: the model never gives them", SLUG, ", ".join(missing))
+    above, below = np.sum([scene["on_ground"] for scene in filled], axis=0)
+    off_ground = above >= below
+    metadata = {
+        "entry_point": ENTRY_POINT,
+        "classes": list(scheme.classes),
+        "classes_given": [scheme.classes[number] for number in known if off_ground[number]],
+        "scheme": asdict(scheme),
+        "parameters": {SLUG: asdict(parameters), **asdict(stages)},
+        "attributes": ["rgb"] if parameters.appearance else [],
+        "trained_on": {**trained_on, "objects": len(labels)},
+    }
+    arrays = FlatForest.from_trees(forest.estimators_).to_arrays()
+    return ModelBundle(SLUG, {**arrays, "known": known.astype(np.int16)}, metadata)
+
+
+def label_objects(
+    scene: PointCloud, ground: Mapping[str, NDArray], patches: Mapping[str, NDArray], bundle: ModelBundle
+) -> dict[str, NDArray]:
+    """Give every off-ground point of a prepared scene a class and a confidence.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene.
+    ground, patches : mapping
+        What the stages before gave with the parameters that the model was trained with.
+    bundle : ModelBundle
+        A model of `fit`.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``label`` int16 (n,), -1 for ground and outliers, and ``confidence`` float32 (n,), 0 for these.
+
+    Raises
+    ------
+    DataError
+        If the model needs other histograms than the patches have.
+    """
+    stored = bundle.metadata["parameters"]
+    objects = build_objects(ground, patches, ShapeParameters(**stored[SLUG]))
+    label, confidence = np.full(len(scene), IGNORE, np.int16), np.zeros(len(scene), np.float32)
+    off = np.flatnonzero(objects["object_of_patch"] >= 0)
+    points = inliers(scene) & ~ground["ground"].astype(np.bool_)
+    if len(off) == 0 or not points.any():
+        return {"label": label, "confidence": confidence}
+    probabilities = np.zeros((len(objects["features"]), len(bundle.metadata["classes"])), np.float32)
+    forest = FlatForest.from_arrays(bundle.arrays)
+    probabilities[:, bundle.arrays["known"].astype(np.int64)] = forest.predict_proba(objects["features"])
+    of_patch = probabilities[objects["object_of_patch"][off]]
+    radius = PatchParameters(**stored["patches"]).area_radius
+    label[points], confidence[points] = vote_on_points(
+        scene.xyz[points], patches["centroid"][off], of_patch, radius=radius
+    )
+    return {"label": label, "confidence": confidence}
+
+
+def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Give every off-ground point of a cloud a class and a confidence, from raw coordinates on.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points. Where it has the columns `ground` and `height`, as `find_ground` gives them, they are taken.
+    bundle : ModelBundle
+        A model of `fit`.
+
+    Returns
+    -------
+    labels : ndarray of int16, shape (n,)
+        Labels of the model's scheme, -1 for ground and outliers.
+    confidence : ndarray of float32, shape (n,)
+        Mean probability of the label over the patches around, 0 for ground and outliers.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is NaN or infinite.
+    """
+    if not inliers(cloud).any():
+        return np.full(len(cloud), IGNORE, np.int16), np.zeros(len(cloud), np.float32)
+    ground, patches = prepare_cloud(cloud, bundle)
+    found = label_objects(cloud, ground, patches, bundle)
+    return found["label"], found["confidence"]

@@ -1,0 +1,1 @@
+"""Point clouds, classes, errors and validation."""

@@ -1,0 +1,318 @@
+"""One taxonomy of what stands in a street, codings of datasets into it, and class schemes over it.
+
+A *coding* turns the codes of a dataset into taxonomy codes when a survey is read. A *class scheme* groups taxonomy
+classes into the classes of one comparison. Both live in configuration, so that a user's own list needs no code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, UnknownClassError
+
+IGNORE = -1
+"""Label of points that are never trained on and never scored."""
+
+TAXONOMY: dict[str, int] = {
+    "unlabelled": 0,
+    # the ground
+    "road": 1,
+    "lane_marking": 2,
+    "parking": 3,
+    "sidewalk": 4,
+    "curb": 5,
+    "manhole": 6,
+    "trail": 7,
+    "grass": 8,
+    "soil": 9,
+    "other_ground": 10,
+    # what is built
+    "building": 20,
+    "wall": 21,
+    "fence": 22,
+    "stairs": 23,
+    "bridge": 24,
+    "guardrail": 25,
+    "other_structure": 26,
+    # what grows
+    "trunk": 30,
+    "tree": 31,
+    "palm": 32,
+    "cycas": 33,
+    "brushwood": 34,
+    "hedge": 35,
+    "other_vegetation": 36,
+    # what carries something above the street
+    "utility_pole": 40,
+    "light_pole": 41,
+    "traffic_sign": 42,
+    "traffic_light": 43,
+    "post": 44,
+    "gantry": 45,
+    "transformer": 46,
+    "station_sign": 47,
+    "wire": 48,
+    "support_wire": 49,
+    # what drives
+    "car": 50,
+    "van": 51,
+    "truck": 52,
+    "bus": 53,
+    "train": 54,
+    "motorcycle": 55,
+    "bicycle": 56,
+    "other_vehicle": 57,
+    # who lives
+    "person": 60,
+    "rider": 61,
+    "animal": 62,
+    # what stands about
+    "bus_shelter": 70,
+    "bin": 71,
+    "bench": 72,
+    "bollard": 73,
+    "hydrant": 74,
+    "mail_box": 75,
+    "parking_meter": 76,
+    "other_object": 77,
+    # what is not there
+    "outlier": 90,
+}
+"""Taxonomy class to its code, uint8. Codes are stored in scenes and never renumbered."""
+
+TAXONOMY_NAMES: dict[int, str] = {code: name for name, code in TAXONOMY.items()}
+
+
+def _unknown(codes: NDArray, known: NDArray, what: str, source: str) -> UnknownClassError:
+    values, counts = np.unique(codes[~np.isin(codes, known)], return_counts=True)
+    listing = ", ".join(f"{value} ({count} points)" for value, count in zip(values, counts, strict=True))
+    return UnknownClassError(f"{source}: codes that {what} does not name: {listing}")
+
+
+@dataclass(frozen=True)
+class Coding:
+    """The label codes of a dataset, each with the taxonomy class that it means.
+
+    Parameters
+    ----------
+    name : str
+        What messages call the coding.
+    codes : mapping of int to str
+        Dataset code to taxonomy class; every code that may occur must be named.
+
+    Raises
+    ------
+    ParameterError
+        If a class is not in the taxonomy.
+    """
+
+    name: str
+    codes: Mapping[int, str]
+
+    def __post_init__(self) -> None:
+        for code, class_name in self.codes.items():
+            if class_name not in TAXONOMY:
+                raise ParameterError(f"coding {self.name!r}: code {code} names {class_name!r}, not in the taxonomy")
+
+    def encode(self, codes: ArrayLike, *, source: str = "labels") -> NDArray[np.uint8]:
+        """Turn dataset codes into taxonomy codes.
+
+        Parameters
+        ----------
+        codes : array-like of int, shape (n,)
+            The codes as the file has them.
+        source : str, default "labels"
+            What the message calls the file.
+
+        Returns
+        -------
+        ndarray of uint8, shape (n,)
+            Codes of `TAXONOMY`.
+
+        Raises
+        ------
+        UnknownClassError
+            If a code is not named by the coding; the message gives it, its count and the file.
+        """
+        values = np.asarray(codes).astype(np.int64)
+        known = np.array(sorted(self.codes), dtype=np.int64)
+        taxonomy = np.array([TAXONOMY[self.codes[int(code)]] for code in known], dtype=np.uint8)
+        if len(known) == 0 or not np.isin(values, known).all():
+            raise _unknown(values, known, f"coding {self.name!r}", source)
+        return taxonomy[np.searchsorted(known, values)]
+
+
+@dataclass(frozen=True)
+class ClassScheme:
+    """The classes of one comparison: groups of taxonomy classes, numbered from 0 without gaps.
+
+    Parameters
+    ----------
+    name : str
+        The scheme's name, such as ``"tomic2019"``.
+    classes : tuple of str
+        Class names in the order of their labels.
+    members : tuple of tuple of str
+        The taxonomy classes of each class.
+    ignored : tuple of str
+        Taxonomy classes that are never trained on and never scored.
+    asprs : tuple of int
+        The LAS classification code that each class is written as.
+    """
+
+    name: str
+    classes: tuple[str, ...]
+    members: tuple[tuple[str, ...], ...]
+    ignored: tuple[str, ...]
+    asprs: tuple[int, ...]
+
+    @classmethod
+    def from_config(cls, name: str, config: Mapping[str, Any]) -> ClassScheme:
+        """Build a scheme from configuration.
+
+        Parameters
+        ----------
+        name : str
+            The scheme's name.
+        config : mapping
+            ``classes``: class name to ``{members: [taxonomy classes], asprs: LAS code}``, in label order;
+            ``ignore``: list of taxonomy classes.
+
+        Returns
+        -------
+        ClassScheme
+            The scheme.
+
+        Raises
+        ------
+        ParameterError
+            If a member is not in the taxonomy or stands in two places, or if a LAS code is outside 0 to 255.
+        """
+        specs = config["classes"]
+        members = tuple(tuple(spec["members"]) for spec in specs.values())
+        ignored = tuple(config.get("ignore", ()))
+        asprs = tuple(int(spec["asprs"]) for spec in specs.values())
+        seen: set[str] = set()
+        for taxonomy_class in [m for group in (*members, ignored) for m in group]:
+            if taxonomy_class not in TAXONOMY:
+                raise ParameterError(f"class scheme {name!r}: {taxonomy_class!r} is not in the taxonomy")
+            if taxonomy_class in seen:
+                raise ParameterError(f"class scheme {name!r}: {taxonomy_class!r} stands in two places")
+            seen.add(taxonomy_class)
+        if any(not 0 <= code <= 255 for code in asprs):
+            raise ParameterError(f"class scheme {name!r}: LAS codes must be in 0..255, got {asprs}")
+        return cls(name, tuple(specs), members, ignored, asprs)
+
+    def __len__(self) -> int:
+        """Return the number of classes."""
+        return len(self.classes)
+
+    def encode(self, taxonomy_codes: ArrayLike, *, source: str = "labels") -> NDArray[np.int16]:
+        """Turn taxonomy codes into labels of this scheme.
+
+        Parameters
+        ----------
+        taxonomy_codes : array-like of int, shape (n,)
+            Codes of `TAXONOMY`.
+        source : str, default "labels"
+            What the message calls the file.
+
+        Returns
+        -------
+        ndarray of int16, shape (n,)
+            Labels 0 to ``len(self) - 1``, and `IGNORE`.
+
+        Raises
+        ------
+        UnknownClassError
+            If a code is neither a member of a class nor ignored by name; the message gives it, its count and the file.
+        """
+        codes = np.asarray(taxonomy_codes).astype(np.int64)
+        table = np.full(256, -2, dtype=np.int16)
+        table[[TAXONOMY[name] for name in self.ignored]] = IGNORE
+        for label, group in enumerate(self.members):
+            table[[TAXONOMY[name] for name in group]] = label
+        known = np.flatnonzero(table != -2)
+        if not np.isin(codes, known).all():
+            raise _unknown(codes, known, f"class scheme {self.name!r}", source)
+        return table[codes]
+
+    def labels_of(self, names: Sequence[str]) -> list[int]:
+        """Return the labels of classes by name.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Class names of this scheme.
+
+        Returns
+        -------
+        list of int
+            Their labels.
+
+        Raises
+        ------
+        ParameterError
+            If a name is not a class of the scheme.
+        """
+        for name in names:
+            if name not in self.classes:
+                raise ParameterError(f"class scheme {self.name!r} has no class {name!r} (classes: {self.classes})")
+        return [self.classes.index(name) for name in names]
+
+    def coarsen(self, other: ClassScheme) -> NDArray[np.int16]:
+        """Say what each class of this scheme is in a coarser one.
+
+        Parameters
+        ----------
+        other : ClassScheme
+            A scheme each of whose classes is a union of classes of this one.
+
+        Returns
+        -------
+        ndarray of int16, shape (len(self),)
+            The other scheme's label of each class, `IGNORE` where the other scheme ignores all its members.
+
+        Raises
+        ------
+        ParameterError
+            If the members of a class do not all fall into one class of the other scheme.
+        """
+        table = np.empty(len(self), dtype=np.int16)
+        for label, (name, group) in enumerate(zip(self.classes, self.members, strict=True)):
+            found = set(other.encode([TAXONOMY[member] for member in group], source=f"class {name!r}").tolist())
+            if len(found) != 1:
+                raise ParameterError(
+                    f"class {name!r} of scheme {self.name!r} falls into {len(found)} classes of scheme {other.name!r}"
+                )
+            table[label] = found.pop()
+        return table
+
+    def codes(self, scheme: ClassScheme | None = None) -> NDArray[np.uint8]:
+        """Give the LAS classification code of each class.
+
+        Parameters
+        ----------
+        scheme : ClassScheme, optional
+            Write the classes of this coarser scheme, as private codes from 64 in the order of its labels; None
+            writes the ASPRS codes that the configuration gives.
+
+        Returns
+        -------
+        ndarray of uint8, shape (len(self),)
+            Codes; 1 (unclassified) where the coarser scheme ignores a class.
+
+        Raises
+        ------
+        ParameterError
+            If the classes do not nest in the coarser scheme.
+        """
+        if scheme is None:
+            return np.array(self.asprs, dtype=np.uint8)
+        coarse = self.coarsen(scheme)
+        return np.where(coarse == IGNORE, 1, coarse + 64).astype(np.uint8)

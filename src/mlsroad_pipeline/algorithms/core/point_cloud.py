@@ -1,0 +1,129 @@
+"""The point cloud: coordinates near an origin, named columns, and where they lie on Earth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, MissingColumnError
+
+
+@dataclass(frozen=True)
+class PointCloud:
+    """Points with named columns, relative to an origin.
+
+    Projected coordinates such as UTM are millions of metres long, and float32 resolves them to half a metre; points
+    are therefore kept relative to an `origin` near them.
+
+    Parameters
+    ----------
+    xyz : ndarray of shape (n, 3), float32 or float64
+        Coordinates in metres relative to `origin`, z up.
+    columns : mapping of str to ndarray
+        Per-point attributes, each of first dimension n. Names with a fixed meaning: `rgb` uint8 (n, 3),
+        `intensity` float32 in [0, 1], `gps_time` float64 seconds, `scanner` uint8, `label` int16 (a class of the
+        scheme in use, -1 is ignored), `instance` int32 (0 is none).
+    origin : ndarray of shape (3,), float64
+        World coordinates of the local zero, metres.
+    crs : str or None
+        Coordinate reference system as WKT.
+    source : str
+        What error messages call these points, as a rule the file's path.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3) floating or a column has another length.
+    """
+
+    xyz: NDArray[np.floating]
+    columns: Mapping[str, NDArray] = field(default_factory=dict)
+    origin: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    crs: str | None = None
+    source: str = "point cloud"
+
+    def __post_init__(self) -> None:
+        if self.xyz.ndim != 2 or self.xyz.shape[1] != 3 or not np.issubdtype(self.xyz.dtype, np.floating):
+            got = f"{self.xyz.dtype} {self.xyz.shape}"
+            raise DataError(f"{self.source}: xyz must be floating of shape (n, 3), got {got}")
+        for name, values in self.columns.items():
+            if len(values) != len(self.xyz):
+                raise DataError(f"{self.source}: column {name!r} has {len(values)} rows for {len(self.xyz)} points")
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return len(self.xyz)
+
+    def __contains__(self, name: str) -> bool:
+        """Tell whether a column is present."""
+        return name in self.columns
+
+    def __getitem__(self, name: str) -> NDArray:
+        """Return a column, or raise `MissingColumnError` naming it, the source and what there is."""
+        try:
+            return self.columns[name]
+        except KeyError:
+            have = ", ".join(sorted(self.columns)) or "none"
+            raise MissingColumnError(f"{self.source} has no column {name!r} (columns: {have})") from None
+
+    def get(self, name: str) -> NDArray | None:
+        """Return a column, or None where the survey does not have it."""
+        return self.columns.get(name)
+
+    def world_xyz(self) -> NDArray[np.float64]:
+        """Return world coordinates, float64 metres."""
+        return self.xyz.astype(np.float64) + self.origin
+
+    def select(self, index: NDArray) -> PointCloud:
+        """Return the points at an index array or under a boolean mask, with all their columns."""
+        return replace(self, xyz=self.xyz[index], columns={k: v[index] for k, v in self.columns.items()})
+
+    def with_columns(self, **columns: NDArray) -> PointCloud:
+        """Return the same points with columns added or replaced."""
+        return replace(self, columns={**self.columns, **columns})
+
+    def without_columns(self, names: Iterable[str]) -> PointCloud:
+        """Return the same points without the named columns; absent names are fine."""
+        drop = set(names)
+        return replace(self, columns={k: v for k, v in self.columns.items() if k not in drop})
+
+    def moved_to(self, origin: NDArray[np.float64]) -> PointCloud:
+        """Return the same points in the world, relative to another origin (xyz becomes float64)."""
+        target = np.asarray(origin, dtype=np.float64)
+        return replace(self, xyz=self.xyz.astype(np.float64) + (self.origin - target), origin=target)
+
+
+def concatenate(clouds: Sequence[PointCloud]) -> PointCloud:
+    """Join clouds of one CRS into one, relative to the first one's origin.
+
+    Parameters
+    ----------
+    clouds : sequence of PointCloud
+        At least one. Only columns that all of them have are kept.
+
+    Returns
+    -------
+    PointCloud
+        The points in the order given.
+
+    Raises
+    ------
+    DataError
+        If there is no cloud, or if two of them name different coordinate reference systems.
+    """
+    if not clouds:
+        raise DataError("no point clouds to join")
+    first = clouds[0]
+    for cloud in clouds[1:]:
+        if cloud.crs != first.crs:
+            raise DataError(f"{cloud.source} and {first.source} have different coordinate reference systems")
+    shared = [name for name in first.columns if all(name in cloud for cloud in clouds)]
+    moved = [c if np.array_equal(c.origin, first.origin) else c.moved_to(first.origin) for c in clouds]
+    return replace(
+        first,
+        xyz=np.concatenate([c.xyz for c in moved]),
+        columns={name: np.concatenate([c[name] for c in clouds]) for name in shared},
+    )

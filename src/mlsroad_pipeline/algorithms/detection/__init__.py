@@ -1,0 +1,1 @@
+"""Detection of objects: descriptions, training, thresholds and scoring."""

@@ -1,0 +1,220 @@
+"""What models that detect objects share: described objects, training, and labelling from raw coordinates on."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import IGNORE
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.detection.descriptions import Description
+from mlsroad_pipeline.algorithms.detection.thresholds import detect_by_thresholds
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
+from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
+from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+
+WITH_INTENSITY, GEOMETRY = "geometry+intensity", "geometry"
+"""Variants of a model: a survey without intensity is judged by one that never saw any."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class DetectionStages:
+    """How a scene is prepared; kept in the model, so that new surveys are prepared alike.
+
+    Parameters
+    ----------
+    ground : GroundParameters
+        The ground filter.
+    segmentation : SegmentationParameters
+        The segmentation into objects.
+    """
+
+    ground: GroundParameters
+    segmentation: SegmentationParameters
+
+
+class TrainedDetector(Protocol):
+    """A detector that scores each object for each wanted class."""
+
+    @property
+    def thresholds(self) -> NDArray[np.float64]:
+        """Score of each class from which an object is detected, (c,)."""
+        ...
+
+    def score(self, parts: Description) -> NDArray[np.float32]:
+        """Return the score of each object for each class, (n, c); 0 is no likeness at all."""
+        ...
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return what was learned as plain arrays."""
+        ...
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool) -> Self:
+        """Rebuild a detector.
+
+        Parameters
+        ----------
+        arrays : mapping of str to ndarray
+            What `to_arrays` gave.
+        intensity : bool
+            Whether it knows of intensities.
+
+        Returns
+        -------
+        TrainedDetector
+            The detector.
+        """
+        ...
+
+
+def choose_variant(parts: Description, bundle: ModelBundle) -> str:
+    """Choose the variant of a model that fits a scene.
+
+    Parameters
+    ----------
+    parts : mapping
+        Description of the scene's objects.
+    bundle : ModelBundle
+        The model.
+
+    Returns
+    -------
+    str
+        `WITH_INTENSITY` where scene and model have it, else `GEOMETRY`.
+
+    Raises
+    ------
+    DataError
+        If the scene has no intensities and the model has no variant without.
+    """
+    variants = bundle.metadata["variants"]
+    variant = WITH_INTENSITY if bool(parts["intensity"]) and WITH_INTENSITY in variants else GEOMETRY
+    if variant not in variants:
+        raise DataError(
+            f"model {bundle.slug!r} was trained with intensity alone (without_intensity: false), and the scene has none"
+        )
+    return variant
+
+
+def detect_by_description(
+    parts: Description, bundle: ModelBundle, detector: type[TrainedDetector]
+) -> dict[str, NDArray]:
+    """Detect the objects of a scene.
+
+    Parameters
+    ----------
+    parts : mapping
+        Description of the scene's objects.
+    bundle : ModelBundle
+        The model.
+    detector : type
+        The method's class.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``label`` int16 (objects,): place in the wanted classes, -1 for none; ``score`` float32; ``scores`` float32
+        (objects, c): the score of every class.
+
+    Raises
+    ------
+    DataError
+        If the scene has no intensities and the model has no variant without, or the model lacks its parts.
+    """
+    variant = choose_variant(parts, bundle)
+    trained = detector.from_arrays(arrays_under(bundle.arrays, f"{variant}."), intensity=variant == WITH_INTENSITY)
+    scores = trained.score(parts)
+    label, score = detect_by_thresholds(scores, trained.thresholds)
+    return {"label": label, "score": score, "scores": scores}
+
+
+def label_detected_objects(
+    cloud: PointCloud, bundle: ModelBundle, detect: Callable[[Mapping[str, NDArray]], Mapping[str, NDArray]]
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Give the points of detected objects their class and score, from raw coordinates on; all others none.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points. Where it has the columns `ground` and `height`, as `find_ground` gives them, they are taken.
+    bundle : ModelBundle
+        The model.
+    detect : callable
+        What `segment_scene` gave to ``label`` and ``score`` of each object.
+
+    Returns
+    -------
+    labels : ndarray of int16, shape (n,)
+        Labels of the model's scheme, -1 outside detected objects.
+    confidence : ndarray of float32, shape (n,)
+        Score of the object; 0 outside.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is NaN or infinite, or the model lacks its parts.
+    """
+    labels, confidence = np.full(len(cloud), IGNORE, dtype=np.int16), np.zeros(len(cloud), dtype=np.float32)
+    if len(cloud) == 0:
+        return labels, confidence
+    stored: Mapping[str, Any] = bundle.metadata["parameters"]
+    if "intensity" in bundle.metadata["attributes"] and "intensity" not in cloud:
+        level = logging.INFO if "core" in cloud else logging.WARNING  # who cuts a survey into scenes says it once
+        logger.log(level, "%s has no intensity: objects are looked for by their shape", cloud.source)
+    known = "ground" in cloud
+    ground = {"ground": cloud["ground"]} if known else find_ground(cloud, GroundParameters(**stored["ground"]))
+    objects = segment_scene(cloud, ground, SegmentationParameters(**stored["segmentation"]))
+    found = detect(objects)
+    wanted = np.array(bundle.metadata["wanted"], dtype=np.int16)
+    if len(found["label"]) and found["label"].max() >= len(wanted):
+        raise DataError(f"model {bundle.slug!r} detects class {found['label'].max()} of {len(wanted)}")
+    inside = objects["objects"] >= 0
+    label = np.where(found["label"] >= 0, wanted[found["label"]], IGNORE).astype(np.int16)
+    labels[inside] = label[objects["objects"][inside]]
+    confidence[inside] = found["score"][objects["objects"][inside]]
+    return labels, confidence
+
+
+def label_described_objects(
+    cloud: PointCloud,
+    bundle: ModelBundle,
+    *,
+    describe: Callable[[PointCloud, Mapping[str, NDArray], Mapping[str, Any]], Description],
+    detect: Callable[[Description, ModelBundle], Mapping[str, NDArray]],
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Label with a method that describes objects before it detects them; see `label_detected_objects`.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points.
+    bundle : ModelBundle
+        The model.
+    describe : callable
+        The scene, what `segment_scene` gave and the parameters that the model was trained with to the description.
+    detect : callable
+        Description and model to ``label`` and ``score`` of each object.
+
+    Returns
+    -------
+    labels : ndarray of int16, shape (n,)
+        Labels of the model's scheme, -1 outside detected objects.
+    confidence : ndarray of float32, shape (n,)
+        Score of the object; 0 outside.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is NaN or infinite, or the model lacks its parts.
+    """
+    stored = bundle.metadata["parameters"]
+    return label_detected_objects(cloud, bundle, lambda objects: detect(describe(cloud, objects, stored), bundle))

@@ -1,0 +1,103 @@
+"""Objects as feature regions: what the Hough forest and the object matching look at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.detection.descriptions import Description, object_bounds
+from mlsroad_pipeline.algorithms.detection.regions import INTENSITY, RegionParameters, describe_regions
+
+
+def describe_parts(
+    scene: PointCloud, objects: Mapping[str, NDArray], *, parameters: RegionParameters
+) -> dict[str, NDArray]:
+    """Describe the objects of a scene by their feature regions, as the visual words do.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene.
+    objects : mapping
+        What `segment_scene` gave.
+    parameters : RegionParameters
+        Supervoxels and neighbourhoods.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``descriptors`` (g, 20), ``orientations`` (g, 3) and ``centres`` (g, 3) of the regions, ordered by object;
+        ``objects`` int32, the object of each; ``n_objects``; ``intensity``, whether the scene has it.
+    """
+    regions = describe_regions(scene.xyz, objects["objects"], intensity=scene.get("intensity"), parameters=parameters)
+    return {
+        "descriptors": regions.descriptors,
+        "orientations": regions.orientations,
+        "centres": regions.centres,
+        "objects": regions.objects,
+        "n_objects": np.array(int(objects["objects"].max(initial=-1)) + 1),
+        "intensity": np.array("intensity" in scene),
+    }
+
+
+def descriptors_of(parts: Description, *, intensity: bool) -> NDArray[np.float32]:
+    """Return the descriptors of parts; without intensity, it is 0 everywhere.
+
+    Parameters
+    ----------
+    parts : mapping
+        What `describe_parts` gave.
+    intensity : bool
+        Whether to keep it.
+
+    Returns
+    -------
+    ndarray of float32, shape (g, 20)
+        Descriptors.
+    """
+    found = np.ascontiguousarray(parts["descriptors"], dtype=np.float32).copy()
+    if not intensity:
+        found[:, INTENSITY] = 0.0
+    return found
+
+
+def heights_of(parts: Description) -> NDArray[np.float64]:
+    """Return the height of each part above the lowest part of its object, metres.
+
+    Parameters
+    ----------
+    parts : mapping
+        What `describe_parts` gave.
+
+    Returns
+    -------
+    ndarray of float64, shape (g,)
+        Heights.
+    """
+    lowest = np.full(int(parts["n_objects"]), np.inf)
+    np.minimum.at(lowest, parts["objects"], parts["centres"][:, 2])
+    return parts["centres"][:, 2] - lowest[parts["objects"]]
+
+
+def relative_centres(parts: Description) -> NDArray[np.float64]:
+    """Return the centres of parts relative to their object: to its mean horizontally, to its lowest part vertically.
+
+    Parameters
+    ----------
+    parts : mapping
+        What `describe_parts` gave.
+
+    Returns
+    -------
+    ndarray of float64, shape (g, 3)
+        Centres, metres.
+    """
+    bounds = object_bounds(parts)
+    counts = np.diff(bounds)
+    sums = np.zeros((len(counts), 2))
+    np.add.at(sums, parts["objects"], parts["centres"][:, :2])
+    middle = sums / np.maximum(counts, 1)[:, None]
+    return np.column_stack([parts["centres"][:, :2] - middle[parts["objects"]], heights_of(parts)])

@@ -1,0 +1,296 @@
+"""What all methods that detect objects share: objects with reference classes, detections counted against references."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.detection.references import wanted_objects, without_reference
+from mlsroad_pipeline.algorithms.metrics.detection import (
+    DetectionCounts,
+    count_detections,
+    detection_scores,
+    match_detections,
+    precision_recall_curve,
+)
+from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps
+from mlsroad_pipeline.algorithms.segmentation.stage import owned_by_core
+
+_COUNTED = ("label", "score", "right", "object", "curve_label", "curve_score", "curve_right")
+
+
+@dataclass(frozen=True)
+class DetectionParameters:
+    """What is looked for, and when a detection is right.
+
+    Parameters
+    ----------
+    scheme : str, default "yu2016"
+        Class scheme.
+    classes : sequence of str, default ("light pole", "traffic sign", "car")
+        The classes of it that are looked for.
+    iou_threshold : float, default 0.5
+        A detection is right when its points overlap a still unmatched reference object of its class with an IoU of at
+        least this much.
+    min_points : int, default 30
+        Reference objects with fewer points are not looked for: what was hardly scanned cannot be found.
+    prevalence : mapping of str to float, default {}
+        Class to how much more frequent it is where models are used than in the training scenes; 1 for what is not
+        named. Training scenes are chosen to show rare objects; thresholds that were best among them let too many false
+        ones pass where these objects are rarer. Smaller gives a higher threshold.
+
+    Raises
+    ------
+    ParameterError
+        If no class is named, `prevalence` names one that is not looked for, or a number is outside its domain.
+    """
+
+    scheme: str = "yu2016"
+    classes: Sequence[str] = ("light pole", "traffic sign", "car")
+    iou_threshold: float = 0.5
+    min_points: int = 30
+    prevalence: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.classes:
+            raise ParameterError("detection.classes must name at least one class")
+        if not 0 < self.iou_threshold < 1:
+            raise ParameterError(f"detection.iou_threshold must be between 0 and 1, got {self.iou_threshold!r}")
+        check_positive(self.min_points, "detection.min_points")
+        for name, factor in self.prevalence.items():
+            if name not in self.classes:
+                raise ParameterError(
+                    f"detection.prevalence names {name!r}, which is not looked for (classes: {', '.join(self.classes)})"
+                )
+            check_positive(factor, f"detection.prevalence of {name!r}")
+
+    @property
+    def factors(self) -> NDArray[np.float64]:
+        """Prevalence of each class, (c,)."""
+        return np.array([float(self.prevalence.get(name, 1.0)) for name in self.classes])
+
+    def labels_in(self, scheme: ClassScheme) -> NDArray[np.int16]:
+        """Return the labels of the wanted classes.
+
+        Parameters
+        ----------
+        scheme : ClassScheme
+            The scheme.
+
+        Returns
+        -------
+        ndarray of int16
+            Places in the scheme, in the order of `classes`.
+
+        Raises
+        ------
+        ParameterError
+            If the scheme has no such class.
+        """
+        unknown = [name for name in self.classes if name not in scheme.classes]
+        if unknown:
+            raise ParameterError(
+                f"detection.classes: scheme {scheme.name!r} has no {', '.join(unknown)} (classes: "
+                f"{', '.join(scheme.classes)})"
+            )
+        return np.array([scheme.classes.index(name) for name in self.classes], dtype=np.int16)
+
+
+def object_classes(
+    scene: PointCloud, objects: Mapping[str, NDArray], *, scheme: ClassScheme, parameters: DetectionParameters
+) -> dict[str, NDArray]:
+    """Give each object of a training scene the class of the reference object that it is.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene, with `label`.
+    objects : mapping
+        What `segment_scene` gave.
+    scheme : ClassScheme
+        The classes.
+    parameters : DetectionParameters
+        The wanted classes and the least IoU.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``label`` int16 (number of objects,): place in `parameters.classes`, -1 for objects that match nothing wanted;
+        ``own`` bool: whether the scene's core owns the object, and it may be learned from: what matches a reference
+        object of a wanted class with fewer than `parameters.min_points`, or has no reference (`without_reference`), is
+        neither an example nor a counterexample.
+
+    Raises
+    ------
+    MissingColumnError
+        If the scene has no labels.
+    """
+    segments = objects["objects"]
+    n = int(segments.max(initial=-1)) + 1
+    wanted = parameters.labels_in(scheme)
+    instances, classes = wanted_objects(scene, scheme, wanted)
+    overlaps = find_overlaps(instances, segments)
+    place = np.full(len(scheme), IGNORE, dtype=np.int16)
+    place[wanted] = np.arange(len(wanted))
+    label = np.full(n, IGNORE, dtype=np.int16)
+    good = np.flatnonzero(overlaps.iou >= parameters.iou_threshold)
+    good = good[np.argsort(overlaps.iou[good], kind="stable")]  # the best overlap is written last
+    found = classes[overlaps.instances[overlaps.instance[good]]]
+    label[overlaps.segments[overlaps.segment[good]]] = np.where(found == IGNORE, IGNORE, place[found])
+    own = owned_by_core(scene, segments, n)
+    small = np.zeros(n, dtype=np.bool_)
+    small[overlaps.segments[overlaps.segment[good]]] = (
+        overlaps.instance_sizes[overlaps.instance[good]] < parameters.min_points
+    )
+    own &= ~without_reference(scene, segments, n, scheme=scheme, wanted=wanted)
+    return {"label": label, "own": own & ~(small & (label != IGNORE))}
+
+
+def count_detections_of_scene(
+    scene: PointCloud,
+    objects: Mapping[str, NDArray],
+    detections: Mapping[str, NDArray],
+    *,
+    scheme: ClassScheme,
+    parameters: DetectionParameters,
+) -> dict[str, NDArray]:
+    """Compare the detections of a scene with its reference objects; each object is judged in the scene that owns it.
+
+    What was detected where the reference says nothing (`without_reference`) is neither right nor wrong.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene, with `label`.
+    objects : mapping
+        What `segment_scene` gave.
+    detections : mapping
+        ``label`` and ``score`` of each object: place in the wanted classes, -1 for none; ``scores`` (objects, c): the
+        score of every wanted class, 0 for no likeness at all.
+    scheme : ClassScheme
+        The classes.
+    parameters : DetectionParameters
+        The wanted classes, the least IoU and the smallest reference.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``n_objects`` int64 (c,): reference objects of each wanted class; of the scene's own detections ``label``,
+        ``score``, ``right``: whether it is, and ``object``; for the curves ``curve_label``, ``curve_score`` and
+        ``curve_right``: the same of every object with a score, once for each class, whether it is detected or not.
+
+    Raises
+    ------
+    DataError
+        If there is not one detection per object, or not one score per object and class.
+    """
+    segments = objects["objects"]
+    n = int(segments.max(initial=-1)) + 1
+    labels, every = detections["label"], detections["scores"]
+    if len(labels) != n:
+        raise DataError(f"{scene.source}: {len(labels)} detections for {n} objects")
+    if every.shape != (n, len(parameters.classes)):
+        raise DataError(
+            f"{scene.source}: scores {every.shape} for {n} objects and {len(parameters.classes)} wanted classes"
+        )
+    sought = parameters.labels_in(scheme)
+    instances, classes = wanted_objects(scene, scheme, sought)
+    overlaps = find_overlaps(instances, segments)
+    own_segment = owned_by_core(scene, segments, n)
+    own_segment &= ~without_reference(scene, segments, n, scheme=scheme, wanted=sought)
+    own_instance = owned_by_core(scene, np.where(instances > 0, instances, -1), len(classes))
+    kinds = classes[overlaps.instances]
+    large = overlaps.instance_sizes >= parameters.min_points
+    known: dict[str, list[NDArray]] = {name: [] for name in _COUNTED}
+    counts: list[int] = []
+    for label, wanted in enumerate(sought):
+        detected = np.where(labels == label, detections["score"], np.nan)
+        scored = np.where(every[:, label] > 0, every[:, label], np.nan)
+        for prefix, values in (("", detected), ("curve_", scored)):
+            score = values[overlaps.segments].astype(np.float64)
+            order, right = match_detections(overlaps, score, kinds == wanted, iou_threshold=parameters.iou_threshold)
+            mine = own_segment[overlaps.segments[order]]
+            known[f"{prefix}label"].append(np.full(int(mine.sum()), label, dtype=np.int16))
+            known[f"{prefix}score"].append(score[order][mine].astype(np.float32))
+            known[f"{prefix}right"].append(right[mine])
+            if not prefix:
+                known["object"].append(overlaps.segments[order][mine])
+        counts.append(int(((kinds == wanted) & large & own_instance[overlaps.instances]).sum()))
+    return {"n_objects": np.array(counts), **{name: np.concatenate(parts) for name, parts in known.items()}}
+
+
+def detection_table(
+    counted: Mapping[str, Mapping[str, NDArray]], *, method: str, classes: Sequence[str]
+) -> pd.DataFrame:
+    """Score the detections of all scenes per split.
+
+    Parameters
+    ----------
+    counted : mapping of str to mapping
+        Scene name, which begins with its split and a dot, to what `count_detections_of_scene` gave.
+    method : str
+        The method's slug.
+    classes : sequence of str
+        The wanted classes.
+
+    Returns
+    -------
+    DataFrame
+        The table of scores, see `metrics.scores`. An object below the smallest size that is found all the same counts
+        as an object.
+    """
+    tables = []
+    for split in dict.fromkeys(key.partition(".")[0] for key in counted):
+        label, right, n_objects, _ = _joined(counted, split)
+        counts: list[DetectionCounts] = []
+        for k in range(len(classes)):
+            flags = right[label == k]
+            counts.append(count_detections(flags, max(int(n_objects[k]), int(flags.sum()))))
+        tables.append(detection_scores(counts, method=method, split=split, classes=classes))
+    return pd.concat(tables, ignore_index=True)
+
+
+def detection_curves(
+    counted: Mapping[str, Mapping[str, NDArray]], *, split: str, classes: Sequence[str]
+) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
+    """Follow precision and recall of each class over all thresholds on its score, over the scenes of a split.
+
+    Parameters
+    ----------
+    counted : mapping of str to mapping
+        What `count_detections_of_scene` gave for each scene.
+    split : str
+        The split.
+    classes : sequence of str
+        The wanted classes.
+
+    Returns
+    -------
+    dict of str to (threshold, precision, recall)
+        Per class that has objects.
+    """
+    label, right, n_objects, score = _joined(counted, split, "curve_")
+    curves = {}
+    for k, name in enumerate(classes):
+        flags = right[label == k]
+        total = max(int(n_objects[k]), int(flags.sum()))
+        if total:
+            curves[name] = precision_recall_curve(score[label == k], flags, total)
+    return curves
+
+
+def _joined(
+    counted: Mapping[str, Mapping[str, NDArray]], split: str, prefix: str = ""
+) -> tuple[NDArray[np.int16], NDArray[np.bool_], NDArray[np.int64], NDArray[np.float32]]:
+    mine = [found for key, found in counted.items() if key.partition(".")[0] == split]
+    names = [f"{prefix}{name}" for name in ("label", "right", "score")]
+    label, right, score = (np.concatenate([found[name] for found in mine]) for name in names)
+    return label, right, np.sum([found["n_objects"] for found in mine], axis=0), score

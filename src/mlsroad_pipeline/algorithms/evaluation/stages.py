@@ -1,0 +1,151 @@
+"""How good the shared stages are where there are labels: ground removal and supervoxels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.metrics.ground import count_ground, scores_of_counts
+from mlsroad_pipeline.algorithms.metrics.partition import evaluate_partition
+from mlsroad_pipeline.algorithms.stages import inliers
+
+GROUND_CLASSES = (
+    "road",
+    "lane_marking",
+    "parking",
+    "sidewalk",
+    "curb",
+    "manhole",
+    "trail",
+    "grass",
+    "soil",
+    "other_ground",
+)
+"""Taxonomy classes that the ground filter should find."""
+
+UNSCORED = ("unlabelled", "outlier")
+
+SUPERVOXEL_SCORES = ("boundary_recall", "under_segmentation_error", "accuracy_ceiling")
+
+
+def count_ground_points(scene: PointCloud, ground: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """Count the core points of a scene by what they are and what the ground filter says.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene, with `label` and `core`.
+    ground : mapping
+        What `find_ground` gave.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``counts``: see `count_ground`; unlabelled points are left out.
+
+    Raises
+    ------
+    MissingColumnError
+        If the scene has no labels.
+    """
+    label = scene["label"]
+    truth = np.isin(label, [TAXONOMY[name] for name in GROUND_CLASSES])
+    known = ~np.isin(label, [TAXONOMY[name] for name in UNSCORED]) & scene["core"]
+    return {"counts": count_ground(ground["ground"], truth, valid=known)}
+
+
+def ground_table(counts: Mapping[str, Mapping[str, NDArray]]) -> pd.DataFrame:
+    """Score the ground filter per split.
+
+    Parameters
+    ----------
+    counts : mapping of str to mapping
+        Scene name, which begins with its split and a dot, to what `count_ground_points` gave.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``split, type_1, type_2, total, kappa, n_ground, n_object``; errors as fractions.
+    """
+    sums: dict[str, NDArray[np.int64]] = {}
+    for key, found in counts.items():
+        split = key.partition(".")[0]
+        sums[split] = sums.get(split, np.zeros(4, dtype=np.int64)) + found["counts"]
+    return pd.DataFrame([{"split": split, **asdict(scores_of_counts(total))} for split, total in sums.items()])
+
+
+def measure_supervoxels(scene: PointCloud, supervoxels: Mapping[str, Any]) -> dict[str, NDArray]:
+    """Measure the quality of a scene's partition in its core: points of buffers count in the scene that they belong to.
+
+    The border between classes is looked for around a seeded sample of the points, which is enough for a share.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene, with `label`.
+    supervoxels : mapping
+        What `build_supervoxels` gave.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``quality``: the scores in the order of `SUPERVOXEL_SCORES`; ``weights``: number of scored points and of
+        supervoxels.
+
+    Raises
+    ------
+    MissingColumnError
+        If the scene has no labels.
+    """
+    label = scene["label"]
+    keep = scene["core"] & inliers(scene) & ~np.isin(label, [TAXONOMY[name] for name in UNSCORED])
+    labels, truth = supervoxels["labels"][keep], label[keep].astype(np.int32)
+    if len(truth) < 2:
+        quality = np.full(len(SUPERVOXEL_SCORES), np.nan)
+    else:
+        found = evaluate_partition(labels, truth, pairs=_near_pairs(scene.xyz[keep]))
+        quality = np.array([getattr(found, name) for name in SUPERVOXEL_SCORES], dtype=np.float64)
+    return {"quality": quality, "weights": np.array([len(truth), len(np.unique(labels))])}
+
+
+def _near_pairs(xyz: NDArray[np.floating], *, sample: int = 20_000, k: int = 10) -> NDArray[np.int64]:
+    """Pair sampled points with their nearest neighbours."""
+    chosen = np.sort(np.random.default_rng(0).permutation(len(xyz))[:sample])
+    found = cKDTree(xyz).query(xyz[chosen], k=min(k, len(xyz) - 1) + 1)[1]
+    first = np.repeat(chosen, found.shape[1])
+    pairs = np.column_stack([first, found.ravel()])
+    return pairs[pairs[:, 0] != pairs[:, 1]]
+
+
+def supervoxel_table(measured: Mapping[str, Mapping[str, NDArray]]) -> pd.DataFrame:
+    """Score the partition per split: means over scenes, weighted by their points.
+
+    Parameters
+    ----------
+    measured : mapping of str to mapping
+        Scene name, which begins with its split and a dot, to what `measure_supervoxels` gave.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``split``, those of `SUPERVOXEL_SCORES`, ``n_points`` and ``n_supervoxels``.
+    """
+    rows = []
+    for split in dict.fromkeys(key.partition(".")[0] for key in measured):
+        mine = [found for key, found in measured.items() if key.partition(".")[0] == split]
+        quality, weights = np.array([m["quality"] for m in mine]), np.array([m["weights"] for m in mine])
+        known = np.isfinite(quality)
+        points = weights[:, :1] * known
+        total = points.sum(axis=0)
+        mean = np.where(total > 0, (np.where(known, quality, 0.0) * points).sum(axis=0) / np.maximum(total, 1), np.nan)
+        counts = dict(zip(("n_points", "n_supervoxels"), weights.sum(axis=0).tolist(), strict=True))
+        rows.append({"split": split, **dict(zip(SUPERVOXEL_SCORES, mean.tolist(), strict=True)), **counts})
+    return pd.DataFrame(rows)

@@ -1,0 +1,1 @@
+"""Geometric primitives: cell grids, neighbours, graphs, polylines, voxels."""

@@ -1,0 +1,268 @@
+"""The cell grid that fast neighbourhood kernels run on, and how they are spread over threads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive, check_xyz
+
+_RADIX_BITS = 11
+_MAX_CELLS = 2**62
+CELLS_PER_RADIUS = 2
+"""Cells along one search radius: smaller cells waste fewer distance tests, larger ones share more of the gathering."""
+
+
+@dataclass(frozen=True)
+class CellGrid:
+    """Points sorted into the occupied cells of a grid, x running fastest, so that cells in a row lie side by side.
+
+    Attributes
+    ----------
+    order : ndarray of int32, shape (n,)
+        Point indices in the order of their cells; within a cell they ascend.
+    keys : ndarray of int64, shape (c,)
+        Ascending keys ``(iz * ny + iy) * nx + ix`` of the occupied cells.
+    starts : ndarray of int64, shape (c + 1,)
+        Cell j holds ``order[starts[j]:starts[j + 1]]``.
+    local : ndarray of float32, shape (3, n)
+        Coordinates in `order`, relative to the centre of the point's own cell, metres: float32 resolves them to
+        nanometres wherever on Earth the points are.
+    shape : tuple of int
+        (nx, ny, nz), margins included.
+    cell_size : float
+        Edge of a cell in metres.
+    minimum : ndarray of float64, shape (3,)
+        Lowest corner of the cells inside the margin, metres.
+    margin : int
+        Empty cells kept below and above the points along each axis.
+    """
+
+    order: NDArray[np.int32]
+    keys: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    local: NDArray[np.float32]
+    shape: tuple[int, int, int]
+    cell_size: float
+    minimum: NDArray[np.float64]
+    margin: int
+
+    def centres(self) -> NDArray[np.float64]:
+        """Return the centres of the occupied cells, metres, shape (c, 3)."""
+        nx, ny, _ = self.shape
+        indices = np.stack([self.keys % nx, self.keys // nx % ny, self.keys // (nx * ny)], axis=1)
+        return self.minimum + (indices - self.margin + 0.5) * self.cell_size
+
+    def row_offsets(self, reach: int) -> NDArray[np.int64]:
+        """Return (dy, dz, key offset) of the rows of cells up to `reach` cells away, nearest z first, shape (r, 3)."""
+        nx, ny, _ = self.shape
+        steps = range(-reach, reach + 1)
+        return np.array([(dy, dz, (dz * ny + dy) * nx) for dz in steps for dy in steps], dtype=np.int64)
+
+
+@njit(cache=True, nogil=True)
+def bounding_box(xyz: NDArray) -> NDArray[np.float64]:
+    """Return the lowest and the highest coordinates, float64 (2, 3); many times faster than NumPy along axis 0."""
+    box = np.empty((2, 3), np.float64)
+    box[0], box[1] = np.inf, -np.inf
+    for i in range(len(xyz)):
+        for axis in range(3):
+            value = np.float64(xyz[i, axis])
+            box[0, axis] = min(box[0, axis], value)
+            box[1, axis] = max(box[1, axis], value)
+    return box
+
+
+@njit(cache=True, nogil=True)
+def _cell_keys(xyz: NDArray, minimum: NDArray, cell_size: float, nx: int, ny: int, margin: int) -> NDArray[np.int64]:
+    """Return each point's key; the margin keeps neighbours of border cells from wrapping into the next row."""
+    keys = np.empty(len(xyz), np.int64)
+    inverse = 1.0 / cell_size
+    for i in range(len(xyz)):
+        ix = np.int64((xyz[i, 0] - minimum[0]) * inverse) + margin
+        iy = np.int64((xyz[i, 1] - minimum[1]) * inverse) + margin
+        iz = np.int64((xyz[i, 2] - minimum[2]) * inverse) + margin
+        keys[i] = (iz * ny + iy) * nx + ix
+    return keys
+
+
+@njit(cache=True, nogil=True)
+def radix_argsort(keys: NDArray, n_bits: int) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Return the stable order that sorts non-negative int64 keys of at most `n_bits` bits, and the sorted keys."""
+    n = len(keys)
+    order = np.arange(n).astype(np.int32)
+    if n_bits == 0:
+        return order, keys.copy()
+    sorted_keys = keys.copy()
+    other_order = np.empty(n, np.int32)
+    other_keys = np.empty(n, np.int64)
+    mask = (1 << _RADIX_BITS) - 1
+    counts = np.empty(mask + 2, np.int64)
+    for shift in range(0, n_bits, _RADIX_BITS):
+        counts[:] = 0
+        for i in range(n):
+            counts[((sorted_keys[i] >> shift) & mask) + 1] += 1
+        for b in range(mask + 1):
+            counts[b + 1] += counts[b]
+        for i in range(n):
+            b = (sorted_keys[i] >> shift) & mask
+            at = counts[b]
+            counts[b] = at + 1
+            other_order[at] = order[i]
+            other_keys[at] = sorted_keys[i]
+        order, other_order = other_order, order
+        sorted_keys, other_keys = other_keys, sorted_keys
+    return order, sorted_keys
+
+
+@njit(cache=True, nogil=True)
+def _occupied(sorted_keys: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    n = len(sorted_keys)
+    n_cells = 0
+    for i in range(n):
+        if i == 0 or sorted_keys[i] != sorted_keys[i - 1]:
+            n_cells += 1
+    keys = np.empty(n_cells, np.int64)
+    starts = np.empty(n_cells + 1, np.int64)
+    cell = 0
+    for i in range(n):
+        if i == 0 or sorted_keys[i] != sorted_keys[i - 1]:
+            keys[cell] = sorted_keys[i]
+            starts[cell] = i
+            cell += 1
+    starts[n_cells] = n
+    return keys, starts
+
+
+@njit(cache=True, nogil=True)
+def _local_coordinates(
+    xyz: NDArray,
+    order: NDArray,
+    keys: NDArray,
+    starts: NDArray,
+    minimum: NDArray,
+    cell_size: float,
+    nx: int,
+    ny: int,
+    margin: int,
+) -> NDArray[np.float32]:
+    local = np.empty((3, len(order)), np.float32)
+    for cell in range(len(keys)):
+        key = keys[cell]
+        centre_x = minimum[0] + (key % nx - margin + 0.5) * cell_size
+        centre_y = minimum[1] + (key // nx % ny - margin + 0.5) * cell_size
+        centre_z = minimum[2] + (key // (nx * ny) - margin + 0.5) * cell_size
+        for i in range(starts[cell], starts[cell + 1]):
+            point = order[i]
+            local[0, i] = xyz[point, 0] - centre_x
+            local[1, i] = xyz[point, 1] - centre_y
+            local[2, i] = xyz[point, 2] - centre_z
+    return local
+
+
+def build_cell_grids(*clouds: ArrayLike, cell_size: float, margin: int = 1) -> list[CellGrid]:
+    """Sort clouds into the cells of one common grid, anchored at their lowest corner.
+
+    Parameters
+    ----------
+    *clouds : array-like of shape (n, 3)
+        Coordinates in metres; at least one cloud must have a point.
+    cell_size : float
+        Edge of a cell in metres.
+    margin : int, default 1
+        Empty cells kept around the points, at least the reach of the search that will use the grid.
+
+    Returns
+    -------
+    list of CellGrid
+        One grid per cloud; equal keys mean the same cell.
+
+    Raises
+    ------
+    DataError
+        If coordinates are not (n, 3) and finite, there is no point, or the extent is too large for the cell size.
+    ParameterError
+        If `cell_size` is not positive.
+    """
+    check_positive(cell_size, "cell_size")
+    arrays = [check_xyz(cloud) for cloud in clouds]
+    boxes = [bounding_box(array) for array in arrays if len(array)]
+    if not boxes:
+        raise DataError("no points to sort into a grid")
+    minimum = np.min([box[0] for box in boxes], axis=0)
+    extent = np.max([box[1] for box in boxes], axis=0) - minimum
+    nx, ny, nz = (int(length // cell_size) + 2 * margin + 2 for length in extent.tolist())
+    if nx * ny * nz > _MAX_CELLS:
+        raise DataError(
+            f"an extent of {extent.tolist()} m is too large for cells of {cell_size} m: are there outliers?"
+        )
+    n_bits = (nx * ny * nz).bit_length()
+    grids = []
+    for array in arrays:
+        point_keys = _cell_keys(array, minimum, cell_size, nx, ny, margin)
+        order, sorted_keys = radix_argsort(point_keys, n_bits)
+        keys, starts = _occupied(sorted_keys)
+        local = _local_coordinates(array, order, keys, starts, minimum, cell_size, nx, ny, margin)
+        grids.append(CellGrid(order, keys, starts, local, (nx, ny, nz), cell_size, minimum, margin))
+    return grids
+
+
+def check_threads(n_threads: int) -> int:
+    """Return a number of threads that makes sense.
+
+    Parameters
+    ----------
+    n_threads : int
+        Threads to use.
+
+    Returns
+    -------
+    int
+        The same number.
+
+    Raises
+    ------
+    ParameterError
+        If it is below 1.
+    """
+    check_at_least(n_threads, 1, "n_threads")
+    return n_threads
+
+
+def run_in_chunks(kernel: Callable[..., Any], n_items: int, *, n_threads: int) -> list[Any]:
+    """Call ``kernel(start, stop)`` over contiguous chunks of items, on threads where asked for.
+
+    Parameters
+    ----------
+    kernel : callable
+        Takes the first item and the one past the last; must release the GIL and write only what its items own, so
+        that the result does not depend on the chunks.
+    n_items : int
+        How many items there are.
+    n_threads : int
+        Threads to use; 1 runs in the calling thread.
+
+    Returns
+    -------
+    list
+        What the calls returned, in the order of the items.
+
+    Raises
+    ------
+    ParameterError
+        If `n_threads` is below 1.
+    """
+    check_threads(n_threads)
+    if n_threads == 1 or n_items < 2:
+        return [kernel(0, n_items)]
+    # More chunks than threads, so that a dense part of the cloud does not leave the other threads idle.
+    bounds = np.linspace(0, n_items, 1 + min(n_items, 8 * n_threads)).astype(np.int64).tolist()
+    with ThreadPoolExecutor(n_threads) as pool:
+        return list(pool.map(kernel, bounds[:-1], bounds[1:]))

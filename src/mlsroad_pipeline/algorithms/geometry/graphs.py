@@ -1,0 +1,151 @@
+"""Graphs over points and objects: union-find, connected components, adjacency."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+
+
+@njit(cache=True)
+def find_root(parent: NDArray[np.int32], node: int) -> int:
+    """Return the root of a node, halving the path to it.
+
+    Parameters
+    ----------
+    parent : ndarray of int32, shape (n,)
+        Union-find forest; a root is its own parent. Paths are shortened in place.
+    node : int
+        Where to start.
+
+    Returns
+    -------
+    int
+        The root.
+    """
+    while parent[node] != node:
+        parent[node] = parent[parent[node]]
+        node = parent[node]
+    return node
+
+
+@njit(cache=True)
+def join(parent: NDArray[np.int32], a: int, b: int) -> None:
+    """Join the trees of two nodes; the smaller root stays root, so the forest does not depend on the joins' order.
+
+    Parameters
+    ----------
+    parent : ndarray of int32, shape (n,)
+        Union-find forest, changed in place.
+    a, b : int
+        The nodes.
+    """
+    a = find_root(parent, a)
+    b = find_root(parent, b)
+    if a < b:
+        parent[b] = a
+    elif b < a:
+        parent[a] = b
+
+
+@njit(cache=True)
+def _components(edges: NDArray[np.int64], n_nodes: int) -> NDArray[np.int32]:
+    parent = np.arange(n_nodes).astype(np.int32)
+    for e in range(len(edges)):
+        join(parent, edges[e, 0], edges[e, 1])
+    labels = np.empty(n_nodes, np.int32)
+    n_labels = 0
+    for node in range(n_nodes):
+        root = find_root(parent, node)
+        if root == node:  # the root is the component's first node: it is met before the others
+            labels[node] = n_labels
+            n_labels += 1
+        else:
+            labels[node] = labels[root]
+    return labels
+
+
+def check_edges(edges: ArrayLike, n_nodes: int) -> NDArray[np.int64]:
+    """Return edges as an integer array whose ends exist.
+
+    Parameters
+    ----------
+    edges : array-like of int, shape (e, 2)
+        Pairs of node indices; e may be 0.
+    n_nodes : int
+        The number of nodes.
+
+    Returns
+    -------
+    ndarray of int64, shape (e, 2)
+        The edges, C-contiguous.
+
+    Raises
+    ------
+    DataError
+        If the shape is not (e, 2), the dtype is not integer, or an index is outside 0 to ``n_nodes - 1``.
+    """
+    array = np.asarray(edges)
+    if array.size == 0:
+        return np.zeros((0, 2), dtype=np.int64)
+    if array.ndim != 2 or array.shape[1] != 2 or not np.issubdtype(array.dtype, np.integer):
+        raise DataError(f"edges must be integers of shape (e, 2), got {array.dtype} {array.shape}")
+    low, high = int(array.min()), int(array.max())
+    if low < 0 or high >= n_nodes:
+        raise DataError(f"edges name node {low if low < 0 else high}, but there are {n_nodes} nodes")
+    return np.ascontiguousarray(array, dtype=np.int64)
+
+
+def connected_components(edges: ArrayLike, *, n_nodes: int) -> NDArray[np.int32]:
+    """Label the connected components of an undirected graph.
+
+    Parameters
+    ----------
+    edges : array-like of int, shape (e, 2)
+        Pairs of node indices, in any order; loops and repetitions are fine.
+    n_nodes : int
+        The number of nodes; nodes without edges are components of their own.
+
+    Returns
+    -------
+    ndarray of int32, shape (n_nodes,)
+        Labels 0, 1, ... numbered by each component's first node.
+
+    Raises
+    ------
+    DataError
+        If `edges` is not an integer array of shape (e, 2) or names a node that does not exist.
+
+    Examples
+    --------
+    >>> connected_components([[3, 1], [4, 0]], n_nodes=5).tolist()
+    [0, 1, 2, 1, 0]
+    """
+    return _components(check_edges(edges, n_nodes), n_nodes)
+
+
+def unique_edges(edges: ArrayLike, *, n_nodes: int) -> NDArray[np.int64]:
+    """Reduce edges to each undirected pair once.
+
+    Parameters
+    ----------
+    edges : array-like of int, shape (e, 2)
+        Pairs of node indices.
+    n_nodes : int
+        The number of nodes.
+
+    Returns
+    -------
+    ndarray of int64, shape (u, 2)
+        Pairs with the smaller index first, sorted, without loops.
+
+    Raises
+    ------
+    DataError
+        If `edges` is not an integer array of shape (e, 2) or names a node that does not exist.
+    """
+    pairs = np.sort(check_edges(edges, n_nodes), axis=1)
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    return np.unique(pairs, axis=0)

@@ -1,0 +1,293 @@
+"""The voxel grid: which points share a voxel, where their mean lies, and which voxels touch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_positive, check_xyz
+from mlsroad_pipeline.algorithms.geometry.voxels import _bricks, _lookup
+
+
+def run_chunks(work: Callable[[int, int], object], n: int, n_threads: int) -> list:
+    """Run `work(start, stop)` on `n_threads` equal ranges of `n` items; one range runs in the calling thread.
+
+    The kernels called release the GIL; so threads of the standard library serve, and a single-threaded caller pays
+    neither for a pool nor for a second compilation.
+
+    Parameters
+    ----------
+    work : callable
+        Called with the limits of a range.
+    n : int
+        The number of items.
+    n_threads : int
+        The number of ranges.
+
+    Returns
+    -------
+    list
+        What the calls returned, in the order of the ranges.
+    """
+    if n_threads == 1:
+        return [work(0, n)]
+    limits = [n * k // n_threads for k in range(n_threads + 1)]
+    with ThreadPoolExecutor(n_threads) as pool:
+        return list(pool.map(work, limits[:-1], limits[1:]))
+
+
+@dataclass(frozen=True, eq=False)
+class VoxelGrid:
+    """Points sorted into the occupied voxels of a regular grid.
+
+    Voxels are numbered by place, not by the points' order: brick by brick (8 x 8 x 8 voxels, in the order of their x, y
+    and z), and by x, y and z inside a brick. Voxels near each other in space are therefore mostly near each other in
+    memory. Everything but `voxel_of_point` and `order` is the same for any order of the points, to the last bit.
+
+    Attributes
+    ----------
+    voxel_size : float
+        Edge of a voxel, metres.
+    origin : ndarray of shape (3,), float64
+        Corner of voxel (0, 0, 0) in the coordinates of the points, metres.
+    voxel_of_point : ndarray of shape (n,), int32
+        Voxel of each point.
+    coords : ndarray of shape (v, 3), int32
+        Integer coordinates of each voxel, none negative.
+    counts : ndarray of shape (v,), int32
+        Points in each voxel, at least 1.
+    local_centroids : ndarray of shape (v, 3), float64
+        Mean of each voxel's points in voxel sizes from `origin`, exact to 2^-20 of a voxel.
+    """
+
+    voxel_size: float
+    origin: NDArray[np.float64]
+    voxel_of_point: NDArray[np.int32]
+    coords: NDArray[np.int32]
+    counts: NDArray[np.int32]
+    local_centroids: NDArray[np.float64]
+    _keys: NDArray[np.int64]
+    _bitmaps: NDArray[np.uint64]
+    _first: NDArray[np.int32]
+
+    def __len__(self) -> int:
+        """Return the number of occupied voxels."""
+        return len(self.coords)
+
+    @cached_property
+    def centroids(self) -> NDArray[np.float64]:
+        """Mean of each voxel's points, (v, 3) float64, in the coordinates of the points (metres)."""
+        return self.origin + self.local_centroids * self.voxel_size
+
+    @cached_property
+    def indptr(self) -> NDArray[np.int64]:
+        """Where each voxel's points start in `order`, (v + 1,) int64."""
+        return np.concatenate([np.zeros(1, np.int64), np.cumsum(self.counts, dtype=np.int64)])
+
+    @cached_property
+    def order(self) -> NDArray[np.int64]:
+        """Points sorted by voxel and, inside a voxel, by their place in the input, (n,) int64."""
+        return _bricks.sort_points(self.voxel_of_point, self.indptr)
+
+    @cached_property
+    def _table(self) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+        return _lookup.build_table(self._keys)
+
+    def find(self, coords: ArrayLike) -> NDArray[np.int32]:
+        """Return the voxels at integer coordinates.
+
+        Parameters
+        ----------
+        coords : array-like of shape (m, 3), integer
+            Voxel coordinates; any integers, also outside of the grid.
+
+        Returns
+        -------
+        ndarray of shape (m,), int32
+            Voxel ids, -1 where no voxel is occupied.
+
+        Raises
+        ------
+        DataError
+            If `coords` is not an integer array of shape (m, 3).
+        """
+        wanted = np.asarray(coords)
+        if wanted.ndim != 2 or wanted.shape[1] != 3 or not np.issubdtype(wanted.dtype, np.integer):
+            raise DataError(f"coords must be integers of shape (m, 3), got {wanted.dtype} {wanted.shape}")
+        slots, values = self._table
+        return _lookup.find_voxels(wanted.astype(np.int64), slots, values, self._bitmaps, self._first)
+
+    def neighbors(self, *, n_threads: int = 1) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+        """List the occupied voxels that share a face, an edge or a corner with each voxel.
+
+        Parameters
+        ----------
+        n_threads : int, default 1
+            Threads to use; the result does not depend on it.
+
+        Returns
+        -------
+        indptr : ndarray of shape (v + 1,), int64
+            Where each voxel's neighbours start in `indices`.
+        indices : ndarray, int32
+            The neighbours, at most 26 a voxel and never itself, in the order of their offsets in x, y and z.
+
+        Raises
+        ------
+        ParameterError
+            If `n_threads` is less than 1.
+        """
+        slots, values = self._table
+        n_bricks = len(self._keys)
+
+        def work(start: int, stop: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+            v_start = self._first[start, 0] if start < n_bricks else len(self)
+            v_stop = self._first[stop, 0] if stop < n_bricks else len(self)
+            return _lookup.neighbor_rows(
+                self._keys, slots, values, self._bitmaps, self._first, start, stop, v_start, v_stop
+            )
+
+        parts = run_chunks(work, n_bricks, check_threads(n_threads))
+        if len(parts) == 1:
+            return parts[0]
+        shifts = np.cumsum([0] + [len(indices) for _, indices in parts])
+        indptr = [parts[0][0][:1]] + [part[0][1:] + shift for part, shift in zip(parts, shifts, strict=False)]
+        return np.concatenate(indptr), np.concatenate([indices for _, indices in parts])
+
+
+def check_threads(n_threads: int) -> int:
+    """Return a number of threads that must be at least one.
+
+    Parameters
+    ----------
+    n_threads : int
+        The parameter.
+
+    Returns
+    -------
+    int
+        The value.
+
+    Raises
+    ------
+    ParameterError
+        If it is not an integer of at least 1.
+    """
+    if not isinstance(n_threads, int | np.integer) or n_threads < 1:
+        raise ParameterError(f"n_threads must be an integer >= 1, got {n_threads!r}")
+    return int(n_threads)
+
+
+def build_voxel_grid(
+    xyz: ArrayLike, *, voxel_size: float, anchor: ArrayLike | None = None, n_threads: int = 1
+) -> VoxelGrid:
+    """Sort points into the voxels of a regular grid.
+
+    Takes two passes over the points and memory for one int32 a point and about 60 bytes a voxel. A point on the face
+    between two voxels belongs to the upper one.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Coordinates in metres, of any magnitude: they are taken relative to the grid's corner in float64.
+    voxel_size : float
+        Edge of a voxel, metres. Memory and the time of what follows grow with the number of voxels.
+    anchor : array-like of shape (3,), optional
+        A point that shall be a corner of the grid, so that clouds cut from one survey share one grid. By default it is
+        the centre of the points' bounding box: the voxels are then the same wherever the cloud is moved, and a wall at
+        the rim of the cloud does not lie on voxel faces, as it would with the minimum corner.
+    n_threads : int, default 1
+        Threads to use; the result does not depend on it.
+
+    Returns
+    -------
+    VoxelGrid
+        The occupied voxels.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not of shape (n, 3), is empty, or has NaN or infinite coordinates; if `anchor` is not three finite
+        numbers.
+    ParameterError
+        If `voxel_size` is not a positive finite number, if `n_threads` is less than 1, or if the cloud is longer than
+        2^24 voxels along an axis or has more than 2^22 occupied bricks of 8 x 8 x 8 voxels.
+    """
+    size = check_positive(voxel_size, "voxel_size")
+    threads = check_threads(n_threads)
+    points, low, high = _checked_points(xyz, threads)
+    origin = _anchored_origin(low, (low + high) / 2 if anchor is None else anchor, size)
+    longest = float((high - origin).max()) / size
+    if longest >= 1 << (_bricks.AXIS_BITS + 3):
+        raise ParameterError(f"voxel_size {voxel_size!r} is too small for a cloud {longest * size:.6g} m long")
+    codes = np.empty(len(points), np.int32)
+    scale = (1 << _bricks.FRACTION_BITS) / size
+    parts = run_chunks(
+        lambda start, stop: _bricks.assign_bricks(points, origin, scale, start, stop, codes), len(points), threads
+    )
+    keys = np.unique(np.concatenate([part[0] for part in parts]))
+    if len(keys) > 1 << 22:
+        raise ParameterError(f"voxel_size {voxel_size!r} gives {len(keys)} occupied bricks of voxels, more than 2^22")
+    bitmaps = np.zeros((len(keys), 8), np.uint64)
+    positions = [np.searchsorted(keys, part[0]).astype(np.int32) for part in parts]
+    for part, position in zip(parts, positions, strict=True):
+        _bricks.merge_bitmaps(bitmaps, part[1], position)
+    first, coords = _bricks.number_voxels(keys, bitmaps)
+    sums = _sum_points(points, origin, scale, positions, bitmaps, first, codes, len(coords))
+    local = _bricks.local_centroids(coords, sums)
+    return VoxelGrid(size, origin, codes, coords, sums[:, 3].astype(np.int32), local, keys, bitmaps, first)
+
+
+def _checked_points(
+    xyz: ArrayLike, n_threads: int
+) -> tuple[NDArray[np.floating], NDArray[np.float64], NDArray[np.float64]]:
+    """Return contiguous finite points with their minimum and maximum corners, reading them once."""
+    points = np.asarray(xyz)
+    usable = points.dtype in (np.float32, np.float64) and points.ndim == 2 and points.shape[1] == 3
+    if not usable or not points.flags.c_contiguous or len(points) == 0:
+        points = check_xyz(points, minimum=1)
+    parts = np.array(run_chunks(lambda start, stop: _bricks.bounds(points, start, stop), len(points), n_threads))
+    if np.isnan(parts[:, 6]).any():
+        check_xyz(points)  # names the rows that are not finite
+    return points, parts[:, :3].min(axis=0), parts[:, 3:6].max(axis=0)
+
+
+def _anchored_origin(low: NDArray[np.float64], anchor: ArrayLike, size: float) -> NDArray[np.float64]:
+    """Return the corner of the anchored grid at or just below the minimum corner of the points."""
+    corner = np.asarray(anchor, dtype=np.float64)
+    if corner.shape != (3,) or not np.isfinite(corner).all():
+        raise DataError(f"anchor must be three finite coordinates, got {anchor!r}")
+    origin = corner + np.floor((low - corner) / size) * size
+    return np.where(origin > low, origin - size, origin)
+
+
+def _sum_points(
+    points: NDArray[np.floating],
+    origin: NDArray[np.float64],
+    scale: float,
+    positions: list[NDArray[np.int32]],
+    bitmaps: NDArray[np.uint64],
+    first: NDArray[np.int32],
+    codes: NDArray[np.int32],
+    n_voxels: int,
+) -> NDArray[np.int64]:
+    """Turn codes into voxel ids in place and return the integer sums of every voxel."""
+    n_threads = len(positions)
+
+    def work(start: int, stop: int) -> NDArray[np.int64]:
+        position = positions[next(k for k in range(n_threads) if len(points) * (k + 1) // n_threads >= stop)]
+        sums = np.zeros((n_voxels, 4), np.int64)
+        _bricks.accumulate_points(points, origin, scale, start, stop, position, bitmaps, first, codes, sums)
+        return sums
+
+    parts = run_chunks(work, len(points), n_threads)
+    total: NDArray[np.int64] = parts[0]
+    for part in parts[1:]:
+        total += part
+    return total

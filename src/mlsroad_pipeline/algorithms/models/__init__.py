@@ -1,0 +1,1 @@
+"""Learned models: forests, kernel machines, training of networks, model bundles."""

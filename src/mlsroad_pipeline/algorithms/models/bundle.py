@@ -1,0 +1,224 @@
+"""A trained model as plain files: arrays as NPZ, the rest as JSON, and the name of the function that uses them.
+
+Nothing is pickled, so a model from elsewhere can run no code but this package's own, and it outlives the versions of
+the libraries that trained it.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import re
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+
+_ENTRY_POINT = re.compile(r"mlsroad_pipeline\.algorithms(\.[A-Za-z]\w*)+:[A-Za-z]\w*")
+NEEDS_IMAGES = "mlsroad_pipeline.algorithms.models.bundle:refuse_points"
+"""Entry point of models that need the images of a survey too."""
+
+Labeller = Callable[[PointCloud, "ModelBundle"], tuple[NDArray[np.integer], NDArray[np.floating]]]
+
+
+@dataclass(frozen=True)
+class ModelBundle:
+    """A trained model.
+
+    Parameters
+    ----------
+    slug : str
+        The method's slug, such as ``"detrended_forest"``.
+    arrays : mapping of str to ndarray
+        What was learned; no object arrays.
+    metadata : mapping of str to any
+        JSON values. Required: ``entry_point``, ``"module:function"`` below ``mlsroad_pipeline.algorithms`` that takes
+        ``(cloud, bundle)`` and returns labels (n,) and confidences (n,); ``classes``, the class names in label
+        order. `label` needs ``scheme``, the class scheme as a mapping of the fields of `ClassScheme`. Usual:
+        ``attributes``, the columns beside the coordinates that the model uses where a survey has them; ``parameters``,
+        of which ``ground`` are those of `GroundParameters`; ``trained_on``; ``feature_names``.
+
+    Raises
+    ------
+    ParameterError
+        If the slug, the entry point or the classes are missing or malformed.
+    DataError
+        If an array holds Python objects, or the metadata are no JSON values.
+    """
+
+    slug: str
+    arrays: Mapping[str, NDArray]
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[a-z][a-z0-9_]*", self.slug):
+            raise ParameterError(f"a model's slug has small letters, digits and _, got {self.slug!r}")
+        entry_point = self.metadata.get("entry_point")
+        if not isinstance(entry_point, str) or not _ENTRY_POINT.fullmatch(entry_point):
+            raise ParameterError(
+                f"model {self.slug!r}: entry_point must be 'mlsroad_pipeline.algorithms.<module>:<function>', "
+                f"got {entry_point!r}"
+            )
+        classes = self.metadata.get("classes")
+        if not isinstance(classes, list | tuple) or not classes or not all(isinstance(c, str) for c in classes):
+            raise ParameterError(f"model {self.slug!r}: classes must be a list of names, got {classes!r}")
+        for name, values in self.arrays.items():
+            if np.asarray(values).dtype.hasobject:
+                raise DataError(f"model {self.slug!r}: array {name!r} holds Python objects")
+        try:
+            json.dumps(dict(self.metadata), allow_nan=False)
+        except (TypeError, ValueError) as error:
+            raise DataError(f"model {self.slug!r}: metadata must be JSON values: {error}") from error
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Return the class names in label order."""
+        return tuple(self.metadata["classes"])
+
+
+def arrays_under(arrays: Mapping[str, NDArray], prefix: str) -> dict[str, NDArray]:
+    """Return the arrays of one part of a model, such as a variant, by their plain names.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        The arrays of the model.
+    prefix : str
+        What the names of the part's arrays begin with.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The rest of the name to the array.
+    """
+    return {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}
+
+
+def missing_attributes(bundle: ModelBundle, columns: Collection[str]) -> list[str]:
+    """Tell which columns a model was trained with that a survey does not have.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model; its metadata name the columns that it uses beside the coordinates as ``attributes``.
+    columns : collection of str
+        The survey's columns.
+
+    Returns
+    -------
+    list of str
+        Those that are missing, such as ``["rgb"]``; a model without ``attributes`` misses nothing.
+    """
+    return [name for name in bundle.metadata.get("attributes", ()) if name not in columns]
+
+
+def bundle_scheme(bundle: ModelBundle) -> ClassScheme:
+    """Return the class scheme that a model was trained on.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model.
+
+    Returns
+    -------
+    ClassScheme
+        The scheme.
+
+    Raises
+    ------
+    ParameterError
+        If the model does not say its scheme.
+    """
+    stored = bundle.metadata.get("scheme")
+    if stored is None:
+        raise ParameterError(f"model {bundle.slug!r} has no class scheme in its metadata: it cannot label a survey")
+    return ClassScheme(
+        stored["name"],
+        tuple(stored["classes"]),
+        tuple(tuple(group) for group in stored["members"]),
+        tuple(stored["ignored"]),
+        tuple(stored["asprs"]),
+    )
+
+
+def label_cloud(
+    bundle: ModelBundle, cloud: PointCloud, *, labeller: Labeller | None = None
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Label a cloud with the function that the model names.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model.
+    cloud : PointCloud
+        Points that it has never seen.
+    labeller : callable, optional
+        Another function, for models that need more than the points.
+
+    Returns
+    -------
+    labels : ndarray of int16, shape (n,)
+        Places in `bundle.classes`; -1 where the model gives no class.
+    confidence : ndarray of float32, shape (n,)
+        0 to 1.
+
+    Raises
+    ------
+    ParameterError
+        If the function does not exist in this version of the package.
+    DataError
+        If it returns another number of labels, or labels outside the classes.
+    """
+    function = _entry_point(bundle) if labeller is None else labeller
+    labels, confidence = (np.asarray(values) for values in function(cloud, bundle))
+    if labels.shape != (len(cloud),) or confidence.shape != (len(cloud),):
+        raise DataError(
+            f"model {bundle.slug!r} gave labels {labels.shape} and confidences {confidence.shape} "
+            f"for the {len(cloud)} points of {cloud.source}"
+        )
+    if len(labels) and not (labels.min() >= -1 and labels.max() < len(bundle.classes)):
+        raise DataError(
+            f"model {bundle.slug!r} gave labels {labels.min()}..{labels.max()} of {len(bundle.classes)} classes"
+        )
+    return labels.astype(np.int16), confidence.astype(np.float32)
+
+
+def _entry_point(bundle: ModelBundle) -> Labeller:
+    module_name, function_name = bundle.metadata["entry_point"].split(":")
+    try:
+        function: Labeller = getattr(importlib.import_module(module_name), function_name)
+    except (ModuleNotFoundError, AttributeError) as error:
+        raise ParameterError(
+            f"model {bundle.slug!r} needs {bundle.metadata['entry_point']}, which this version lacks: {error}"
+        ) from error
+    return function
+
+
+def refuse_points(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.integer], NDArray[np.floating]]:
+    """Refuse points alone: the entry point of models that need the images of a survey too.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points.
+    bundle : ModelBundle
+        The model.
+
+    Returns
+    -------
+    labels, confidence : ndarray
+        Never.
+
+    Raises
+    ------
+    ParameterError
+        Always.
+    """
+    raise ParameterError(f"{cloud.source}: model {bundle.slug!r} needs images, and points alone are given")

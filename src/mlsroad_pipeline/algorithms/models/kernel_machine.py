@@ -1,0 +1,176 @@
+"""A trained one-against-one machine with a Gaussian kernel, from plain arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from itertools import combinations, pairwise
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it has no stubs
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.models.pairwise import couple_probabilities
+
+_BLOCK = 64
+"""Rows whose kernel values are in memory at a time: few enough to stay in the cache."""
+
+
+@dataclass(frozen=True)
+class KernelMachine:
+    """Support vectors, their coefficients, and the sigmoids that make probabilities of decisions.
+
+    Parameters
+    ----------
+    shift, scale : ndarray of float32, shape (d,)
+        Features are taken as (x - shift) / scale.
+    vectors : ndarray of float32, shape (v, d)
+        Support vectors in these features, class by class.
+    n_vectors : ndarray of int64, shape (t,)
+        How many of them each class has.
+    coefficients : ndarray of float32, shape (t - 1, v)
+        Dual coefficients in the layout of LIBSVM: of a vector of class i, row j - 1 counts against class j > i and row
+        j against class j < i.
+    intercepts : ndarray of float32, shape (t (t - 1) / 2,)
+        Of the pairs (0, 1), (0, 2), ..., (1, 2), ...
+    gamma : float
+        The kernel is exp(-gamma |x - y|^2).
+    sigmoids : ndarray of float64, shape (t (t - 1) / 2, 2)
+        Platt's a and b of each pair.
+    """
+
+    shift: NDArray[np.float32]
+    scale: NDArray[np.float32]
+    vectors: NDArray[np.float32]
+    n_vectors: NDArray[np.int64]
+    coefficients: NDArray[np.float32]
+    intercepts: NDArray[np.float32]
+    gamma: float
+    sigmoids: NDArray[np.float64]
+
+    @classmethod
+    def from_svc(
+        cls, model: Any, shift: NDArray[np.float32], scale: NDArray[np.float32], sigmoids: NDArray[np.float64]
+    ) -> Self:
+        """Take over a fitted ``sklearn.svm.SVC`` with a Gaussian kernel.
+
+        Parameters
+        ----------
+        model : sklearn.svm.SVC
+            The machine, fitted to scaled features.
+        shift, scale : ndarray of float32, shape (d,)
+            How the features were scaled.
+        sigmoids : ndarray of float64, shape (p, 2)
+            Sigmoids of the pairs.
+
+        Returns
+        -------
+        KernelMachine
+            The same machine.
+        """
+        # scikit-learn turns the sign of the decisions of two classes, so that the second one is positive.
+        sign = -1.0 if len(model.classes_) == 2 else 1.0
+        return cls(
+            shift,
+            scale,
+            np.ascontiguousarray(model.support_vectors_, dtype=np.float32),
+            model.n_support_.astype(np.int64),
+            np.ascontiguousarray(sign * model.dual_coef_, dtype=np.float32),
+            (sign * model.intercept_).astype(np.float32),
+            float(model.gamma),
+            sigmoids,
+        )
+
+    def decide(self, features: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the decision of every pair of classes, positive for the first.
+
+        Parameters
+        ----------
+        features : ndarray of float32, shape (n, d)
+            Features as they are.
+
+        Returns
+        -------
+        ndarray of float32, shape (n, t (t - 1) / 2)
+            Decision values.
+
+        Raises
+        ------
+        DataError
+            If there are not d features.
+        """
+        if features.ndim != 2 or features.shape[1] != self.vectors.shape[1]:
+            raise DataError(f"features must have shape (n, {self.vectors.shape[1]}), got {features.shape}")
+        ends = np.concatenate([[0], np.cumsum(self.n_vectors)])
+        slices = [slice(int(a), int(b)) for a, b in pairwise(ends)]
+        lengths = (self.vectors**2).sum(axis=1)
+        out = np.empty((len(features), len(self.intercepts)), np.float32)
+        with threadpool_limits(1):  # the same bytes whatever the number of threads
+            for start in range(0, len(features), _BLOCK):
+                x = (features[start : start + _BLOCK] - self.shift) / self.scale
+                square = (x**2).sum(axis=1)[:, None] + lengths - 2.0 * (x @ self.vectors.T)
+                kernel = np.exp(-np.float32(self.gamma) * np.maximum(square, 0.0))
+                sums = [kernel[:, own] @ self.coefficients[:, own].T for own in slices]
+                for k, (i, j) in enumerate(combinations(range(len(slices)), 2)):
+                    out[start : start + _BLOCK, k] = sums[i][:, j - 1] + sums[j][:, i] + self.intercepts[k]
+        return out
+
+    def predict_proba(self, features: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the probabilities of the machine's classes.
+
+        Parameters
+        ----------
+        features : ndarray of float32, shape (n, d)
+            Features as they are.
+
+        Returns
+        -------
+        ndarray of float32, shape (n, t)
+            Probabilities, which sum to 1.
+
+        Raises
+        ------
+        DataError
+            If there are not d features.
+        """
+        exponent = self.decide(features) * self.sigmoids[:, 0] + self.sigmoids[:, 1]
+        pairs = 1.0 / (1.0 + np.exp(np.clip(exponent, -500.0, 500.0)))
+        return couple_probabilities(pairs, len(self.n_vectors)).astype(np.float32)
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the machine as named plain arrays.
+
+        Returns
+        -------
+        dict of str to ndarray
+            The arrays.
+        """
+        return {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
+        """Rebuild a machine from what `to_arrays` returned.
+
+        Parameters
+        ----------
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        KernelMachine
+            The machine.
+
+        Raises
+        ------
+        DataError
+            If an array is missing.
+        """
+        names = [field.name for field in fields(cls)]
+        missing = [name for name in names if name not in arrays]
+        if missing:
+            raise DataError(f"the arrays of a kernel machine lack {', '.join(missing)}")
+        found: dict[str, Any] = {name: np.asarray(arrays[name]) for name in names}
+        return cls(**{**found, "gamma": float(found["gamma"])})

@@ -1,0 +1,154 @@
+"""What all methods that label patches learn from, and how a trained classifier becomes a model."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.patches.extraction import Patches, join_patches
+from mlsroad_pipeline.algorithms.patches.labelling import PatchClassifier, PatchStages
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class PatchTraining:
+    """Labelled patches of all training scenes.
+
+    Attributes
+    ----------
+    patches : Patches
+        The labelled patches; `scene` numbers their scenes from 0.
+    edges : ndarray of int32, shape (m, 2)
+        Pairs of patches of a scene whose leaves touch, each once.
+    stages : PatchStages
+        How the scenes were prepared.
+    scheme : ClassScheme
+        The classes.
+    trained_on : mapping
+        What a model's metadata say of the training data; JSON values.
+    surveys : ndarray of int32, shape (scenes,), optional
+        Survey of each scene, as `number_surveys` gives it; None where that is not known.
+    """
+
+    patches: Patches
+    edges: NDArray[np.int32]
+    stages: PatchStages
+    scheme: ClassScheme
+    trained_on: Mapping[str, Any]
+    surveys: NDArray[np.int32] | None = None
+
+
+def number_surveys(keys: Iterable[str]) -> NDArray[np.int32]:
+    """Tell which training scenes are of one survey: cut from one file, or along one drive.
+
+    Parameters
+    ----------
+    keys : iterable of str
+        Names of the scenes in the stores: split, file or drive, and where it was cut the scene, with dots between.
+
+    Returns
+    -------
+    ndarray of int32, shape (scenes,)
+        Survey of each scene in the order of their names, from 0: that of `join_training_scenes`.
+    """
+    surveys = [".".join(key.split(".")[:2]) for key in sorted(keys)]
+    return np.unique(surveys, return_inverse=True)[1].astype(np.int32)
+
+
+def join_training_scenes(
+    scenes: Mapping[str, Mapping[str, NDArray]], labels: Mapping[str, Mapping[str, NDArray]]
+) -> tuple[Patches, NDArray[np.int32]]:
+    """Make one set of patches of all training scenes.
+
+    Parameters
+    ----------
+    scenes : mapping of str to mapping
+        What `build_patches` gave for each scene.
+    labels : mapping of str to mapping
+        What `label_patches` gave for each training scene; other scenes are left out.
+
+    Returns
+    -------
+    patches : Patches
+        The labelled patches, scene after scene in the order of the scenes' names; `scene` numbers them from 0.
+    edges : ndarray of int32, shape (m, 2)
+        Pairs of labelled patches of a scene whose leaves touch, each once.
+
+    Raises
+    ------
+    DataError
+        If there is no training scene, or none of their patches is labelled.
+    """
+    if not labels:
+        raise DataError("no training scenes: the split 'train' is empty")
+    parts, edges, shift = [], [], 0
+    for number, key in enumerate(sorted(labels)):
+        arrays, label = scenes[key], labels[key]["label"]
+        rows = np.flatnonzero(label != IGNORE)
+        place = np.full(len(label), -1, np.int32)
+        place[rows] = np.arange(shift, shift + len(rows))
+        moved = place[arrays["edges"]]
+        edges.append(moved[(moved >= 0).all(axis=1)])
+        whole = Patches.from_arrays({**arrays, "label": label, "scene": np.full(len(label), number)})
+        parts.append(whole.take(rows))
+        shift += len(rows)
+    if shift == 0:
+        raise DataError("no patch of the training scenes is labelled with a class of the scheme")
+    return join_patches(parts), np.concatenate(edges)
+
+
+def bundle_model(
+    slug: str,
+    classifier: PatchClassifier,
+    training: PatchTraining,
+    *,
+    entry_point: str,
+    parameters: Any,
+    facts: Mapping[str, Any] | None = None,
+) -> ModelBundle:
+    """Pack a trained classifier.
+
+    Parameters
+    ----------
+    slug : str
+        The method's slug.
+    classifier : PatchClassifier
+        The classifier.
+    training : PatchTraining
+        What it was trained on.
+    entry_point : str
+        ``"module:function"`` of the method's ``label_cloud``.
+    parameters : dataclass
+        The method's parameters.
+    facts : mapping, optional
+        Further metadata, such as what cross-validation chose; JSON values.
+
+    Returns
+    -------
+    ModelBundle
+        The model.
+    """
+    patches, scheme = training.patches, training.scheme
+    counts = np.bincount(patches.label[patches.label >= 0], minlength=len(scheme))
+    missing = [name for name, count in zip(scheme.classes, counts, strict=True) if count == 0]
+    if missing:
+        logger.warning("%s: no training patch is of %s: the model never gives them", slug, ", ".join(missing))
+    metadata = {
+        "entry_point": entry_point,
+        "classes": list(scheme.classes),
+        "scheme": asdict(scheme),
+        "parameters": {slug: asdict(parameters), **asdict(training.stages)},
+        "attributes": [] if patches.rgb is None else ["rgb"],
+        "trained_on": {**training.trained_on, "patches": len(patches)},
+        **(facts or {}),
+    }
+    return ModelBundle(slug, classifier.to_arrays(), metadata)

@@ -1,0 +1,102 @@
+"""What the classifiers that take patches one by one share: a model for each variant of the features."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.models.bundle import arrays_under
+from mlsroad_pipeline.algorithms.patches.extraction import Patches
+from mlsroad_pipeline.algorithms.patches.features import COLOURED, GEOMETRY, patch_features
+
+
+class PatchVariants:
+    """A trained classifier of patches, one model for each variant of the features.
+
+    Parameters
+    ----------
+    n_classes : int
+        Classes of the scheme.
+    trained_classes : ndarray of int64, shape (t,)
+        Those that training saw, ascending.
+    models : mapping of str to model
+        Variant to what was trained on its features: a `kind` with `predict_proba`, `to_arrays` and `from_arrays`.
+    """
+
+    kind: ClassVar[Any]
+    slug: ClassVar[str]
+
+    def __init__(self, n_classes: int, trained_classes: NDArray[np.int64], models: Mapping[str, Any]) -> None:
+        self.n_classes = n_classes
+        self.trained_classes = trained_classes
+        self.models = models
+
+    def predict_proba(self, patches: Patches, edges: NDArray[np.int32] | None = None) -> NDArray[np.float32]:
+        """Return the class probabilities of patches.
+
+        Parameters
+        ----------
+        patches : Patches
+            The patches, with or without colour.
+        edges : ndarray of int32, shape (m, 2), optional
+            Not used: a patch is classified by itself.
+
+        Returns
+        -------
+        ndarray of float32, shape (n, n_classes)
+            Probabilities; 0 for classes that training did not see.
+
+        Raises
+        ------
+        DataError
+            If the patches have other histograms than those of training.
+        """
+        variant = COLOURED if patches.rgb is not None and COLOURED in self.models else GEOMETRY
+        out = np.zeros((len(patches), self.n_classes), np.float32)
+        out[:, self.trained_classes] = self.models[variant].predict_proba(patch_features(patches, variant))
+        return out
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the models as named plain arrays.
+
+        Returns
+        -------
+        dict of str to ndarray
+            The arrays.
+        """
+        arrays = {"n_classes": np.array(self.n_classes), "trained_classes": self.trained_classes}
+        for variant, model in self.models.items():
+            arrays |= {f"{variant}.{name}": values for name, values in model.to_arrays().items()}
+        return arrays
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
+        """Rebuild the models from what `to_arrays` returned.
+
+        Parameters
+        ----------
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        PatchVariants
+            The classifier.
+
+        Raises
+        ------
+        DataError
+            If an array is missing.
+        """
+        models = {}
+        for variant in (GEOMETRY, COLOURED):
+            own = arrays_under(arrays, f"{variant}.")
+            if own:
+                models[variant] = cls.kind.from_arrays(own)
+        if GEOMETRY not in models or "n_classes" not in arrays or "trained_classes" not in arrays:
+            raise DataError(f"the arrays of a {cls.slug} lack n_classes, trained_classes or a model")
+        return cls(int(arrays["n_classes"]), np.asarray(arrays["trained_classes"]), models)

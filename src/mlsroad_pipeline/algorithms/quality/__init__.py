@@ -1,0 +1,1 @@
+"""Quality of a survey: duplicates, statistics per chunk, inspection and report tables."""

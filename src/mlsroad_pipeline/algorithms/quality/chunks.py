@@ -1,0 +1,292 @@
+"""What a file of a survey holds and what is wrong with it, gathered chunk by chunk in bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY_NAMES
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.quality.duplicates import (
+    DuplicateSketch,
+    count_duplicates,
+    hash_points,
+    merge_sketches,
+    sketch_of,
+)
+from mlsroad_pipeline.algorithms.quality.report import STANDARD_COLUMNS, QualityReport
+
+__all__ = ["STANDARD_COLUMNS", "ChunkQuality", "QualityReport", "TimeQuality", "inspect_chunk", "merge"]
+
+DENSITY_CELL = 1.0
+"""Side of the cells of the density, metres."""
+
+
+class TimeRow(TypedDict):
+    """The fields of a report that times give."""
+
+    time_start: float
+    time_end: float
+    n_gaps: int
+    longest_gap: float
+    n_backward: int
+
+
+@dataclass(frozen=True)
+class TimeQuality:
+    """Times of a chunk: what its gaps and its order need.
+
+    Attributes
+    ----------
+    bins : ndarray of shape (m,), int64
+        Occupied bins of `gap` seconds, ascending.
+    earliest, latest : ndarray of shape (m,), float64
+        First and last time in each bin. A gap longer than a bin lies between neighbouring occupied bins.
+    first, last : float
+        Times of the first and the last point as stored.
+    n_backward : int
+        Steps from a point to the next as stored that go back in time.
+    """
+
+    bins: NDArray[np.int64]
+    earliest: NDArray[np.float64]
+    latest: NDArray[np.float64]
+    first: float
+    last: float
+    n_backward: int
+
+
+@dataclass(frozen=True)
+class ChunkQuality:
+    """What one chunk of a file adds to the file's report; made by `inspect_chunk`, joined by `merge`.
+
+    Attributes
+    ----------
+    source : str
+        The file.
+    n_points, n_not_finite, n_duplicates : int
+        Points; points with a NaN or infinite coordinate; points that repeat an earlier one of this chunk exactly.
+    low, high : ndarray of shape (3,), float64
+        World extent of the finite points, metres; infinite where there are none.
+    cells : ndarray of shape (m,), int64
+        Keys of the occupied cells of 1 m.
+    sketch : DuplicateSketch
+        Sample of the points, for duplicates across chunks.
+    columns : frozenset of str
+        Column names.
+    classes : mapping of int to int
+        Points per label code; empty without labels.
+    time : TimeQuality or None
+        Times, None without `gps_time` or finite times.
+    n_times_not_finite : int
+        Times that are NaN or infinite.
+    intensity : tuple of float or None
+        Smallest and largest finite intensity.
+    max_gap : float
+        The longest step in time that is no gap, seconds.
+    """
+
+    source: str
+    n_points: int
+    n_not_finite: int
+    n_duplicates: int
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    cells: NDArray[np.int64]
+    sketch: DuplicateSketch
+    columns: frozenset[str]
+    classes: dict[int, int]
+    time: TimeQuality | None
+    n_times_not_finite: int
+    intensity: tuple[float, float] | None
+    max_gap: float
+
+
+def inspect_chunk(cloud: PointCloud, *, max_gap: float = 1.0, n_total: int | None = None) -> ChunkQuality:
+    """Look at one chunk of a file, which may hold NaN coordinates.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Consecutive points of the file; all its chunks with one origin.
+    max_gap : float, default 1.0
+        The longest step in time that is no gap, seconds. The same for all chunks of a file.
+    n_total : int, optional
+        Points of the whole file, where the chunk is not all of it. The same for all chunks of a file.
+
+    Returns
+    -------
+    ChunkQuality
+        What `merge` needs, a few bytes per occupied square metre and second and at most 4 MiB for duplicates; with
+        `n_total` all chunks of a file together have about 8 MiB for duplicates.
+
+    Raises
+    ------
+    ParameterError
+        If `max_gap` is not positive.
+    """
+    check_positive(max_gap, "max_gap")
+    world = cloud.world_xyz()
+    if not np.isfinite(world.sum()):  # one read where, as almost always, all is well
+        world = world[np.isfinite(world).all(axis=1)]
+    hashes = hash_points(world)
+    time, n_times_not_finite = _inspect_time(cloud.get("gps_time"), max_gap)
+    return ChunkQuality(
+        source=cloud.source,
+        n_points=len(cloud),
+        n_not_finite=len(cloud) - len(world),
+        n_duplicates=count_duplicates(world, hashes),
+        low=np.array([axis.min(initial=np.inf) for axis in world.T]),
+        high=np.array([axis.max(initial=-np.inf) for axis in world.T]),
+        cells=_occupied_cells(world),
+        sketch=sketch_of(hashes, n_total=n_total),
+        columns=frozenset(cloud.columns),
+        classes=_count_codes(cloud.get("label")),
+        time=time,
+        n_times_not_finite=n_times_not_finite,
+        intensity=_finite_range(cloud.get("intensity")),
+        max_gap=max_gap,
+    )
+
+
+def _occupied_cells(world: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return sorted keys of the cells that hold points; runs of points in one cell are cut before sorting."""
+    with np.errstate(invalid="ignore"):  # damaged files have coordinates beyond any integer
+        cells = np.floor(world[:, :2] / DENSITY_CELL).astype(np.int64)
+    keys = (cells[:, 0] << 32) + cells[:, 1]
+    return np.unique(keys[np.diff(keys, prepend=keys[:1] - 1) != 0])
+
+
+def _count_codes(labels: NDArray | None) -> dict[int, int]:
+    if labels is None:
+        return {}
+    if labels.dtype == np.uint8:  # taxonomy codes: counted without sorting
+        counts = np.bincount(labels, minlength=1)
+        return {int(code): int(counts[code]) for code in np.flatnonzero(counts)}
+    codes, counts = np.unique(labels, return_counts=True)
+    return {int(code): int(count) for code, count in zip(codes, counts, strict=True)}
+
+
+def _finite_range(values: NDArray | None) -> tuple[float, float] | None:
+    if values is None:
+        return None
+    finite = values[np.isfinite(values)]
+    return (float(finite.min()), float(finite.max())) if len(finite) else None
+
+
+def _inspect_time(times: NDArray | None, max_gap: float) -> tuple[TimeQuality | None, int]:
+    if times is None:
+        return None, 0
+    finite = times[np.isfinite(times)].astype(np.float64)
+    if len(finite) == 0:
+        return None, len(times)
+    bins = np.floor(finite / max_gap).astype(np.int64)
+    starts = np.flatnonzero(np.diff(bins, prepend=bins[0] - 1))  # runs in one bin; few where times ascend
+    earliest, latest = np.minimum.reduceat(finite, starts), np.maximum.reduceat(finite, starts)
+    n_backward = int(np.count_nonzero(np.diff(finite) < 0))
+    time = TimeQuality(*_join_bins(bins[starts], earliest, latest), float(finite[0]), float(finite[-1]), n_backward)
+    return time, len(times) - len(finite)
+
+
+def merge(chunks: Sequence[ChunkQuality]) -> QualityReport:
+    """Join the chunks of a file into its report.
+
+    Parameters
+    ----------
+    chunks : sequence of ChunkQuality
+        The chunks in the order of the file. The order matters to `n_backward` alone.
+
+    Returns
+    -------
+    QualityReport
+        The report, the same for any cutting into chunks as long as duplicates are counted and not estimated.
+
+    Raises
+    ------
+    DataError
+        If there is no chunk, or if chunks were inspected with different `max_gap`.
+    """
+    if not chunks:
+        raise DataError("no chunks to merge")
+    first = chunks[0]
+    if any(chunk.max_gap != first.max_gap for chunk in chunks):
+        raise DataError(f"{first.source}: chunks inspected with different max_gap: {[c.max_gap for c in chunks]}")
+    n_points = sum(chunk.n_points for chunk in chunks)
+    n_not_finite = sum(chunk.n_not_finite for chunk in chunks)
+    has_extent = n_points > n_not_finite
+    n_cells = len(np.unique(np.concatenate([chunk.cells for chunk in chunks])))
+    low = np.min([chunk.low for chunk in chunks], axis=0) if has_extent else np.full(3, np.nan)
+    high = np.max([chunk.high for chunk in chunks], axis=0) if has_extent else np.full(3, np.nan)
+    columns = frozenset.intersection(*(chunk.columns for chunk in chunks))
+    n_duplicates, duplicates_exact = _merge_duplicates(chunks)
+    ranges = [chunk.intensity for chunk in chunks if chunk.intensity is not None]
+    return QualityReport(
+        source=first.source,
+        n_points=n_points,
+        n_not_finite=n_not_finite,
+        n_duplicates=n_duplicates,
+        duplicates_exact=duplicates_exact,
+        low=tuple(low.tolist()),
+        high=tuple(high.tolist()),
+        density=(n_points - n_not_finite) / (n_cells * DENSITY_CELL**2) if has_extent else float("nan"),
+        present=tuple(name for name in STANDARD_COLUMNS if name in columns),
+        missing=tuple(name for name in STANDARD_COLUMNS if name not in columns),
+        classes=_merge_classes(chunks),
+        **_merge_times([chunk.time for chunk in chunks if chunk.time is not None], first.max_gap),
+        n_times_not_finite=sum(chunk.n_times_not_finite for chunk in chunks),
+        intensity_min=min((r[0] for r in ranges), default=float("nan")),
+        intensity_max=max((r[1] for r in ranges), default=float("nan")),
+        max_gap=first.max_gap,
+    )
+
+
+def _join_bins(
+    bins: NDArray[np.int64], earliest: NDArray[np.float64], latest: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return ascending distinct bins with the first and the last time in each."""
+    distinct, inverse = np.unique(bins, return_inverse=True)
+    first, last = np.full(len(distinct), np.inf), np.full(len(distinct), -np.inf)
+    np.minimum.at(first, inverse, earliest)
+    np.maximum.at(last, inverse, latest)
+    return distinct, first, last
+
+
+def _merge_duplicates(chunks: Sequence[ChunkQuality]) -> tuple[int, bool]:
+    within = sum(chunk.n_duplicates for chunk in chunks)
+    if len(chunks) == 1:
+        return within, True
+    sketch = merge_sketches([chunk.sketch for chunk in chunks])
+    return max(within, sketch.n_duplicates()), sketch.complete
+
+
+def _merge_classes(chunks: Sequence[ChunkQuality]) -> dict[str, int]:
+    codes = sorted({code for chunk in chunks for code in chunk.classes})
+    names = {code: TAXONOMY_NAMES.get(code, f"unknown_{code}") for code in codes}
+    return {names[code]: sum(chunk.classes.get(code, 0) for chunk in chunks) for code in codes}
+
+
+def _merge_times(times: Sequence[TimeQuality], max_gap: float) -> TimeRow:
+    if not times:
+        nan = float("nan")
+        return TimeRow(time_start=nan, time_end=nan, n_gaps=0, longest_gap=nan, n_backward=0)
+    _, earliest, latest = _join_bins(
+        np.concatenate([t.bins for t in times]),
+        np.concatenate([t.earliest for t in times]),
+        np.concatenate([t.latest for t in times]),
+    )
+    steps = earliest[1:] - latest[:-1]
+    gaps = steps[steps > max_gap]
+    return TimeRow(
+        time_start=float(earliest[0]),
+        time_end=float(latest[-1]),
+        n_gaps=len(gaps),
+        longest_gap=float(gaps.max(initial=0.0)),
+        n_backward=sum(t.n_backward for t in times) + sum(b.first < a.last for a, b in pairwise(times)),
+    )

@@ -1,0 +1,272 @@
+"""What a survey's files hold beyond their quality: columns and their ranges, codes, scan lines, a map from above."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.validation import check_positive
+
+CODED = ("classification", "raw_classification", "label", "return_number", "point_source_id", "scanner_channel")
+"""Columns whose values are counted; `scanner` and `ring` are, too."""
+
+COUNTED = (*CODED, "scanner", "ring")
+ANGLES = ("scan_angle", "scan_angle_rank")
+MOST_CODES = 256
+"""Codes of a column that are counted; a column with more is told by its range."""
+
+
+@dataclass
+class ColumnSummary:
+    """The values of a column as far as they have been seen.
+
+    Attributes
+    ----------
+    dtype : str
+        Its type, with the number of values per point where there are several.
+    minimum, maximum : float
+        Least and greatest value that is a number; NaN where there is none.
+    n_missing : int
+        Values that are NaN or infinite.
+    counts : dict of int to int or None
+        Points per code, for columns of codes; None where there are too many.
+    """
+
+    dtype: str
+    minimum: float = np.nan
+    maximum: float = np.nan
+    n_missing: int = 0
+    counts: dict[int, int] | None = None
+
+    def add(self, values: NDArray, *, count: bool) -> None:
+        """Take more values in.
+
+        Parameters
+        ----------
+        values : ndarray of shape (n,) or (n, width)
+            The values.
+        count : bool
+            Whether they are codes to be counted.
+        """
+        if not values.size:
+            return
+        low, high = float(values.min()), float(values.max())
+        if values.dtype.kind == "f" and not np.isfinite(low + high):
+            finite = values[np.isfinite(values)]
+            self.n_missing += values.size - finite.size
+            low, high = (float(finite.min()), float(finite.max())) if finite.size else (np.nan, np.nan)
+        self.minimum, self.maximum = float(np.fmin(self.minimum, low)), float(np.fmax(self.maximum, high))
+        if count and self.counts is not None and values.dtype.kind in "iu":
+            self.counts = _with_codes(self.counts, values)
+
+
+def _with_codes(counts: dict[int, int], values: NDArray) -> dict[int, int] | None:
+    if values.dtype.itemsize == 1 or 0 <= values.min() <= values.max() < 1 << 16:
+        low = int(values.min())
+        found = np.bincount(values.astype(np.int64) - low)
+        codes = np.flatnonzero(found)
+        numbers, codes = found[codes], codes + low
+    else:
+        codes, numbers = np.unique(values, return_counts=True)
+    joined = dict(counts)
+    for code, number in zip(codes.tolist(), numbers.tolist(), strict=True):
+        joined[code] = joined.get(code, 0) + number
+    return dict(sorted(joined.items())) if len(joined) <= MOST_CODES else None
+
+
+@dataclass
+class SurveyMap:
+    """Points per cell, seen from above.
+
+    Parameters
+    ----------
+    low : ndarray of shape (2,)
+        World coordinates of the map's south-west corner, metres.
+    cell : float
+        Side of a cell, metres.
+    shape : tuple of int
+        Rows (northward) and columns (eastward).
+    """
+
+    low: NDArray[np.float64]
+    cell: float
+    shape: tuple[int, int]
+    counts: NDArray[np.int64] = field(init=False)
+    top: NDArray[np.float32] = field(init=False)
+    n_outside: int = field(init=False, default=0)
+
+    def __post_init__(self) -> None:
+        check_positive(self.cell, "cell")
+        self.counts = np.zeros(self.shape, dtype=np.int64)
+        self.top = np.full(self.shape, -np.inf, dtype=np.float32)
+
+    @classmethod
+    def over(cls, low: NDArray[np.float64], high: NDArray[np.float64], *, n_cells: int = 800) -> SurveyMap:
+        """Return an empty map of an extent.
+
+        Parameters
+        ----------
+        low, high : ndarray of shape (2,) or longer
+            World coordinates, metres.
+        n_cells : int, default 800
+            Cells along the longer side; cells are never smaller than 0.1 m.
+
+        Returns
+        -------
+        SurveyMap
+            The map.
+        """
+        extent = np.maximum(np.nan_to_num(high[:2] - low[:2]), 0.1)
+        cell = max(float(extent.max()) / n_cells, 0.1)
+        columns, rows = (np.floor(extent / cell).astype(int) + 2).tolist()
+        return cls(np.nan_to_num(low[:2]) - cell / 2, cell, (rows, columns))  # so that rounding loses no border
+
+    def add(self, cloud: PointCloud) -> None:
+        """Count points; those outside the map are counted apart.
+
+        Parameters
+        ----------
+        cloud : PointCloud
+            Points.
+        """
+        corner = cloud.origin[:2] - self.low
+        self.n_outside += _count(cloud.xyz.astype(np.float64, copy=False), corner, self.cell, self.counts, self.top)
+
+    def density(self) -> NDArray[np.float64]:
+        """Return points per square metre, NaN in empty cells; row 0 is the south."""
+        return np.where(self.counts > 0, self.counts / self.cell**2, np.nan)
+
+
+@njit(cache=True, nogil=True)
+def _count(
+    xyz: NDArray[np.float64],
+    corner: NDArray[np.float64],
+    cell: float,
+    counts: NDArray[np.int64],
+    top: NDArray[np.float32],
+) -> int:
+    outside = 0
+    for i in range(len(xyz)):
+        column, row = np.floor((xyz[i, 0] + corner[0]) / cell), np.floor((xyz[i, 1] + corner[1]) / cell)
+        if not (0 <= row < counts.shape[0] and 0 <= column < counts.shape[1]):
+            outside += 1
+            continue
+        counts[int(row), int(column)] += 1
+        top[int(row), int(column)] = max(top[int(row), int(column)], np.float32(xyz[i, 2]))
+    return outside
+
+
+@dataclass
+class ScanLines:
+    """Turns of the scanner's mirror, counted where its angle jumps back.
+
+    Attributes
+    ----------
+    n_jumps : int
+        Jumps of the scan angle by more than half of its range so far.
+    n_edges : int
+        Points flagged as the edge of a line.
+    """
+
+    n_jumps: int = 0
+    n_edges: int = 0
+
+    def add(self, cloud: PointCloud) -> None:
+        """Take more points in.
+
+        Parameters
+        ----------
+        cloud : PointCloud
+            Points in the order of the file.
+        """
+        if "edge_of_flight_line" in cloud:
+            self.n_edges += int(np.count_nonzero(cloud["edge_of_flight_line"]))
+        name = next((name for name in ANGLES if name in cloud), None)
+        if name is not None and len(cloud) > 1:
+            angle = cloud[name].astype(np.float64)
+            extent = angle.max() - angle.min()
+            if extent > 0:
+                self.n_jumps += int(np.count_nonzero(np.abs(np.diff(angle)) > extent / 2))
+
+
+def summarise(cloud: PointCloud, columns: dict[str, ColumnSummary]) -> None:
+    """Take the columns of more points of a file in.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The points.
+    columns : dict of str to ColumnSummary
+        What was seen so far; changed in place.
+    """
+    for name, values in cloud.columns.items():
+        if name not in columns:
+            width = f" x {values.shape[1]}" if values.ndim > 1 else ""
+            columns[name] = ColumnSummary(f"{values.dtype}{width}", counts={} if name in COUNTED else None)
+        columns[name].add(values, count=name in COUNTED)
+
+
+def time_base(start: float, end: float) -> str:
+    """Say what times seem to count from, judging by their size.
+
+    Parameters
+    ----------
+    start, end : float
+        First and last time, seconds.
+
+    Returns
+    -------
+    str
+        Plain words; a guess, which nothing depends on.
+    """
+    if not np.isfinite([start, end]).all():
+        return "none"
+    if end < 86_400 * 7:
+        return "seconds of the GPS week, or of the recording"
+    if end < 700_000_000:
+        return "adjusted GPS seconds (minus 10^9)"
+    return "GPS seconds since 1980" if end < 1_450_000_000 else "seconds since 1970"
+
+
+def column_warnings(columns: Mapping[str, ColumnSummary], low: NDArray, high: NDArray, crs: str | None) -> list[str]:
+    """Say in plain words what is unusual about a file's columns and place.
+
+    Parameters
+    ----------
+    columns : mapping of str to ColumnSummary
+        Its columns.
+    low, high : ndarray of shape (3,)
+        Its extent, metres.
+    crs : str or None
+        Its CRS as WKT.
+
+    Returns
+    -------
+    list of str
+        One sentence each; empty if all is well.
+    """
+    found = []
+    if crs is None:
+        found.append("no coordinate reference system: results cannot be placed on a map; set crs")
+    extent = high - low
+    if np.isfinite(extent).all():
+        if (np.abs([low[:2], high[:2]]) <= [[180, 90], [180, 90]]).all() and extent[:2].max() < 1e-2 and extent[2] > 1:
+            found.append("coordinates look like degrees, not metres; reproject the file first")
+        if extent.max() > 1e5:
+            found.append(
+                f"the points extend over {extent.max() / 1000:,.6g} km: stray points, or units other than metres"
+            )
+    for name, summary in columns.items():
+        if summary.n_missing:
+            found.append(f"column {name} has {summary.n_missing} values that are no numbers")
+        if name in ("rgb", "intensity", "gps_time") and summary.minimum == summary.maximum:
+            found.append(f"column {name} is {summary.minimum:g} for every point and tells nothing")
+    codes = columns["classification"].counts if "classification" in columns else None
+    if codes and max(codes) > 31:
+        found.append("classification has codes above 31, which LAS point formats 0 to 5 and old viewers do not know")
+    return found

@@ -1,0 +1,1 @@
+"""Recognition of objects: object sets, recognisers and their scores."""

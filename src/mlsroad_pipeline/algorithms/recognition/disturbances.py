@@ -1,0 +1,191 @@
+"""What may befall an object before it is recognised: noise, fewer points, outliers, occlusion (Luo et al. 2019, 4.5).
+
+Levels are those of the paper, in its normalised space: x, y in [-1, 1] and z in [0, 2], whatever an object's size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_xyz
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """How much an object is disturbed; the parts apply in this order.
+
+    Parameters
+    ----------
+    keep : float, default 1.0
+        Share of the points that is kept, above 0 and at most 1 (paper: down to 1/64). One point stays at least.
+    noise : float, default 0.0
+        Standard deviation of Gaussian noise on each axis in normalised space (paper: up to 0.1).
+    outliers : float, default 0.0
+        Share of the points that are outliers afterwards, at least 0 and below 1 (equation 13; paper: up to 0.3). They
+        are spread evenly over the normalised space.
+    occlusion : float, default 0.0
+        Share of the normalised space that is hidden, at least 0 and below 1 (equation 19): a slab across the heading
+        that is drawn, from one side. One point stays at least.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its range.
+    """
+
+    keep: float = 1.0
+    noise: float = 0.0
+    outliers: float = 0.0
+    occlusion: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.keep <= 1:
+            raise ParameterError(f"keep must be above 0 and at most 1, got {self.keep!r}")
+        if not 0 <= self.noise < np.inf:
+            raise ParameterError(f"noise must be at least 0 and finite, got {self.noise!r}")
+        for name in ("outliers", "occlusion"):
+            if not 0 <= getattr(self, name) < 1:
+                raise ParameterError(f"{name} must be at least 0 and below 1, got {getattr(self, name)!r}")
+
+
+PAPER_LEVELS = (
+    Disturbance(keep=0.5, noise=0.01, outliers=0.1),
+    Disturbance(keep=0.5, noise=0.03, outliers=0.2),
+    Disturbance(keep=0.5, noise=0.05, outliers=0.3),
+)
+"""Test sets 1, 2 and 3 of Luo et al. 2019, section 4.2."""
+
+
+def down_sample(xyz: ArrayLike, share: float, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Draw the points that stay.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points of an object.
+    share : float
+        Share that is kept.
+    rng : Generator
+        Source of the draw.
+
+    Returns
+    -------
+    ndarray of int64
+        Their rows, ascending; at least one.
+    """
+    n = len(np.asarray(xyz))
+    return np.sort(rng.choice(n, max(round(share * n), 1), replace=False))
+
+
+def add_noise(xyz: ArrayLike, deviation: float, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Move each point by Gaussian noise.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points of an object, metres.
+    deviation : float
+        Standard deviation in normalised space: on each axis it is this times half of the object's extent there.
+    rng : Generator
+        Source of the noise.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3)
+        The moved points.
+    """
+    points = check_xyz(xyz, minimum=1).astype(np.float64)
+    return points + rng.normal(size=points.shape) * deviation * 0.5 * np.ptp(points, axis=0)
+
+
+def draw_outliers(xyz: ArrayLike, rate: float, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Draw outliers, evenly spread over the object's bounding box.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points of an object, metres.
+    rate : float
+        Outliers as a share of points and outliers together (equation 13).
+    rng : Generator
+        Source of the draw.
+
+    Returns
+    -------
+    ndarray of float64, shape (round(n rate / (1 - rate)), 3)
+        The outliers.
+    """
+    points = check_xyz(xyz, minimum=1).astype(np.float64)
+    low, high = points.min(axis=0), points.max(axis=0)
+    return low + rng.uniform(size=(round(len(points) * rate / (1 - rate)), 3)) * (high - low)
+
+
+def occlude(xyz: ArrayLike, rate: float, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Hide a slab of the object's bounding box.
+
+    The paper hides x of the extent along one horizontal axis over the whole width and height (equation 19), and does
+    not say where. Here it is one end of the x or of the y axis, each of the four as likely.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points of an object, metres.
+    rate : float
+        Share of the box that is hidden.
+    rng : Generator
+        Source of the side.
+
+    Returns
+    -------
+    ndarray of int64
+        Rows of the points that stay, ascending; where none would, the one farthest from the hidden end.
+    """
+    points = check_xyz(xyz, minimum=1).astype(np.float64)
+    axis, end = rng.integers(2), rng.choice([-1.0, 1.0])
+    along = end * points[:, axis]
+    hidden = (along.max() - along) < rate * (along.max() - along.min())
+    return np.flatnonzero(~hidden) if not hidden.all() else np.array([int(along.argmin())])
+
+
+def disturb(
+    xyz: ArrayLike, disturbance: Disturbance, *, seed: int, intensity: ArrayLike | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Disturb an object.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points of an object, metres.
+    disturbance : Disturbance
+        How much.
+    seed : int
+        Seed of all draws.
+    intensity : array-like of shape (n,), optional
+        Intensity of each point; an outlier takes that of a point that is drawn.
+
+    Returns
+    -------
+    xyz : ndarray of float64, shape (m, 3)
+        The disturbed object.
+    intensity : ndarray of float64, shape (m,), or None
+        Its intensities, where given.
+
+    Raises
+    ------
+    DataError
+        If the object has no points or a coordinate is not finite.
+    """
+    rng = np.random.default_rng(seed)
+    points = check_xyz(xyz, minimum=1).astype(np.float64)
+    values = None if intensity is None else np.asarray(intensity, dtype=np.float64)
+    rows = down_sample(points, disturbance.keep, rng)
+    points = add_noise(points[rows], disturbance.noise, rng)
+    far = draw_outliers(points, disturbance.outliers, rng)
+    sources = np.concatenate([np.arange(len(points)), rng.integers(len(points), size=len(far))])
+    points = np.concatenate([points, far])
+    seen = occlude(points, disturbance.occlusion, rng)
+    return points[seen], None if values is None else values[rows][sources][seen]

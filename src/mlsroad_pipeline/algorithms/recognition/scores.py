@@ -1,0 +1,58 @@
+"""Scores of recognised objects, split by split or fold by fold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
+from mlsroad_pipeline.algorithms.metrics.scores import recognition_scores
+
+ALL_FOLDS = "test"
+"""The split of all folds together, each recognised by what the others teach."""
+
+
+def score_recognitions(
+    truth: Mapping[str, NDArray[np.integer]],
+    predicted: Mapping[str, NDArray[np.integer]],
+    *,
+    method: str,
+    scheme: ClassScheme,
+    folds: bool,
+) -> tuple[pd.DataFrame, dict[str, NDArray[np.int64]]]:
+    """Score recognised objects; objects of unknown class are left out.
+
+    Parameters
+    ----------
+    truth, predicted : mapping of str to ndarray of int
+        Scene, which begins with its split and a dot, or fold, to the class of each object; -1 is unknown.
+    method : str
+        The method's slug.
+    scheme : ClassScheme
+        The classes.
+    folds : bool
+        Whether the sets are folds: each is a split then, and the split ``test`` has all of them together.
+
+    Returns
+    -------
+    scores : DataFrame
+        The table of scores, see `metrics.scores`.
+    matrices : dict of str to ndarray of int64, shape (C, C + 1)
+        Split to confusion matrix, ``test`` last.
+    """
+    matrices: dict[str, NDArray[np.int64]] = {}
+    for key, labels in truth.items():
+        counted = confusion_matrix(labels, predicted[key], len(scheme))
+        for split in (key, ALL_FOLDS) if folds else (key.partition(".")[0],):
+            matrices[split] = matrices.get(split, 0) + counted
+    if folds:
+        matrices[ALL_FOLDS] = matrices.pop(ALL_FOLDS)  # last
+    tables = [
+        recognition_scores(matrix, method=method, split=split, classes=scheme.classes)
+        for split, matrix in matrices.items()
+    ]
+    return pd.concat(tables, ignore_index=True), matrices

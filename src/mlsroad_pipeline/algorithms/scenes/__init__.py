@@ -1,0 +1,1 @@
+"""Scenes of a survey: trajectory, corridor, tiling, cutting and splits."""

@@ -1,0 +1,156 @@
+"""Parts of one recording kept apart: along the way, or around a single scan."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_xyz
+
+
+def _along_metres(along: Sequence[float], length: float) -> tuple[float, float]:
+    if len(along) != 2 or not np.isfinite(along).all() or not 0 <= along[0] < along[1]:
+        raise ParameterError(f"along must be [from, to] with 0 <= from < to, got {list(along)}")
+    scale = length if along[1] <= 1 else 1.0
+    return along[0] * scale, along[1] * scale
+
+
+def select_along(station: ArrayLike, *, length: float, along: Sequence[float], gap: float = 0.0) -> NDArray[np.bool_]:
+    """Choose the points on a part of the way.
+
+    Parameters
+    ----------
+    station : array-like of shape (n,)
+        Running lengths, metres, as `Trajectory.locate` gives them.
+    length : float
+        Length of the whole way, metres.
+    along : sequence of two floats
+        From and to: fractions of the way where both are at most 1, metres otherwise.
+    gap : float, default 0.0
+        Metres left out between neighbouring parts, half on each side of a border. The ends of the way are no borders: a
+        part that begins at 0 or ends at the way's end takes in what lies beyond.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True in the part.
+
+    Raises
+    ------
+    ParameterError
+        If `along` is not two numbers with 0 <= from < to, or `gap` is negative or not finite.
+    """
+    stations = np.asarray(station, dtype=np.float64)
+    first, last = _along_metres(along, length)
+    _check_gap(gap, "gap")
+    low = -np.inf if first <= 0 else first + gap / 2
+    high = np.inf if last >= length else last - gap / 2
+    return (stations >= low) & (stations < high)
+
+
+def select_sectors(
+    xyz: ArrayLike,
+    *,
+    sectors: Sequence[Sequence[float]],
+    gap_degrees: float = 0.0,
+    centre: ArrayLike = (0.0, 0.0, 0.0),
+) -> NDArray[np.bool_]:
+    """Choose the points of a single scan in sectors of azimuth.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Coordinates, metres.
+    sectors : sequence of [from, to]
+        Degrees, counterclockwise from the x axis; ``[300, 60]`` goes through 0, ``[0, 360]`` is everything.
+    gap_degrees : float, default 0.0
+        Degrees left out between neighbouring sectors, half on each side of a border.
+    centre : array-like of shape (3,), default zeros
+        Where the scanner stood, in the coordinates of `xyz`.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True in one of the sectors.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3) or has NaN or infinite coordinates.
+    ParameterError
+        If a sector is not two finite numbers or is empty, or `gap_degrees` is negative or not finite.
+    """
+    points = check_xyz(xyz)
+    _check_gap(gap_degrees, "gap_degrees")
+    middle = np.asarray(centre, dtype=np.float64)
+    azimuth = np.degrees(np.arctan2(points[:, 1] - middle[1], points[:, 0] - middle[0]))
+    chosen = np.zeros(len(points), dtype=bool)
+    for sector in sectors:
+        start, width = _sector(sector)
+        if width == 360.0:
+            return np.ones(len(points), dtype=bool)
+        turn = (azimuth - start) % 360.0
+        chosen |= (turn >= gap_degrees / 2) & (turn < width - gap_degrees / 2)
+    return chosen
+
+
+def check_splits_along(splits: Mapping[str, Sequence[float]], *, length: float) -> None:
+    """Make sure that no two parts of the way overlap.
+
+    Parameters
+    ----------
+    splits : mapping of str to [from, to]
+        Parts by split name, as `select_along` takes them.
+    length : float
+        Length of the whole way, metres.
+
+    Raises
+    ------
+    ParameterError
+        If a part is malformed or two of them overlap; the message names both.
+    """
+    parts = sorted((*_along_metres(along, length), name) for name, along in splits.items())
+    for (_, last, one), (first, _, other) in pairwise(parts):
+        if first < last:
+            raise ParameterError(f"splits {one!r} and {other!r} share the way from {first:g} m to {last:g} m")
+
+
+def check_splits_sectors(splits: Mapping[str, Sequence[Sequence[float]]]) -> None:
+    """Make sure that no two sectors overlap.
+
+    Parameters
+    ----------
+    splits : mapping of str to sequence of [from, to]
+        Sectors by split name, degrees, as `select_sectors` takes them.
+
+    Raises
+    ------
+    ParameterError
+        If a sector is malformed or two of them overlap; the message names their splits.
+    """
+    sectors = [(*_sector(sector), name) for name, group in splits.items() for sector in group]
+    for i, (start, width, one) in enumerate(sectors):
+        for other_start, other_width, other in sectors[i + 1 :]:
+            if (other_start - start) % 360.0 < width or (start - other_start) % 360.0 < other_width:
+                raise ParameterError(
+                    f"sectors of splits {one!r} and {other!r} overlap: {[start, start + width]} and "
+                    f"{[other_start, other_start + other_width]} degrees"
+                )
+
+
+def _sector(sector: Sequence[float]) -> tuple[float, float]:
+    """Return start in 0..360 and width of a sector, degrees."""
+    if len(sector) != 2 or not np.isfinite(sector).all() or sector[0] == sector[1]:
+        raise ParameterError(f"a sector must be [from, to] in degrees, got {list(sector)}")
+    if abs(sector[1] - sector[0]) >= 360.0:
+        return 0.0, 360.0
+    return float(sector[0]) % 360.0, float(sector[1] - sector[0]) % 360.0
+
+
+def _check_gap(gap: float, name: str) -> None:
+    if not np.isfinite(gap) or gap < 0:
+        raise ParameterError(f"{name} must be a finite number >= 0, got {gap!r}")

@@ -1,0 +1,143 @@
+"""The path of the survey vehicle, and places along it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
+from mlsroad_pipeline.algorithms.geometry import polyline
+
+_CHUNK = 1 << 20
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The path of the survey vehicle in the world. Build it with `from_positions`, which cleans it.
+
+    Parameters
+    ----------
+    time : ndarray of float64, shape (m,), or None
+        Seconds, strictly increasing; None where the positions have no times.
+    xyz : ndarray of float64, shape (m, 3)
+        World coordinates, metres, in the order of travel.
+    station : ndarray of float64, shape (m,)
+        Running length in plan, metres, as roads are chained: 0 at the first position, equal for positions where the
+        vehicle stood still.
+    source : str
+        What messages call the trajectory, as a rule the file's path.
+    """
+
+    time: NDArray[np.float64] | None
+    xyz: NDArray[np.float64]
+    station: NDArray[np.float64]
+    source: str = field(default="trajectory", compare=False)
+
+    @classmethod
+    def from_positions(
+        cls, xyz: ArrayLike, time: ArrayLike | None = None, *, minimum_step: float = 0.01, source: str = "trajectory"
+    ) -> Trajectory:
+        """Build a trajectory from recorded positions.
+
+        Positions are sorted by time; of those with one time the first is kept. While the vehicle moves less than
+        `minimum_step` in plan since the last kept position, it stands: the station does not grow, so that the jitter of
+        a waiting vehicle adds no length.
+
+        Parameters
+        ----------
+        xyz : array-like of shape (m, 3)
+            World coordinates, metres; without `time` in the order of travel.
+        time : array-like of shape (m,), optional
+            Seconds, in any order.
+        minimum_step : float, default 0.01
+            What counts as movement, metres. Larger values smooth more jitter and cut corners by up to this much.
+        source : str, default "trajectory"
+            What messages call the positions, as a rule the file's path.
+
+        Returns
+        -------
+        Trajectory
+            Time, positions and stations.
+
+        Raises
+        ------
+        DataError
+            If `xyz` is not (m, 3), a coordinate or time is NaN or infinite, the lengths differ, or fewer than two
+            positions are `minimum_step` apart.
+        """
+        positions = check_xyz(xyz, name=f"{source}: positions").astype(np.float64)
+        seconds = None
+        if time is not None:
+            seconds = check_column(time, len(positions), f"{source}: time").astype(np.float64)
+            if not np.isfinite(seconds).all():
+                row = int(np.flatnonzero(~np.isfinite(seconds))[0])
+                raise DataError(f"{source}: time at row {row} is {seconds[row]}")
+            seconds, first = np.unique(seconds, return_index=True)
+            positions = positions[first]
+        station = _stations(positions[:, :2], minimum_step)
+        if len(station) == 0 or station[-1] == 0.0:
+            raise DataError(f"{source}: the {len(positions)} positions are less than {minimum_step} m apart: no path")
+        return cls(seconds, positions, station, source)
+
+    @property
+    def length(self) -> float:
+        """Length of the path in plan, metres."""
+        return float(self.station[-1])
+
+    @cached_property
+    def _polyline(self) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+        moving = np.concatenate([[True], np.diff(self.station) > 0])
+        centre = np.floor(self.xyz[:, :2].mean(axis=0))  # shorter numbers: UTM coordinates squared lose the millimetres
+        vertices = np.ascontiguousarray(self.xyz[moving, :2] - centre)
+        return vertices, self.station[moving], polyline.build_boxes(vertices), centre
+
+    def locate(
+        self, xyz: ArrayLike, *, origin: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Find where points are along the path.
+
+        Parameters
+        ----------
+        xyz : array-like of shape (n, 3)
+            Coordinates, metres.
+        origin : array-like of shape (3,), default zeros
+            World coordinates of the zero of `xyz`, so that local points need no copy in world coordinates.
+
+        Returns
+        -------
+        station : ndarray of float64, shape (n,)
+            Running length in plan of the nearest place on the path, metres. Points before the first or after the last
+            position are measured along the end segments extended straight: stations below 0 or above `length`.
+        offset : ndarray of float64, shape (n,)
+            Distance to that place in plan, metres, positive on the right of travel.
+
+        Raises
+        ------
+        DataError
+            If `xyz` is not (n, 3) or has NaN or infinite coordinates.
+        """
+        points = check_xyz(xyz)
+        vertices, stations, boxes, centre = self._polyline
+        shift = np.asarray(origin, dtype=np.float64)[:2] - centre
+        station, offset = np.empty(len(points)), np.empty(len(points))
+        for first in range(0, len(points), _CHUNK):  # world coordinates of one chunk at a time
+            part = slice(first, first + _CHUNK)
+            moved = points[part, :2].astype(np.float64) + shift
+            station[part], offset[part] = polyline.locate(moved, vertices, stations, boxes)
+        return station, offset
+
+
+def _stations(xy: NDArray[np.float64], minimum_step: float) -> NDArray[np.float64]:
+    """Running length over the positions that lie at least minimum_step beyond the last that counted."""
+    station = np.zeros(len(xy))
+    last = 0
+    for i in range(1, len(xy)):
+        step = float(np.hypot(xy[i, 0] - xy[last, 0], xy[i, 1] - xy[last, 1]))
+        moved = step >= minimum_step
+        station[i] = station[i - 1] + (step if moved else 0.0)
+        last = i if moved else last
+    return station

@@ -1,0 +1,283 @@
+"""The path of the survey vehicle from the points alone, where line scanners and per-pulse times allow it.
+
+A line scanner turns its beam at a constant rate in a plane fixed to the vehicle. In a window of a few turns the vehicle
+moves straight, so a point measured at time t is ``p = c + v t + r (A cos wt + B sin wt)``: centre c, velocity v, rate
+w, orthogonal unit vectors A and B, range r. Two linear problems give the centre. Across the plane, ``n . p = n . c + (n
+. v) t`` holds for its normal n: the direction in which the points vary least once their mean and their drift with time
+are taken out. In the plane, a point seen from the centre has the direction of the beam, so their cross product
+vanishes; that is linear and homogeneous in the phase and in phase times centre and velocity, and the least eigenvector
+of its normal matrix solves it. Ranges drop out: neither their noise nor mixed pixels matter. Something besides flat
+ground must be seen, for the normal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize_scalar
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.validation import check_column, check_positive, check_xyz
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+
+_TURNS = 4  # turns per window: more average more noise and ask the vehicle to move straight for longer
+_MIN_POINTS = 200
+_MAX_SPREAD = 0.02  # radians, root mean square between a beam's direction and its point
+_MIN_DEPTH = 50.0  # over flat ground alone a profile is a line, and any plane through it fits
+_RATES = (4.0, 450.0)  # turns per second that line scanners make
+_PROBES = 12  # windows that the turning rate is found from
+
+
+@dataclass(frozen=True)
+class _Fit:
+    centre: NDArray[np.float64]
+    spread: float
+    forward: float
+    depth: float  # how much farther points vary within the plane than across it, as a ratio of variances
+
+    @property
+    def good(self) -> bool:
+        return self.spread <= _MAX_SPREAD and self.forward >= 0.9 and self.depth >= _MIN_DEPTH
+
+
+def _plane(points: NDArray[np.float64], time: NDArray[np.float64]) -> tuple[NDArray, NDArray, float, float]:
+    """Return normal, basis (2, 3) and offset of the scan plane at time 0, and how well it is determined."""
+    design = np.column_stack([np.ones(len(time)), time / np.abs(time).max()])
+    drift, *_ = np.linalg.lstsq(design, points, rcond=None)
+    rest = points - design @ drift
+    values, vectors = np.linalg.eigh(rest.T @ rest)
+    normal = vectors[:, 0]
+    return normal, vectors[:, 1:].T, float(normal @ drift[0]), float(values[1] / max(values[0], 1e-12))
+
+
+def _centre(
+    xy: NDArray[np.float64], time: NDArray[np.float64], rate: float, sense: float
+) -> tuple[NDArray, float, float]:
+    """Return the centre at time 0 in the plane, the angular spread, and the share of points ahead of the scanner."""
+    angle = sense * 2.0 * np.pi * rate * time
+    c, s = np.cos(angle), np.sin(angle)
+    span = np.abs(time).max()
+    x, y, t = xy[:, 0], xy[:, 1], time / span
+    rows = np.column_stack([x * s - y * c, x * c + y * s, s, c, t * s, t * c])
+    weight = np.ones(len(t))
+    for _ in range(2):  # the second time residuals are divided by ranges: angles, not metres
+        weighted = rows * weight[:, None]
+        _, vectors = np.linalg.eigh(weighted.T @ weighted)
+        a, b, e, f, e_drift, f_drift = vectors[:, 0] / np.hypot(vectors[0, 0], vectors[1, 0])
+        centre = np.array([-(a * e + b * f), a * f - b * e])
+        drift = np.array([-(a * e_drift + b * f_drift), a * f_drift - b * e_drift])
+        away = xy - centre - t[:, None] * drift
+        distance = np.maximum(np.hypot(away[:, 0], away[:, 1]), 0.5)
+        weight = 1.0 / distance
+    beam = np.column_stack([a * c - b * s, b * c + a * s])
+    across = (away[:, 0] * beam[:, 1] - away[:, 1] * beam[:, 0]) / distance
+    ahead = float(np.mean((away * beam).sum(axis=1) > 0))
+    return centre, float(np.sqrt(np.mean(across**2))), max(ahead, 1.0 - ahead)
+
+
+def _fit(points: NDArray[np.float64], time: NDArray[np.float64], rate: float) -> _Fit:
+    """Fit a window, its times around 0; of the two senses of rotation the one that fits is taken."""
+    middle = points.mean(axis=0)
+    normal, basis, offset, depth = _plane(points - middle, time)
+    xy = (points - middle) @ basis.T
+    fits = [_centre(xy, time, rate, sense) for sense in (1.0, -1.0)]
+    centre, spread, ahead = min(fits, key=lambda fit: fit[1])
+    return _Fit(centre @ basis + normal * offset + middle, spread, ahead, depth)
+
+
+def _rate(points: NDArray[np.float64], time: NDArray[np.float64], windows: list[slice]) -> float:
+    """Find the turning rate: after one turn the beam is nearly where it was."""
+    lags = 1.0 / np.geomspace(_RATES[1], _RATES[0], 1400)
+    step = np.median([np.median(np.diff(time[w])) for w in windows])
+    base = np.unique(np.concatenate([np.linspace(w.start, w.stop - 1, 150).astype(np.int64) for w in windows]))
+    jump = np.full(len(lags), np.inf)
+    for i, lag in enumerate(lags):
+        later = np.minimum(np.searchsorted(time, time[base] + lag - step / 2), len(time) - 1)
+        hit = np.abs(time[later] - time[base] - lag) <= 2 * step
+        if hit.sum() >= 50:
+            jump[i] = np.median(np.linalg.norm(points[later[hit]] - points[base[hit]], axis=1))
+    if not np.isfinite(jump).any():
+        raise DataError("the points are too thinly spread over time to see turns of the scanner")
+    low = 1.3 * jump.min() + 0.02
+    first = int(np.argmax(jump <= low))
+    last = first
+    while last + 1 < len(lags) and jump[last + 1] <= low:
+        last += 1
+    return 1.0 / float(lags[first + int(np.argmin(jump[first : last + 1]))])
+
+
+def _refined(points: NDArray, time: NDArray, middles: NDArray[np.float64], rate: float) -> float:
+    def misfit(trial: float) -> float:
+        spreads = [_window_fit(points, time, middle, trial, rate) for middle in middles]
+        return float(np.median([fit.spread if fit is not None else np.pi for fit in spreads]))
+
+    trials = rate * (1.0 + np.linspace(-0.012, 0.012, 25))
+    start = trials[int(np.argmin([misfit(trial) for trial in trials]))]
+    found = minimize_scalar(
+        misfit, bounds=(start * 0.999, start * 1.001), method="bounded", options={"xatol": start * 1e-6}
+    )
+    return float(found.x)
+
+
+def _window_fit(points: NDArray, time: NDArray, middle: float, rate: float, nominal: float) -> _Fit | None:
+    half = _TURNS / nominal / 2
+    low, high = np.searchsorted(time, [middle - half, middle + half])
+    if high - low < _MIN_POINTS:
+        return None
+    thin = slice(low, high, max(1, (high - low) // 2000))
+    return _fit(points[thin], time[thin] - middle, rate)
+
+
+def _track(
+    points: NDArray[np.float64], time: NDArray[np.float64], middles: NDArray[np.float64], rotation_rate: float | None
+) -> NDArray[np.float64]:
+    """Return the scanner's centre at given times, NaN where the window does not give one."""
+    pulses = np.unique(time)
+    if len(pulses) < 0.2 * len(time):
+        raise DataError(f"{len(time)} points share {len(pulses)} times: times per pulse are needed")
+    edges = np.searchsorted(time, [middles - 0.25, middles + 0.25]).T
+    full = [slice(int(a), int(b)) for a, b in edges if b - a >= _MIN_POINTS]
+    if not full:
+        raise DataError(f"no half second has {_MIN_POINTS} points")
+    probes = [full[i] for i in np.unique(np.linspace(0, len(full) - 1, _PROBES).astype(np.int64))]
+    nominal = rotation_rate or _rate(points, time, probes)
+    centres = np.array([(time[w.start] + time[w.stop - 1]) / 2 for w in probes])
+    rate = _refined(points, time, centres, nominal)
+    fits = [_window_fit(points, time, middle, rate, nominal) for middle in middles]
+    good = [f is not None and f.good for f in fits]
+    seen = [f for f in fits if f is not None]
+    tried = len(seen)
+    if sum(good) < max(2, tried / 2):
+        if sum(f.depth < _MIN_DEPTH for f in seen) > tried / 2:
+            raise DataError(
+                f"in most of {tried} windows the points do not make out one plane: flat ground alone, several scanners "
+                "without a scanner column, or a multi-beam scanner"
+            )
+        spread = np.median([f.spread for f in seen]) if tried else np.nan
+        raise DataError(
+            f"at {rate:.3f} turns per second only {sum(good)} of {tried} windows fit a beam that turns in a plane "
+            f"(spread {spread:.3f} rad): a multi-beam scanner, several scanners without a "
+            "scanner column, or changed times"
+        )
+    return np.array(
+        [f.centre if ok and f is not None else np.full(3, np.nan) for f, ok in zip(fits, good, strict=True)]
+    )
+
+
+def estimate_trajectory(
+    xyz: ArrayLike,
+    gps_time: ArrayLike,
+    *,
+    scanner: ArrayLike | None = None,
+    at: ArrayLike | None = None,
+    interval: float = 0.25,
+    rotation_rate: float | None = None,
+    source: str = "points",
+) -> Trajectory:
+    """Estimate the path of the survey vehicle from points of line scanners.
+
+    Every `interval` the centre about which the points of four turns were measured is found from the directions and
+    times of the points alone (see the module). With several scanners the mean of their centres is taken.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        World coordinates, metres, in any order; a thinned survey is fine as long as four turns keep 200 points.
+    gps_time : array-like of shape (n,)
+        Seconds, per pulse, to a microsecond or better.
+    scanner : array-like of shape (n,), optional
+        Which scanner measured a point; needed where there are several.
+    at : array-like of shape (m,), optional
+        Times of the positions in increasing order, seconds; None spreads them evenly over all points. For a survey of
+        which windows are at hand only, their middles.
+    interval : float, default 0.25
+        Seconds between positions where `at` is not given. Smaller follows turns and braking more closely and takes
+        longer.
+    rotation_rate : float, optional
+        Turns per second, to within 1 %; None finds it. Scanners that differ in it must leave it to be found.
+    source : str, default "points"
+        What messages call the points, as a rule the file's path.
+
+    Returns
+    -------
+    Trajectory
+        Positions of the scanner (of the mean of the scanners): the vehicle's path up to a constant lever arm.
+
+    Raises
+    ------
+    DataError
+        If coordinates or times are NaN or infinite or their numbers differ, if a scanner does not turn in a plane at a
+        constant rate, if times are not per pulse, if most windows show flat ground alone, or if the points are too few
+        or too thin; the message names the source, the scanner and the reason.
+    ParameterError
+        If `interval` or `rotation_rate` is not above zero.
+    """
+    points = check_xyz(xyz, name=f"{source}: xyz").astype(np.float64)
+    seconds = check_column(gps_time, len(points), f"{source}: gps_time").astype(np.float64)
+    check_positive(interval, "interval")
+    if rotation_rate is not None:
+        check_positive(rotation_rate, "rotation_rate")
+    if len(points) == 0 or not np.isfinite(seconds).all():
+        raise DataError(
+            f"{source}: no trajectory from {len(points)} points, {(~np.isfinite(seconds)).sum()} without time"
+        )
+    units = np.zeros(len(points), int) if scanner is None else check_column(scanner, len(points), f"{source}: scanner")
+    origin = np.floor(points.mean(axis=0))
+    start = float(seconds.min())
+    if at is None:
+        middles = np.arange(interval / 2, seconds.max() - start, interval)
+    else:
+        middles = np.asarray(at, dtype=np.float64) - start
+    tracks = []
+    for unit in np.unique(units):
+        mine = np.flatnonzero(units == unit)
+        mine = mine[np.argsort(seconds[mine], kind="stable")]
+        try:
+            tracks.append(_track(points[mine] - origin, seconds[mine] - start, middles, rotation_rate))
+        except DataError as error:
+            raise DataError(f"{source}: no trajectory from scanner {unit}: {error}") from None
+    mean = np.mean(tracks, axis=0)  # NaN where a scanner has no centre: the others alone would jump by their lever arms
+    known = np.isfinite(mean).all(axis=1)
+    if known.sum() < 2:
+        raise DataError(f"{source}: the scanners are known together at {known.sum()} times only")
+    return Trajectory.from_positions(mean[known] + origin, middles[known] + start, source=f"{source} (estimated)")
+
+
+def trajectory_from_windows(windows: Sequence[PointCloud]) -> Trajectory:
+    """Estimate the path from short stretches of a survey's files.
+
+    Parameters
+    ----------
+    windows : sequence of PointCloud
+        Per file, stretches of consecutive points with the columns gps_time and window, the stretch's number, and
+        scanner where there are several.
+
+    Returns
+    -------
+    Trajectory
+        One position per stretch that shows one.
+
+    Raises
+    ------
+    DataError
+        If the points do not give a path, see `estimate_trajectory`.
+    """
+    times = np.concatenate([part["gps_time"] for part in windows])
+    middles = [
+        np.median(part["gps_time"][part["window"] == number])
+        for part in windows
+        for number in np.unique(part["window"])
+    ]
+    units = [part.get("scanner") for part in windows]
+    known = [unit for unit in units if unit is not None]
+    return estimate_trajectory(
+        np.concatenate([part.world_xyz() for part in windows]),
+        times,
+        scanner=np.concatenate(known) if len(known) == len(units) else None,
+        at=np.unique(middles),
+        source=windows[0].source if len(windows) == 1 else f"{windows[0].source} and {len(windows) - 1} more",
+    )

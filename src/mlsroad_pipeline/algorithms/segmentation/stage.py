@@ -1,0 +1,299 @@
+"""The stage between ground and objects: which off-ground points belong together, and which objects they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numba import njit
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
+from mlsroad_pipeline.algorithms.metrics.instances import InstanceScores, find_overlaps, score_segmentation
+from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
+from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import cluster_points, segment
+from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
+from mlsroad_pipeline.algorithms.segmentation.two_step import TwoStepParameters, segment_two_step
+from mlsroad_pipeline.algorithms.segmentation.yang_dong import YangDongParameters, segment_yang_dong
+from mlsroad_pipeline.algorithms.stages import inliers
+
+OBJECT_TOLERANCE = 0.3
+"""Points of one class closer than this are one reference object where a survey has labels but no instances, metres."""
+
+SEGMENTATION_SCORES = (
+    "coverage",
+    "weighted_coverage",
+    "precision",
+    "recall",
+    "over_segmentation",
+    "under_segmentation",
+)
+"""What `segmentation_table` tells, in its order."""
+
+
+METHODS = ("normalized_cut", "normalized_cut_geometry", "normalized_cut_plain", "euclidean", "yang_dong", "two_step")
+"""Names of the segmentations."""
+
+
+PLAIN_CUT = NormalizedCutParameters(
+    spacing_factor=0.0, max_cut=0.3, low_height=0.0, pole_length=0.0, foot_height=0.0, pole_gap=0.0, plate_gap=0.0
+)
+"""The cut without intensity that Yu et al. 2016 compare with; `max_cut` is the best of four on six training streets."""
+
+
+@dataclass(frozen=True)
+class SegmentationParameters:
+    """How off-ground points become objects.
+
+    Parameters
+    ----------
+    method : str, default "normalized_cut"
+        One of `METHODS`: Yu et al. 2016's extended normalised cut with intensity where the survey has it, the same
+        without, the cut without intensity as it is published, Euclidean clusters alone, or the methods of Yang and
+        Dong 2013 and of Zhou et al. 2014.
+    normalized_cut : NormalizedCutParameters or mapping
+        Parameters of the first two cuts; the clusters alone take its distances.
+    plain_cut : NormalizedCutParameters or mapping
+        Parameters of the published cut: clusters and cuts, and nothing that is not in the paper but when to stop.
+    yang_dong : YangDongParameters or mapping
+        Parameters of the shape-based segmentation.
+    two_step : TwoStepParameters or mapping
+        Parameters of the segmentation along and across scan lines.
+    min_points : int, default 10
+        Smaller objects are left out.
+
+    Raises
+    ------
+    ParameterError
+        If the method is unknown or a number is not positive.
+    """
+
+    method: str = "normalized_cut"
+    normalized_cut: NormalizedCutParameters = field(default_factory=NormalizedCutParameters)
+    plain_cut: NormalizedCutParameters = field(default_factory=lambda: PLAIN_CUT)
+    yang_dong: YangDongParameters = field(default_factory=YangDongParameters)
+    two_step: TwoStepParameters = field(default_factory=TwoStepParameters)
+    min_points: int = 10
+
+    def __post_init__(self) -> None:
+        kinds = {
+            "normalized_cut": NormalizedCutParameters, "plain_cut": NormalizedCutParameters,
+            "yang_dong": YangDongParameters, "two_step": TwoStepParameters,
+        }  # fmt: skip
+        for name, kind in kinds.items():
+            if isinstance(getattr(self, name), Mapping):
+                object.__setattr__(self, name, kind(**getattr(self, name)))
+        if self.method not in METHODS:
+            raise ParameterError(f"segmentation.method must be one of {', '.join(METHODS)}, got {self.method!r}")
+        check_positive(self.min_points, "segmentation.min_points")
+
+
+def segment_scene(
+    scene: PointCloud, ground: Mapping[str, NDArray], parameters: SegmentationParameters
+) -> dict[str, NDArray]:
+    """Segment the off-ground points of a scene into objects.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene.
+    ground : mapping
+        What `find_ground` gave.
+    parameters : SegmentationParameters
+        The method and its parameters.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``objects`` int32 (n,): object of each point, -1 for ground, outliers and what is too small.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is not finite.
+    MissingColumnError
+        If the method takes the order of the scan and the scene lacks `gps_time` or `scanner`.
+    """
+    rows = np.flatnonzero(inliers(scene) & ~ground["ground"])
+    xyz = np.ascontiguousarray(scene.xyz[rows], dtype=np.float64)
+    objects = np.full(len(scene), -1, dtype=np.int32)
+    objects[rows] = _segment(scene, rows, xyz, parameters)
+    return {"objects": objects}
+
+
+def _segment(
+    scene: PointCloud, rows: NDArray[np.int64], xyz: NDArray[np.float64], parameters: SegmentationParameters
+) -> NDArray[np.int32]:
+    method, min_points = parameters.method, parameters.min_points
+    if method == "yang_dong":
+        return segment_yang_dong(xyz, parameters=parameters.yang_dong, min_points=min_points)
+    if method == "two_step":
+        return segment_two_step(
+            xyz, gps_time=scene["gps_time"][rows], scanner=scene["scanner"][rows], parameters=parameters.two_step,
+            min_points=min_points,
+        )  # fmt: skip
+    if method == "normalized_cut_plain":
+        return segment(xyz, parameters=parameters.plain_cut, min_points=min_points)
+    cuts = parameters.normalized_cut
+    if method == "euclidean":
+        return number_objects(cluster_points(xyz, cuts).astype(np.int64), min_points)
+    intensity = scene["intensity"][rows] if method == "normalized_cut" and "intensity" in scene else None
+    return segment(xyz, intensity=intensity, parameters=cuts, min_points=min_points)
+
+
+def reference_objects(scene: PointCloud, scheme: ClassScheme) -> tuple[NDArray[np.int32], NDArray[np.int16]]:
+    """Return the reference object of each point, and the class of each object.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        A scene with `label` and, as simulated surveys have it, `instance`. Without instances the connected components
+        of each class are objects.
+    scheme : ClassScheme
+        The classes.
+
+    Returns
+    -------
+    instances : ndarray of int32, shape (n,)
+        Number of the object, from 1; 0 for none.
+    classes : ndarray of int16, shape (number of objects + 1,)
+        Class of most of each object's points; -1 for number 0 and where none is labelled.
+
+    Raises
+    ------
+    MissingColumnError
+        If the scene has no labels.
+    UnknownClassError
+        If a label is not in the scheme.
+    """
+    labels = scheme.encode(scene["label"], source=scene.source)
+    if "instance" in scene:
+        _, numbers = rank_integers(np.append(0, scene["instance"]))
+        instances = numbers[1:].astype(np.int32)
+    else:
+        instances = _components(scene.xyz, labels)
+    n = int(instances.max(initial=0)) + 1
+    known = (labels != IGNORE) & (instances > 0)
+    cells = instances[known].astype(np.int64) * len(scheme) + labels[known]
+    table = np.bincount(cells, minlength=n * len(scheme)).reshape(n, len(scheme))
+    return instances, np.where(table.any(axis=1), table.argmax(axis=1), IGNORE).astype(np.int16)
+
+
+def _components(xyz: NDArray[np.floating], labels: NDArray[np.int16]) -> NDArray[np.int32]:
+    instances = np.zeros(len(xyz), dtype=np.int32)
+    last = 0
+    for label in np.unique(labels[labels != IGNORE]):
+        rows = np.flatnonzero(labels == label)
+        found = cluster(xyz[rows], tolerance=OBJECT_TOLERANCE)
+        instances[rows] = found + last + 1
+        last += int(found.max()) + 1
+    return instances
+
+
+def owned_by_core(scene: PointCloud, objects: NDArray[np.integer], n_objects: int) -> NDArray[np.bool_]:
+    """Tell which objects a scene is responsible for: those whose lowest point lies in its core.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene.
+    objects : ndarray of int, shape (n,)
+        Object of each point, 0 to n_objects - 1; negative is none.
+    n_objects : int
+        Number of objects.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_objects,)
+        True where the object is the scene's own; an object without points is nobody's.
+    """
+    owned = np.zeros(n_objects, dtype=np.bool_)
+    lowest = _lowest_points(np.ascontiguousarray(scene.xyz[:, 2], dtype=np.float64), objects, n_objects)
+    present = lowest >= 0
+    owned[present] = scene["core"][lowest[present]]
+    return owned
+
+
+@njit(cache=True, nogil=True)
+def _lowest_points(z: NDArray[np.float64], objects: NDArray[np.integer], n_objects: int) -> NDArray[np.int64]:
+    """Return the first of the lowest points of each object; -1 where it has none."""
+    lowest = np.full(n_objects, -1, np.int64)
+    for i in range(len(objects)):
+        mine = objects[i]
+        if mine >= 0 and (lowest[mine] < 0 or z[i] < z[lowest[mine]]):
+            lowest[mine] = i
+    return lowest
+
+
+def measure_segmentation(
+    scene: PointCloud, objects: Mapping[str, NDArray], *, scheme: ClassScheme, min_points: int
+) -> dict[str, NDArray]:
+    """Score the objects of a scene against its reference instances; only what the scene's core owns is judged.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene, with `label`.
+    objects : mapping
+        What `segment_scene` gave.
+    scheme : ClassScheme
+        The classes, for surveys without instances.
+    min_points : int
+        Smaller instances are not looked for.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``scores`` in the order of `SEGMENTATION_SCORES`, and ``weights``: number of instances, their points, number of
+        segments that they were taken over.
+
+    Raises
+    ------
+    MissingColumnError
+        If the scene has no labels.
+    """
+    instances, _ = reference_objects(scene, scheme)
+    owned = owned_by_core(scene, instances, int(instances.max(initial=0)) + 1)
+    mine = np.where(owned[instances], instances, 0)
+    found: InstanceScores = score_segmentation(mine, objects["objects"], min_points=min_points)
+    sizes = find_overlaps(mine, objects["objects"]).instance_sizes
+    points = int(sizes[sizes >= min_points].sum())
+    return {
+        "scores": np.array([asdict(found)[name] for name in SEGMENTATION_SCORES], dtype=np.float64),
+        "weights": np.array([found.n_instances, points, found.n_segments]),
+    }
+
+
+def segmentation_table(measured: Mapping[str, Mapping[str, NDArray]]) -> pd.DataFrame:
+    """Score the segmentation per split: means over scenes, weighted by what each score is a share of.
+
+    Parameters
+    ----------
+    measured : mapping of str to mapping
+        Scene name, which begins with its split and a dot, to what `measure_segmentation` gave.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``split``, those of `SEGMENTATION_SCORES`, ``n_instances`` and ``n_segments``.
+    """
+    by = {"coverage": 0, "weighted_coverage": 1, "precision": 2, "recall": 0, "over_segmentation": 0}
+    rows: list[dict[str, Any]] = []
+    for split in dict.fromkeys(key.partition(".")[0] for key in measured):
+        mine = [found for key, found in measured.items() if key.partition(".")[0] == split]
+        scores, weights = np.array([m["scores"] for m in mine]), np.array([m["weights"] for m in mine])
+        row: dict[str, Any] = {"split": split}
+        for column, name in enumerate(SEGMENTATION_SCORES):
+            weight = weights[:, by.get(name, 2)] * np.isfinite(scores[:, column])
+            total = float((np.nan_to_num(scores[:, column]) * weight).sum())
+            row[name] = total / weight.sum() if weight.sum() else np.nan
+        rows.append({**row, "n_instances": int(weights[:, 0].sum()), "n_segments": int(weights[:, 2].sum())})
+    return pd.DataFrame(rows)

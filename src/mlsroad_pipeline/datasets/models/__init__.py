@@ -1,0 +1,1 @@
+"""Kedro datasets of trained models, on disk and in the MLflow registry."""

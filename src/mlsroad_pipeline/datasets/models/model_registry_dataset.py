@@ -1,0 +1,243 @@
+"""Models in the MLflow registry, as a Kedro dataset."""
+
+from __future__ import annotations
+
+import json
+import logging
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import mlflow
+import pandas as pd
+from kedro.io import AbstractDataset, DatasetError
+from mlflow.exceptions import MlflowException
+
+from mlsroad_pipeline import __version__
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
+from mlsroad_pipeline.datasets.models.point_labeller import signature
+from mlsroad_pipeline.execution.digests import digest_file
+
+LOGGER = logging.getLogger(__name__)
+
+REQUIREMENTS = ("mlflow", "numba", "numpy", "pandas", "scipy", "scikit-learn")
+"""Distributions whose versions a registered model pins, beside this package."""
+
+FINGERPRINT = "fingerprint"
+"""Tag of a version: digest of the model's files."""
+
+_CODE = Path(__file__).with_name("registered_model_code.py")
+
+
+def example_points() -> pd.DataFrame:
+    """Return a small table in the form of a registered model's input: a flat patch with a post on it.
+
+    Returns
+    -------
+    DataFrame
+        26 points with x, y, z, red, green, blue and intensity.
+    """
+    flat = [(x / 5, y / 5, 0.0) for x in range(4) for y in range(4)]
+    post = [(0.3, 0.3, z / 5) for z in range(1, 11)]
+    table = pd.DataFrame(flat + post, columns=["x", "y", "z"])
+    return table.assign(red=120, green=118, blue=112, intensity=0.4)
+
+
+def pip_requirements() -> list[str]:
+    """Return what a registered model needs, pinned to the versions that trained it.
+
+    Returns
+    -------
+    list of str
+        Requirement lines, this package first.
+    """
+    pins = [f"mlsroad_pipeline=={__version__}"]
+    for name in REQUIREMENTS:
+        try:
+            pins.append(f"{name}=={version(name)}")
+        except PackageNotFoundError as error:
+            raise DatasetError(f"a model cannot be registered without {name}") from error
+    return pins
+
+
+def latest_version(name: str) -> int:
+    """Return the highest version of a registered model.
+
+    Parameters
+    ----------
+    name : str
+        The registered name, such as ``"mlsroad-detrended_forest"``.
+
+    Returns
+    -------
+    int
+        The version.
+
+    Raises
+    ------
+    DatasetError
+        If no version is registered in the tracking store in use; the message names the store and what to run.
+    """
+    client = mlflow.MlflowClient()
+    versions = [int(found.version) for found in client.search_model_versions(f"name='{name}'")]
+    if not versions:
+        raise DatasetError(f"no model {name!r} is registered in {mlflow.get_registry_uri()}: run the comparison first")
+    return max(versions)
+
+
+def load_registered_bundle(name: str, *, model_version: int | str | None = None) -> ModelBundle:
+    """Read a model from the registry.
+
+    Parameters
+    ----------
+    name : str
+        The registered name, such as ``"mlsroad-detrended_forest"``.
+    model_version : int or str, optional
+        The version; None takes the highest.
+
+    Returns
+    -------
+    ModelBundle
+        The model; its metadata gain ``registered``: name, version and run.
+
+    Raises
+    ------
+    DatasetError
+        If the model or the version is not registered, or its files are not there.
+    """
+    number = latest_version(name) if model_version is None else int(model_version)
+    try:
+        found = mlflow.MlflowClient().get_model_version(name, str(number))
+        folder = mlflow.artifacts.download_artifacts(f"models:/{name}/{number}")
+    except MlflowException as error:
+        raise DatasetError(f"model {name!r} version {number} cannot be read: {error}") from error
+    bundle = load_bundle(Path(folder) / "artifacts" / "bundle")
+    LOGGER.info("Model %s version %s, trained on %s", name, number, bundle.metadata.get("trained_on", "unknown data"))
+    registered = {"name": name, "version": number, "run_id": found.run_id}
+    return replace(bundle, metadata={**bundle.metadata, "registered": registered})
+
+
+@contextmanager
+def _run() -> Iterator[None]:
+    """Log into the active run, or into one of its own that ends here: no run is left open behind a save."""
+    if mlflow.active_run() is not None:
+        yield
+        return
+    with mlflow.start_run(run_name="register model"):
+        yield
+
+
+def _registered_already(name: str, fingerprint: str) -> int | None:
+    """Return the highest version if it is this model and its files are still there."""
+    client = mlflow.MlflowClient()
+    highest = max(client.search_model_versions(f"name='{name}'"), key=lambda found: int(found.version), default=None)
+    if highest is None or highest.tags.get(FINGERPRINT) != fingerprint:
+        return None
+    try:
+        files = mlflow.artifacts.list_artifacts(f"models:/{name}/{highest.version}/artifacts/bundle")
+    except (MlflowException, OSError):
+        return None
+    return int(highest.version) if files else None
+
+
+def register_bundle(bundle: ModelBundle, name: str, *, input_example: pd.DataFrame | None = None) -> tuple[int, bool]:
+    """Store a model and register it as a new version, unless the highest version is the same model.
+
+    A model is the same where the files that `save_bundle` writes for it are; they are fingerprinted in the tag
+    ``fingerprint`` of each version.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model.
+    name : str
+        The name to register it under.
+    input_example : DataFrame, optional
+        Points in the form of `signature`; None takes `example_points`.
+
+    Returns
+    -------
+    version : int
+        The version it got, or has already.
+    is_new : bool
+        False where it was registered already.
+    """
+    # through JSON, so that tuples and the like reach MLflow's YAML as plain lists
+    plain = json.loads(json.dumps(dict(bundle.metadata)))
+    metadata = {key: value for key, value in plain.items() if key != "registered"}
+    with tempfile.TemporaryDirectory() as folder, _run():
+        save_bundle(replace(bundle, metadata=metadata), Path(folder) / "bundle")
+        fingerprint = digest_file(str(Path(folder) / "bundle"))
+        existing = _registered_already(name, fingerprint)
+        if existing is not None:
+            return existing, False
+        info = mlflow.pyfunc.log_model(
+            name=name,
+            python_model=str(_CODE),
+            artifacts={"bundle": str(Path(folder) / "bundle")},
+            signature=signature(),
+            input_example=example_points() if input_example is None else input_example,
+            pip_requirements=pip_requirements(),
+            metadata={"slug": bundle.slug, "package": f"mlsroad_pipeline {__version__}", **metadata},
+            registered_model_name=name,
+        )
+    number = int(info.registered_model_version)
+    client = mlflow.MlflowClient()
+    client.set_model_version_tag(name, str(number), FINGERPRINT, fingerprint)
+    client.set_model_version_tag(name, str(number), "slug", bundle.slug)
+    client.set_model_version_tag(name, str(number), "trained_on", str(metadata.get("trained_on", "")))
+    return number, True
+
+
+class RegisteredModelDataset(AbstractDataset[ModelBundle, ModelBundle]):
+    """A model in the MLflow registry: saving registers a new version of a model
+    that has changed, loading reads the highest or a given one.
+
+    Parameters
+    ----------
+    name : str
+        The registered name, ``mlsroad-<slug>``.
+    model_version : int or str, optional
+        The version to load; None takes the highest. (Kedro keeps the key ``version`` for itself.)
+    metadata : mapping, optional
+        Anything; Kedro does not look at it.
+
+    Examples
+    --------
+    In a catalog:
+
+    .. code-block:: yaml
+
+        "{method}.model":
+          type: mlsroad_pipeline.datasets.models.model_registry_dataset.RegisteredModelDataset
+          name: mlsroad-{method}
+    """
+
+    def __init__(
+        self, *, name: str, model_version: int | str | None = None, metadata: Mapping[str, Any] | None = None
+    ) -> None:
+        self._name = name
+        self._model_version = model_version
+        self.metadata = metadata
+
+    def load(self) -> ModelBundle:
+        """Return the model, with ``registered`` in its metadata."""
+        return load_registered_bundle(self._name, model_version=self._model_version)
+
+    def save(self, data: ModelBundle) -> None:
+        """Register the model as a new version, unless the highest version is the same model."""
+        number, is_new = register_bundle(data, self._name)
+        LOGGER.info("%s %s version %s", "Registered" if is_new else "Unchanged:", self._name, number)
+
+    def _exists(self) -> bool:
+        wanted = f"name='{self._name}'"
+        versions = {found.version for found in mlflow.MlflowClient().search_model_versions(wanted)}
+        return bool(versions) if self._model_version is None else str(self._model_version) in map(str, versions)
+
+    def _describe(self) -> dict[str, Any]:
+        return {"name": self._name, "model_version": self._model_version}

@@ -1,0 +1,128 @@
+"""How MLflow runs a registered model: a table of points in, a class and a confidence per point out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mlflow.pyfunc
+import numpy as np
+import pandas as pd
+from mlflow.models import ModelSignature
+from mlflow.types import ColSpec, ParamSchema, Schema
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, MissingColumnError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud
+from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
+
+UNLABELLED = "unlabelled"
+"""Class of points that a model gives none."""
+
+_XYZ, _RGB = ["x", "y", "z"], ["red", "green", "blue"]
+
+
+def signature() -> ModelSignature:
+    """Return what every registered model takes and gives.
+
+    Returns
+    -------
+    mlflow.models.ModelSignature
+        In: x, y, z (metres) and, where the survey has them, red, green, blue (0 to 255) and intensity (0 to 1). Out:
+        label, class and confidence.
+    """
+    inputs = [ColSpec("double", name) for name in _XYZ]
+    inputs += [ColSpec("long", name, required=False) for name in _RGB]
+    inputs.append(ColSpec("double", "intensity", required=False))
+    outputs = [ColSpec("integer", "label"), ColSpec("string", "class"), ColSpec("double", "confidence")]
+    return ModelSignature(inputs=Schema(inputs), outputs=Schema(outputs), params=ParamSchema([]))
+
+
+def table_to_cloud(table: pd.DataFrame, *, source: str = "model input") -> PointCloud:
+    """Turn a table of points into a cloud.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns x, y, z in metres and optionally red, green, blue in 0 to 255 and intensity in 0 to 1.
+    source : str, default "model input"
+        What messages call the points.
+
+    Returns
+    -------
+    PointCloud
+        The points in the same order, relative to the corner of their whole metres.
+
+    Raises
+    ------
+    MissingColumnError
+        If a coordinate, or a part of the colours, is not there.
+    DataError
+        If a value is not finite or outside its range.
+    """
+    columns = {}
+    for group in (_XYZ, _RGB, ["intensity"]):
+        absent = [name for name in group if name not in table.columns]
+        if absent and (group is _XYZ or len(absent) < len(group)):
+            raise MissingColumnError(f"{source} has no column {absent[0]!r} (columns: {', '.join(table.columns)})")
+        if absent:
+            continue
+        values = table[group].to_numpy(dtype=np.float64)
+        bad = ~np.isfinite(values)
+        if group is not _XYZ:
+            bad |= (values < 0) | (values > (255 if group is _RGB else 1))
+        if bad.any():
+            row, column = np.argwhere(bad)[0]
+            raise DataError(f"{source}: {group[column]} is {values[row, column]} in row {row}")
+        columns[group[0]] = values
+    xyz = columns.pop("x")
+    origin = np.floor(xyz.min(axis=0)) if len(xyz) else np.zeros(3)
+    attributes: dict[str, Any] = {}
+    if "red" in columns:
+        attributes["rgb"] = columns["red"].astype(np.uint8)
+    if "intensity" in columns:
+        attributes["intensity"] = columns["intensity"][:, 0].astype(np.float32)
+    return PointCloud(xyz - origin, attributes, origin, source=source)
+
+
+class PointLabeller(mlflow.pyfunc.PythonModel):
+    """The pyfunc behind every registered model; what it computes is named in the model's own files."""
+
+    def __init__(self) -> None:
+        self.bundle: ModelBundle | None = None
+
+    def load_context(self, context: mlflow.pyfunc.PythonModelContext) -> None:
+        """Read the model's files.
+
+        Parameters
+        ----------
+        context : mlflow.pyfunc.PythonModelContext
+            Names the folder that was registered.
+        """
+        self.bundle = load_bundle(context.artifacts["bundle"])
+
+    def predict(
+        self, context: mlflow.pyfunc.PythonModelContext, model_input: pd.DataFrame, params: dict[str, Any] | None = None
+    ) -> pd.DataFrame:
+        """Label points.
+
+        Parameters
+        ----------
+        context : mlflow.pyfunc.PythonModelContext
+            Names the folder that was registered.
+        model_input : DataFrame
+            One row per point, see `signature`.
+        params : dict, optional
+            Not used.
+
+        Returns
+        -------
+        DataFrame
+            One row per point under the same index: `label` int32 (-1 for none), `class` str, `confidence` float64.
+        """
+        if self.bundle is None:
+            self.load_context(context)
+        assert self.bundle is not None  # load_context has set it
+        labels, confidence = label_cloud(self.bundle, table_to_cloud(model_input))
+        names = np.array([*self.bundle.classes, UNLABELLED], dtype=object)
+        result = {"label": labels.astype(np.int32), "class": names[labels], "confidence": confidence.astype(np.float64)}
+        return pd.DataFrame(result, index=model_input.index)

@@ -1,0 +1,7 @@
+"""The code that MLflow stores beside a registered model and runs to load it: all of it lives in this package."""
+
+from mlflow.models import set_model
+
+from mlsroad_pipeline.datasets.models.point_labeller import PointLabeller
+
+set_model(PointLabeller())

@@ -1,7 +1,0 @@
-"""The code that MLflow stores beside a registered model and runs to load it: all of it lives in this package."""
-
-from mlflow.models import set_model
-
-from mlsroad_pipeline.datasets.point_labeller import PointLabeller
-
-set_model(PointLabeller())

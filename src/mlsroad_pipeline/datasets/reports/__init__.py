@@ -1,0 +1,1 @@
+"""Kedro datasets of reports, figures and scores."""

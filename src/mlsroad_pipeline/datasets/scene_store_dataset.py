@@ -1,0 +1,216 @@
+"""`SceneStoreDataset` runs the per-scene tasks that a node returns and stores what they give, scene by scene."""
+
+from __future__ import annotations
+
+import logging
+import os
+import time
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from typing import Any
+
+from kedro.io import AbstractDataset, DatasetError
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError
+from mlsroad_pipeline.execution.backends import run_jobs
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.files import StoreFiles
+from mlsroad_pipeline.execution.fingerprints import Fingerprinter
+from mlsroad_pipeline.execution.record import Record
+from mlsroad_pipeline.execution.results import is_valid_name
+from mlsroad_pipeline.execution.settings import Execution, Progress
+from mlsroad_pipeline.execution.shared_values import share_values
+from mlsroad_pipeline.execution.storage import MANIFEST, SceneStorage
+from mlsroad_pipeline.execution.task import SceneError, SceneFailure, SceneTask
+from mlsroad_pipeline.execution.worker import Outcome, SceneJob, describe_error, find_validator
+
+__all__ = ["SceneCollection", "SceneStoreDataset"]
+
+logger = logging.getLogger(__name__)
+
+
+class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection]):
+    """Stores the results of per-scene tasks; saving runs the tasks in parallel, and only those whose result is missing.
+
+    Catalog entry:
+
+    ```yaml
+    supervoxels:
+      type: mlsroad_pipeline.datasets.scene_store_dataset.SceneStoreDataset
+      filepath: data/04_feature/supervoxels
+      scene_validator: my_package.checks.check_partition
+      execution:
+        backend: loky
+        n_workers: 4
+    ```
+
+    Parameters
+    ----------
+    filepath : str
+        The store's folder, local or any URL of fsspec. It must be empty, absent or a scene store: a store removes
+        what it does not know.
+    execution : mapping, optional
+        Arguments of `execution.Execution`.
+    scene_validator : str, optional
+        Dotted name of a function that gets each result in its worker and raises if the result is wrong; nothing is
+        stored then. (Kedro keeps the key `validator` for itself and would apply it to the tasks.)
+    credentials : mapping, optional
+        Credentials for the file system.
+    fs_args : mapping, optional
+        Further arguments for the file system.
+    metadata : mapping, optional
+        Anything; not used.
+
+    Raises
+    ------
+    ParameterError
+        If `execution` is wrong, or if the validator cannot be imported.
+
+    Examples
+    --------
+    >>> from mlsroad_pipeline.execution.task import SceneTask
+    >>> from mlsroad_pipeline.datasets.scene_store_dataset import SceneStoreDataset
+    >>> import numpy as np
+    >>> store = SceneStoreDataset(filepath="memory://doc/squares", execution={"backend": "sequential"})
+    >>> store.save({"s1": SceneTask(dict, parameters={"values": np.arange(3) ** 2})})
+    >>> store.load()["s1"].load()
+    {'values': array([0, 1, 4])}
+    """
+
+    def __init__(
+        self,
+        *,
+        filepath: str,
+        execution: Mapping[str, Any] | None = None,
+        scene_validator: str | None = None,
+        credentials: Mapping[str, Any] | None = None,
+        fs_args: Mapping[str, Any] | None = None,
+        metadata: Mapping[str, Any] | None = None,
+    ) -> None:
+        self._storage = SceneStorage.at(str(filepath), {**(credentials or {}), **(fs_args or {})})
+        self._execution = Execution.from_config(execution)
+        self._validator_name = scene_validator
+        self._validator = None if scene_validator is None else find_validator(scene_validator)
+        self.metadata = metadata
+
+    def load(self) -> SceneCollection:
+        """Return handles of all scenes.
+
+        Returns
+        -------
+        SceneCollection
+            Scene to handle.
+
+        Raises
+        ------
+        DatasetError
+            If the store is not complete.
+        """
+        records = self._storage.read_manifest()
+        if records is None:
+            raise DatasetError(f"{self._storage.url} is not a complete scene store: run the stage that fills it")
+        return SceneCollection(self._storage, records)
+
+    def save(self, data: Mapping[str, SceneTask]) -> None:
+        """Run the tasks whose result is not stored yet, and list all scenes in the manifest.
+
+        Parameters
+        ----------
+        data : mapping of str to SceneTask
+            Scene to task. Names are made of letters, digits, `_`, `.` and `-`.
+
+        Raises
+        ------
+        DatasetError
+            Caused by a `SceneError` if scenes failed (the others are stored), by a `DataError` if `data` is something
+            else, if a name is not allowed or if the folder holds something else, and by a `ParameterError` if the
+            backend cannot reach the store.
+        """
+        start, backend = time.perf_counter(), self._execution.backend
+        _check_tasks(data)
+        storage = self._storage
+        storage.check_ours()
+        fingerprints, failures = self._fingerprints(data)
+        records = self._valid_records(fingerprints, data)
+        missing = [key for key in fingerprints if key not in records]
+        if missing or failures or storage.read_manifest() != records:
+            token = storage.begin()
+            storage.clean()
+            try:
+                tasks = [data[key] for key in missing]
+                if backend in ("loky", "dask"):
+                    tasks = share_values(tasks, StoreFiles(storage.url, storage.options))
+                jobs = [
+                    SceneJob(key, task, fingerprints[key], storage, token, backend, self._validator_name)
+                    for key, task in zip(missing, tasks, strict=True)
+                ]
+                for outcome in self._run(jobs):
+                    if outcome.record is not None:
+                        records[outcome.key] = outcome.record
+                    if outcome.failure is not None:
+                        failures.append(outcome.failure)
+                if failures:
+                    raise SceneError(storage.name, tuple(sorted(failures, key=lambda f: f.scene)), len(data))
+                storage.finish(records, token=token)
+            finally:
+                storage.release(token)
+        seconds, valid = time.perf_counter() - start, len(data) - len(missing)
+        summary = f"{len(data)} scenes: {len(missing)} computed in {seconds:.1f} s, {valid} already valid"
+        logger.info("%s: %s", storage.name, summary)
+
+    def _fingerprints(self, tasks: Mapping[str, SceneTask]) -> tuple[dict[str, str], list[SceneFailure]]:
+        fingerprinter = Fingerprinter()
+        fingerprints, failures = {}, []
+        for key in sorted(tasks):
+            task = tasks[key]
+            try:
+                fingerprints[key] = fingerprinter.task(
+                    task.function, task.inputs, task.parameters, validator=self._validator
+                )
+            except MlsRoadError as error:  # a source file that is not there fails its own scene alone
+                failures.append(SceneFailure(key, ", ".join(task.sources()) or None, describe_error(error)))
+        return fingerprints, failures
+
+    def _valid_records(self, fingerprints: Mapping[str, str], tasks: Mapping[str, SceneTask]) -> dict[str, Record]:
+        checksums = self._execution.verify == "checksum"
+
+        def valid(key: str) -> Record | None:
+            record = self._storage.read_record(key)
+            if record is None or record.task != fingerprints[key]:
+                return None
+            if not all(os.path.exists(output) for output in tasks[key].outputs):
+                return None
+            return record if self._storage.is_intact(key, record, checksums=checksums) else None
+
+        with ThreadPoolExecutor(self._execution.n_local_workers) as pool:
+            found = zip(fingerprints, pool.map(valid, fingerprints), strict=True)
+            return {key: record for key, record in found if record is not None}
+
+    def _run(self, jobs: list[SceneJob]) -> Iterator[Outcome]:
+        progress = Progress(self._storage.name, len(jobs), shown=self._execution.progress)
+        try:
+            with closing(run_jobs(jobs, self._execution)) as outcomes:
+                for outcome in outcomes:
+                    progress.step()
+                    if outcome.failure is not None:
+                        logger.error("%s; the other scenes go on\n%s", outcome.failure, outcome.failure.traceback)
+                    yield outcome
+        finally:
+            progress.close()
+
+    def _exists(self) -> bool:
+        return self._storage.is_complete()
+
+    def _describe(self) -> dict[str, Any]:
+        return {"filepath": self._storage.url, "execution": self._execution, "scene_validator": self._validator_name}
+
+
+def _check_tasks(data: object) -> None:
+    if not isinstance(data, Mapping):
+        raise DataError(f"a scene store takes a mapping of scene to SceneTask, got {type(data).__name__}")
+    for key, task in data.items():
+        if not is_valid_name(key) or key == MANIFEST:
+            raise DataError(f"a scene cannot be called {key!r}: use letters, digits, '_', '.' and '-'")
+        if not isinstance(task, SceneTask):
+            raise DataError(f"scene {key!r}: a scene store takes SceneTasks, got {type(task).__name__}")

@@ -1,0 +1,1 @@
+"""Execution of scene tasks: stores, workers, fingerprints."""

@@ -1,0 +1,95 @@
+"""Digests of plain data and of files."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import os
+from typing import Any
+
+import fsspec
+from fsspec.implementations.local import LocalFileSystem
+
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+
+DIGEST_BYTES = 16
+
+
+def new_digest() -> hashlib.blake2b:
+    """Return the running digest that the stores use: BLAKE2b of 128 bits.
+
+    Returns
+    -------
+    hashlib.blake2b
+        Of no data yet.
+    """
+    return hashlib.blake2b(digest_size=DIGEST_BYTES)
+
+
+def digest_json(data: Any) -> str:
+    """Return the digest of plain data, hexadecimal.
+
+    Parameters
+    ----------
+    data : str, number, None, list or mapping of such
+        The data. The order of a mapping's entries counts.
+
+    Returns
+    -------
+    str
+        32 hexadecimal digits.
+    """
+    digest = new_digest()
+    digest.update(json.dumps(data, ensure_ascii=False, separators=(",", ":")).encode())
+    return digest.hexdigest()
+
+
+@functools.lru_cache(maxsize=4096)
+def _local_digest(path: str, size: int, mtime_ns: int) -> str:
+    with open(path, "rb") as stream:
+        return hashlib.file_digest(stream, new_digest).hexdigest()
+
+
+@functools.lru_cache(maxsize=4096)
+def _remote_digest(url: str, state: str) -> str:
+    with fsspec.open(url, "rb") as stream:
+        return hashlib.file_digest(stream, new_digest).hexdigest()
+
+
+def digest_file(path: str) -> str:
+    """Return the digest of a file's content, or of all files below a folder.
+
+    A file is read once as long as its size and its modification time (or whatever its file system offers instead,
+    such as an ETag) stay as they are.
+
+    Parameters
+    ----------
+    path : str
+        A path, or any URL that fsspec understands.
+
+    Returns
+    -------
+    str
+        32 hexadecimal digits.
+
+    Raises
+    ------
+    ReadError
+        If there is no such file or it cannot be read.
+    """
+    filesystem, root = fsspec.core.url_to_fs(path)
+    try:
+        if filesystem.isdir(root):
+            files = sorted(filesystem.find(root))
+            return digest_json([[file.removeprefix(root), _digest_one(filesystem, file)] for file in files])
+        return _digest_one(filesystem, root)
+    except OSError as error:
+        raise ReadError(f"{path}: cannot be read: {error}") from error
+
+
+def _digest_one(filesystem: fsspec.AbstractFileSystem, path: str) -> str:
+    if isinstance(filesystem, LocalFileSystem):
+        state = os.stat(path)
+        return _local_digest(path, state.st_size, state.st_mtime_ns)
+    return _remote_digest(filesystem.unstrip_protocol(path), filesystem.ukey(path))

@@ -1,0 +1,246 @@
+"""Fingerprints: short digests that change whenever a stored result would have to be computed again.
+
+A fingerprint covers what a function is (qualified name, the sources that it can reach), what it is given (parameters,
+inputs) and what it stands on (versions of numerical packages). Two fingerprints are equal only if all of that is
+equal; what cannot influence a result, such as where the project lies on disk, stays out, so that a copied project keeps
+its results.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import functools
+import importlib.metadata
+import inspect
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path, PurePath
+from typing import Any, Protocol, runtime_checkable
+
+import joblib
+import numpy as np
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.execution.digests import digest_file, digest_json
+from mlsroad_pipeline.execution.source_reach import (
+    LIBRARY,
+    PROJECT,
+    all_sources,
+    in_science,
+    project_folder,
+    reachable_sources,
+)
+
+NUMERICAL_PACKAGES = ("numpy", "scipy", "numba", "scikit-learn", "open3d", "laspy", "torch", "PyMaxflow")
+"""Packages whose version is part of every fingerprint: another version may give other digits."""
+
+
+@runtime_checkable
+class Fingerprinted(Protocol):
+    """Something that knows what stands for it in a fingerprint."""
+
+    def fingerprint_data(self) -> Any:
+        """Return plain data (str, numbers, lists, mappings) that changes whenever the thing itself does."""
+
+
+def _digests(files: Iterable[Path], folder: Path) -> list[list[str]]:
+    return [[file.relative_to(folder).as_posix(), digest_file(str(file))] for file in sorted(files)]
+
+
+@functools.lru_cache(maxsize=1)
+def package_versions() -> dict[str, str]:
+    """Return the installed version of each of `NUMERICAL_PACKAGES` (absent ones are left out), without importing them.
+
+    Returns
+    -------
+    dict of str to str
+        Package to version.
+    """
+    versions = {}
+    for package in NUMERICAL_PACKAGES:
+        try:
+            versions[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return versions
+
+
+def describe_sources(module_names: Iterable[str]) -> list[Any]:
+    """Return digests of all sources that functions of the named modules may reach inside this project.
+
+    A function of `algorithms`, `simulation` or `studies` reaches what its module imports. A function of another package
+    can reach the whole library, since a model names the function that labels with it, and the modules of its own folder.
+    A function from outside the project counts with its own file.
+
+    Parameters
+    ----------
+    module_names : iterable of str
+        Modules of the functions and of the types of what they are given, imported already.
+
+    Returns
+    -------
+    list
+        Plain data for `digest_json`.
+    """
+    names, project = sorted(set(module_names)), project_folder()
+    outside = [name for name in names if not in_science(name)]
+    reached = all_sources() if outside else reachable_sources(names)
+    sources: list[Any] = [["library", _digests(reached, project)]]
+    for name in outside:
+        file = getattr(sys.modules.get(name), "__file__", None)
+        if file is None or not Path(file).is_file():
+            continue
+        if name.split(".")[0] != PROJECT:
+            sources.append([Path(file).name, digest_file(file)])
+        elif name.split(".")[1] not in LIBRARY:
+            beside = Path(file).parent
+            sources.append([name, _digests(beside.rglob("*.py"), beside)])
+    return sources
+
+
+def qualified_name(function: Callable[..., Any]) -> str:
+    """Return `module:name` of a function that a worker can import.
+
+    Parameters
+    ----------
+    function : callable
+        A function or class at the top level of a module (a static method of such a class is fine too).
+
+    Returns
+    -------
+    str
+        Module and qualified name.
+
+    Raises
+    ------
+    ParameterError
+        If it is a lambda, a closure, a partial or a bound method: what they hold besides their name would escape the
+        fingerprint.
+    """
+    module, name = getattr(function, "__module__", None), getattr(function, "__qualname__", None)
+    if module and name and "<" not in name:
+        try:
+            found = functools.reduce(getattr, name.split("."), sys.modules[module])
+        except (KeyError, AttributeError):
+            found = None
+        if found is function:
+            return f"{module}:{name}"
+    raise ParameterError(f"a scene task needs a function that a module defines at its top level, got {function!r}")
+
+
+class Fingerprinter:
+    """Turns values into plain data and tasks into fingerprints; remembers what was costly within one save."""
+
+    def __init__(self) -> None:
+        self._hashes: dict[int, tuple[Any, str]] = {}
+        self._sources: dict[tuple[str, ...], list[Any]] = {}
+        self._types: set[str] = set()  # modules of `SCIENCE` that define what was described
+
+    def task(
+        self,
+        function: Callable[..., Any],
+        inputs: Mapping[str, Any],
+        parameters: Mapping[str, Any],
+        *,
+        validator: Callable[..., Any] | None = None,
+    ) -> str:
+        """Return the fingerprint of a call.
+
+        Parameters
+        ----------
+        function : callable
+            What is called.
+        inputs : mapping of str to object
+            Keyword arguments that are read from storage; see `describe` for what they may be.
+        parameters : mapping of str to object
+            The other keyword arguments.
+        validator : callable, optional
+            A check that the result has to pass.
+
+        Returns
+        -------
+        str
+            32 hexadecimal digits.
+
+        Raises
+        ------
+        ParameterError
+            If the function is not importable by name or a value cannot be described.
+        ReadError
+            If a source file cannot be read.
+        """
+        functions = [function] if validator is None else [function, validator]
+        self._types = set()
+        given = {
+            "functions": [qualified_name(f) for f in functions],
+            "inputs": [[name, self.describe(inputs[name])] for name in sorted(inputs)],
+            "parameters": [[name, self.describe(parameters[name])] for name in sorted(parameters)],
+        }
+        modules = tuple(sorted({f.__module__ for f in functions} | self._types))
+        if modules not in self._sources:
+            self._sources[modules] = describe_sources(modules)
+        return digest_json({**given, "sources": self._sources[modules], "packages": package_versions()})
+
+    def describe(self, value: Any) -> Any:
+        """Return plain data that stands for a value.
+
+        Numbers of NumPy count as Python's, tuples as lists, paths as strings; the order of a mapping counts, because
+        it may have a meaning (labels follow the order of a class scheme).
+
+        Parameters
+        ----------
+        value : object
+            Plain values, NumPy scalars and arrays, dataclasses, enumerations, paths, sets, functions, containers of
+            such, `Fingerprinted` objects, and anything else that can be pickled (estimators).
+
+        Returns
+        -------
+        object
+            Plain data for `digest_json`.
+
+        Raises
+        ------
+        ParameterError
+            If the value is of another kind and cannot be pickled.
+        """
+        if isinstance(value, list | tuple):
+            described: Any = [self.describe(item) for item in value]
+        elif isinstance(value, Mapping):
+            described = {"mapping": [[self.describe(key), self.describe(item)] for key, item in value.items()]}
+        elif isinstance(value, set | frozenset):
+            described = {"set": sorted((self.describe(item) for item in value), key=digest_json)}
+        elif isinstance(value, Fingerprinted) and not isinstance(value, type):
+            described = self.describe(value.fingerprint_data())
+        elif isinstance(value, PurePath):
+            described = value.as_posix()
+        elif isinstance(value, np.bool_ | np.number | np.str_):
+            described = value.item()
+        elif value is None or type(value) in (bool, int, float, str):
+            described = value
+        else:
+            described = self._describe_object(value)
+        return described
+
+    def _describe_object(self, value: Any) -> Any:
+        kind = f"{type(value).__module__}.{type(value).__qualname__}"
+        if in_science(type(value).__module__):
+            self._types.add(type(value).__module__)
+        if isinstance(value, enum.Enum):
+            return {"enum": kind, "name": value.name}
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            fields = [[f.name, self.describe(getattr(value, f.name))] for f in dataclasses.fields(value)]
+            return {"dataclass": kind, "fields": fields}
+        if inspect.isroutine(value) or isinstance(value, type):
+            return {"function": qualified_name(value), "sources": describe_sources([value.__module__])}
+        return {"object": kind, "hash": self._hash(value, kind)}
+
+    def _hash(self, value: Any, kind: str) -> str:
+        known = self._hashes.get(id(value))
+        if known is None:
+            try:
+                # The value is kept beside its hash, so that its id is not given to another one.
+                known = self._hashes[id(value)] = (value, str(joblib.hash(value)))
+            except Exception as error:
+                raise ParameterError(f"a value of {kind} cannot be part of a scene task: {error}") from error
+        return known[1]

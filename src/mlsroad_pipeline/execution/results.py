@@ -1,0 +1,297 @@
+"""How results lie in files: point clouds and tables as Parquet, arrays as NPZ, with the same bytes for the same result.
+
+A result is a `PointCloud`, a pandas `DataFrame`, a mapping of names to arrays, or a mapping of part names to those;
+then each part is a file of its own. What comes back equals what was given in count, order, names, dtypes and bits.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import sys
+import zipfile
+from collections.abc import Mapping
+from io import RawIOBase
+from typing import Any, BinaryIO, cast
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+from scipy import sparse
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.execution.mapped_arrays import map_arrays
+
+POINTS, ARRAYS, TABLE = "points", "arrays", "table"
+EXTENSIONS = {POINTS: "parquet", ARRAYS: "npz", TABLE: "parquet"}
+SINGLE = "result"
+"""Name of the part of a result that is not divided into parts."""
+
+_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
+_CSR_FIELDS = ("data", "indices", "indptr", "shape")
+# Of what was measured, byte stream split with zstd writes floating columns fastest and halves them.
+_COMPRESSION = {"compression": "zstd", "compression_level": 1}
+_SCHEMA_KEY = b"mlsroad"
+_GROUP = 1 << 19  # points
+_SAMPLE = 4096
+
+
+def is_valid_name(name: object) -> bool:
+    """Tell whether a scene or a part may bear a name: letters, digits, `_`, `.` and `-`, no dot in front.
+
+    Parameters
+    ----------
+    name : object
+        The name.
+
+    Returns
+    -------
+    bool
+        Whether it is a string of that form.
+    """
+    return isinstance(name, str) and _NAME.fullmatch(name) is not None
+
+
+def kind_of(value: object) -> str | None:
+    """Return the kind of file that holds a value.
+
+    Parameters
+    ----------
+    value : object
+        A result or a part of one.
+
+    Returns
+    -------
+    str or None
+        `POINTS`, `ARRAYS`, `TABLE`, or None if no single file can hold the value.
+    """
+    pandas = sys.modules.get("pandas")  # a value can only be a table if somebody has imported pandas
+    if isinstance(value, PointCloud):
+        return POINTS
+    if pandas is not None and isinstance(value, pandas.DataFrame):
+        return TABLE
+    if isinstance(value, Mapping) and all(isinstance(v, np.ndarray) or _is_csr(v) for v in value.values()):
+        return ARRAYS
+    return None
+
+
+def _is_csr(value: object) -> bool:
+    return sparse.issparse(value) and isinstance(value, sparse.csr_array)
+
+
+def split_parts(result: object) -> dict[str, tuple[str, Any]]:
+    """Divide a result into parts, one file each.
+
+    Parameters
+    ----------
+    result : PointCloud, DataFrame, mapping of str to ndarray or csr_array, or mapping of part name to those
+        What a scene's function returned.
+
+    Returns
+    -------
+    dict of str to (str, object)
+        Part name to kind (one of `POINTS`, `ARRAYS`, `TABLE`) and value; a result without parts is the part `SINGLE`.
+
+    Raises
+    ------
+    DataError
+        If the result, or one of its parts, is of another type, or if a part's name cannot name a file.
+    """
+    kind = kind_of(result)
+    if kind is not None:
+        return {SINGLE: (kind, result)}
+    if not isinstance(result, Mapping):
+        raise DataError(f"a scene's result must be a PointCloud, a DataFrame or a mapping, got {type(result).__name__}")
+    parts = {}
+    for name, value in result.items():
+        if not is_valid_name(name) or name == SINGLE:
+            raise DataError(f"a part of a result cannot be called {name!r}")
+        part_kind = kind_of(value)
+        if part_kind is None:
+            raise DataError(f"part {name!r} of a result cannot be stored: it is a {_type_name(value)}")
+        parts[name] = (part_kind, value)
+    return parts
+
+
+def _type_name(value: object) -> str:
+    if isinstance(value, Mapping):
+        return "mapping with " + ", ".join(f"{name!r}: {type(item).__name__}" for name, item in value.items())
+    return type(value).__name__
+
+
+def write_part(kind: str, value: Any, stream: BinaryIO | RawIOBase) -> None:
+    """Write a value to a stream.
+
+    Parameters
+    ----------
+    kind : {"points", "arrays", "table"}
+        What `split_parts` says.
+    value : PointCloud, mapping or DataFrame
+        The value.
+    stream : binary file
+        Open for writing; it is only ever appended to.
+
+    Raises
+    ------
+    DataError
+        If a column or an array is of a dtype that files cannot hold without loss.
+    """
+    if kind == POINTS:
+        _write_points(value, stream)
+    elif kind == ARRAYS:
+        _write_arrays(value, stream)
+    else:
+        _write_table(value, stream)
+
+
+def read_part(kind: str, source: str | BinaryIO, *, mapped: bool = False) -> Any:
+    """Read back what `write_part` wrote.
+
+    Parameters
+    ----------
+    kind : {"points", "arrays", "table"}
+        What the record of the part says.
+    source : str or binary file
+        A local path, or the content.
+    mapped : bool, default False
+        Map arrays of a local file into memory, read-only, instead of reading them.
+
+    Returns
+    -------
+    PointCloud, dict or DataFrame
+        The value; its arrays are writable unless they are mapped.
+    """
+    if kind == POINTS:
+        return _read_points(source)
+    return _read_arrays(source, mapped=mapped) if kind == ARRAYS else _read_table(source)
+
+
+def _free_name(wish: str, taken: list[str]) -> str:
+    while wish in taken:
+        wish += "_"
+    return wish
+
+
+def _flat_columns(cloud: PointCloud) -> tuple[list[dict[str, Any]], list[str], list[NDArray]]:
+    """Lay vector columns out as flat ones: other programs read them, and they compress better than lists."""
+    layout: list[dict[str, Any]] = []
+    names: list[str] = []
+    arrays: list[NDArray] = []
+    for name, values in [(None, cloud.xyz), *cloud.columns.items()]:
+        array = np.asarray(values)
+        if array.dtype.kind not in "biuf" or array.dtype.itemsize > 8:
+            raise DataError(f"{cloud.source}: column {name!r} of dtype {array.dtype} cannot be stored")
+        flat = array.reshape(len(array), math.prod(array.shape[1:]))
+        fields = []
+        for i in range(flat.shape[1]):
+            wish = "xyz"[i] if name is None else name if array.ndim == 1 else f"{name}[{i}]"
+            fields.append(_free_name(wish, names))
+            names.append(fields[-1])
+            arrays.append(flat[:, i])
+        layout.append({"name": name, "dtype": array.dtype.str, "shape": list(array.shape[1:]), "fields": fields})
+    return layout, names, arrays
+
+
+def _has_many_values(array: NDArray) -> bool:
+    """Tell coordinates and times from floating columns that a dictionary suits, such as intensities of 8 bits."""
+    if array.dtype.kind != "f":
+        return False
+    sample = array[:: max(1, len(array) // _SAMPLE)]
+    return len(np.unique(sample)) > len(sample) // 8
+
+
+def _write_points(cloud: PointCloud, stream: BinaryIO | RawIOBase) -> None:
+    layout, names, arrays = _flat_columns(cloud)
+    header = {
+        "origin": np.asarray(cloud.origin, dtype=np.float64).tolist(),
+        "crs": cloud.crs,
+        "source": cloud.source,
+        "columns": layout,
+    }
+    types = [array.dtype.newbyteorder("=") for array in arrays]
+    fields = [pa.field(name, pa.from_numpy_dtype(dtype)) for name, dtype in zip(names, types, strict=True)]
+    schema = pa.schema(fields, metadata={_SCHEMA_KEY: json.dumps(header)})
+    split = [name for name, array in zip(names, arrays, strict=True) if _has_many_values(array)]
+    with pq.ParquetWriter(
+        stream,
+        schema,
+        use_dictionary=[name for name in names if name not in split],
+        column_encoding={name: "BYTE_STREAM_SPLIT" for name in split},
+        write_statistics=False,
+        write_page_checksum=True,
+        **_COMPRESSION,
+    ) as writer:
+        # Group by group, so that beside the cloud there is never more than a group in memory.
+        for start in range(0, max(len(cloud), 1), _GROUP):
+            rows = slice(start, start + _GROUP)
+            pieces = [np.ascontiguousarray(a[rows], dtype=t) for a, t in zip(arrays, types, strict=True)]
+            writer.write_table(pa.table([pa.array(piece) for piece in pieces], schema=schema))
+
+
+def _read_points(source: str | BinaryIO) -> PointCloud:
+    file = pq.ParquetFile(source, page_checksum_verification=True, pre_buffer=False)
+    header = json.loads(file.schema_arrow.metadata[_SCHEMA_KEY])
+    n, layout = file.metadata.num_rows, header["columns"]
+    # Allocated here rather than taken from Arrow: Numba and PyTorch treat read-only arrays as another kind.
+    arrays = [np.empty((n, len(column["fields"])), dtype=np.dtype(column["dtype"])) for column in layout]
+    start = 0
+    for group in range(file.num_row_groups):
+        table = file.read_row_group(group, use_threads=False)
+        for column, array in zip(layout, arrays, strict=True):
+            for i, field in enumerate(column["fields"]):
+                array[start : start + len(table), i] = table[field].to_numpy()
+        start += len(table)
+    shaped = [array.reshape(n, *column["shape"]) for column, array in zip(layout, arrays, strict=True)]
+    columns = {column["name"]: array for column, array in zip(layout[1:], shaped[1:], strict=True)}
+    xyz = shaped[0]
+    return PointCloud(xyz, columns, np.array(header["origin"]), header["crs"], header["source"])
+
+
+def _write_arrays(arrays: Mapping[str, Any], stream: BinaryIO | RawIOBase) -> None:
+    # Stored, not deflated: zip knows no zstd here, and deflate is slower than a scene's disk. Entries carry no date.
+    with zipfile.ZipFile(cast(BinaryIO, stream), "w", zipfile.ZIP_STORED) as archive:
+        for name, value in arrays.items():
+            if not isinstance(name, str) or not name or "/" in name:
+                raise DataError(f"an array cannot be called {name!r}")
+            if _is_csr(value):
+                fields = {f"{name}/{field}": np.asarray(getattr(value, field)) for field in _CSR_FIELDS}
+            else:
+                fields = {name: value}
+            for entry, array in fields.items():
+                if array.dtype.hasobject:
+                    raise DataError(f"array {entry!r} of dtype {array.dtype} cannot be stored")
+                with archive.open(zipfile.ZipInfo(f"{entry}.npy"), "w", force_zip64=True) as target:
+                    np.lib.format.write_array(target, array, allow_pickle=False)
+
+
+def _read_arrays(source: str | BinaryIO, *, mapped: bool) -> dict[str, Any]:
+    if mapped and isinstance(source, str):
+        entries = map_arrays(source)
+    else:
+        with np.load(source, allow_pickle=False) as archive:
+            entries = {name: archive[name] for name in archive.files}
+    arrays: dict[str, Any] = {}
+    for entry, array in entries.items():
+        name, _, field = entry.partition("/")
+        if not field:
+            arrays[name] = array
+        elif name not in arrays:
+            data, indices, indptr, shape = (entries[f"{name}/{f}"] for f in _CSR_FIELDS)
+            arrays[name] = sparse.csr_array((data, indices, indptr), shape=tuple(shape.tolist()))
+    return arrays
+
+
+def _write_table(frame: Any, stream: BinaryIO | RawIOBase) -> None:
+    try:
+        table = pa.Table.from_pandas(frame, nthreads=1)
+    except (pa.ArrowException, TypeError, ValueError) as error:
+        raise DataError(f"a table cannot be stored: {error}") from error
+    pq.write_table(table, stream, write_page_checksum=True, **_COMPRESSION)
+
+
+def _read_table(source: str | BinaryIO) -> Any:
+    file = pq.ParquetFile(source, page_checksum_verification=True, pre_buffer=False)
+    return file.read(use_threads=False, use_pandas_metadata=True).to_pandas(use_threads=False)

@@ -1,0 +1,105 @@
+"""Large values that many tasks of a stage share, such as a trained model: written once, read once by each worker.
+
+A task that carries its model would otherwise have it pickled, sent and rebuilt for every scene.
+"""
+
+from __future__ import annotations
+
+import pickle
+import threading
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cloudpickle  # type: ignore[import-untyped]  # it has no stubs
+
+from mlsroad_pipeline.execution.digests import new_digest
+from mlsroad_pipeline.execution.files import SHARED, StoreFiles
+from mlsroad_pipeline.execution.task import SceneTask
+
+SHARED_FROM = 1 << 20
+"""Pickled size in bytes from which on a value is shared."""
+
+_PLAIN = (type(None), bool, int, float, str)
+
+_lock = threading.Lock()
+_loaded: dict[tuple[str, str], Any] = {}
+
+
+@dataclass(frozen=True)
+class SharedValue:
+    """Stands for a parameter in the tasks that workers are given.
+
+    Parameters
+    ----------
+    files : StoreFiles
+        The store that holds the value.
+    name : str
+        Its file in there.
+    """
+
+    files: StoreFiles
+    name: str
+
+    def load(self) -> Any:
+        """Return the value; a worker reads it once and keeps it until its next stage."""
+        key = (self.files.url, self.name)
+        with _lock:
+            if key not in _loaded:
+                for other in [k for k in _loaded if k[0] != self.files.url]:
+                    del _loaded[other]
+                _loaded[key] = pickle.loads(self.files.read_bytes(self.name))
+            return _loaded[key]
+
+
+def share_values(tasks: Sequence[SceneTask], files: StoreFiles) -> list[SceneTask]:
+    """Write large parameters that several tasks have in common to files, and let the tasks refer to those.
+
+    Parameters
+    ----------
+    tasks : sequence of SceneTask
+        The tasks; parameters are in common if they are one object.
+    files : StoreFiles
+        Where workers can read.
+
+    Returns
+    -------
+    list of SceneTask
+        The same tasks in the same order.
+    """
+    values = {id(value): value for task in tasks for value in task.parameters.values()}
+    uses = Counter(id(value) for task in tasks for value in task.parameters.values())
+    shared: dict[int, SharedValue] = {}
+    for identity, count in uses.items():
+        if count > 1 and not isinstance(values[identity], _PLAIN):
+            data = cloudpickle.dumps(values[identity])
+            if len(data) >= SHARED_FROM:
+                digest = new_digest()
+                digest.update(data)
+                shared[identity] = SharedValue(files, f"{SHARED}/{digest.hexdigest()}.pickle")
+                with files.writing(shared[identity].name) as stream:
+                    stream.write(data)
+    if not shared:
+        return list(tasks)
+    replaced = []
+    for task in tasks:
+        parameters = {name: shared.get(id(value), value) for name, value in task.parameters.items()}
+        replaced.append(replace(task, parameters=parameters))
+    return replaced
+
+
+def load_shared(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Replace what stands for shared values by the values.
+
+    Parameters
+    ----------
+    parameters : mapping of str to object
+        A task's parameters, as `share_values` left them.
+
+    Returns
+    -------
+    dict of str to object
+        The parameters for the function.
+    """
+    return {name: v.load() if isinstance(v, SharedValue) else v for name, v in parameters.items()}

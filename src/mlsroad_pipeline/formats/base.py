@@ -1,0 +1,135 @@
+"""What every format offers, and the options that tell it how to read and write."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.options import ReadOptions, WriteOptions
+
+__all__ = ["FileInfo", "PointFormat", "ReadOptions", "WriteOptions"]
+
+
+@dataclass(frozen=True)
+class FileInfo:
+    """What a file says about itself, without its points having been read.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    format : str
+        Name of its format.
+    n_points : int
+        Number of points.
+    columns : mapping of str to dtype
+        Columns that `read` will give, after renaming, with the types that it gives them.
+    origin : ndarray of shape (3,), float64
+        World coordinates in metres of the local zero that every range of this file is read relative to.
+    crs : str or None
+        Coordinate reference system as WKT.
+    bounds : ndarray of shape (2, 3) or None
+        Least and greatest world coordinates in metres, where the header has them.
+    details : mapping
+        What the format adds: a LAS file's version, point format, scale, offset, creation date, time type.
+    """
+
+    path: Path
+    format: str
+    n_points: int
+    columns: Mapping[str, np.dtype]
+    origin: NDArray[np.float64]
+    crs: str | None = None
+    bounds: NDArray[np.float64] | None = None
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+
+class PointFormat(Protocol):
+    """A way of storing points in a file; one module each, entered in `registry.FORMATS`.
+
+    Attributes
+    ----------
+    name : str
+        What messages call the format.
+    extensions : tuple of str
+        File name endings in lower case, with the dot; compound ones (``.txt.gz``) are allowed.
+    signatures : tuple of bytes
+        First bytes of such files; empty where the format has none.
+    """
+
+    name: str
+    extensions: tuple[str, ...]
+    signatures: tuple[bytes, ...]
+
+    def recognises(self, path: Path, head: bytes) -> bool:
+        """Tell whether a file's content is certainly of this format.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+        head : bytes
+            Its first bytes.
+
+        Returns
+        -------
+        bool
+            Whether it begins with one of the signatures; formats without any look closer, or leave it to the name.
+        """
+        del path
+        return head.startswith(self.signatures) if self.signatures else False
+
+    def info(self, path: Path, options: ReadOptions) -> FileInfo:
+        """Return what the file says about itself; `ReadError` where it is not of this format or is damaged.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+        options : ReadOptions
+            How to read it.
+
+        Returns
+        -------
+        FileInfo
+            Its description.
+        """
+        ...
+
+    def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
+        """Return rows `start` to `stop` (None: the end; clipped to the file) with their columns, in file order.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+        options : ReadOptions
+            How to read it.
+        start, stop : int
+            First row and the row after the last.
+
+        Returns
+        -------
+        PointCloud
+            The points.
+        """
+        ...
+
+    def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
+        """Write the cloud; the file appears whole or not at all.
+
+        Parameters
+        ----------
+        path : Path
+            The file to write.
+        cloud : PointCloud
+            The points.
+        options : WriteOptions
+            How to write them.
+        """

@@ -1,0 +1,211 @@
+"""Coordinate reference systems of files: options, sidecars, and reprojection on request. None is ever guessed."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pyproj
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.formats.content import unpacked_name
+from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key, log_once
+
+SIDECAR = ".prj"
+LARGEST = 1 << 20
+SAME_UNIT = 1e-7
+"""Share by which two units may differ to be one: a foot and a US survey foot differ by 2e-6."""
+
+
+def parse_crs(crs: str) -> str:
+    """Return a coordinate reference system as WKT.
+
+    Parameters
+    ----------
+    crs : str
+        WKT, PROJ or an authority's code.
+
+    Returns
+    -------
+    str
+        Its WKT.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be understood.
+    """
+    try:
+        return str(pyproj.CRS.from_user_input(crs).to_wkt())
+    except pyproj.exceptions.CRSError as error:
+        raise ParameterError(f"crs {crs!r} is not a coordinate reference system: {error}") from error
+
+
+def _stem(path: Path) -> str:
+    name = unpacked_name(path)
+    return name.rpartition(".")[0] or name
+
+
+def sidecar_crs(path: Path) -> str | None:
+    """Return the CRS of the ``.prj`` file beside a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file, ``street.xyz.gz`` say; its sidecar is ``street.prj``.
+
+    Returns
+    -------
+    str or None
+        Its WKT; None without a sidecar, or where PROJ does not understand it, which the log says.
+    """
+    beside = next((p for e in (SIDECAR, SIDECAR.upper()) if (p := path.with_name(_stem(path) + e)).is_file()), None)
+    return None if beside is None else _sidecar(file_key(beside))
+
+
+@lru_cache(maxsize=64)
+def _sidecar(key: FileKey) -> str | None:
+    with Path(key[0]).open("rb") as stream:
+        text = stream.read(LARGEST).decode("utf-8-sig", "replace").strip()
+    try:
+        crs = str(pyproj.CRS.from_user_input(text).to_wkt())
+    except pyproj.exceptions.CRSError:
+        log_once(key[0], f"holds no coordinate reference system that PROJ knows: {text[:60]!r}")
+        return None
+    log_once(key[0], f"gives the coordinate reference system {pyproj.CRS.from_wkt(crs).name}")
+    return crs
+
+
+def write_sidecar(path: Path, crs: str | None) -> None:
+    """Write a CRS beside a file whose format holds none.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    crs : str or None
+        WKT; None writes nothing.
+    """
+    if crs:
+        with atomic_file(path.with_name(_stem(path) + SIDECAR)) as stream:
+            stream.write(crs.encode() + b"\n")
+
+
+@lru_cache(maxsize=64)
+def crs_unit(crs: str) -> tuple[str, float] | None:
+    """Return the unit of a projected system.
+
+    Parameters
+    ----------
+    crs : str
+        The system as WKT.
+
+    Returns
+    -------
+    tuple of str and float, or None
+        Its name and what it is in metres; None where the system is not projected or not understood.
+    """
+    try:
+        system = pyproj.CRS.from_user_input(crs)
+    except pyproj.exceptions.CRSError:
+        return None
+    system = system.sub_crs_list[0] if system.is_compound else system
+    return (system.axis_info[0].unit_name, system.axis_info[0].unit_conversion_factor) if system.is_projected else None
+
+
+@lru_cache(maxsize=64)
+def is_geographic(crs: str | None) -> bool:
+    """Tell whether a system counts in degrees.
+
+    Parameters
+    ----------
+    crs : str or None
+        The system as WKT.
+
+    Returns
+    -------
+    bool
+        False where there is none, or none that PROJ understands.
+    """
+    try:
+        return crs is not None and bool(pyproj.CRS.from_user_input(crs).is_geographic)
+    except pyproj.exceptions.CRSError:
+        return False
+
+
+@lru_cache(maxsize=64)
+def in_metres(crs: str, metres: float) -> str:
+    """Return the system that coordinates are in when they have been turned from its unit into metres.
+
+    Parameters
+    ----------
+    crs : str
+        The system as WKT.
+    metres : float
+        The factor that they were multiplied with.
+
+    Returns
+    -------
+    str
+        The same projection and heights in metres, without the code; the system itself where its unit is another.
+    """
+    unit = crs_unit(crs)
+    if metres == 1.0 or unit is None or abs(unit[1] / metres - 1.0) > SAME_UNIT:
+        return crs
+    system = pyproj.CRS.from_user_input(crs)
+    parts = []
+    for part in system.sub_crs_list or [system]:
+        described = part.to_json_dict()
+        described.pop("id", None)
+        described["name"] += " in metres"
+        for axis in described["coordinate_system"]["axis"]:
+            axis["unit"] = "metre"
+        parts.append(pyproj.CRS.from_json_dict(described))
+    joined = parts[0] if len(parts) == 1 else pyproj.crs.CompoundCRS(" + ".join(p.name for p in parts), parts)
+    return str(joined.to_wkt())
+
+
+def reproject(
+    world: NDArray[np.float64], source: str | None, target: str, *, name: Path
+) -> tuple[NDArray[np.float64], str]:
+    """Turn coordinates of one system into those of another.
+
+    Parameters
+    ----------
+    world : ndarray of shape (n, 3)
+        World coordinates: easting, northing and height in metres, or longitude, latitude in degrees and height.
+    source : str or None
+        Their system as WKT.
+    target : str
+        The wanted system: WKT or a code.
+    name : Path
+        What messages call the file.
+
+    Returns
+    -------
+    xyz : ndarray of shape (n, 3), float64
+        The coordinates; heights change where both systems have them.
+    crs : str
+        The target as WKT.
+
+    Raises
+    ------
+    DataError
+        If the file states no system, or a point lies where the target is not defined.
+    """
+    wkt = parse_crs(target)
+    if source is None:
+        raise DataError(f"{name} states no coordinate reference system to reproject from; set crs")
+    try:
+        x, y, z = world.T
+        moved = np.stack(_transformer(source, wkt).transform(x, y, z, errcheck=True), axis=1)
+    except pyproj.exceptions.ProjError as error:
+        raise DataError(f"{name} cannot be reprojected to {target}: {error}") from error
+    return moved, wkt
+
+
+@lru_cache(maxsize=16)
+def _transformer(source: str, target: str) -> pyproj.Transformer:
+    return pyproj.Transformer.from_crs(source, target, always_xy=True)

@@ -1,0 +1,164 @@
+"""The pages of an E57 file (ASTM E2807): 1,020 bytes of content and a checksum of four (CRC-32C) each."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.formats.content import open_content
+
+PAGE = 1024
+CONTENT = PAGE - 4
+SIGNATURE = b"ASTM-E57"
+HEADER = struct.Struct("<8sIIQQQQ")
+POLYNOMIAL = 0x82F63B78
+
+
+def _table() -> NDArray[np.uint32]:
+    table = np.arange(256, dtype=np.uint32)
+    for _ in range(8):
+        table = np.where(table & 1, table >> np.uint32(1) ^ np.uint32(POLYNOMIAL), table >> np.uint32(1))
+    tables = [table]
+    for _ in range(7):
+        last = tables[-1]
+        tables.append(table[last & 255] ^ last >> np.uint32(8))
+    return np.stack(tables)
+
+
+_CRC = _table()
+
+
+@njit(cache=True, nogil=True)
+def page_checksums(pages: NDArray[np.uint8], tables: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Return the checksum of each page's content, eight bytes at a time."""
+    out = np.empty(len(pages), dtype=np.uint32)
+    n_bytes = pages.shape[1] - 4
+    for page in range(len(pages)):
+        crc = np.uint32(0xFFFFFFFF)
+        row = pages[page]
+        at = 0
+        while at + 8 <= n_bytes:
+            crc = (
+                tables[7, (crc & 255) ^ row[at]]
+                ^ tables[6, (crc >> 8 & 255) ^ row[at + 1]]
+                ^ tables[5, (crc >> 16 & 255) ^ row[at + 2]]
+                ^ tables[4, (crc >> 24) ^ row[at + 3]]
+                ^ tables[3, row[at + 4]]
+                ^ tables[2, row[at + 5]]
+                ^ tables[1, row[at + 6]]
+                ^ tables[0, row[at + 7]]
+            )
+            at += 8
+        while at < n_bytes:
+            crc = tables[0, (crc & 255) ^ row[at]] ^ crc >> 8
+            at += 1
+        out[page] = crc ^ np.uint32(0xFFFFFFFF)
+    return out
+
+
+class E57Pages:
+    """The content of an E57 file, checked page by page as it is read.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Raises
+    ------
+    ReadError
+        If the file is not E57, of another version than 1, or truncated.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        file = open_content(path)
+        size, head = file.size, file.read(HEADER.size)
+        if len(head) < HEADER.size or not head.startswith(SIGNATURE):
+            raise ReadError(f"{path} is not an E57 file: it begins with {head[:8]!r}, not {SIGNATURE!r}")
+        _, major, minor, length, xml_at, self.xml_size, page = HEADER.unpack(head)
+        if major != 1 or page != PAGE:
+            raise ReadError(
+                f"{path} is E57 {major}.{minor} with pages of {page} bytes; version 1 with {PAGE} can be read"
+            )
+        if length > size or size < PAGE:
+            raise ReadError(f"{path} is truncated: its header says {length} bytes, it has {size}")
+        n_pages = size // PAGE
+        self._pages = file.records(np.dtype("u1"), 0, n_pages * PAGE).reshape(n_pages, PAGE)
+        self.size = n_pages * CONTENT
+        self.xml_start = self.logical(xml_at)
+
+    def logical(self, physical: int) -> int:
+        """Return where a byte of the file stands in its content.
+
+        Parameters
+        ----------
+        physical : int
+            Position in the file.
+
+        Returns
+        -------
+        int
+            Position in the content.
+        """
+        return physical // PAGE * CONTENT + min(physical % PAGE, CONTENT)
+
+    def read(self, start: int, n_bytes: int) -> NDArray[np.uint8]:
+        """Return a part of the content.
+
+        Parameters
+        ----------
+        start, n_bytes : int
+            Position in the content and length.
+
+        Returns
+        -------
+        ndarray of shape (n_bytes,), uint8
+            The part.
+
+        Raises
+        ------
+        ReadError
+            If it reaches beyond the file or a page's checksum is wrong.
+        """
+        if start < 0 or n_bytes < 0 or start + n_bytes > self.size:
+            raise ReadError(
+                f"{self.path} is damaged: bytes {start} to {start + n_bytes} of its {self.size} are asked for"
+            )
+        if not n_bytes:
+            return np.empty(0, np.uint8)
+        first, last = start // CONTENT, (start + n_bytes - 1) // CONTENT
+        pages = np.ascontiguousarray(self._pages[first : last + 1])
+        stated = pages[:, CONTENT:].copy().view(">u4")[:, 0]
+        wrong = np.flatnonzero(page_checksums(pages, _CRC) != stated)
+        if len(wrong):
+            page = first + int(wrong[0])
+            raise ReadError(f"{self.path} is damaged: the checksum of the page at byte {page * PAGE} is wrong")
+        content = np.ascontiguousarray(pages[:, :CONTENT]).ravel()
+        return content[start - first * CONTENT : start - first * CONTENT + n_bytes]
+
+
+def pack_pages(content: bytes) -> NDArray[np.uint8]:
+    """Lay content out in pages with checksums.
+
+    Parameters
+    ----------
+    content : bytes
+        The content, header included.
+
+    Returns
+    -------
+    ndarray of shape (n, 1024), uint8
+        The pages; the last is filled with zeros.
+    """
+    n_pages = -(-len(content) // CONTENT)
+    pages = np.zeros((n_pages, PAGE), dtype=np.uint8)
+    filled = np.frombuffer(content.ljust(n_pages * CONTENT, b"\0"), np.uint8)
+    pages[:, :CONTENT] = filled.reshape(n_pages, CONTENT)
+    pages[:, CONTENT:] = page_checksums(pages, _CRC).astype(">u4").view(np.uint8).reshape(n_pages, 4)
+    return pages

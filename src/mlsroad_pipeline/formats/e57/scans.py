@@ -1,0 +1,248 @@
+"""The scans of an E57 file: what its XML says of them, and their columns by ranges of rows."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from xml.etree import ElementTree as ET
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.formats.e57.pages import E57Pages
+
+NAMESPACE = "{http://www.astm.org/COMMIT/E57/2010-e57-v1.0}"
+SECTION = struct.Struct("<B7xQQQ")
+COMPRESSED_VECTOR, DATA_PACKET = 1, 1
+LARGEST_XML = 1 << 28
+
+
+@dataclass(frozen=True)
+class E57Field:
+    """One field of the points of a scan.
+
+    Parameters
+    ----------
+    name : str
+        Its name, such as ``cartesianX``; with a prefix where it belongs to an extension.
+    kind : str
+        ``Float``, ``Integer``, ``ScaledInteger`` or ``String``.
+    bits : int
+        Bits of one value; 0 where it is always the least.
+    minimum, maximum : float or int
+        Least and greatest value, unscaled.
+    scale, offset : float
+        Of a scaled integer.
+    """
+
+    name: str
+    kind: str
+    bits: int
+    minimum: float
+    maximum: float
+    scale: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def dtype(self) -> np.dtype:
+        """Return the type of its values."""
+        if self.kind == "Float":
+            return np.dtype(f"f{self.bits // 8}")
+        if self.kind == "ScaledInteger":
+            return np.dtype("f8")
+        kinds = [np.dtype(k) for k in ("u1", "i1", "u2", "i2", "u4", "i4", "i8", "u8")]
+        fits = [k for k in kinds if np.iinfo(k).min <= self.minimum and self.maximum <= np.iinfo(k).max]
+        return fits[0] if fits else np.dtype("i8")
+
+
+@dataclass(frozen=True)
+class E57Scan:
+    """One scan of an E57 file.
+
+    Parameters
+    ----------
+    name : str
+        Its name or number.
+    n_points : int
+        Number of records.
+    fields : tuple of E57Field
+        Fields of a record.
+    rotation : ndarray of shape (3, 3)
+        Rotation from the scanner's frame to the file's.
+    translation : ndarray of shape (3,)
+        Position of the scanner, metres.
+    limits : mapping of str to float
+        Stated limits of intensity and colours.
+    start : float
+        Time that time stamps count from.
+    streams : tuple of (ndarray, ndarray)
+        Per field: where its pieces are in the content, and how many bytes were before each; the last entry is the sum.
+    """
+
+    name: str
+    n_points: int
+    fields: tuple[E57Field, ...]
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+    limits: Mapping[str, float]
+    start: float
+    streams: tuple[tuple[NDArray[np.int64], NDArray[np.int64]], ...] = field(default=(), repr=False)
+
+
+def parse_xml(pages: E57Pages) -> ET.Element:
+    """Return the XML of a file.
+
+    Parameters
+    ----------
+    pages : E57Pages
+        The file.
+
+    Returns
+    -------
+    Element
+        Its root.
+
+    Raises
+    ------
+    ReadError
+        If it is not well-formed or declares entities.
+    """
+    if pages.xml_size > LARGEST_XML:
+        raise ReadError(f"{pages.path} is damaged: its header says {pages.xml_size} bytes of XML")
+    text = pages.read(pages.xml_start, pages.xml_size).tobytes()
+    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
+        raise ReadError(f"{pages.path}: its XML declares entities, which E57 does not allow")
+    try:
+        return ET.fromstring(text)
+    except ET.ParseError as error:
+        raise ReadError(f"{pages.path} is damaged: its XML: {error}") from None
+
+
+def read_scans(pages: E57Pages, root: ET.Element) -> list[E57Scan]:
+    """Return the scans of a file.
+
+    Parameters
+    ----------
+    pages : E57Pages
+        The file.
+    root : Element
+        Its XML.
+
+    Returns
+    -------
+    list of E57Scan
+        The scans in the order of the file.
+
+    Raises
+    ------
+    ReadError
+        If a description or a section is damaged, or holds fewer values than it says.
+    """
+    scans = []
+    for number, node in enumerate(root.findall(f"{NAMESPACE}data3D/*")):
+        try:
+            scans.append(_scan(pages, node, number))
+        except (ValueError, TypeError, OverflowError, struct.error) as error:
+            if isinstance(error, ReadError):
+                raise
+            raise ReadError(f"{pages.path} is damaged: the description of scan {number}: {error}") from None
+    return scans
+
+
+def _number(node: ET.Element, path: str, default: float) -> float:
+    found = node.find("/".join(NAMESPACE + step for step in path.split("/")))
+    if found is None:
+        return default
+    value = float(found.text or 0)
+    return value * float(found.get("scale", 1)) + float(found.get("offset", 0))
+
+
+def _scan(pages: E57Pages, node: ET.Element, number: int) -> E57Scan:
+    points = node.find(NAMESPACE + "points")
+    prototype = None if points is None else points.find(NAMESPACE + "prototype")
+    if points is None or prototype is None:
+        raise ValueError("it has no points")
+    fields = tuple(_field(child) for child in prototype)
+    n_points, at = int(points.get("recordCount", 0)), int(points.get("fileOffset", 0))
+    if n_points < 0:
+        raise ValueError(f"recordCount {n_points}")
+    quaternion = [_number(node, f"pose/rotation/{k}", float(k == "w")) for k in "wxyz"]
+    translation = [_number(node, f"pose/translation/{k}", 0.0) for k in "xyz"]
+    if not np.isfinite([*quaternion, *translation]).all() or not any(quaternion):
+        raise ValueError(f"pose {quaternion}, {translation}")
+    limits = {}
+    for group in ("intensityLimits", "colorLimits"):
+        for child in node.find(NAMESPACE + group) or ():
+            name = child.tag.removeprefix(NAMESPACE)
+            limits[name] = _number(node, f"{group}/{name}", 0.0)
+    streams = _streams(pages, fields, n_points, at, number) if n_points else ()
+    name = node.findtext(NAMESPACE + "name") or str(number)
+    start = _number(node, "acquisitionStart/dateTimeValue", 0.0)
+    return E57Scan(*(name, n_points, fields, _rotation(quaternion), np.array(translation), limits, start, streams))
+
+
+def _rotation(quaternion: list[float]) -> NDArray[np.float64]:
+    w, x, y, z = np.array(quaternion) / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _field(node: ET.Element) -> E57Field:
+    name, kind = node.tag.removeprefix(NAMESPACE).rpartition("}")[2], node.get("type", "")
+    if kind == "Float":
+        return E57Field(name, kind, 32 if node.get("precision") == "single" else 64, -np.inf, np.inf)
+    if kind in ("Integer", "ScaledInteger"):
+        low, high = int(node.get("minimum", -(2**63))), int(node.get("maximum", 2**63 - 1))
+        scale, offset = float(node.get("scale", 1)), float(node.get("offset", 0))
+        if low > high or low < -(2**63) or high >= 2**63 or not np.isfinite([scale, offset]).all():
+            raise ValueError(f"field {name} has limits {low} to {high}, scale {scale}, offset {offset}")
+        return E57Field(name, kind, (high - low).bit_length(), low, high, scale, offset)
+    if kind == "String":
+        return E57Field(name, kind, 0, 0, 0)
+    raise ValueError(f"field {name} is of type {kind!r}")
+
+
+def _streams(
+    pages: E57Pages, fields: tuple[E57Field, ...], n_points: int, at: int, number: int
+) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], ...]:
+    """Find the pieces of every field's values; a packet has one piece of each."""
+    section, length, data, _ = SECTION.unpack(pages.read(pages.logical(at), SECTION.size).tobytes())
+    begin = pages.logical(data)
+    end = min(pages.logical(at) + length, pages.size)
+    if section != COMPRESSED_VECTOR:
+        raise ReadError(f"{pages.path} is damaged: the points of scan {number} at byte {at} are no section of points")
+    starts: list[list[int]] = [[] for _ in fields]
+    sizes: list[list[int]] = [[] for _ in fields]
+    while begin + 4 <= end:
+        kind, _, size, count = struct.unpack("<BBHH", pages.read(begin, 6).tobytes())
+        if kind == DATA_PACKET:
+            if count != len(fields):
+                raise ReadError(f"{pages.path} is damaged: a packet of {count} streams for {len(fields)} fields")
+            lengths = pages.read(begin + 6, 2 * count).view("<u2").astype(np.int64)
+            if 6 + 2 * count + lengths.sum() > size + 1:
+                raise ReadError(
+                    f"{pages.path} is damaged: a packet of scan {number} holds more than its {size + 1} bytes"
+                )
+            where = begin + 6 + 2 * count
+            for i, n_bytes in enumerate(lengths.tolist()):
+                starts[i].append(where)
+                sizes[i].append(n_bytes)
+                where += n_bytes
+        begin += size + 1
+    found = []
+    for i, spec in enumerate(fields):
+        before = np.concatenate([[0], np.cumsum(sizes[i], dtype=np.int64)])
+        if spec.kind != "String" and 8 * int(before[-1]) < n_points * spec.bits:
+            raise ReadError(
+                f"{pages.path} is truncated or damaged: scan {number} says {n_points} points, "
+                f"its field {spec.name} holds {8 * int(before[-1]) // spec.bits}"
+            )
+        found.append((np.array(starts[i], dtype=np.int64), before))
+    return tuple(found)

@@ -1,0 +1,163 @@
+"""Opening files with clear errors, and letting them appear whole or not at all."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+
+logger = logging.getLogger(__name__)
+
+LAZ_CHUNK = 50_000
+"""Points of a chunk in LAZ files that LASzip, lazrs and PDAL write."""
+
+FileKey = tuple[str, int, int]
+"""Path, size and time of modification: what is remembered about a file holds as long as these stay."""
+
+
+def check_file(path: str | Path) -> Path:
+    """Return the path of a file that exists, is readable and not empty.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    Path
+        The same path.
+
+    Raises
+    ------
+    ReadError
+        If it is missing, a folder, empty, or may not be read.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise ReadError(f"{path} is a folder, not a file")
+    try:
+        with path.open("rb") as stream:
+            if not stream.read(1):
+                raise ReadError(f"{path} is empty (0 bytes)")
+    except FileNotFoundError:
+        raise ReadError(f"{path} does not exist") from None
+    except OSError as error:
+        raise ReadError(f"{path} cannot be read: {error.strerror}") from error
+    return path
+
+
+def spread_starts(n_points: int, runs: int, size: int) -> list[int]:
+    """Choose where runs of points begin that are spread evenly over a file.
+
+    Parameters
+    ----------
+    n_points : int
+        Points of the file.
+    runs : int
+        How many runs are wanted.
+    size : int
+        Points of a run.
+
+    Returns
+    -------
+    list of int
+        First rows, ascending, fewer in small files. In large ones they are first points of chunks of LAZ, which can be
+        decompressed from their first point only.
+    """
+    starts = np.linspace(0, max(n_points - size, 0), runs).astype(np.int64)
+    if n_points >= runs * LAZ_CHUNK:
+        starts -= starts % LAZ_CHUNK
+    return [int(start) for start in np.unique(starts)]
+
+
+def file_key(path: Path) -> FileKey:
+    """Return what identifies a file's present content.
+
+    Parameters
+    ----------
+    path : Path
+        An existing file.
+
+    Returns
+    -------
+    tuple of str, int, int
+        Path, size in bytes and modification time in nanoseconds.
+    """
+    status = path.stat()
+    return str(path), status.st_size, status.st_mtime_ns
+
+
+@lru_cache(maxsize=4096)
+def log_once(source: str, text: str) -> None:
+    """Log what was found out about a file, the first time that it is.
+
+    Parameters
+    ----------
+    source : str
+        The file.
+    text : str
+        What was found.
+    """
+    logger.info("%s: %s", source, text)
+
+
+@contextmanager
+def atomic_file(path: Path) -> Iterator[BinaryIO]:
+    """Give a stream whose content becomes `path` when the block ends, and vanishes when it raises.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write; its folder is made where it is missing.
+
+    Yields
+    ------
+    binary stream
+        Open for writing and reading, in the same folder under a temporary name.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with temporary.open("w+b") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def clip_range(start: int, stop: int | None, n_points: int) -> tuple[int, int]:
+    """Return a row range inside a file.
+
+    Parameters
+    ----------
+    start, stop : int
+        First row and the row after the last; None is the end. Beyond the end is clipped.
+    n_points : int
+        Number of rows.
+
+    Returns
+    -------
+    tuple of int
+        The range, with ``0 <= start <= stop <= n_points``.
+
+    Raises
+    ------
+    ValueError
+        If `start` is negative or `stop` is before `start`.
+    """
+    end = max(start, n_points) if stop is None else stop
+    if start < 0 or end < start:
+        raise ValueError(f"row range must satisfy 0 <= start <= stop, got {start}..{stop}")
+    return min(start, n_points), min(end, n_points)

@@ -1,0 +1,225 @@
+"""What text, PLY and KITTI share: flat tables of scalar columns, read whole and written as text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.standard_columns import (
+    COLOURS,
+    COORDINATES,
+    check_finite,
+    origin_near,
+    standard_cloud,
+)
+
+CHUNK = 1_000_000
+"""Points that are written at a time."""
+
+
+def flat_cloud(
+    raw: Mapping[str, NDArray],
+    *,
+    first: Mapping[str, NDArray],
+    options: ReadOptions,
+    source: Path,
+    start: int,
+    maximum: Callable[[Sequence[str]], float],
+    crs: str | None = None,
+) -> PointCloud:
+    """Build a point cloud from scalar columns of a range of a file.
+
+    Parameters
+    ----------
+    raw : mapping of str to ndarray of shape (n,)
+        Columns under their given names (see `resolve_columns`), coordinates among them.
+    first : mapping of str to ndarray of shape (1,) or (0,)
+        The same columns of the file's first row, which decides the origin.
+    options : ReadOptions
+        How to read.
+    source : Path
+        The file.
+    start : int
+        Row of the first point.
+    maximum : callable
+        Takes given names, returns the greatest value of these columns over the whole file.
+    crs : str, optional
+        The file's CRS as WKT.
+
+    Returns
+    -------
+    PointCloud
+        The points, float64, relative to a round point near the file's first.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is NaN or infinite, or a value outside its domain.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):  # signalling NaN and overflows are refused by value
+        corner = [float(first[name][0]) if len(first[name]) else 0.0 for name in COORDINATES]
+        origin = origin_near(np.array(corner) * options.metres)
+        xyz = np.empty((len(raw["x"]), 3))
+        for axis, name in enumerate(COORDINATES):
+            np.multiply(raw[name], options.metres, out=xyz[:, axis], dtype=np.float64)
+        check_finite(xyz, source=source, start=start)
+        xyz -= origin
+        columns = {name: values for name, values in raw.items() if name not in COORDINATES}
+        return standard_cloud(
+            *(columns, xyz),
+            options=options,
+            source=source,
+            origin=origin,
+            crs=crs,
+            anchor=np.array(corner) * options.metres,
+            maximum=maximum,
+        )
+
+
+def scalar_columns(cloud: PointCloud, metres: float) -> dict[str, NDArray]:
+    """Return a cloud as scalar columns in a file's unit.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The points.
+    metres : float
+        Factor from the file's unit to metres.
+
+    Returns
+    -------
+    dict of str to ndarray of shape (n,)
+        World coordinates float64 first; `rgb` as red, green and blue; other columns of several values numbered.
+    """
+    world = cloud.world_xyz() / metres
+    columns: dict[str, NDArray] = {name: world[:, axis] for axis, name in enumerate(COORDINATES)}
+    for name, values in cloud.columns.items():
+        if values.ndim == 1:
+            columns[name] = values
+            continue
+        parts = COLOURS if name == "rgb" else [f"{name}_{i}" for i in range(values.shape[1])]
+        columns.update({part: values[:, i] for i, part in enumerate(parts)})
+    return columns
+
+
+def parts_of(cloud: PointCloud) -> Iterator[PointCloud]:
+    """Cut a cloud into parts that are written one after another.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The points.
+
+    Yields
+    ------
+    PointCloud
+        Up to `CHUNK` of them, in their order; none where there are none.
+    """
+    for begin in range(0, len(cloud), CHUNK):
+        yield cloud.select(np.arange(begin, min(begin + CHUNK, len(cloud))))
+
+
+def column_names(cloud: PointCloud, options: WriteOptions) -> bytes:
+    """Return the row of names above the points.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The points.
+    options : WriteOptions
+        Its delimiter.
+
+    Returns
+    -------
+    bytes
+        The row with its line end.
+    """
+    names = scalar_columns(cloud.select(np.arange(0)), options.metres)
+    return (options.delimiter.join(names) + "\n").encode()
+
+
+def write_columns(cloud: PointCloud, options: WriteOptions) -> bytes:
+    """Return points as rows of text.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The points.
+    options : WriteOptions
+        Delimiter, decimals, units.
+
+    Returns
+    -------
+    bytes
+        The rows.
+    """
+    columns = scalar_columns(cloud, options.metres)
+    texts = [
+        fixed_text(values, options.decimals) if name in COORDINATES else number_text(values)
+        for name, values in columns.items()
+    ]
+    return join_rows(texts, options.delimiter)
+
+
+def fixed_text(values: NDArray[np.float64], decimals: int) -> pa.Array:
+    """Return numbers as text with a fixed number of digits after the point.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n,), float64
+        Finite numbers.
+    decimals : int
+        Digits after the point.
+
+    Returns
+    -------
+    pyarrow.Array of string
+        The texts.
+    """
+    return pa.array([f"{value:.{decimals}f}" for value in values.tolist()], pa.string())
+
+
+def number_text(values: NDArray) -> pa.Array:
+    """Return numbers as the shortest text that reads back unchanged.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n,)
+        Integers or floats.
+
+    Returns
+    -------
+    pyarrow.Array of string
+        The texts; "nan" for NaN.
+    """
+    native = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
+    return pc.cast(pa.array(native.astype(np.uint8) if native.dtype == np.bool_ else native), pa.string())
+
+
+def join_rows(texts: Sequence[pa.Array], delimiter: str) -> bytes:
+    """Join columns of text into rows.
+
+    Parameters
+    ----------
+    texts : sequence of pyarrow.Array
+        The columns.
+    delimiter : str
+        What stands between two values.
+
+    Returns
+    -------
+    bytes
+        The rows, each with a line end.
+    """
+    if not len(texts[0]):
+        return b""
+    rows = pc.binary_join_element_wise(*texts, delimiter)
+    joined = pc.binary_join(pa.ListArray.from_arrays(pa.array([0, len(rows)], pa.int32()), rows), "\n")
+    return bytes(joined[0].as_buffer()) + b"\n"

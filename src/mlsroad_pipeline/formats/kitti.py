@@ -1,0 +1,165 @@
+"""KITTI and SemanticKITTI scans: ``.bin`` of four float32 a point, with labels in a sibling ``.label``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.files import atomic_file, check_file
+from mlsroad_pipeline.formats.tables import PointTable, TableFormat
+
+RECORD = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
+LABEL_BITS = 16
+"""The lower 16 bits of a label are its class, the upper 16 its instance."""
+
+
+class KittiFormat(TableFormat):
+    """Reader and writer of KITTI scans.
+
+    Labels are looked for beside the scan and in ``../labels`` (SemanticKITTI's layout); a scan without them is read
+    without `label` and `instance`.
+    """
+
+    name = "KITTI"
+    extensions: tuple[str, ...] = (".bin",)
+    signatures: tuple[bytes, ...] = ()
+
+    def open_table(self, path: Path, options: ReadOptions) -> PointTable:
+        """Open a scan.
+
+        Parameters
+        ----------
+        path : Path
+            The ``.bin`` file.
+        options : ReadOptions
+            Not used; the layout is fixed.
+
+        Returns
+        -------
+        PointTable
+            Its columns: x, y, z, `intensity` and, where there are labels, `label` uint16 and `instance` int32.
+
+        Raises
+        ------
+        ReadError
+            If the size is no multiple of 16, or the labels are of another count.
+        """
+        del options
+        scan = _scan(path)
+        table = {name: scan[name] for name in RECORD.names or ()}
+        packed = _labels(path, len(scan))
+        if packed is not None:
+            table["label"] = table["instance"] = packed
+
+        def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
+            return {name: _column(table, name, start, stop) for name in names}
+
+        return PointTable(tuple(table), len(scan), rows, None, {"labels": label_path(path)})
+
+    def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
+        """Write a scan and, where the cloud has `label`, its ``.label`` beside it.
+
+        The format holds x, y, z as float32, intensity, label and instance, and nothing else.
+
+        Parameters
+        ----------
+        path : Path
+            The ``.bin`` file to write.
+        cloud : PointCloud
+            The points.
+        options : WriteOptions
+            Its units.
+
+        Raises
+        ------
+        DataError
+            If the cloud has a column that the format cannot hold, or labels that 16 bits cannot.
+        """
+        path = Path(path)
+        lost = sorted(set(cloud.columns) - {"intensity", "label", "instance"})
+        if lost:
+            raise DataError(f"{path}: KITTI scans cannot hold {', '.join(lost)}; drop them or write LAZ or PLY")
+        records = np.zeros(len(cloud), dtype=RECORD)
+        world = cloud.world_xyz() / options.metres
+        for axis, name in enumerate("xyz"):
+            records[name] = world[:, axis]
+        if "intensity" in cloud:
+            records["intensity"] = cloud["intensity"]
+        if "label" in cloud:
+            write_labels(path.with_suffix(".label"), cloud["label"], cloud.get("instance"))
+        with atomic_file(path) as stream:
+            stream.write(records.tobytes())
+
+
+def _scan(path: Path) -> NDArray:
+    size = check_file(path).stat().st_size
+    if size % RECORD.itemsize:
+        raise ReadError(f"{path} has {size} bytes, no multiple of the {RECORD.itemsize} of a KITTI point")
+    return np.memmap(path, dtype=RECORD, mode="r")
+
+
+def label_path(path: Path) -> Path | None:
+    """Return the labels of a scan.
+
+    Parameters
+    ----------
+    path : Path
+        The ``.bin`` file.
+
+    Returns
+    -------
+    Path or None
+        The ``.label`` file beside it or in ``../labels``; None where there is none.
+    """
+    candidates = (path.with_suffix(".label"), path.parent.parent / "labels" / f"{path.stem}.label")
+    return next((candidate for candidate in candidates if candidate.is_file()), None)
+
+
+def _labels(path: Path, n_points: int) -> NDArray[np.uint32] | None:
+    labels = label_path(path)
+    if labels is None:
+        return None
+    size = labels.stat().st_size
+    if size != 4 * n_points:
+        raise ReadError(f"{labels} has {size / 4:g} labels for the {n_points} points of {path}")
+    packed: NDArray[np.uint32] = np.fromfile(labels, dtype="<u4")
+    return packed
+
+
+def _column(table: dict[str, NDArray], name: str, start: int, stop: int) -> NDArray:
+    values = table[name][start:stop]
+    if name == "label":
+        return (values & (2**LABEL_BITS - 1)).astype(np.uint16)
+    return (values >> LABEL_BITS).astype(np.int32) if name == "instance" else np.array(values)
+
+
+def write_labels(path: Path, labels: NDArray, instances: NDArray | None) -> None:
+    """Write a ``.label`` file.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write.
+    labels : ndarray of int, shape (n,)
+        Classes, 0 to 65535.
+    instances : ndarray of int, shape (n,), or None
+        Instances, 0 to 65535; None is 0.
+
+    Raises
+    ------
+    DataError
+        If a class or an instance does not fit into 16 bits.
+    """
+    parts = [("label", labels), ("instance", np.zeros(len(labels), np.int32) if instances is None else instances)]
+    for name, values in parts:
+        if len(values) and not 0 <= values.min() <= values.max() < 2**LABEL_BITS:
+            raise DataError(f"{path}: {name} {values.min()} to {values.max()} does not fit into {LABEL_BITS} bits")
+    packed = parts[0][1].astype("<u4") | parts[1][1].astype("<u4") << LABEL_BITS
+    with atomic_file(path) as stream:
+        stream.write(packed.astype("<u4").tobytes())

@@ -1,0 +1,182 @@
+"""The chunks of a LAZ file: their table, their layers, and ranges of those that differ in size."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+from typing import BinaryIO
+
+import lazrs
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.formats.las.header import RECORD_SIZES, LasHeader
+
+LAYERS = {6: 9, 7: 10, 8: 11, 9: 10, 10: 12}
+"""Layers of a chunk of these point formats; each extra byte has one more."""
+
+
+def check_layers(stream: BinaryIO, header: LasHeader, chunk: tuple[int, int, int], path: Path) -> None:
+    """Refuse layers of a chunk that do not fit into its size, before memory is taken for them.
+
+    Parameters
+    ----------
+    stream : binary stream
+        The file.
+    header : LasHeader
+        Its header; point formats 0 to 5 have no layers.
+    chunk : tuple of int
+        Where the chunk begins, its bytes and its points.
+    path : Path
+        What messages call the file.
+
+    Raises
+    ------
+    ReadError
+        If the layers, or the number of points, are not those of the chunk.
+    """
+    at, n_bytes, n_points = chunk
+    if header.point_format not in LAYERS:
+        return
+    n_layers = LAYERS[header.point_format] + header.record_size - RECORD_SIZES[header.point_format]
+    size = header.record_size + 4 + 4 * n_layers
+    stream.seek(at)
+    head = stream.read(size)
+    stated = struct.unpack_from(f"<{n_layers + 1}I", head, header.record_size) if len(head) == size else (0,)
+    if stated[0] != n_points or size + sum(stated[1:]) > n_bytes:
+        raise ReadError(
+            f"{path} is damaged: the chunk at byte {at} states {stated[0]} points in {size + sum(stated[1:])} bytes, "
+            f"its table {n_points} in {n_bytes}"
+        )
+
+
+class VariableChunks:
+    """Ranges of files whose chunks differ in size, such as COPC: lazrs finds places in chunks of one size only.
+
+    Parameters
+    ----------
+    stream : binary stream
+        The file.
+    header : LasHeader
+        Its header.
+    path : Path
+        What messages call it.
+    record : bytes
+        Its LASzip record.
+    chunks : sequence of tuple of int
+        Points and bytes of each chunk.
+    select : int
+        Which fields are decompressed.
+    """
+
+    def __init__(
+        self,
+        stream: BinaryIO,
+        header: LasHeader,
+        path: Path,
+        record: bytes,
+        chunks: Sequence[tuple[int, int]],
+        select: int,
+    ) -> None:
+        self._stream, self._path, self._record, self._chunks = stream, path, record, chunks
+        self._size, self._header = header.record_size, header
+        self._selection = lazrs.DecompressionSelection(select)
+        self._ends = np.cumsum([n_points for n_points, _ in chunks])
+        self._begins = header.point_offset + 8 + np.cumsum([0, *(n_bytes for _, n_bytes in chunks)])
+
+    def read(self, start: int, stop: int) -> NDArray[np.uint8]:
+        """Read a range, chunk by chunk.
+
+        Parameters
+        ----------
+        start, stop : int
+            First row and the row after the last; at least one.
+
+        Returns
+        -------
+        ndarray of uint8
+            The bytes of its records.
+
+        Raises
+        ------
+        ReadError
+            If the compressed data are damaged.
+        """
+        out = np.empty((stop - start) * self._size, dtype=np.uint8)
+        for number in range(int(np.searchsorted(self._ends, start, "right")), len(self._chunks)):
+            n_points, n_bytes = self._chunks[number]
+            first = int(self._ends[number]) - n_points
+            if first >= stop:
+                break
+            at = int(self._begins[number])
+            check_layers(self._stream, self._header, (at, n_bytes, n_points), self._path)
+            self._stream.seek(at)
+            points = np.empty(n_points * self._size, dtype=np.uint8)
+            try:
+                lazrs.decompress_points_with_chunk_table(
+                    *(self._stream.read(n_bytes), self._record, points, [(n_points, n_bytes)], self._selection)
+                )
+            except lazrs.LazrsError as error:
+                rows = f"rows {first} to {first + n_points - 1}"
+                raise ReadError(f"{self._path} is damaged or truncated within {rows}: {error}") from error
+            low, high = max(start, first), min(stop, first + n_points)
+            part = points[(low - first) * self._size : (high - first) * self._size]
+            out[(low - start) * self._size : (high - start) * self._size] = part
+        return out
+
+
+def check_chunk_table(stream: BinaryIO, header: LasHeader, laz: lazrs.LazVlr, path: Path) -> list[tuple[int, int]]:
+    """Refuse a chunk table that cannot be true, before the decompressor believes it.
+
+    Parameters
+    ----------
+    stream : binary stream
+        The file.
+    header : LasHeader
+        Its header.
+    laz : lazrs.LazVlr
+        Its LASzip record.
+    path : Path
+        What messages call it.
+
+    Returns
+    -------
+    list of tuple of int
+        Points and bytes of each chunk.
+
+    Raises
+    ------
+    ReadError
+        If the table lies outside the file or disagrees with the number of points or the size of the file.
+    """
+    size = stream.seek(0, 2)
+    begin = header.point_offset
+    if begin + 8 > size:
+        raise ReadError(f"{path} is truncated: it ends at byte {size}, its points begin at {begin}")
+    stream.seek(begin)
+    table = struct.unpack("<q", stream.read(8))[0]
+    if table == -1:  # a writer that could not seek back states it at the end
+        stream.seek(size - 8)
+        table = struct.unpack("<q", stream.read(8))[0]
+    if not begin + 8 <= table <= size - 8:
+        raise ReadError(f"{path} is truncated: its chunk table would be at byte {table}, and it has {size} bytes")
+    stream.seek(table)
+    n_chunks = struct.unpack("<II", stream.read(8))[1]
+    smallest = RECORD_SIZES[header.point_format]  # a chunk begins with one uncompressed point
+    if n_chunks > (table - begin) // smallest:
+        raise ReadError(f"{path} is damaged: {n_chunks} chunks in {table - begin} bytes of points")
+    stream.seek(begin)
+    chunks = lazrs.read_chunk_table(stream, laz)
+    n_bytes = sum(b for _, b in chunks)
+    if laz.uses_variable_size_chunks():
+        fits = sum(n for n, _ in chunks) == header.n_points
+    else:
+        fits = len(chunks) == -(-header.n_points // laz.chunk_size())
+    if not fits or begin + 8 + n_bytes > table:
+        raise ReadError(
+            f"{path} is damaged: {len(chunks)} chunks of {n_bytes} bytes for {header.n_points} points "
+            f"in {table - begin - 8} bytes"
+        )
+    return list(chunks)

@@ -1,0 +1,126 @@
+"""Coordinate reference systems of LAS files: WKT records and GeoTIFF keys."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.crs import in_metres, sidecar_crs
+from mlsroad_pipeline.formats.files import log_once
+from mlsroad_pipeline.formats.las.geotiff_keys import DIRECTORY, DOUBLES, TEXTS, GeotiffKeys, pack_directory
+from mlsroad_pipeline.formats.las.header import WKT_BIT, LasHeader
+from mlsroad_pipeline.formats.las.vlr import Vlr
+
+PROJECTION = b"LASF_Projection"
+WKT = (PROJECTION, 2112)
+
+
+def read_crs(header: LasHeader, path: Path | None = None) -> str | None:
+    """Return the coordinate reference system of a file.
+
+    Parameters
+    ----------
+    header : LasHeader
+        The file's header.
+    path : Path, optional
+        What the log calls the file where its keys are not understood; None logs nothing.
+
+    Returns
+    -------
+    str or None
+        The WKT record's text where there is one; else the GeoTIFF keys as WKT where PROJ understands them.
+    """
+    record = header.find(WKT)
+    if record is not None:
+        text = record.data.split(b"\0")[0].decode("utf-8", "replace").strip()
+        if text:
+            return text
+    return _geotiff_wkt(header, path)
+
+
+def _geotiff_wkt(header: LasHeader, path: Path | None) -> str | None:
+    """Return the system that GeoTIFF keys name or spell out; the log says where they are not understood."""
+    directory, doubles, texts = (header.find((PROJECTION, key)) for key in (DIRECTORY, DOUBLES, TEXTS))
+    if directory is None:
+        return None
+    values = [b"" if vlr is None else vlr.data for vlr in (doubles, texts)]
+    try:
+        return GeotiffKeys.parse(directory.data, *values).wkt()
+    except DataError as error:  # the keys themselves stay in the file
+        if path is not None:
+            log_once(str(path), f"its GeoTIFF keys give no coordinate reference system: {error}; set crs")
+        return None
+
+
+def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path, metres: float = 1.0) -> LasHeader:
+    """Give another file's header the system of a cloud, where the two differ.
+
+    Parameters
+    ----------
+    header : LasHeader
+        The header to write.
+    cloud : PointCloud
+        The points.
+    path : Path
+        The file to write, for messages.
+    metres : float, default 1.0
+        Factor from the unit that is written to metres.
+
+    Returns
+    -------
+    LasHeader
+        The header; the same where the cloud has no system or that of the header.
+
+    Raises
+    ------
+    DataError
+        If the header's version holds GeoTIFF keys, not WKT, and the system has no EPSG code.
+    """
+    stated = read_crs(header)
+    same = {stated, None if stated is None else in_metres(stated, metres), sidecar_crs(Path(cloud.source))}
+    if cloud.crs is None or cloud.crs in same:
+        return header
+    if header.minor >= 4:
+        return with_wkt(header, cloud.crs)
+    try:
+        directory = pack_directory(cloud.crs)
+    except DataError as error:
+        raise DataError(
+            f"{path}: the LAS 1.{header.minor} header of {cloud.source} states another coordinate reference system "
+            f"than the points have, and cannot state theirs ({error}); write with like: none"
+        ) from error
+    stale = {(PROJECTION, key) for key in (DIRECTORY, DOUBLES, TEXTS, WKT[1])}
+    kept = tuple(vlr for vlr in header.vlrs if vlr.key not in stale)
+    return replace(header, vlrs=(*kept, Vlr(PROJECTION, DIRECTORY, directory, b"GeoTIFF GeoKeyDirectoryTag")))
+
+
+def with_wkt(header: LasHeader, crs: str | None) -> LasHeader:
+    """Give a header a WKT record, as point formats 6 to 10 require.
+
+    Parameters
+    ----------
+    header : LasHeader
+        A header of version 1.4 or above.
+    crs : str or None
+        The system as WKT; None leaves the header as it is.
+
+    Returns
+    -------
+    LasHeader
+        The header with the record and the WKT bit. GeoTIFF keys that were there stay.
+    """
+    if not crs:
+        return header
+    record = header.find(WKT)
+    if record is None or record.data.split(b"\0")[0].decode("utf-8", "replace").strip() != crs.strip():
+        others = tuple(vlr for vlr in header.vlrs if vlr.key != WKT)
+        text = crs.encode() + b"\0"
+        extended = tuple(vlr for vlr in header.evlrs if vlr.key != WKT)
+        if len(text) <= 0xFFFF:
+            others = (*others, Vlr(PROJECTION, WKT[1], text, b"OGC WKT"))
+        else:
+            extended = (*extended, Vlr(PROJECTION, WKT[1], text, b"OGC WKT"))
+        header = replace(header, vlrs=others, evlrs=extended)
+    return header.patched(("H", 6, header.integer("H", 6) | WKT_BIT))

@@ -1,0 +1,258 @@
+"""LAS and LAZ, versions 1.0 to 1.5, point formats 0 to 10."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.content import refuse_packed, with_packed
+from mlsroad_pipeline.formats.files import (
+    FileKey,
+    atomic_file,
+    check_file,
+    clip_range,
+    file_key,
+    log_once,
+    spread_starts,
+)
+from mlsroad_pipeline.formats.las.copc import SUFFIX, is_copc, without_copc, write_copc
+from mlsroad_pipeline.formats.las.crs import read_crs, with_crs_of
+from mlsroad_pipeline.formats.las.dimensions import dimension, dimension_names, file_origin, local_xyz
+from mlsroad_pipeline.formats.las.header import read_header
+from mlsroad_pipeline.formats.las.layout import header_like, new_header, pack_records, with_room
+from mlsroad_pipeline.formats.las.records import RecordReader
+from mlsroad_pipeline.formats.las.writer import RecordWriter
+from mlsroad_pipeline.formats.standard_columns import (
+    COLOUR_DEPTH,
+    COLOURS,
+    COORDINATES,
+    resolve_columns,
+    standard_cloud,
+)
+
+SAMPLES, SAMPLE_SIZE = 8, 2000
+"""Colour depth is decided from this many runs of this many points, evenly spread over the file."""
+
+CHUNK = 1_000_000
+
+
+class LasFormat(PointFormat):
+    """Reader and writer of LAS and LAZ.
+
+    Columns are named as laspy names the dimensions; `intensity` becomes float32 in [0, 1], `red`, `green` and `blue`
+    become `rgb` (uint8, with the 16-bit values beside it as `rgb16` where the file uses them), scaled extra dimensions
+    become float64. A file without points gives an empty cloud.
+    """
+
+    name = "LAS"
+    extensions: tuple[str, ...] = with_packed(".las", ".laz")
+    signatures: tuple[bytes, ...] = (b"LASF",)
+
+    def info(self, path: Path, options: ReadOptions) -> FileInfo:
+        """Return what a file's header says.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+        options : ReadOptions
+            How to read it.
+
+        Returns
+        -------
+        FileInfo
+            Its description.
+
+        Raises
+        ------
+        ReadError
+            If the file is not LAS or is damaged.
+        MissingColumnError
+            If a mapped column is not in the file.
+        """
+        path = check_file(path)
+        header = read_header(path)
+        sample = self.read(path, options, start=0, stop=0)
+        columns = {name: values.dtype for name, values in sample.columns.items()}
+        bounds = header.bounds * options.metres if header.n_points and options.reproject is None else None
+        details = {
+            "version": f"1.{header.minor}",
+            "point_format": header.point_format,
+            "compressed": header.compressed,
+            "cloud_optimised": is_copc(header),
+            "scale": header.scale,
+            "offset": header.offset,
+            "created": (header.integer("H", 92), header.integer("H", 90)),
+            "gps_time": "adjusted standard" if header.integer("H", 6) & 1 else "week",
+            "software": header.block[58:90].split(b"\0")[0].decode("utf-8", "replace"),
+        }
+        return FileInfo(path, self.name, header.n_points, columns, sample.origin, sample.crs, bounds, details)
+
+    def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
+        """Read a range of rows.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+        options : ReadOptions
+            How to read it.
+        start, stop : int
+            First row and the row after the last; None is the end. Beyond the end is clipped.
+
+        Returns
+        -------
+        PointCloud
+            The points, float64, relative to the file's origin.
+
+        Raises
+        ------
+        ReadError
+            If the file is not LAS, truncated or damaged.
+        MissingColumnError
+            If a mapped column is not in the file.
+        DataError
+            If a value is outside its domain.
+        """
+        path = check_file(path)
+        header = read_header(path)
+        start, stop = clip_range(start, stop, header.n_points)
+        names = resolve_columns(dimension_names(header), options, path)
+        bits = options.rgb_bits
+        if set(COLOURS) <= names.keys() and bits is None:
+            bits = colour_bits(file_key(path))
+            log_once(str(path), COLOUR_DEPTH.format(bits))
+        with RecordReader(path, header, n_threads=options.n_threads) as reader:
+            records = reader.read(start, stop)
+        origin = file_origin(header, options.metres)
+        raw = {given: dimension(records, header, name) for given, name in names.items() if given not in COORDINATES}
+        if set(COLOURS) <= raw.keys() and bits == 16:
+            raw["rgb16"] = np.stack([raw[name] for name in COLOURS], axis=1)
+        if options.only is not None and "rgb16" not in options.only:
+            raw.pop("rgb16", None)
+        return standard_cloud(
+            raw,
+            local_xyz(records, header, origin, options.metres, path=path, start=start),
+            options=replace(options, rgb_bits=bits),
+            source=path,
+            origin=origin,
+            crs=read_crs(header, path),
+            anchor=header.bounds[0] * options.metres if header.n_points else origin,
+            maximum=lambda given: file_maximum(file_key(path), tuple(names[name] for name in given)),
+        )
+
+    def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
+        """Write a cloud as LAS or, where the path ends in ``.laz``, as LAZ; ``.copc.laz`` is cloud-optimised.
+
+        With a file to be like, its header, records, scale, offset and layout are used, and columns that it lacks become
+        extra dimensions; without one, a LAS 1.4 header is made and every column is kept.
+
+        Parameters
+        ----------
+        path : Path
+            The file to write.
+        cloud : PointCloud
+            The points.
+        options : WriteOptions
+            How to write them.
+
+        Raises
+        ------
+        DataError
+            If a coordinate or a column does not fit into the layout, or the file is named as gzip.
+        ReadError
+            If the file to be like cannot be read.
+        """
+        path = Path(path)
+        refuse_packed(path, self.name)
+        if path.name.lower().endswith(SUFFIX):
+            with tempfile.TemporaryDirectory(dir=_folder(path)) as folder:
+                plain = Path(folder) / "points.las"
+                self.write(plain, cloud, options)
+                write_copc(plain, path, n_threads=options.n_threads)
+            return
+        like = _template(cloud, options)
+        header = new_header(cloud, options) if like is None else header_like(like, cloud)
+        if like is not None:
+            placed = with_crs_of(header, cloud, path, options.metres)
+            header = without_copc(header if placed is header else with_room(placed, cloud, options.metres))
+        eight_bit = like is not None and "red" in dimension_names(header) and colour_bits(file_key(like)) == 8
+        with atomic_file(path) as stream:
+            compress = path.suffix.lower() == ".laz"
+            writer = RecordWriter(stream, header, compress=compress, n_threads=options.n_threads)
+            for begin in range(0, len(cloud), CHUNK):
+                part = cloud.select(np.arange(begin, min(begin + CHUNK, len(cloud))))
+                writer.write(pack_records(part, header, metres=options.metres, eight_bit_colours=eight_bit))
+            writer.close()
+
+
+def _folder(path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path.parent
+
+
+def _template(cloud: PointCloud, options: WriteOptions) -> Path | None:
+    if options.like == "none":
+        return None
+    if options.like != "source":
+        return check_file(options.like)
+    source = Path(cloud.source)
+    return source if source.name.lower().endswith(LasFormat.extensions) and source.is_file() else None
+
+
+@lru_cache(maxsize=64)
+def colour_bits(key: FileKey) -> int:
+    """Return 8 where a file keeps 8-bit colours in its 16-bit fields, else 16.
+
+    Parameters
+    ----------
+    key : tuple
+        See `file_key`.
+
+    Returns
+    -------
+    int
+        8 if no colour of a sample spread over the whole file is above 255 and one is above zero.
+    """
+    path = Path(key[0])
+    header = read_header(path)
+    greatest = 0
+    with RecordReader(path, header) as reader:
+        for start in spread_starts(header.n_points, SAMPLES, SAMPLE_SIZE):
+            records = reader.read(start, start + SAMPLE_SIZE)
+            greatest = max(greatest, *(int(records[name].max(initial=0)) for name in COLOURS))
+    return 8 if 0 < greatest <= 255 else 16
+
+
+@lru_cache(maxsize=64)
+def file_maximum(key: FileKey, names: Sequence[str]) -> float:
+    """Return the greatest value of dimensions over a whole file.
+
+    Parameters
+    ----------
+    key : tuple
+        See `file_key`.
+    names : tuple of str
+        Names of dimensions.
+
+    Returns
+    -------
+    float
+        Their maximum, NaN left out; zero for a file without points.
+    """
+    path = Path(key[0])
+    header = read_header(path)
+    greatest: list[Any] = [0.0]
+    with RecordReader(path, header) as reader:
+        for start in range(0, header.n_points, CHUNK):
+            records = reader.read(start, start + CHUNK)
+            greatest += [np.nanmax(dimension(records, header, name)) for name in names]
+    return float(max(greatest))

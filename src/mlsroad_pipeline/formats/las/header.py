@@ -1,0 +1,299 @@
+"""LAS headers and variable length records, byte for byte.
+
+What is not understood is carried along unchanged: the header keeps its bytes, and only fields that change are patched.
+(ASPRS LAS specification 1.4 R15, sections 2.4 to 2.7; offsets below are from the start of the file.)
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.formats.content import open_content
+from mlsroad_pipeline.formats.las.extra import DESCRIPTOR_SIZE, ExtraDimension
+from mlsroad_pipeline.formats.las.vlr import Vlr
+
+SIGNATURE = b"LASF"
+HEADER_SIZES = {0: 227, 1: 227, 2: 227, 3: 235, 4: 375, 5: 393}
+RECORD_SIZES = (20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67)
+"""Bytes of a point of formats 0 to 10, extra bytes left out."""
+
+COMPRESSED = 0x80
+WKT_BIT = 0x10
+SMALLEST_STEP, LARGEST_STEP = 1e-20, 1e6
+"""Scales beyond these are damage."""
+
+EXTRA_BYTES = (b"LASF_Spec", 4)
+LASZIP = (b"laszip encoded", 22204)
+
+
+@dataclass(frozen=True)
+class LasHeader:
+    """Everything in a LAS or LAZ file but its points.
+
+    Parameters
+    ----------
+    block : bytes
+        The public header block with whatever the writer appended to it.
+    vlrs : tuple of Vlr
+        The records before the points, the LASzip one included.
+    gap : bytes
+        What stands between the last of them and the points.
+    evlrs : tuple of Vlr
+        The extended records behind the points.
+    """
+
+    block: bytes
+    vlrs: tuple[Vlr, ...] = ()
+    gap: bytes = b""
+    evlrs: tuple[Vlr, ...] = ()
+
+    def get(self, form: str, offset: int) -> int | float:
+        """Return one field of the header.
+
+        Parameters
+        ----------
+        form : str
+            Format of the `struct` module.
+        offset : int
+            Byte in the header.
+
+        Returns
+        -------
+        int or float
+            Its value.
+        """
+        value: int | float = struct.unpack_from("<" + form, self.block, offset)[0]
+        return value
+
+    def integer(self, form: str, offset: int) -> int:
+        """Return one integer field of the header.
+
+        Parameters
+        ----------
+        form : str
+            Format of the `struct` module.
+        offset : int
+            Byte in the header.
+
+        Returns
+        -------
+        int
+            Its value.
+        """
+        return int(self.get(form, offset))
+
+    def patched(self, *changes: tuple[str, int, object]) -> LasHeader:
+        """Return the header with fields (form, offset, value or sequence of values) replaced.
+
+        Parameters
+        ----------
+        *changes : tuple of str, int and value
+            The fields.
+
+        Returns
+        -------
+        LasHeader
+            The header.
+        """
+        block = bytearray(self.block)
+        for form, offset, value in changes:
+            values = value if isinstance(value, (tuple, list, np.ndarray)) else (value,)
+            struct.pack_into("<" + form, block, offset, *values)
+        return replace(self, block=bytes(block))
+
+    @property
+    def minor(self) -> int:
+        """Return the minor version."""
+        return self.block[25]
+
+    @property
+    def point_format(self) -> int:
+        """Return the number of the point format, 0 to 10."""
+        return self.block[104] & 0x3F
+
+    @property
+    def compressed(self) -> bool:
+        """Tell whether the points are compressed."""
+        return bool(self.block[104] & COMPRESSED)
+
+    @property
+    def record_size(self) -> int:
+        """Return the bytes of one uncompressed point."""
+        return self.integer("H", 105)
+
+    @property
+    def point_offset(self) -> int:
+        """Return where the points begin."""
+        return self.integer("I", 96)
+
+    @property
+    def n_points(self) -> int:
+        """Return the number of points."""
+        legacy = self.integer("I", 107)
+        return self.integer("Q", 247) or legacy if self.minor >= 4 else legacy
+
+    @property
+    def scale(self) -> NDArray[np.float64]:
+        """Return the resolution of x, y and z."""
+        return np.frombuffer(self.block, "<f8", 3, 131).copy()
+
+    @property
+    def offset(self) -> NDArray[np.float64]:
+        """Return the coordinates of the integer zero."""
+        return np.frombuffer(self.block, "<f8", 3, 155).copy()
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Return least and greatest coordinates, shape (2, 3), in the file's unit."""
+        high_low = np.frombuffer(self.block, "<f8", 6, 179).reshape(3, 2)
+        return np.array([high_low[:, 1], high_low[:, 0]])
+
+    def find(self, key: tuple[bytes, int]) -> Vlr | None:
+        """Return the first record with this user id and record id, extended ones included.
+
+        Parameters
+        ----------
+        key : tuple of bytes and int
+            See `Vlr.key`.
+
+        Returns
+        -------
+        Vlr or None
+            The record.
+        """
+        return next((vlr for vlr in (*self.vlrs, *self.evlrs) if vlr.key == key), None)
+
+    @property
+    def extra_dimensions(self) -> tuple[ExtraDimension, ...]:
+        """Return the extra dimensions; bytes that no descriptor covers are one called ``extra_bytes``."""
+        spare = self.record_size - RECORD_SIZES[self.point_format]
+        vlr = self.find(EXTRA_BYTES)
+        found = []
+        data = vlr.data if vlr is not None and spare else b""
+        for at in range(0, len(data) - DESCRIPTOR_SIZE + 1, DESCRIPTOR_SIZE):
+            dimension = ExtraDimension.parse(data[at : at + DESCRIPTOR_SIZE])
+            size = dimension.dtype.itemsize * dimension.width
+            if size > spare:
+                break
+            found.append(dimension)
+            spare -= size
+        if spare:
+            found.append(ExtraDimension("extra_bytes", np.dtype("u1"), spare))
+        return tuple(found)
+
+
+def read_header(path: Path) -> LasHeader:
+    """Read header and records of a LAS or LAZ file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    LasHeader
+        What the file holds besides its points.
+
+    Raises
+    ------
+    ReadError
+        If the file is not LAS, of an unknown version or point format, or ends before its points.
+    """
+    file = open_content(path)
+    with file.stream() as stream:
+        size = file.size
+        block = stream.read(227)
+        if block[:4] != SIGNATURE:
+            raise ReadError(f"{path} is not a LAS or LAZ file: it begins with {block[:4]!r}, not {SIGNATURE!r}")
+        if len(block) < 227:
+            raise ReadError(f"{path} is truncated: {size} bytes, the LAS header alone has 227")
+        header_size, point_offset = struct.unpack_from("<HI", block, 94)
+        _check_version(block, header_size, path)
+        if point_offset > size:
+            raise ReadError(f"{path} is truncated: its points begin at byte {point_offset} and it has {size}")
+        if header_size > point_offset:
+            raise ReadError(f"{path} is damaged: a header of {header_size} bytes, but points from byte {point_offset}")
+        block += stream.read(header_size - len(block))
+        count = struct.unpack_from("<I", block, 100)[0]
+        vlrs = [_read_vlr(stream, path, limit=point_offset, extended=False) for _ in range(count)]
+        header = LasHeader(block, tuple(vlrs), stream.read(point_offset - stream.tell()))
+        header = replace(header, evlrs=_read_evlrs(stream, header, path, size))
+    _check_records(header, path)
+    return header
+
+
+def _check_version(block: bytes, header_size: int, path: Path) -> None:
+    major, minor, point_format = block[24], block[25], block[104] & 0x3F
+    if major != 1 or minor not in HEADER_SIZES:
+        raise ReadError(f"{path} is LAS {major}.{minor}; versions 1.0 to 1.5 can be read")
+    if header_size < HEADER_SIZES[minor]:
+        raise ReadError(f"{path} is damaged: a LAS 1.{minor} header of {header_size} bytes, not {HEADER_SIZES[minor]}")
+    if point_format >= len(RECORD_SIZES):
+        raise ReadError(f"{path} has points of format {point_format}; formats 0 to 10 can be read")
+    record_size = struct.unpack_from("<H", block, 105)[0]
+    if record_size < RECORD_SIZES[point_format]:
+        expected = RECORD_SIZES[point_format]
+        raise ReadError(f"{path} is damaged: points of format {point_format} with {record_size} bytes, not {expected}")
+
+
+def _check_records(header: LasHeader, path: Path) -> None:
+    steps = np.abs(header.scale)
+    if not (((steps > SMALLEST_STEP) & (steps < LARGEST_STEP)).all() and np.isfinite(header.offset).all()):
+        raise ReadError(f"{path} is damaged: scale {header.scale.tolist()}, offset {header.offset.tolist()}")
+    if header.compressed and header.n_points and header.find(LASZIP) is None:
+        raise ReadError(f"{path} is damaged: its points are compressed, but it has no LASzip record")
+
+
+def _read_vlr(stream: BinaryIO, path: Path, *, limit: int, extended: bool) -> Vlr:
+    size = 60 if extended else 54
+    at = stream.tell()
+    head = stream.read(size)
+    if at + size > limit or len(head) < size:
+        raise ReadError(f"{path} is damaged: the variable length record at byte {at} reaches beyond byte {limit}")
+    form = "<H16sHQ32s" if extended else "<H16sHH32s"
+    reserved, user_id, record_id, length, description = struct.unpack(form, head)
+    if at + size + length > limit:
+        raise ReadError(f"{path} is damaged: a variable length record of {length} bytes reaches beyond byte {limit}")
+    return Vlr(user_id, record_id, stream.read(length), description, reserved)
+
+
+def _read_evlrs(stream: BinaryIO, header: LasHeader, path: Path, size: int) -> tuple[Vlr, ...]:
+    """Read the extended records; in LAS 1.3 the waveform packets are one, found by an offset of their own."""
+    if header.minor >= 4:
+        start, count = header.integer("Q", 235), header.integer("I", 243)
+    else:
+        start = header.integer("Q", 227) if header.minor == 3 else 0
+        count = int(start > 0)
+    if not count:
+        return ()
+    if start > size:
+        raise ReadError(f"{path} is truncated: its extended records begin at byte {start} and it has {size}")
+    stream.seek(start)
+    return tuple(_read_vlr(stream, path, limit=size, extended=True) for _ in range(count))
+
+
+def pack_header(header: LasHeader) -> bytes:
+    """Return header and records as they stand before the points, sizes and counts patched.
+
+    Parameters
+    ----------
+    header : LasHeader
+        The header.
+
+    Returns
+    -------
+    bytes
+        What to write from the start of the file up to the first point.
+    """
+    records = b"".join(vlr.pack() for vlr in header.vlrs)
+    point_offset = len(header.block) + len(records) + len(header.gap)
+    done = header.patched(("H", 94, len(header.block)), ("I", 96, point_offset), ("I", 100, len(header.vlrs)))
+    return done.block + records + header.gap

@@ -1,0 +1,193 @@
+"""Other classes and further dimensions for the points of a LAZ file, all else left compressed as it is.
+
+In point formats 6 and above the fields of a chunk are compressed apart from each other, in layers (LASzip 3, "native
+LAS 1.4 compression"). The layer of the classification depends on returns and scanner channel besides itself, that of
+an extra byte on the scanner channel alone. So these layers are made by compressing records that hold nothing else, and
+take their place beside the others, which are copied: the file is the same, byte for byte, as if all had been
+compressed anew, for a third of the work.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import lazrs
+import numpy as np
+from laspy.point.dims import ALL_POINT_FORMATS_DTYPE
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.formats.files import LAZ_CHUNK
+from mlsroad_pipeline.formats.las.chunks import LAYERS
+from mlsroad_pipeline.formats.las.extra import ExtraDimension
+from mlsroad_pipeline.formats.las.header import LASZIP, RECORD_SIZES, LasHeader
+from mlsroad_pipeline.formats.las.records import RecordReader
+from mlsroad_pipeline.formats.las.writer import CHANNEL_BITS
+
+CLASS = "classification"
+
+_FORMATS = (6, 7, 8)
+_CLASS_BYTE, _CLASS_LAYER = 16, 2
+_NEEDED = int(lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL | lazrs.SELECTIVE_DECOMPRESS_Z)
+
+
+def has_layers(header: LasHeader) -> bool:
+    """Tell whether the layers of a file can be copied.
+
+    Parameters
+    ----------
+    header : LasHeader
+        The file's header.
+
+    Returns
+    -------
+    bool
+        True for LAZ of point formats 6 to 8 in chunks of `LAZ_CHUNK` points, compressed by the version that lazrs
+        writes.
+    """
+    found = header.find(LASZIP)
+    if not header.compressed or not header.n_points or header.point_format not in _FORMATS or found is None:
+        return False
+    own = bytes(_laszip(header.point_format, header.record_size).record_data())
+    # compressor and coder, points of a chunk, items with their versions; the rest says who wrote it
+    return all(found.data[part] == own[part] for part in (slice(4), slice(12, 16), slice(32, None)))
+
+
+def _laszip(point_format: int, record_size: int) -> lazrs.LazVlr:
+    return lazrs.LazVlr.new_for_compression(point_format, record_size - RECORD_SIZES[point_format])
+
+
+class LayerCopier:
+    """Gives ranges of chunks of a LAZ file with other classes and with dimensions added; use it as a context manager.
+
+    Parameters
+    ----------
+    path : Path
+        A file that `has_layers`.
+    header : LasHeader
+        Its header.
+    added : mapping of str to ExtraDimension
+        The dimensions that come after the file's own, by name.
+    classes : bool, default False
+        Whether `read` decompresses the file's classes.
+    n_threads : int, default 1
+        Above one, chunks are decompressed and compressed in parallel; the bytes are the same.
+
+    Raises
+    ------
+    ReadError
+        If the chunk table is damaged.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        header: LasHeader,
+        added: Mapping[str, ExtraDimension],
+        *,
+        classes: bool = False,
+        n_threads: int = 1,
+    ) -> None:
+        self.added = tuple(added)
+        self._header, self._n_threads = header, n_threads
+        select = _NEEDED | (int(lazrs.SELECTIVE_DECOMPRESS_CLASSIFICATION) if classes else 0)
+        self._reader = RecordReader(path, header, n_threads=n_threads, select=select)
+        fields = [(name, *dimension.field_type[1:]) for name, dimension in added.items()]
+        self._dtype = np.dtype([*ALL_POINT_FORMATS_DTYPE[6].descr, *fields])
+
+    def __enter__(self) -> Self:
+        """Return the copier."""
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Close the file."""
+        self._reader.__exit__(kind, error, trace)
+
+    def read(self, start: int, stop: int) -> NDArray:
+        """Read what counts and bounds need of records.
+
+        Parameters
+        ----------
+        start, stop : int
+            First row and the row after the last.
+
+        Returns
+        -------
+        structured ndarray of shape (n,)
+            Records with coordinates, returns, scanner channel and, if asked for, classes; the other fields are zero.
+
+        Raises
+        ------
+        ReadError
+            If the compressed data are damaged.
+        """
+        return self._reader.read(start, stop)
+
+    def chunks(self, start: int, records: NDArray, values: Mapping[str, NDArray]) -> list[tuple[int, bytes]]:
+        """Return compressed chunks with other values.
+
+        Parameters
+        ----------
+        start : int
+            First row, a multiple of `LAZ_CHUNK`.
+        records : structured ndarray of shape (n,)
+            What `read` gave: whole chunks, or those up to the file's end.
+        values : mapping of str to ndarray of shape (n,)
+            ``classification`` and the added dimensions.
+
+        Returns
+        -------
+        list of tuple of int and bytes
+            Points and bytes of each chunk.
+        """
+        changed = np.zeros(len(records), dtype=self._dtype)
+        changed["bit_fields"] = records["bit_fields"]
+        changed["classification_flags"] = records["classification_flags"] & CHANNEL_BITS
+        for name, column in values.items():
+            changed[name] = column
+        first = start // LAZ_CHUNK
+        return [
+            (min(LAZ_CHUNK, len(records) - i * LAZ_CHUNK), self._spliced(self._reader.compressed(first + i), new))
+            for i, new in enumerate(self._compressed(changed))
+        ]
+
+    def _compressed(self, records: NDArray) -> list[bytes]:
+        laz = _laszip(6, records.dtype.itemsize)
+        stream = io.BytesIO()
+        kind = lazrs.ParLasZipCompressor if self._n_threads > 1 else lazrs.LasZipCompressor
+        compressor = kind(stream, laz)
+        compressor.compress_many(np.frombuffer(records, dtype=np.uint8))
+        compressor.done()
+        stream.seek(0)
+        sizes = [n_bytes for _, n_bytes in lazrs.read_chunk_table(stream, laz)]
+        return [stream.read(n_bytes) for n_bytes in sizes]
+
+    def _spliced(self, old: bytes, new: bytes) -> bytes:
+        """Put the class and the added dimensions of one chunk into another, which has all else."""
+        old_first, count, old_layers = _parts(old, self._header.point_format, self._header.record_size)
+        new_first, _, new_layers = _parts(new, 6, self._dtype.itemsize)
+        first = [
+            old_first[:_CLASS_BYTE],
+            new_first[_CLASS_BYTE : _CLASS_BYTE + 1],
+            old_first[_CLASS_BYTE + 1 :],
+            new_first[RECORD_SIZES[6] :],
+        ]
+        layers = [*old_layers, *new_layers[LAYERS[6] :]]
+        layers[_CLASS_LAYER] = new_layers[_CLASS_LAYER]
+        sizes = struct.pack(f"<{len(layers)}I", *map(len, layers))
+        return b"".join([*first, count, sizes, *layers])
+
+
+def _parts(chunk: bytes, point_format: int, record_size: int) -> tuple[bytes, bytes, list[bytes]]:
+    """Return the first point of a chunk, which is not compressed, the count of its points, and its layers."""
+    n_layers = LAYERS[point_format] + record_size - RECORD_SIZES[point_format]
+    at = record_size + 4 + 4 * n_layers
+    layers = []
+    for size in struct.unpack_from(f"<{n_layers}I", chunk, record_size + 4):
+        layers.append(chunk[at : at + size])
+        at += size
+    return chunk[:record_size], chunk[record_size : record_size + 4], layers

@@ -1,0 +1,259 @@
+"""Laying a point cloud out as LAS records."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from laspy.point.dims import COMPOSED_FIELDS
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import WriteOptions
+from mlsroad_pipeline.formats.crs import is_geographic
+from mlsroad_pipeline.formats.las.crs import with_wkt
+from mlsroad_pipeline.formats.las.extra import DESCRIPTOR_TYPES, ExtraDimension, pack_descriptors
+from mlsroad_pipeline.formats.las.header import (
+    EXTRA_BYTES,
+    HEADER_SIZES,
+    RECORD_SIZES,
+    SIGNATURE,
+    LasHeader,
+    read_header,
+)
+from mlsroad_pipeline.formats.las.records import record_dtype
+from mlsroad_pipeline.formats.las.vlr import Vlr
+
+DERIVED = ("rgb", "rgb16")
+"""Columns that are written as red, green and blue."""
+
+SOFTWARE = b"mlsroad"
+DEGREE_STEP = 1e-7
+"""Resolution of longitudes and latitudes, degrees: 11 mm, the finest that holds all of them in 32 bits."""
+
+
+def with_extra(header: LasHeader, added: list[ExtraDimension], *, existing: list[ExtraDimension]) -> LasHeader:
+    """Give a header extra dimensions.
+
+    Parameters
+    ----------
+    header : LasHeader
+        The header.
+    added : list of ExtraDimension
+        Dimensions to append.
+    existing : list of ExtraDimension
+        Those that it has, in their order, perhaps renamed.
+
+    Returns
+    -------
+    LasHeader
+        The header with its record size and its extra bytes record changed, the record in its old place.
+    """
+    dimensions = [*existing, *added]
+    if not dimensions:
+        return header
+    record = Vlr(*EXTRA_BYTES, pack_descriptors(dimensions), b"Extra Bytes Record")
+    old = [vlr for vlr in (*header.vlrs, *header.evlrs) if vlr.key == EXTRA_BYTES]
+    if old:
+        record = replace(record, description=old[0].description, reserved=old[0].reserved)
+    if any(vlr.key == EXTRA_BYTES for vlr in header.vlrs):
+        vlrs = tuple(record if vlr.key == EXTRA_BYTES else vlr for vlr in header.vlrs)
+    else:
+        vlrs = (*header.vlrs, record)
+    evlrs = tuple(vlr for vlr in header.evlrs if vlr.key != EXTRA_BYTES)
+    size = header.record_size + sum(d.dtype.itemsize * d.width for d in added)
+    return replace(header, vlrs=vlrs, evlrs=evlrs).patched(("H", 105, size))
+
+
+def _extra_for(cloud: PointCloud, known: set[str]) -> list[ExtraDimension]:
+    added = []
+    for name, values in cloud.columns.items():
+        if name in known or name in DERIVED:
+            continue
+        dtype = np.dtype("u1") if values.dtype == np.bool_ else values.dtype
+        width = 1 if values.ndim == 1 else values.shape[1]
+        if dtype.str[1:] not in DESCRIPTOR_TYPES or values.ndim > 2 or (width > 3 and dtype != np.uint8):
+            raise DataError(f"{cloud.source}: column {name!r} ({values.dtype}, {values.shape}) cannot be stored in LAS")
+        if len(name.encode()) > 32:
+            raise DataError(f"{cloud.source}: column name {name!r} is longer than the 32 bytes that LAS allows")
+        added.append(ExtraDimension.create(name, dtype, width))
+    return added
+
+
+def _standard_names(header: LasHeader) -> set[str]:
+    names: set[str] = set()
+    for field in record_dtype(header).names or ():
+        parts = COMPOSED_FIELDS[header.point_format].get(field)
+        names.update([field] if parts is None else [part.name for part in parts])
+    return names
+
+
+def header_like(path: Path, cloud: PointCloud) -> LasHeader:
+    """Return a file's header, with extra dimensions for columns of the cloud that the file lacks.
+
+    Parameters
+    ----------
+    path : Path
+        A LAS or LAZ file.
+    cloud : PointCloud
+        What is to be written.
+
+    Returns
+    -------
+    LasHeader
+        The header; counts and bounds are still the file's.
+
+    Raises
+    ------
+    DataError
+        If a column cannot be stored.
+    """
+    header = read_header(path)
+    added = _extra_for(cloud, _standard_names(header))
+    return with_extra(header, added, existing=list(header.extra_dimensions)) if added else header
+
+
+def new_header(cloud: PointCloud, options: WriteOptions) -> LasHeader:
+    """Return a LAS 1.4 header for a cloud, without a date, so that the same points give the same bytes.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        What is to be written.
+    options : WriteOptions
+        Its `scale` and `units`; longitudes and latitudes are stored in steps of `DEGREE_STEP`.
+
+    Returns
+    -------
+    LasHeader
+        Point format 7 where there are colours, else 6; WKT where there is a CRS.
+
+    Raises
+    ------
+    DataError
+        If a column cannot be stored.
+    """
+    block = bytearray(HEADER_SIZES[4])
+    point_format = 7 if any(name in cloud for name in DERIVED) else 6
+    struct.pack_into("<4s20xBB32s32s", block, 0, SIGNATURE, 1, 4, b"OTHER", SOFTWARE)
+    struct.pack_into("<HH", block, 90, 1, 1970)
+    struct.pack_into("<BH", block, 104, point_format, RECORD_SIZES[point_format])
+    step = options.scale / options.metres
+    flat = DEGREE_STEP if is_geographic(cloud.crs) else step
+    struct.pack_into("<6d", block, 131, flat, flat, step, *cloud.origin / options.metres)
+    header = with_wkt(LasHeader(bytes(block)), cloud.crs)
+    return with_extra(header, _extra_for(cloud, _standard_names(header)), existing=[])
+
+
+def with_room(header: LasHeader, cloud: PointCloud, metres: float) -> LasHeader:
+    """Give another file's header a scale and an offset that hold the points where they have come to lie.
+
+    Parameters
+    ----------
+    header : LasHeader
+        The header to write.
+    cloud : PointCloud
+        The points.
+    metres : float
+        Factor from the file's unit to metres.
+
+    Returns
+    -------
+    LasHeader
+        The same where they fit; else with the offset of the cloud, and degrees in steps of `DEGREE_STEP`.
+    """
+    if not len(cloud):
+        return header
+    low, high = ((cloud.origin + f(cloud.xyz.astype(np.float64), axis=0)) / metres for f in (np.min, np.max))
+    reach = np.maximum(np.abs(low - header.offset), np.abs(high - header.offset)) / np.abs(header.scale)
+    if is_geographic(cloud.crs) and header.scale[:2].max() > DEGREE_STEP:
+        return header.patched(("2d", 131, (DEGREE_STEP,) * 2), ("2d", 155, (0.0,) * 2))
+    if (reach[:2] < 2**31 - 1).all():
+        return header
+    return header.patched(("2d", 155, tuple(np.floor(cloud.origin[:2] / metres))))
+
+
+def pack_records(
+    cloud: PointCloud, header: LasHeader, *, metres: float = 1.0, eight_bit_colours: bool = False
+) -> NDArray:
+    """Lay points out as records.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The points; each column is stored in the dimension of its name, absent dimensions are zero.
+    header : LasHeader
+        The layout.
+    metres : float, default 1.0
+        Factor from the file's unit to metres.
+    eight_bit_colours : bool, default False
+        Store `rgb` as it is instead of spread over 16 bits.
+
+    Returns
+    -------
+    structured ndarray of shape (n,)
+        Contiguous records.
+
+    Raises
+    ------
+    DataError
+        If a coordinate or a value does not fit its field.
+    """
+    records = np.zeros(len(cloud), dtype=record_dtype(header))
+    for axis, name in enumerate("XYZ"):
+        world = (cloud.xyz[:, axis].astype(np.float64) + (cloud.origin[axis] - header.offset[axis] * metres)) / metres
+        records[name] = _fitting(np.rint(world / header.scale[axis]), np.dtype("i4"), name, cloud.source)
+    for name, values in _las_columns(cloud, eight_bit_colours):
+        _store(records, header, name, values, cloud.source)
+    return records
+
+
+def _las_columns(cloud: PointCloud, eight_bit: bool) -> list[tuple[str, NDArray]]:
+    columns = [(name, values) for name, values in cloud.columns.items() if name not in DERIVED]
+    colours = cloud.get("rgb16")
+    if colours is None and "rgb" in cloud:
+        colours = cloud["rgb"].astype(np.uint16) * (1 if eight_bit else 257)
+    if colours is not None:
+        columns += [(name, colours[:, axis]) for axis, name in enumerate(("red", "green", "blue"))]
+    return columns
+
+
+def _store(records: NDArray, header: LasHeader, name: str, values: NDArray, source: str) -> None:
+    for field, parts in COMPOSED_FIELDS[header.point_format].items():
+        for part in parts:
+            if part.name == name:
+                shift = (part.mask & -part.mask).bit_length() - 1
+                if len(values) and not 0 <= values.min() <= values.max() <= part.mask >> shift:
+                    raise DataError(
+                        f"{source}: {name} {values.max()} does not fit point format {header.point_format}, "
+                        f"which holds 0 to {part.mask >> shift}"
+                    )
+                records[field] |= _fitting(values, np.dtype("u1"), name, source) << shift
+                return
+    if name == "intensity":
+        values = np.rint(np.nan_to_num(values.astype(np.float64)) * 65535.0)
+    extra = dict(zip(reversed(records.dtype.names or ()), reversed(header.extra_dimensions), strict=False)).get(name)
+    if extra is not None and (extra.scale is not None or extra.offset is not None):
+        offset, scale = (0.0 if extra.offset is None else extra.offset), (1.0 if extra.scale is None else extra.scale)
+        values = (values - offset) / scale
+        values = values if extra.dtype.kind == "f" else np.rint(values)
+    dtype = records.dtype[name].base
+    records[name] = values if values.dtype == dtype else _fitting(values, dtype, name, source)
+
+
+def _fitting(values: NDArray, dtype: np.dtype, name: str, source: str) -> NDArray:
+    """Return values in a narrower type, or say which of them does not fit."""
+    if dtype.kind == "f" or not len(values):
+        return values.astype(dtype)
+    limits = np.iinfo(dtype)
+    low, high = values.min(), values.max()
+    if not limits.min <= low <= high <= limits.max:
+        raise DataError(f"{source}: {name} {low} to {high} does not fit the file's {dtype} field")
+    whole = values.astype(dtype)
+    if values.dtype.kind == "f" and (whole != values).any():
+        fraction = values[whole != values][0]
+        raise DataError(f"{source}: {name} has fractions, such as {fraction}, and the field is {dtype}")
+    return whole

@@ -1,0 +1,195 @@
+"""Point records of LAS and LAZ files, by ranges, as they are stored."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import lazrs
+import numpy as np
+from laspy.point.dims import ALL_POINT_FORMATS_DTYPE
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.formats.content import open_content
+from mlsroad_pipeline.formats.files import clip_range
+from mlsroad_pipeline.formats.las.chunks import VariableChunks, check_chunk_table, check_layers
+from mlsroad_pipeline.formats.las.header import (
+    LASZIP,
+    LasHeader,
+)
+
+SELECT_ALL = int(lazrs.SELECTIVE_DECOMPRESS_ALL)
+
+
+def record_dtype(header: LasHeader) -> np.dtype:
+    """Return the structured type of a file's records, bit fields packed.
+
+    Parameters
+    ----------
+    header : LasHeader
+        The file's header.
+
+    Returns
+    -------
+    dtype
+        Fields named as laspy names them, then the extra dimensions; one whose name is taken gets ``_extra`` appended.
+    """
+    fields = list(ALL_POINT_FORMATS_DTYPE[header.point_format].descr)
+    taken = {name for name, _ in fields}
+    for dimension in header.extra_dimensions:
+        name = dimension.name or "unnamed"
+        while name in taken:
+            name += "_extra"
+        taken.add(name)
+        fields.append((name, *dimension.field_type[1:]))
+    return np.dtype(fields)
+
+
+class RecordReader:
+    """Reads ranges of records of one file; use it as a context manager.
+
+    Parameters
+    ----------
+    path : Path
+        A LAS or LAZ file.
+    header : LasHeader
+        Its header.
+    n_threads : int, default 1
+        Above one, LAZ chunks are decompressed in parallel.
+    select : int, default all
+        For point formats 6 to 10 in LAZ: which fields are decompressed (lazrs flags); others are zero.
+
+    Raises
+    ------
+    ReadError
+        If the file holds fewer points than its header says, or its chunk table is damaged.
+    """
+
+    def __init__(self, path: Path, header: LasHeader, *, n_threads: int = 1, select: int = SELECT_ALL) -> None:
+        self.path, self.header, self.dtype = path, header, record_dtype(header)
+        self._file = open_content(path)
+        self._stream = self._file.stream()
+        self._position = 0
+        self._decompressor = None
+        self._octree: VariableChunks | None = None
+        try:
+            if header.compressed and header.n_points:
+                self._decompressor = self._open_laz(n_threads, select)
+            else:
+                self._check_size()
+        except BaseException:
+            self._stream.close()
+            raise
+
+    def __enter__(self) -> Self:
+        """Return the reader."""
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Close the file."""
+        self._stream.close()
+
+    def read(self, start: int, stop: int | None = None) -> NDArray:
+        """Read records.
+
+        Parameters
+        ----------
+        start, stop : int
+            First row and the row after the last; None is the end. Beyond the end is clipped.
+
+        Returns
+        -------
+        structured ndarray
+            The records.
+
+        Raises
+        ------
+        ReadError
+            If the file ends early or its compressed data are damaged.
+        """
+        start, stop = clip_range(start, stop, self.header.n_points)
+        buffer = bytearray((stop - start) * self.header.record_size)
+        if not buffer:
+            return np.empty(0, dtype=self.dtype)
+        if self._octree is not None:
+            return self._octree.read(start, stop).view(self.dtype)
+        if self._decompressor is None:
+            self._stream.seek(self.header.point_offset + start * self.header.record_size)
+            if self._stream.readinto(buffer) != len(buffer):
+                raise ReadError(f"{self.path} is truncated within rows {start} to {stop - 1}")
+        else:
+            self._decompress(buffer, start, stop)
+        return np.frombuffer(buffer, dtype=self.dtype)
+
+    def compressed(self, number: int) -> bytes:
+        """Read a chunk of a LAZ file whose chunks are of one size, as it is stored.
+
+        Parameters
+        ----------
+        number : int
+            The chunk, from 0.
+
+        Returns
+        -------
+        bytes
+            Its compressed points.
+        """
+        here = self._stream.tell()
+        self._stream.seek(int(self._begins[number]))
+        data = self._stream.read(int(self._begins[number + 1] - self._begins[number]))
+        self._stream.seek(here)
+        return data
+
+    def _decompress(self, buffer: bytearray, start: int, stop: int) -> None:
+        assert self._decompressor is not None
+        self._check_layers(start, stop)
+        try:
+            if start != self._position:
+                self._decompressor.seek(start)
+            self._decompressor.decompress_many(buffer)
+        except lazrs.LazrsError as error:
+            self._position = -1
+            rows = f"rows {start} to {stop - 1}"
+            raise ReadError(f"{self.path} is damaged or truncated within {rows}: {error}") from error
+        self._position = stop
+
+    def _check_layers(self, start: int, stop: int) -> None:
+        """Look at the chunks of a range before they are decompressed, each once."""
+        here = self._stream.tell()
+        for number in range(start // self._chunk_size, -(-stop // self._chunk_size)):
+            if number in self._unchecked:
+                _, n_bytes = self._unchecked.pop(number)
+                n_points = min(self._chunk_size, self.header.n_points - number * self._chunk_size)
+                check_layers(self._stream, self.header, (int(self._begins[number]), n_bytes, n_points), self.path)
+        self._stream.seek(here)
+
+    def _check_size(self) -> None:
+        header, size = self.header, self._file.size
+        needed = header.point_offset + header.n_points * header.record_size
+        if needed > size:
+            have = (size - header.point_offset) // header.record_size
+            raise ReadError(f"{self.path} is truncated: its header says {header.n_points} points, it holds {have}")
+
+    def _open_laz(self, n_threads: int, select: int) -> lazrs.LasZipDecompressor | lazrs.ParLasZipDecompressor:
+        vlr = self.header.find(LASZIP)
+        assert vlr is not None
+        try:
+            laz = lazrs.LazVlr(vlr.data)
+            if laz.item_size() != self.header.record_size:
+                expected = self.header.record_size
+                raise ReadError(
+                    f"{self.path} is damaged: its LASzip record describes points of {laz.item_size()} bytes, "
+                    f"its header of {expected}"
+                )
+            chunks = check_chunk_table(self._stream, self.header, laz, self.path)
+            if laz.uses_variable_size_chunks():
+                self._octree = VariableChunks(self._stream, self.header, self.path, vlr.data, chunks, select)
+            self._chunk_size, self._unchecked = laz.chunk_size(), dict(enumerate(chunks))
+            self._begins = self.header.point_offset + 8 + np.cumsum([0, *(n_bytes for _, n_bytes in chunks)])
+            self._stream.seek(self.header.point_offset)
+            kind = lazrs.ParLasZipDecompressor if n_threads > 1 else lazrs.LasZipDecompressor
+            return kind(self._stream, vlr.data, lazrs.DecompressionSelection(select))
+        except lazrs.LazrsError as error:
+            raise ReadError(f"{self.path} is damaged: {error}") from error

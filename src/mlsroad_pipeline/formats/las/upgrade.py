@@ -1,0 +1,92 @@
+"""From LAS point formats 0 to 5 to their successors 6 to 10, without loss."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.formats.las.crs import WKT, read_crs, with_wkt
+from mlsroad_pipeline.formats.las.header import HEADER_SIZES, RECORD_SIZES, LasHeader
+from mlsroad_pipeline.formats.las.records import record_dtype
+
+SUCCESSORS = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}
+"""Point format to the one of LAS 1.4 that holds all its fields."""
+
+ANGLE_STEP = 0.006
+"""Degrees of one step of the scan angle in formats 6 to 10; formats 0 to 5 have whole degrees."""
+
+COPC = b"copc"
+RECORD_1_0 = b"\xdd\xcc"
+"""What LAS 1.0 puts before the points."""
+
+
+def upgraded_header(header: LasHeader) -> LasHeader:
+    """Return a header of LAS 1.4 or above and point format 6 to 10 for the same points.
+
+    Parameters
+    ----------
+    header : LasHeader
+        Any header.
+
+    Returns
+    -------
+    LasHeader
+        The header: dates, identifiers, scale, offset, records and bytes of unknown meaning are kept. A CRS in GeoTIFF
+        keys is added as WKT, which these formats require, where it is understood. Records of a cloud-optimised file
+        (COPC) are dropped: they tell where in the old file the points were.
+    """
+    header = replace(
+        header,
+        vlrs=tuple(vlr for vlr in header.vlrs if vlr.key[0] != COPC),
+        evlrs=tuple(vlr for vlr in header.evlrs if vlr.key[0] != COPC),
+    )
+    old = header.point_format
+    if old not in SUCCESSORS:
+        return header
+    own, written = HEADER_SIZES[header.minor], max(header.minor, 4)
+    block = header.block[:own].ljust(HEADER_SIZES[written], b"\0") + header.block[own:]
+    gap = header.gap.removesuffix(RECORD_1_0) if header.minor == 0 else header.gap
+    size = header.record_size + RECORD_SIZES[SUCCESSORS[old]] - RECORD_SIZES[old]
+    changes: list[tuple[str, int, object]] = [("B", 25, written), ("B", 104, SUCCESSORS[old]), ("H", 105, size)]
+    new = replace(header, block=block, gap=gap).patched(*changes)
+    return new if header.find(WKT) is not None else with_wkt(new, read_crs(header))
+
+
+def upgrade_records(records: NDArray, header: LasHeader, target: LasHeader) -> NDArray:
+    """Lay records out in another file's layout that begins with the same fields.
+
+    Parameters
+    ----------
+    records : structured ndarray of shape (n,)
+        Records of `header`.
+    header : LasHeader
+        Their header.
+    target : LasHeader
+        The same file's upgraded header, perhaps with more extra dimensions at the end.
+
+    Returns
+    -------
+    structured ndarray of shape (n,)
+        The records; fields that the old ones lack are zero.
+    """
+    out = np.zeros(len(records), dtype=record_dtype(target))
+    size = (len(records), -1)
+    new, old = out.view(np.uint8).reshape(size), records.view(np.uint8).reshape(size)
+    if header.point_format == target.point_format:
+        new[:, : old.shape[1]] = old
+        return out
+    first, start = RECORD_SIZES[target.point_format], RECORD_SIZES[header.point_format]
+    new[:, first : first + old.shape[1] - start] = old[:, start:]
+    standard = record_dtype(header).names or ()
+    packed = ("bit_fields", "raw_classification", "scan_angle_rank")
+    for name in standard[: len(standard) - len(header.extra_dimensions)]:
+        if name not in packed:
+            out[name] = records[name]
+    bits, classes = records["bit_fields"], records["raw_classification"]
+    out["bit_fields"] = (bits & 0x07) | (bits & 0x38) << 1
+    out["classification_flags"] = classes >> 5 | bits & 0xC0
+    out["classification"] = classes & 0x1F
+    out["scan_angle"] = np.rint(records["scan_angle_rank"] / ANGLE_STEP)
+    return out

@@ -1,0 +1,206 @@
+"""Writing LAS and LAZ files record by record."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import BinaryIO
+
+import lazrs
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.formats.las.header import (
+    COMPRESSED,
+    LASZIP,
+    RECORD_SIZES,
+    LasHeader,
+    pack_header,
+)
+from mlsroad_pipeline.formats.las.vlr import Vlr
+
+WAVEFORM_FORMATS = (9, 10)
+CHANNEL_BITS = 0x30
+
+
+class RecordWriter:
+    """Writes records in order, then the header with their count, bounds and returns.
+
+    Parameters
+    ----------
+    stream : binary stream
+        Writable and seekable, at its start.
+    header : LasHeader
+        The header; counts, bounds, compression and the positions of records are set by the writer.
+    compress : bool
+        LAZ if true, else LAS.
+    n_threads : int, default 1
+        Above one, chunks are compressed in parallel; the bytes are the same.
+    """
+
+    def __init__(self, stream: BinaryIO, header: LasHeader, *, compress: bool, n_threads: int = 1) -> None:
+        self._stream, self._compressor = stream, None
+        self._chunks: list[tuple[int, int]] = []  # of those that came compressed
+        records = tuple(vlr for vlr in header.vlrs if vlr.key != LASZIP)
+        layout = header.point_format | (COMPRESSED if compress else 0)
+        self.header = replace(header, vlrs=records).patched(("B", 104, layout))
+        self.count = 0
+        self._channel: int | None = None
+        self._low = np.full(3, np.iinfo(np.int32).max, dtype=np.int64)
+        self._high = np.full(3, np.iinfo(np.int32).min, dtype=np.int64)
+        self._returns = np.zeros(16, dtype=np.int64)
+        if compress:
+            extra = header.record_size - RECORD_SIZES[header.point_format]
+            laz = lazrs.LazVlr.new_for_compression(header.point_format, extra)
+            data = bytes(laz.record_data())
+            self.header = replace(self.header, vlrs=(*records, Vlr(*LASZIP, data, b"http://laszip.org")))
+        stream.write(pack_header(self.header))
+        if compress:
+            self._laszip, self._begin = laz, stream.tell()
+            kind = lazrs.ParLasZipCompressor if n_threads > 1 else lazrs.LasZipCompressor
+            self._compressor = kind(stream, laz)
+
+    def write(self, records: NDArray) -> None:
+        """Append records.
+
+        Parameters
+        ----------
+        records : structured ndarray of shape (n,)
+            Records of the header's layout, contiguous.
+
+        Raises
+        ------
+        DataError
+            If waveform packets of several scanner channels are to be compressed, which lazrs does not do without loss.
+        """
+        if not len(records):
+            return
+        self.count_only(records)
+        if self._compressor is not None and self.header.point_format in WAVEFORM_FORMATS:
+            self._check_channel(records)
+        data = np.frombuffer(records, dtype=np.uint8)
+        if self._compressor is None:
+            self._stream.write(data.data)
+        else:
+            self._compressor.compress_many(data)
+
+    def write_compressed(self, records: NDArray, chunks: Sequence[tuple[int, bytes]]) -> None:
+        """Append chunks of a LAZ file that are compressed already; a file is written in this way or by `write`.
+
+        Parameters
+        ----------
+        records : structured ndarray of shape (n,)
+            Their records, as far as counts and bounds need them.
+        chunks : sequence of tuple of int and bytes
+            Points and compressed points of each.
+        """
+        self.count_only(records)
+        if not self._chunks:
+            self._stream.write(bytes(8))  # where the chunk table will be
+        for n_points, data in chunks:
+            self._stream.write(data)
+            self._chunks.append((n_points, len(data)))
+
+    def count_only(self, records: NDArray) -> None:
+        """Take records into counts and bounds without writing them.
+
+        Parameters
+        ----------
+        records : structured ndarray of shape (n,)
+            Records of the header's layout, at least one.
+        """
+        for axis, name in enumerate("XYZ"):
+            self._low[axis] = min(self._low[axis], int(records[name].min()))
+            self._high[axis] = max(self._high[axis], int(records[name].max()))
+        mask = 0x07 if self.header.point_format < 6 else 0x0F
+        bits = np.bincount(records["bit_fields"], minlength=256)
+        self._returns += np.bincount(np.arange(256) & mask, weights=bits, minlength=16).astype(np.int64)
+        self.count += len(records)
+
+    def _check_channel(self, records: NDArray) -> None:
+        channels = np.unique(records["classification_flags"] & CHANNEL_BITS)
+        self._channel = int(channels[0]) if self._channel is None else self._channel
+        if (channels != self._channel).any():
+            raise DataError(
+                f"points of format {self.header.point_format} with waveform packets of several scanner channels "
+                "cannot be compressed without loss; write LAS, or one file per channel"
+            )
+
+    def close(self) -> None:
+        """Finish the points, write the extended records, and set the header right.
+
+        Raises
+        ------
+        DataError
+            If there are more points than the version can count.
+        """
+        if self._chunks:
+            self._write_chunk_table()
+        elif self._compressor is not None:
+            self._compressor.done()
+        self._stream.seek(0, 2)
+        end = self._stream.tell()
+        for vlr in self.header.evlrs:
+            self._stream.write(vlr.pack(extended=True))
+        self._stream.seek(0)
+        self._stream.write(pack_header(self.finished_header(self.header, end)))
+        self._stream.seek(0, 2)
+
+    def _write_chunk_table(self) -> None:
+        place = self._stream.tell()
+        lazrs.write_chunk_table(self._stream, self._chunks, self._laszip)
+        self._stream.seek(self._begin)
+        self._stream.write(struct.pack("<q", place))
+
+    def finished_header(self, header: LasHeader, end: int) -> LasHeader:
+        """Return a header with the counts, bounds and returns of the records so far.
+
+        Parameters
+        ----------
+        header : LasHeader
+            The header.
+        end : int
+            Where the extended records begin.
+
+        Returns
+        -------
+        LasHeader
+            The header, right.
+
+        Raises
+        ------
+        DataError
+            If there are more points than the version can count.
+        """
+        empty = self.count == 0
+        scaled = (np.stack([self._high, self._low], axis=1) * header.scale[:, None]) + header.offset[:, None]
+        bounds = np.zeros(6) if empty else np.sort(scaled, axis=1)[:, ::-1].ravel()
+        stated = header.bounds[::-1].T.ravel()
+        if (np.abs(stated - bounds) <= np.repeat(np.abs(header.scale), 2) / 2).all():
+            bounds = stated  # the same, but for how the first writer rounded
+        new_only = header.minor >= 4 and not header.integer("I", 107) and header.integer("Q", 247) > 0
+        legacy = header.point_format < 6 and self.count < 2**32 and not new_only  # as the first writer had it
+        if header.minor < 4 and not legacy:
+            raise DataError(f"LAS 1.{header.minor} cannot hold {self.count} points; write point format 6 or above")
+        by_return = self._returns[1:]
+        changes: list[tuple[str, int, object]] = [
+            ("I5I", 107, (self.count, *by_return[:5]) if legacy else (0,) * 6),
+            ("6d", 179, bounds),
+        ]
+        if header.minor >= 4:
+            changes.append(("QI", 235, (end if header.evlrs else 0, len(header.evlrs))))
+            changes.append(("Q15Q", 247, (self.count, *by_return)))
+        if header.minor >= 3:
+            changes.append(("Q", 227, _waveform_start(header, end)))
+        return header.patched(*changes)
+
+
+def _waveform_start(header: LasHeader, end: int) -> int:
+    position = end
+    for vlr in header.evlrs:
+        if vlr.key == (b"LASF_Spec", 65535):
+            return position
+        position += 60 + len(vlr.data)
+    return 0

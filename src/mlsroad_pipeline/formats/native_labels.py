@@ -1,0 +1,228 @@
+"""Copies of surveys in their own format, with class and confidence beside what they had: PLY, text and KITTI."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO, Protocol, cast
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.formats.base import PointFormat, ReadOptions
+from mlsroad_pipeline.formats.content import BLOCK, open_content, output_file
+from mlsroad_pipeline.formats.flat_table import join_rows, number_text
+from mlsroad_pipeline.formats.kitti import label_path
+from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE, kept_name
+from mlsroad_pipeline.formats.native_tables import SINKS, can_hold
+from mlsroad_pipeline.formats.ply.format import PlyFormat, vertex_rows
+from mlsroad_pipeline.formats.ply.header import PlyHeader, read_ply_header
+from mlsroad_pipeline.formats.text.format import TextFormat
+from mlsroad_pipeline.formats.text.layout import open_table
+from mlsroad_pipeline.formats.text.rows import TextRows
+from mlsroad_pipeline.formats.text.values import WHITESPACE
+
+
+class LabelSink(Protocol):
+    """Takes labels of consecutive ranges and writes the points of the source with them."""
+
+    def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
+        """Write the points from row `start` on.
+
+        Parameters
+        ----------
+        start : int
+            Row of the first point.
+        codes : ndarray of uint8, shape (n,)
+            Classes.
+        confidence : ndarray of float32, shape (n,)
+            Confidences.
+        """
+
+
+def native_path(source: Path, folder: Path, form: PointFormat) -> Path | None:
+    """Return where the copy in a survey's own format goes.
+
+    Parameters
+    ----------
+    source : Path
+        The survey.
+    folder : Path
+        The folder of the results.
+    form : PointFormat
+        Its format.
+
+    Returns
+    -------
+    Path or None
+        KITTI: the ``.label`` of that name in `folder`; others: the same file name there. None where the format has no
+        place for labels (E57, NPY), for a PLY file whose vertices are not first or hold lists, and for PCD that is not
+        binary, has padding, or has beams without return.
+
+    Raises
+    ------
+    DataError
+        If that is the survey itself or its present labels.
+    """
+    if form.name == "KITTI":
+        target = folder / f"{source.stem}.label"
+        if target.exists() and label_path(source) is not None and target.samefile(cast(Path, label_path(source))):
+            raise DataError(f"{target} holds the labels of {source} and would be overwritten; choose another folder")
+        return target
+    is_ply = isinstance(form, PlyFormat) and read_ply_header(source).vertex_first
+    if isinstance(form, TextFormat) or is_ply or can_hold(source, form.name):
+        target = folder / source.name
+        if target.exists() and target.samefile(source):
+            raise DataError(f"{target} is the survey itself and would be overwritten; choose another folder")
+        return target
+    return None
+
+
+@contextmanager
+def native_sink(source: Path, target: Path, form: PointFormat, options: ReadOptions) -> Iterator[LabelSink]:
+    """Give a sink that writes the copy in the survey's own format; the file appears when the block ends.
+
+    Parameters
+    ----------
+    source : Path
+        The survey.
+    target : Path
+        See `native_path`.
+    form : PointFormat
+        Its format.
+    options : ReadOptions
+        How it is read.
+
+    Yields
+    ------
+    LabelSink
+        The sink.
+    """
+    with output_file(target) as stream:
+        if isinstance(form, TextFormat):
+            yield _TextSink(source, options, stream)
+        elif isinstance(form, PlyFormat):
+            sink = _PlySink(source, stream)
+            yield sink
+            sink.copy_rest()
+        elif form.name in SINKS:
+            table = SINKS[form.name](source, stream)
+            yield table
+            table.finish()
+        else:
+            yield _KittiSink(source, stream)
+
+
+class _TextSink:
+    """Appends two values to every row; the row's own text stays as it is."""
+
+    def __init__(self, source: Path, options: ReadOptions, out: BinaryIO) -> None:
+        table = open_table(source, options)
+        self._rows, self._out = table.rows, out
+        self._delimiter = " " if table.delimiter == WHITESPACE else table.delimiter
+        head = table.head
+        if table.has_names:
+            comments, _, line = head.rstrip(b"\r\n").rpartition(b"\n")
+            names = line.decode("utf-8-sig", "replace").rstrip("\r")
+            for name in (CLASS, CONFIDENCE):
+                if name in table.names:
+                    names = re.sub(rf"\b{name}\b", kept_name(name, table.names), names)
+            names = self._delimiter.join([names, CLASS, CONFIDENCE])
+            head = comments + (b"\n" if comments else b"") + names.encode() + b"\n"
+        self._out.write(head)
+
+    def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
+        """Write the points from row `start` on."""
+        rows = _lines(self._rows, start, len(codes))
+        self._out.write(join_rows([rows, number_text(codes), number_text(confidence)], self._delimiter))
+
+
+def _lines(rows: TextRows, start: int, count: int) -> pa.Array:
+    """Return rows as an array of text without line ends, built from their positions rather than one by one."""
+    data = np.frombuffer(rows.read(start, start + count), dtype=np.uint8)
+    ends = np.flatnonzero(data == ord("\n"))
+    if len(ends) < count:
+        ends = np.append(ends, len(data))
+    returns = np.flatnonzero(data == ord("\r"))
+    keep = data != ord("\n")
+    keep[returns] = False
+    dropped = np.arange(count) + np.searchsorted(returns, ends)  # line ends before each row's end
+    offsets = np.concatenate([[0], ends - dropped]).astype(np.int32)
+    return pa.StringArray.from_buffers(count, pa.py_buffer(offsets.tobytes()), pa.py_buffer(data[keep].tobytes()))
+
+
+class _PlySink:
+    """Adds two properties to the vertices; the head's other lines and the elements after them are copied."""
+
+    def __init__(self, source: Path, stream: BinaryIO) -> None:
+        self._source, self._stream = source, stream
+        self._header = read_ply_header(source)
+        self._rows = vertex_rows(source, self._header) if self._header.encoding == "ascii" else None
+        stream.write(_labelled_head(self._header))
+
+    def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
+        """Write the points from row `start` on."""
+        if self._rows is not None:
+            rows = _lines(self._rows, start, len(codes))
+            self._stream.write(join_rows([rows, number_text(codes), number_text(confidence)], " "))
+            return
+        dtype = self._header.vertex.dtype(self._header.order)
+        if not len(codes):
+            return
+        offset = self._header.begin + start * dtype.itemsize
+        old = open_content(self._source).records(np.dtype("u1"), offset, len(codes) * dtype.itemsize)
+        new = np.empty((len(codes), dtype.itemsize + 5), dtype=np.uint8)
+        new[:, : dtype.itemsize] = old.reshape(len(codes), dtype.itemsize)
+        new[:, dtype.itemsize] = codes
+        scores = np.ascontiguousarray(confidence, dtype=self._header.order + "f4")
+        new[:, dtype.itemsize + 1 :] = scores.view(np.uint8).reshape(-1, 4)
+        self._stream.write(new.data)
+
+    def copy_rest(self) -> None:
+        """Copy what follows the vertices."""
+        vertex = self._header.vertex
+        if self._rows is not None:
+            end = self._rows.end
+        else:
+            end = self._header.begin + vertex.count * vertex.dtype(self._header.order).itemsize
+        file = open_content(self._source)
+        while data := file.read(BLOCK, end):
+            self._stream.write(data)
+            end += len(data)
+
+
+def _labelled_head(header: PlyHeader) -> bytes:
+    lines = header.text.decode("utf-8", "replace").splitlines(keepends=True)
+    line_end = "\r\n" if lines[0].endswith("\r\n") else "\n"
+    inside, last = False, 0
+    for at, line in enumerate(lines):
+        words = line.split()
+        if words[:1] == ["element"]:
+            inside = words[1] == "vertex"
+        if inside and words[:1] in (["element"], ["property"]):
+            last = at
+            if words[-1] in (CLASS, CONFIDENCE) and words[0] == "property":
+                kept = kept_name(words[-1], list(header.vertex.properties))
+                lines[at] = " ".join([*words[:-1], kept]) + line_end
+    added = [f"property uchar {CLASS}{line_end}", f"property float {CONFIDENCE}{line_end}"]
+    return "".join([*lines[: last + 1], *added, *lines[last + 1 :]]).encode()
+
+
+class _KittiSink:
+    """Writes classes into the lower 16 bits and keeps the instances of the survey's own labels."""
+
+    def __init__(self, source: Path, stream: BinaryIO) -> None:
+        self._stream = stream
+        labels = label_path(source)
+        self._old = np.fromfile(labels, dtype="<u4") if labels is not None else None
+
+    def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
+        """Write the points from row `start` on."""
+        packed = codes.astype("<u4")
+        if self._old is not None:
+            packed |= self._old[start : start + len(codes)] & np.uint32(0xFFFF0000)
+        self._stream.write(packed.astype("<u4").tobytes())

@@ -1,0 +1,217 @@
+"""NPZ and NPY: points as arrays of NumPy."""
+
+from __future__ import annotations
+
+import logging
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key
+from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES
+from mlsroad_pipeline.formats.tables import PointTable, TableFormat
+
+VECTORS = {
+    **dict.fromkeys(("xyz", "points", "point", "positions", "pos", "coord", "coords", "coordinates"), COORDINATES),
+    **dict.fromkeys(("rgb", "color", "colors", "colour", "colours"), COLOURS),
+}
+"""Arrays whose first three columns have names, in lower case."""
+
+CRS = "crs"
+LARGEST_RATIO = 1100
+"""Deflate packs at most about 1,032 to 1: an entry that claims more is damaged."""
+
+DAMAGE = (ValueError, EOFError, OSError, zipfile.BadZipFile, zlib.error)
+MANGLED = (SyntaxError, tokenize.TokenError, KeyError, TypeError, RuntimeError)
+"""What a mangled head of an entry or an array leads to."""
+
+EPOCH = (1980, 1, 1, 0, 0, 0)
+
+logger = logging.getLogger(__name__)
+
+
+class NpzFormat(TableFormat):
+    """Reader and writer of NPZ, and reader of NPY.
+
+    Every array with one row per point is a column; those of several columns are taken apart, by name where it is known
+    (``xyz``, ``points``, ``rgb``), by number otherwise. The fields of structured arrays are columns, too. The rows are
+    those of the coordinates; arrays of another length, or without numbers, are left out, and the log names them.
+    """
+
+    name = "NPZ"
+    extensions: tuple[str, ...] = (".npz", ".npy")
+    signatures: tuple[bytes, ...] = (b"PK\x03\x04", b"\x93NUMPY")
+
+    def recognises(self, path: Path, head: bytes) -> bool:
+        """Tell whether a file is an array, or an archive of arrays.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+        head : bytes
+            Its first bytes.
+
+        Returns
+        -------
+        bool
+            False for other zip archives.
+        """
+        if not head.startswith(self.signatures[0]):
+            return head.startswith(self.signatures[1])
+        with path.open("rb") as stream:
+            stream.seek(26)
+            length = int.from_bytes(stream.read(2), "little")
+            stream.seek(30)
+            return stream.read(min(length, 1 << 12)).endswith(b".npy")
+
+    def open_table(self, path: Path, options: ReadOptions) -> PointTable:
+        """Open a file; its arrays are held in memory.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+        options : ReadOptions
+            Not used.
+
+        Returns
+        -------
+        PointTable
+            Its columns.
+
+        Raises
+        ------
+        ReadError
+            If it is no archive of arrays, or damaged.
+        """
+        del options
+        return _open(file_key(path))
+
+    def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
+        """Write a cloud: ``xyz`` (world coordinates, float64), one array per column and, where there is one, ``crs``.
+
+        Parameters
+        ----------
+        path : Path
+            The file to write, named ``.npz``.
+        cloud : PointCloud
+            The points.
+        options : WriteOptions
+            Its units.
+
+        Raises
+        ------
+        DataError
+            If the file is named ``.npy``, or a column is called like the coordinates or the CRS.
+        """
+        path = Path(path)
+        taken = sorted({"xyz", CRS} & set(cloud.columns))
+        if path.suffix.lower() != ".npz" or taken:
+            what = f"column {taken[0]!r} has a name that NPZ files need" if taken else "clouds are written as .npz"
+            raise DataError(f"{path}: {what}")
+        arrays = {"xyz": cloud.world_xyz() / options.metres, **cloud.columns}
+        if cloud.crs:
+            arrays[CRS] = np.array(cloud.crs)
+        with atomic_file(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, values in arrays.items():
+                entry = zipfile.ZipInfo(f"{name}.npy", EPOCH)  # no date: same points, same bytes
+                entry.compress_type = zipfile.ZIP_DEFLATED
+                with archive.open(entry, "w", force_zip64=True) as target:
+                    np.lib.format.write_array(target, np.asarray(values, order="C"), allow_pickle=False)
+
+
+@lru_cache(maxsize=1)
+def _open(key: FileKey) -> PointTable:
+    path = Path(key[0])
+    try:
+        arrays = _archive(path) if zipfile.is_zipfile(path) else {"points": _array_file(path)}
+    except (*DAMAGE, *MANGLED) as error:
+        raise ReadError(f"{path} is damaged: {error}") from error
+    crs = arrays.pop(CRS, None)
+    columns = _columns(arrays, path)
+
+    def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
+        return {name: np.ascontiguousarray(columns[name][start:stop]) for name in names}
+
+    n_points = len(columns["x"]) if "x" in columns else 0
+    wkt = str(crs) if crs is not None and crs.dtype.kind == "U" and crs.shape == () else None
+    return PointTable(tuple(columns), n_points, rows, wkt, {"arrays": {n: str(a.dtype) for n, a in arrays.items()}})
+
+
+def _archive(path: Path) -> dict[str, NDArray]:
+    arrays = {}
+    with zipfile.ZipFile(path) as archive:
+        for entry in archive.infolist():
+            if not entry.filename.endswith(".npy"):
+                continue
+            if entry.file_size > LARGEST_RATIO * max(entry.compress_size, 1):
+                raise ValueError(f"{entry.filename} claims {entry.file_size} bytes in {entry.compress_size}")
+            with archive.open(entry) as stream:
+                arrays[entry.filename.removesuffix(".npy")] = _array(stream, entry.file_size, entry.filename)
+    return arrays
+
+
+def _array_file(path: Path) -> NDArray:
+    with path.open("rb") as stream:
+        return _array(stream, path.stat().st_size, path.name)
+
+
+def _array(stream: IO[bytes], size: int, name: str) -> NDArray:
+    """Read one array; one that claims more than its bytes is refused before memory is taken for it."""
+    version = np.lib.format.read_magic(stream)
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, fortran_order, dtype = read_header(stream)
+    if dtype.hasobject:
+        raise ValueError(f"{name} holds Python objects")
+    n_bytes, size = dtype.itemsize, size - stream.tell()
+    for length in shape:
+        n_bytes *= length
+    if min(shape, default=0) < 0 or n_bytes > size:
+        raise ValueError(f"{name} claims {shape} values of {dtype} in {size} bytes")
+    data = stream.read(n_bytes)
+    if len(data) < n_bytes:
+        raise ValueError(f"{name} ends after {len(data)} of {n_bytes} bytes")
+    values: NDArray = np.frombuffer(data, dtype=dtype, count=n_bytes // max(dtype.itemsize, 1))
+    return values.reshape(shape, order="F" if fortran_order else "C")
+
+
+def _columns(arrays: Mapping[str, NDArray], path: Path) -> dict[str, NDArray]:
+    """Take arrays apart into columns as long as the coordinates."""
+    flat: dict[str, tuple[str, NDArray]] = {}
+    for name, array in arrays.items():
+        for part, values in _parts(name, array).items():
+            flat.setdefault(part, (name, values))
+    coordinates = next((v for n, (_, v) in flat.items() if n.lower() in COORDINATES), np.empty(0))
+    columns = {name: v for name, (_, v) in flat.items() if v.dtype.kind in "biuf" and len(v) == len(coordinates)}
+    lost = sorted(set(arrays) - {flat[name][0] for name in columns})
+    if lost:
+        logger.info("%s: arrays that are no columns of the points are left out: %s", path, ", ".join(lost))
+    return {n: v.astype(np.uint8) if v.dtype == np.bool_ else _native(v) for n, v in columns.items()}
+
+
+def _native(values: NDArray) -> NDArray:
+    return values if values.dtype.isnative else values.astype(values.dtype.newbyteorder("="))
+
+
+def _parts(name: str, array: NDArray) -> dict[str, NDArray]:
+    if array.dtype.names and array.ndim == 1:
+        return {k: v for field in array.dtype.names for k, v in _parts(field, array[field]).items()}
+    if array.ndim == 1:
+        return {name: array}
+    if array.ndim != 2:
+        return {}
+    known = VECTORS.get(name.lower(), ())
+    numbered = "column" if known == COORDINATES else name
+    names = [known[i] if i < len(known) and array.shape[1] >= 3 else f"{numbered}_{i}" for i in range(array.shape[1])]
+    return {part: array[:, i] for i, part in enumerate(names)}

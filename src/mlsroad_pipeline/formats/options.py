@@ -1,0 +1,229 @@
+"""Options of reading and writing, checked when they are made."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, Coding
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least
+
+UNITS: dict[str, float] = {
+    "metre": 1.0,
+    "millimetre": 0.001,
+    "centimetre": 0.01,
+    "kilometre": 1000.0,
+    "foot": 0.3048,
+    "us_survey_foot": 1200.0 / 3937.0,
+    "inch": 0.0254,
+}
+"""Names of length units and what they are in metres."""
+
+TAXONOMY_CODING = Coding("taxonomy", {code: name for name, code in TAXONOMY.items()})
+"""The coding of files whose labels are taxonomy codes already."""
+
+
+def _unit_factor(units: str | float) -> float:
+    if isinstance(units, str):
+        if units not in UNITS:
+            raise ParameterError(f"units must be one of {', '.join(UNITS)} or a factor to metres, got {units!r}")
+        return UNITS[units]
+    if isinstance(units, bool) or not np.isfinite(units) or units <= 0:
+        raise ParameterError(f"units as a factor to metres must be a finite number > 0, got {units!r}")
+    return float(units)
+
+
+class _Configured:
+    """Options that a configuration mapping gives by their names."""
+
+    @classmethod
+    def from_config(cls, config: Mapping[str, Any] | None) -> Self:
+        """Build options from a configuration mapping.
+
+        Parameters
+        ----------
+        config : mapping or None
+            Parameter names to values; None and {} give the defaults.
+
+        Returns
+        -------
+        ReadOptions or WriteOptions
+            The options.
+
+        Raises
+        ------
+        ParameterError
+            If a key is unknown or a value outside its domain.
+        """
+        known = [f.name for f in fields(cls)]  # type: ignore[arg-type]  # every subclass is a dataclass
+        unknown = sorted(set(config or {}) - set(known))
+        if unknown:
+            raise ParameterError(f"unknown {cls.__name__} {', '.join(unknown)} (known: {', '.join(known)})")
+        return cls(**(config or {}))
+
+
+def _as_coding(coding: Coding | Mapping[int, str] | str | None) -> Coding | None:
+    if coding is None or isinstance(coding, Coding):
+        return coding
+    if isinstance(coding, str):
+        if coding != "taxonomy":
+            raise ParameterError(f"coding must be 'taxonomy' or a mapping of codes to classes, got {coding!r}")
+        return TAXONOMY_CODING
+    return Coding("of the options", {int(code): str(name) for code, name in coding.items()})
+
+
+def _as_columns(columns: Any) -> dict[str, Any]:
+    if not isinstance(columns, Mapping):
+        raise ParameterError(f"columns must map standard names to columns of the file, got {columns!r}")
+    for name, wanted in columns.items():
+        parts = wanted if name == "rgb" and isinstance(wanted, Sequence) and not isinstance(wanted, str) else (wanted,)
+        if len(parts) != (3 if name == "rgb" else 1) or not all(isinstance(part, int | str) for part in parts):
+            kind = "three columns" if name == "rgb" else "a column"
+            raise ParameterError(f"columns.{name} must be {kind}, by name or by index, got {wanted!r}")
+    return dict(columns)
+
+
+@dataclass(frozen=True)
+class ReadOptions(_Configured):
+    """How to read a survey; the defaults suit a file that says everything itself.
+
+    Parameters
+    ----------
+    columns : mapping of str to (str or int or sequence), optional
+        Standard name to the file's column, by name or by index from 0: ``{"label": "classification"}``. For `rgb`,
+        three columns. A column of the file whose name is thereby taken by another is kept as ``file_<name>``.
+    units : str or float, default "metre"
+        Unit of the coordinates: a name of `UNITS`, or the factor that turns them into metres.
+    coding : Coding or mapping of int to str or "taxonomy", optional
+        What the codes of the `label` column mean; they become taxonomy codes, uint8. Without one they stay as they are.
+    delimiter : str, optional
+        Text: one character, or ``"whitespace"`` for any run of blanks. None finds it from the first rows.
+    decimal : {".", ","}, optional
+        Text: what stands before a fraction. None finds it from the first rows.
+    header : bool, optional
+        Text: whether a row of names precedes the points. None finds it from the first row.
+    comment : str, default "#"
+        Text: what begins a comment line at the head of the file.
+    intensity_scale : "dtype" or "max" or float, default "dtype"
+        What intensity is divided by. ``"dtype"``: integers by the full range of their type; floats by the smallest of
+        1, 255 and 65535 that holds the file's maximum, else by it. ``"max"``: the file's maximum. Or a number.
+    rgb_bits : {8, 16}, optional
+        Depth of colours in fields of 16 bits. None decides from a sample spread over the file.
+    time_scale : float, default 1.0
+        Seconds in one unit of the file's times: 1e-6 where they are microseconds.
+    time_offset : float, default 0.0
+        Seconds added to the scaled times: the start of the GPS week, say, where they count from it.
+    crs : str, optional
+        Coordinate reference system as WKT or as an authority's code ("EPSG:28992"), in place of the file's.
+    reproject : str, optional
+        Coordinate reference system that the coordinates are turned into, as WKT or as a code; None leaves them.
+    only : sequence of str, optional
+        The columns to read besides the coordinates; None reads all.
+    n_threads : int, default 1
+        Threads that may decompress LAZ or parse text (more than 1: as many as the machine has); results do not depend
+        on it.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its domain.
+    """
+
+    columns: Mapping[str, Any] = field(default_factory=dict)
+    units: str | float = "metre"
+    coding: Any = None
+    delimiter: str | None = None
+    decimal: str | None = None
+    header: bool | None = None
+    comment: str = "#"
+    intensity_scale: str | float = "dtype"
+    rgb_bits: int | None = None
+    time_scale: float = 1.0
+    time_offset: float = 0.0
+    crs: str | None = None
+    reproject: str | None = None
+    only: tuple[str, ...] | None = None
+    n_threads: int = 1
+
+    def __post_init__(self) -> None:
+        _unit_factor(self.units)
+        object.__setattr__(self, "coding", _as_coding(self.coding))
+        object.__setattr__(self, "columns", _as_columns(self.columns))
+        if self.only is not None:
+            object.__setattr__(self, "only", (self.only,) if isinstance(self.only, str) else tuple(self.only))
+        if self.delimiter is not None and self.delimiter != "whitespace" and len(self.delimiter) != 1:
+            raise ParameterError(f"delimiter must be one character or 'whitespace', got {self.delimiter!r}")
+        if self.decimal not in (None, ".", ",") or (self.decimal is not None and self.decimal == self.delimiter):
+            raise ParameterError(f"decimal must be '.' or ',' and differ from the delimiter, got {self.decimal!r}")
+        if not self.comment:
+            raise ParameterError("comment must not be empty, got ''")
+        scale = self.intensity_scale
+        if scale not in ("dtype", "max") and (isinstance(scale, str) or not np.isfinite(scale) or scale <= 0):
+            raise ParameterError(f"intensity_scale must be 'dtype', 'max' or a finite number > 0, got {scale!r}")
+        if self.rgb_bits not in (None, 8, 16):
+            raise ParameterError(f"rgb_bits must be 8, 16 or None, got {self.rgb_bits!r}")
+        if not np.isfinite([self.time_scale, self.time_offset]).all() or self.time_scale <= 0:
+            raise ParameterError(
+                f"time_scale must be a finite number > 0 and time_offset finite, got {self.time_scale!r}, "
+                f"{self.time_offset!r}"
+            )
+        check_at_least(self.n_threads, 1, "n_threads")
+
+    @property
+    def metres(self) -> float:
+        """Return the factor that turns the file's coordinates into metres."""
+        return _unit_factor(self.units)
+
+
+@dataclass(frozen=True)
+class WriteOptions(_Configured):
+    """How to write a cloud.
+
+    Parameters
+    ----------
+    like : str or Path, default "source"
+        LAS: the file whose header, scale, offset, variable length records and point layout are used. ``"source"``: the
+        cloud's source where that is a LAS or LAZ file, ``"none"``: a new header.
+    scale : float, default 0.001
+        LAS without `like`: resolution of the coordinates in metres. Smaller keeps more digits and compresses less.
+    units : str or float, default "metre"
+        Unit of the coordinates in the file: a name of `UNITS` or a factor to metres.
+    delimiter : str, default " "
+        Text: one character between values.
+    decimals : int, default 4
+        Text: digits after the point of coordinates (0.0001 m is finer than any mobile scanner).
+    n_threads : int, default 1
+        Threads that may compress LAZ (more than 1: as many as the machine has); the bytes do not depend on it.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its domain.
+    """
+
+    like: str | Path = "source"
+    scale: float = 0.001
+    units: str | float = "metre"
+    delimiter: str = " "
+    decimals: int = 4
+    n_threads: int = 1
+
+    def __post_init__(self) -> None:
+        _unit_factor(self.units)
+        if not np.isfinite(self.scale) or self.scale <= 0:
+            raise ParameterError(f"scale must be a finite number > 0, got {self.scale!r}")
+        if len(self.delimiter) != 1:
+            raise ParameterError(f"delimiter must be one character, got {self.delimiter!r}")
+        if not 0 <= self.decimals <= 15:
+            raise ParameterError(f"decimals must be in 0..15, got {self.decimals!r}")
+        check_at_least(self.n_threads, 1, "n_threads")
+
+    @property
+    def metres(self) -> float:
+        """Return the factor that turns the file's coordinates into metres."""
+        return _unit_factor(self.units)

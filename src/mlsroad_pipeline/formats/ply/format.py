@@ -1,0 +1,200 @@
+"""PLY: ascii and binary, of either byte order, with any properties."""
+
+from __future__ import annotations
+
+import string
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from urllib.parse import quote
+
+import numpy as np
+import plyfile
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.content import open_content, output_file, with_packed
+from mlsroad_pipeline.formats.files import FileKey, file_key
+from mlsroad_pipeline.formats.flat_table import parts_of, scalar_columns
+from mlsroad_pipeline.formats.ply.header import TYPES, PlyHeader, read_ply_header
+from mlsroad_pipeline.formats.tables import PointTable, TableFormat
+from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
+from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, parse_rows, typed_column
+
+PLAIN = "".join(sorted(set(string.printable) - set("%" + string.whitespace))) + " "
+"""What a comment can hold as it stands; the rest is percent-encoded."""
+
+PLY_NAMES = {
+    **{"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort", "i4": "int", "u4": "uint"},
+    **{"f4": "float", "f8": "double"},
+}
+
+
+class PlyFormat(TableFormat):
+    """Reader and writer of PLY.
+
+    Properties keep their types, but `rgb`, `intensity` and labels become what `PointCloud` says. List properties of the
+    vertices are left out; other elements, such as faces, are not points. Ranges are read from their place where the
+    vertices come first, as they do in practice; otherwise the file is held in memory.
+    """
+
+    name = "PLY"
+    extensions: tuple[str, ...] = with_packed(".ply")
+    signatures: tuple[bytes, ...] = (b"ply\n", b"ply\r")
+
+    def open_table(self, path: Path, options: ReadOptions) -> PointTable:
+        """Open a file.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+        options : ReadOptions
+            Its `n_threads`, for text.
+
+        Returns
+        -------
+        PointTable
+            Its vertices' scalar properties.
+
+        Raises
+        ------
+        ReadError
+            If it is not PLY, truncated or damaged.
+        """
+        header = read_ply_header(path)
+        scalars = tuple(name for name, kind in header.vertex.properties.items() if kind is not None)
+
+        def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
+            raw = read_vertices(path, header, start, stop, threads=options.n_threads > 1)
+            return {name: _native(raw[name]) for name in names}
+
+        details = {"encoding": header.encoding, "elements": {e.name: e.count for e in header.elements}}
+        return PointTable(scalars, header.vertex.count, rows, header.crs, details)
+
+    def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
+        """Write a cloud as binary little-endian PLY with coordinates in double precision.
+
+        Parameters
+        ----------
+        path : Path
+            The file to write.
+        cloud : PointCloud
+            The points; a CRS goes into a ``comment crs`` line. 64-bit integers are stored as doubles.
+        options : WriteOptions
+            Its units.
+        """
+        types = {name: _ply_type(values.dtype) for name, values in scalar_columns(cloud, options.metres).items()}
+        head = ["ply", "format binary_little_endian 1.0"]
+        if cloud.crs:
+            head.append("comment crs " + quote(cloud.crs, safe=PLAIN))
+        head.append(f"element vertex {len(cloud)}")
+        head += [f"property {PLY_NAMES[kind]} {name.replace(' ', '_')}" for name, kind in types.items()]
+        with output_file(Path(path)) as stream:
+            stream.write(("\n".join([*head, "end_header"]) + "\n").encode())
+            for part in parts_of(cloud):
+                records = np.empty(len(part), dtype=[(name, "<" + kind) for name, kind in types.items()])
+                for name, values in scalar_columns(part, options.metres).items():
+                    records[name] = values
+                stream.write(records.tobytes())
+
+
+def _ply_type(dtype: np.dtype) -> str:
+    kind = "u1" if dtype == np.bool_ else dtype.str[1:]
+    return kind if kind in TYPES.values() else "f8"
+
+
+def _native(values: NDArray) -> NDArray:
+    return np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("="))
+
+
+def read_vertices(
+    path: Path, header: PlyHeader, start: int, stop: int, *, threads: bool = False
+) -> Mapping[str, NDArray]:
+    """Return the scalar properties of a range of vertices.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    header : PlyHeader
+        Its head.
+    start, stop : int
+        First row and the row after the last, inside the file.
+    threads : bool, default False
+        Whether text is parsed by all processors.
+
+    Returns
+    -------
+    mapping of str to ndarray of shape (n,)
+        Properties by name; views of the file where it is binary.
+
+    Raises
+    ------
+    ReadError
+        If the file ends early or a row of text is not understood.
+    """
+    vertex = header.vertex
+    if not header.vertex_first:
+        data = _whole_file(file_key(path))
+        return {name: np.asarray(data[name][start:stop]) for name, kind in vertex.properties.items() if kind}
+    dtype = vertex.dtype(header.order)
+    if header.encoding == "ascii":
+        rows = vertex_rows(path, header)
+        form = RowForm(len(dtype.names or ()), WHITESPACE)
+        line = rows.first_line + start
+        columns = parse_rows(rows.read(start, stop), form, path=path, first_line=line, threads=threads)
+        named = zip(vertex.properties.items(), columns, strict=True)
+        return {
+            name: typed_column(values, np.dtype(kind), f"property {name!r}", path) for (name, kind), values in named
+        }
+    file = open_content(path)
+    size, needed = file.size - header.begin, vertex.count * dtype.itemsize
+    if size < needed:
+        have = size // dtype.itemsize
+        raise ReadError(f"{path} is truncated: its head says {vertex.count} points, it holds {have}")
+    table = file.records(dtype, header.begin, vertex.count)[start:stop]
+    return {name: table[name] for name in dtype.names or ()}
+
+
+def vertex_rows(path: Path, header: PlyHeader) -> TextRows:
+    """Return the rows of an ascii file's vertices.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    header : PlyHeader
+        Its head.
+
+    Returns
+    -------
+    TextRows
+        The rows; remembered as long as the file does not change.
+
+    Raises
+    ------
+    ReadError
+        If there are fewer rows than the head says.
+    """
+    rows = _vertex_rows(file_key(path), header.begin, header.text.count(b"\n") + 1, header.vertex.count)
+    if rows.n_rows < header.vertex.count:
+        raise ReadError(f"{path} is truncated: its head says {header.vertex.count} points, it holds {rows.n_rows}")
+    return rows
+
+
+@lru_cache(maxsize=4)
+def _vertex_rows(key: FileKey, begin: int, first_line: int, count: int) -> TextRows:
+    path = Path(key[0])
+    return index_rows(path, open_content(path), begin, first_line, limit=count)
+
+
+@lru_cache(maxsize=1)
+def _whole_file(key: FileKey) -> plyfile.PlyElement:
+    file = open_content(Path(key[0]))
+    try:
+        return plyfile.PlyData.read(file.stream() if file.packed else key[0])["vertex"]
+    except (plyfile.PlyParseError, ValueError) as error:
+        raise ReadError(f"{key[0]} is damaged: {error}") from error

@@ -1,0 +1,164 @@
+"""The head of a PLY file: what its elements are and where they lie."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import unquote
+
+import numpy as np
+
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.formats.content import open_content
+
+TYPES = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"float": "f4", "double": "f8"},
+    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
+    **{"float32": "f4", "float64": "f8"},
+}
+ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+HEAD = 1 << 20
+
+
+@dataclass(frozen=True)
+class PlyElement:
+    """One element of a PLY file.
+
+    Parameters
+    ----------
+    name : str
+        Its name; the points are ``vertex``.
+    count : int
+        How many records it has.
+    properties : dict of str to str or None
+        Name to numpy type without byte order, such as ``f4``, in the order of the file; None for a list.
+    """
+
+    name: str
+    count: int
+    properties: dict[str, str | None] = field(default_factory=dict)
+
+    @property
+    def has_lists(self) -> bool:
+        """Tell whether records differ in length."""
+        return None in self.properties.values()
+
+    def dtype(self, order: str) -> np.dtype:
+        """Return the type of a record without lists.
+
+        Parameters
+        ----------
+        order : str
+            Byte order as numpy writes it.
+
+        Returns
+        -------
+        dtype
+            A structured type.
+        """
+        return np.dtype([(name, order + kind) for name, kind in self.properties.items() if kind is not None])
+
+
+@dataclass(frozen=True)
+class PlyHeader:
+    """The head of a PLY file.
+
+    Parameters
+    ----------
+    encoding : str
+        ``ascii``, ``binary_little_endian`` or ``binary_big_endian``.
+    elements : tuple of PlyElement
+        The elements in the order of the file.
+    text : bytes
+        The head itself, up to where the data begin.
+    comments : tuple of str
+        The comments, without the word.
+    """
+
+    encoding: str
+    elements: tuple[PlyElement, ...]
+    text: bytes
+    comments: tuple[str, ...]
+
+    @property
+    def order(self) -> str:
+        """Return the byte order as numpy writes it."""
+        return ORDERS[self.encoding]
+
+    @property
+    def begin(self) -> int:
+        """Return where the data begin."""
+        return len(self.text)
+
+    @property
+    def vertex(self) -> PlyElement:
+        """Return the element that holds the points."""
+        return next(element for element in self.elements if element.name == "vertex")
+
+    @property
+    def vertex_first(self) -> bool:
+        """Tell whether the points come first and are all of one length, so that ranges can be found."""
+        return self.elements[0] is self.vertex and not self.vertex.has_lists
+
+    @property
+    def crs(self) -> str | None:
+        """Return the CRS that a ``comment crs`` line gives, as this project writes it."""
+        return next((unquote(text[4:]) for text in self.comments if text.startswith("crs ")), None)
+
+
+def read_ply_header(path: Path) -> PlyHeader:
+    """Read the head of a PLY file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    PlyHeader
+        Its head.
+
+    Raises
+    ------
+    ReadError
+        If the head is not that of a PLY file, ends early, or names no vertices.
+    """
+    data = open_content(path).read(HEAD)
+    if data[:3] != b"ply":
+        raise ReadError(f"{path} is not a PLY file: it begins with {data[:4]!r}")
+    at = data.find(b"end_header")
+    if at < 0:
+        raise ReadError(f"{path} is truncated: its PLY head has no end_header")
+    end = data.find(b"\n", at) + 1
+    if not end:
+        raise ReadError(f"{path} is truncated: nothing follows its PLY head")
+    return _parsed(data[:end], path)
+
+
+def _parsed(text: bytes, path: Path) -> PlyHeader:
+    encoding, elements, comments = "", [], []
+    for number, line in enumerate(text.decode("utf-8", "replace").splitlines(), start=1):
+        words = line.split()
+        try:
+            match words:
+                case ["format", kind, *_]:
+                    encoding = kind
+                case ["comment", *_]:
+                    comments.append(line.strip()[8:])
+                case ["element", name, count] if count.isascii() and count.isdigit():
+                    elements.append(PlyElement(name, int(count)))
+                case ["element", *_]:
+                    raise ValueError
+                case ["property", "list", _, _, name]:
+                    elements[-1].properties[name] = None
+                case ["property", kind, name]:
+                    elements[-1].properties[name] = TYPES[kind]
+        except (KeyError, ValueError, IndexError):
+            raise ReadError(f"{path}, line {number}: not understood: {line!r}") from None
+    if encoding not in ORDERS:
+        raise ReadError(f"{path} has PLY format {encoding!r}; {', '.join(ORDERS)} can be read")
+    if not any(element.name == "vertex" for element in elements):
+        raise ReadError(f"{path} has no element 'vertex' (elements: {', '.join(e.name for e in elements) or 'none'})")
+    return PlyHeader(encoding, tuple(elements), text, tuple(comments))

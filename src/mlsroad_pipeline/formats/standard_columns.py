@@ -1,0 +1,235 @@
+"""From a file's columns to the standard ones: names, units, intensity, colour, labels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, MissingColumnError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import ReadOptions
+from mlsroad_pipeline.formats.column_values import (
+    float_colours,
+    integer_labels,
+    intensity_divisor,
+    join_colours,
+    scale_intensity,
+)
+from mlsroad_pipeline.formats.crs import in_metres, parse_crs, reproject, sidecar_crs
+from mlsroad_pipeline.formats.files import log_once
+
+COORDINATES = ("x", "y", "z")
+COLOURS = ("red", "green", "blue")
+ALIASES: dict[str, tuple[str, ...]] = {
+    "x": ("//x", "px", "easting", "east", "x[m]", "x(m)", "x_m"),
+    "y": ("py", "northing", "north", "y[m]", "y(m)", "y_m"),
+    "z": ("pz", "elevation", "height", "altitude", "z[m]", "z(m)", "z_m"),
+    "red": ("r", "diffuse_red"),
+    "green": ("g", "diffuse_green"),
+    "blue": ("b", "diffuse_blue"),
+    "intensity": ("scalar_intensity", "reflectance", "amplitude", "i"),
+    "gps_time": ("scalar_gpstime", "gpstime", "timestamp", "gps time", "gps_seconds"),
+    "label": ("scalar_label", "semantic"),
+}
+"""Standard name to what other programs call it, in lower case."""
+
+COLOUR_DEPTH = "colours are taken for {} bits in fields of 16; rgb_bits changes that"
+
+INTEGER_COLUMNS = ("label", "instance")
+NEAR = 1000.0
+"""Coordinates below this many metres are local: float32 resolves them to 0.1 mm, and the origin stays zero."""
+
+
+def resolve_columns(file_names: Sequence[str], options: ReadOptions, source: Path) -> dict[str, str]:
+    """Decide which column of a file is called what.
+
+    Parameters
+    ----------
+    file_names : sequence of str
+        Names of the file's columns, in their order.
+    options : ReadOptions
+        Its `columns` and `only`.
+    source : Path
+        What messages call the file.
+
+    Returns
+    -------
+    dict of str to str
+        Name given to name in the file; `red`, `green` and `blue` stand for the parts of `rgb`.
+
+    Raises
+    ------
+    MissingColumnError
+        If a mapped or selected column, or a coordinate, is not in the file.
+    """
+    chosen = _mapped(file_names, options, source)
+    taken = set(chosen.values())
+    exact = {name.lower() for name in file_names}
+    for name in file_names:
+        if name in taken:
+            continue
+        lower = name.lower()
+        standard = lower if lower in ALIASES else name
+        meant = next((key for key, other in ALIASES.items() if lower in other), None)
+        if meant is not None and meant not in exact and meant not in chosen:
+            standard = meant
+            log_once(str(source), f"column {name!r} is taken for {meant}")
+        chosen[f"file_{name}" if standard in chosen else standard] = name
+    for name in COORDINATES:
+        if name not in chosen:
+            raise _missing(name, file_names, source)
+    if options.only is None:
+        return chosen
+    wanted = set(COORDINATES)
+    for name in options.only:
+        parts = COLOURS if name == "rgb" else (name,)
+        if name != "rgb16" and not set(parts) <= chosen.keys():
+            raise _missing(name, list(chosen), source)
+        wanted.update(COLOURS if name == "rgb16" else parts)
+    return {name: file_name for name, file_name in chosen.items() if name in wanted}
+
+
+def _mapped(file_names: Sequence[str], options: ReadOptions, source: Path) -> dict[str, str]:
+    chosen: dict[str, str] = {}
+    for name, wanted in options.columns.items():
+        parts = zip(COLOURS, wanted, strict=True) if name == "rgb" else ((name, wanted),)
+        for part, column in parts:
+            if isinstance(column, int) and 0 <= column < len(file_names):
+                chosen[part] = file_names[column]
+            elif column in file_names:
+                chosen[part] = column
+            else:
+                raise _missing(column, file_names, source)
+    return chosen
+
+
+def _missing(name: object, have: Sequence[str], source: Path) -> MissingColumnError:
+    return MissingColumnError(f"{source} has no column {name!r} (columns: {', '.join(have) or 'none'})")
+
+
+def origin_near(corner: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a round point near a file's coordinates.
+
+    Parameters
+    ----------
+    corner : ndarray of shape (3,), float64
+        Some point of the file, metres.
+
+    Returns
+    -------
+    ndarray of shape (3,), float64
+        Easting and northing rounded down to 100 m, height zero; all zero where the coordinates are local already.
+    """
+    if not np.isfinite(corner).all() or (np.abs(corner[:2]) < NEAR).all():
+        return np.zeros(3)
+    return np.array([*np.floor(corner[:2] / 100.0) * 100.0, 0.0])
+
+
+def check_finite(xyz: NDArray[np.float64], *, source: Path, start: int) -> None:
+    """Refuse NaN and infinite coordinates.
+
+    Parameters
+    ----------
+    xyz : ndarray of shape (n, 3)
+        Coordinates.
+    source : Path
+        What the message calls the file.
+    start : int
+        Row of the first point in the file.
+
+    Raises
+    ------
+    DataError
+        If there is one; the message gives file, count and first row.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        suspicious = not np.isfinite(xyz.sum())  # one pass without a mask; an overflowing sum costs a closer look only
+    if suspicious:
+        bad = np.flatnonzero(~np.isfinite(xyz).all(axis=1))
+        if len(bad):
+            first = int(bad[0])
+            raise DataError(
+                f"{source}: {len(bad)} points with NaN or infinite coordinates in rows {start} to "
+                f"{start + len(xyz) - 1}, the first at row {start + first}: {xyz[first].tolist()}"
+            )
+
+
+def standard_cloud(
+    raw: Mapping[str, NDArray],
+    xyz: NDArray[np.float64],
+    *,
+    options: ReadOptions,
+    source: Path,
+    origin: NDArray[np.float64],
+    crs: str | None,
+    anchor: NDArray[np.float64],
+    maximum: Callable[[Sequence[str]], float],
+) -> PointCloud:
+    """Build a point cloud from columns of a range of a file.
+
+    Parameters
+    ----------
+    raw : mapping of str to ndarray
+        Columns under their given names (see `resolve_columns`), coordinates left out.
+    xyz : ndarray of shape (n, 3), float64
+        Coordinates in metres relative to `origin`.
+    options : ReadOptions
+        Rules for intensity, colour and labels.
+    source : Path
+        The file.
+    origin : ndarray of shape (3,)
+        World coordinates of the local zero.
+    crs : str or None
+        The file's own CRS as WKT; the options' one goes before it, that of a sidecar after it.
+    anchor : ndarray of shape (3,)
+        World coordinates of some point of the file, the same for all ranges: a reprojected cloud's origin is near it.
+    maximum : callable
+        Takes given names, returns the greatest value of these columns over the whole file.
+
+    Returns
+    -------
+    PointCloud
+        The points with standard columns.
+
+    Raises
+    ------
+    DataError
+        If an intensity, a colour or a label is outside its domain.
+    UnknownClassError
+        If the coding does not name a label.
+    """
+    columns = dict(raw)
+    if "intensity" in columns:
+        values = columns["intensity"]
+        divisor = intensity_divisor(values.dtype, options.intensity_scale, lambda: maximum(["intensity"]))
+        columns["intensity"] = scale_intensity(values, divisor, source=source)
+        if isinstance(options.intensity_scale, str) and divisor != 1.0:
+            log_once(str(source), f"intensity ({values.dtype}) is divided by {divisor:g}; intensity_scale changes that")
+    if set(COLOURS) <= columns.keys():
+        parts = [columns.pop(name) for name in COLOURS]
+        if np.issubdtype(parts[0].dtype, np.floating):
+            greatest = maximum(COLOURS)
+            log_once(str(source), f"colours are fractional numbers up to {greatest:g}")
+            columns["rgb"] = join_colours([float_colours(p, greatest, source=source) for p in parts], 0, source=source)
+        else:
+            shift = 8 if parts[0].dtype.itemsize == 2 and options.rgb_bits != 8 else 0
+            if parts[0].dtype.itemsize == 2 and options.rgb_bits is None:
+                log_once(str(source), COLOUR_DEPTH.format(8 + shift))
+            columns["rgb"] = join_colours(parts, shift, source=source)
+    if "gps_time" in columns and (options.time_scale != 1.0 or options.time_offset):
+        columns["gps_time"] = columns["gps_time"].astype(np.float64) * options.time_scale + options.time_offset
+    for name in INTEGER_COLUMNS:
+        if name in columns:
+            columns[name] = integer_labels(columns[name], name, source=source)
+    if options.coding is not None and "label" in columns:
+        columns["label"] = options.coding.encode(columns["label"], source=str(source))
+    system = parse_crs(options.crs) if options.crs else crs or sidecar_crs(source)
+    system = None if system is None else in_metres(system, options.metres)
+    if options.reproject is None:
+        return PointCloud(xyz, columns, origin, system, str(source))
+    near = origin_near(reproject(anchor[None], system, options.reproject, name=source)[0][0])
+    moved, system = reproject(xyz + origin, system, options.reproject, name=source)
+    return PointCloud(moved - near, columns, near, system, str(source))

@@ -1,0 +1,211 @@
+"""What formats share whose files are tables of scalar columns: description, reading by ranges, the origin."""
+
+from __future__ import annotations
+
+import logging
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions
+from mlsroad_pipeline.formats.files import FileKey, check_file, clip_range, file_key
+from mlsroad_pipeline.formats.flat_table import flat_cloud
+from mlsroad_pipeline.formats.standard_columns import COORDINATES, resolve_columns
+
+logger = logging.getLogger(__name__)
+
+CHUNK = 1_000_000
+_MAXIMA: dict[tuple[FileKey, tuple[str, ...], tuple[object, ...]], float] = {}
+"""Greatest values of columns of a file, as these options read it."""
+
+
+@dataclass(frozen=True)
+class PointTable:
+    """An open file as a table.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Its columns, each of one value a point.
+    n_points : int
+        Its rows.
+    rows : callable
+        ``rows(names, start, stop)`` returns these columns of a range of rows, each of shape (stop - start,), as the
+        file has them.
+    crs : str, optional
+        Its CRS as WKT.
+    details : mapping
+        What `FileInfo.details` shall say.
+    guess : mapping of str to Any
+        What columns without names seem to be, as `ReadOptions.columns` says it; used where that says nothing.
+    """
+
+    names: tuple[str, ...]
+    n_points: int
+    rows: Callable[[Sequence[str], int, int], Mapping[str, NDArray]]
+    crs: str | None = None
+    details: Mapping[str, Any] = field(default_factory=dict)
+    guess: Mapping[str, Any] = field(default_factory=dict)
+
+
+class TableFormat(PointFormat):
+    """A format whose files are tables; a subclass opens and writes them.
+
+    Attributes
+    ----------
+    name, extensions, signatures
+        See `PointFormat`.
+    """
+
+    @abstractmethod
+    def open_table(self, path: Path, options: ReadOptions) -> PointTable:
+        """Open a file.
+
+        Parameters
+        ----------
+        path : Path
+            An existing file that is not empty.
+        options : ReadOptions
+            How to read it.
+
+        Returns
+        -------
+        PointTable
+            Its columns.
+
+        Raises
+        ------
+        ReadError
+            If it is not of this format or damaged.
+        """
+
+    def info(self, path: Path, options: ReadOptions) -> FileInfo:
+        """Return what a file holds.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+        options : ReadOptions
+            How to read it.
+
+        Returns
+        -------
+        FileInfo
+            Its description.
+
+        Raises
+        ------
+        ReadError
+            If the file is not of this format or damaged.
+        MissingColumnError
+            If a mapped column is not in the file.
+        """
+        path = check_file(path)
+        table = self.open_table(path, options)
+        first = self._cloud(table, path, options, 0, min(1, table.n_points))
+        columns = {name: values.dtype for name, values in first.columns.items()}
+        return FileInfo(path, self.name, table.n_points, columns, first.origin, first.crs, None, table.details)
+
+    def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
+        """Read a range of rows.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+        options : ReadOptions
+            How to read it.
+        start, stop : int
+            First row and the row after the last; None is the end. Beyond the end is clipped.
+
+        Returns
+        -------
+        PointCloud
+            The points, float64, relative to a round point near the file's first.
+
+        Raises
+        ------
+        ReadError
+            If the file is not of this format, truncated or damaged.
+        MissingColumnError
+            If a mapped column is not in the file.
+        DataError
+            If a value is outside its domain.
+        """
+        path = check_file(path)
+        table = self.open_table(path, options)
+        return self._cloud(table, path, options, *clip_range(start, stop, table.n_points))
+
+    def _cloud(self, table: PointTable, path: Path, options: ReadOptions, start: int, stop: int) -> PointCloud:
+        if table.guess and not options.columns:
+            options = replace(options, columns=table.guess)
+        names = resolve_columns(table.names, options, path)
+        wanted = tuple(names.values())
+        raw = table.rows(wanted, start, stop)
+        first = raw if start == 0 and stop else table.rows(wanted, 0, min(1, table.n_points))
+        return flat_cloud(
+            {given: raw[name] for given, name in names.items()},
+            first={given: first[name][:1] for given, name in names.items()},
+            options=options,
+            source=path,
+            start=start,
+            maximum=lambda given: _maximum(table, path, tuple(names[name] for name in given), options),
+            crs=table.crs,
+        )
+
+
+def _maximum(table: PointTable, path: Path, names: tuple[str, ...], options: ReadOptions) -> float:
+    layout = (options.delimiter, options.decimal, options.header, options.comment, options.intensity_scale)
+    key = (file_key(path), names, layout)
+    if key not in _MAXIMA:
+        greatest = 0.0
+        for start in range(0, table.n_points, CHUNK):
+            part = table.rows(names, start, min(start + CHUNK, table.n_points))
+            greatest = max(greatest, *(float(np.nanmax(part[name], initial=0.0)) for name in names))
+        _MAXIMA[key] = greatest
+    return _MAXIMA[key]
+
+
+def with_points_only(table: PointTable, path: Path) -> PointTable:
+    """Leave out rows whose three coordinates are NaN: beams that did not return.
+
+    Parameters
+    ----------
+    table : PointTable
+        The file as it stands.
+    path : Path
+        What the log calls it.
+
+    Returns
+    -------
+    PointTable
+        The same table where there are none; else one without them, the order kept. The log says how many.
+    """
+    if not set(COORDINATES) <= set(table.names):
+        return table
+    returned = []
+    for start in range(0, table.n_points, CHUNK):
+        part = table.rows(COORDINATES, start, min(start + CHUNK, table.n_points))
+        returned.append(~np.logical_and.reduce([np.isnan(part[name]) for name in COORDINATES]))
+    kept = np.flatnonzero(np.concatenate(returned)) if returned else np.empty(0, np.int64)
+    n_lost = table.n_points - len(kept)
+    if not n_lost:
+        return table
+    logger.info("%s: %d of %d points are NaN, beams without return; they are left out", path, n_lost, table.n_points)
+
+    def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
+        index = kept[start:stop]
+        if not len(index):
+            return table.rows(names, 0, 0)
+        begin, end = int(index[0]), int(index[-1]) + 1
+        part = table.rows(names, begin, end)
+        return {name: values[index - begin] for name, values in part.items()}
+
+    return replace(table, n_points=len(kept), rows=rows, details={**table.details, "without_return": n_lost})

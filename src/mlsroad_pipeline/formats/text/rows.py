@@ -1,0 +1,122 @@
+"""Rows of text files, plain or gzip, found by range."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.formats.content import Content
+
+STRIDE = 50_000
+"""The position of every so-manieth row is remembered."""
+
+BLOCK = 1 << 24
+
+
+@dataclass(frozen=True)
+class TextRows:
+    """The rows of a text file that follow its head.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    text : Content
+        Its bytes, uncompressed.
+    first_line : int
+        Line number of the first row, counted from 1.
+    n_rows : int
+        Number of rows; blank lines at the end are none.
+    marks : ndarray of int64
+        Byte position of every `STRIDE`-th row.
+    end : int
+        Byte position after the last row.
+    """
+
+    path: Path
+    text: Content
+    first_line: int
+    n_rows: int
+    marks: NDArray[np.int64]
+    end: int
+
+    def read(self, start: int, stop: int) -> bytes:
+        """Return rows as they stand in the file.
+
+        Parameters
+        ----------
+        start, stop : int
+            First row and the row after the last, inside the file.
+
+        Returns
+        -------
+        bytes
+            The rows with their line ends.
+        """
+        if start >= stop:
+            return b""
+        at = int(self.marks[start // STRIDE])
+        last = -(-stop // STRIDE)
+        until = int(self.marks[last]) if last < len(self.marks) else self.end
+        data = self.text.read(until - at, at)
+        skip = start % STRIDE
+        keep = stop - start
+        ends = np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n")) + 1
+        begin = int(ends[skip - 1]) if skip else 0
+        finish = int(ends[skip + keep - 1]) if skip + keep <= len(ends) else len(data)
+        return data[begin:finish]
+
+
+def index_rows(path: Path, text: Content, begin: int, first_line: int, *, limit: int | None = None) -> TextRows:
+    """Count rows and remember where they are.
+
+    Parameters
+    ----------
+    path : Path
+        What messages call the file.
+    text : Content
+        Its bytes.
+    begin : int
+        Byte position of the first row.
+    first_line : int
+        Line number of the first row.
+    limit : int, optional
+        Rows to count at most; None goes to the end of the file, whose trailing blank lines are left out.
+
+    Returns
+    -------
+    TextRows
+        The index.
+    """
+    marks, count, at = [begin], 0, begin
+    end = text.size if limit is not None else _end_of_text(text, begin)
+    while at < end and (limit is None or count < limit):
+        data = text.read(min(BLOCK, end - at), at)
+        ends = np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n")) + at + 1
+        if limit is not None and count + len(ends) >= limit:
+            ends = ends[: limit - count]
+            end = int(ends[-1])
+        first = -count % STRIDE or STRIDE
+        marks.extend(ends[first - 1 :: STRIDE].tolist())
+        count += len(ends)
+        at += len(data)
+    if (limit is None or count < limit) and end > begin and text.read(1, end - 1) != b"\n":
+        count += 1  # the last row has no line end
+    return TextRows(path, text, first_line, count, np.array(marks, dtype=np.int64), end)
+
+
+def _end_of_text(text: Content, begin: int) -> int:
+    """Return where the last line that is not blank ends."""
+    end = text.size
+    while end > begin:
+        at = max(begin, end - 4096)
+        tail = text.read(end - at, at)
+        filled = len(tail.rstrip())
+        if filled:
+            line_end = tail.find(b"\n", filled)
+            return at + (line_end + 1 if line_end >= 0 else len(tail))
+        end = at
+    return begin

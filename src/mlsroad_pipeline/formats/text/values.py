@@ -1,0 +1,207 @@
+"""Rows of numbers parsed fast, and named by line when they are wrong."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+
+PARSE_BLOCK = 1 << 22
+WHITESPACE = "whitespace"
+MISSING = ("", "nan", "NaN", "NAN", "null", "NA")
+DECIMAL_COMMA = re.compile(r"[+-]?\d+(,\d+)?([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True)
+class RowForm:
+    """How the rows of a text file are laid out.
+
+    Parameters
+    ----------
+    width : int
+        Values per row.
+    delimiter : str
+        One character, or ``"whitespace"`` for any run of blanks.
+    decimal : str, default "."
+        What stands before the fraction.
+    kept : tuple of int, optional
+        Places of the values that are numbers; None takes all.
+    quoted : bool, default False
+        Whether values may stand in double quotes.
+    """
+
+    width: int
+    delimiter: str
+    decimal: str = "."
+    kept: tuple[int, ...] | None = None
+    quoted: bool = False
+
+    @property
+    def places(self) -> tuple[int, ...]:
+        """Return the places of the values that are parsed."""
+        return tuple(range(self.width)) if self.kept is None else self.kept
+
+
+def parse_rows(
+    data: bytes, form: RowForm, *, path: Path, first_line: int, threads: bool = False
+) -> list[NDArray[np.float64]]:
+    """Parse rows of numbers.
+
+    Parameters
+    ----------
+    data : bytes
+        Whole rows.
+    form : RowForm
+        Their layout.
+    path : Path
+        What messages call the file.
+    first_line : int
+        Line number of the first row.
+    threads : bool, default False
+        Whether the parser may use all processors.
+
+    Returns
+    -------
+    list of ndarray of shape (n,), float64
+        The kept columns; an empty or "nan" value is NaN.
+
+    Raises
+    ------
+    ReadError
+        If a row has another number of values or one is not a number; the message gives file, line and content.
+    """
+    if not data:
+        return [np.empty(0) for _ in form.places]
+    n_rows = data.count(b"\n") + (not data.endswith(b"\n"))
+    try:
+        columns = _parse(data, form, threads)
+    except pa.ArrowInvalid as error:
+        if form.delimiter not in (" ", "\t"):
+            raise _explained(data, form, path=path, first_line=first_line, reason=str(error)) from error
+        blanks = RowForm(form.width, WHITESPACE, form.decimal, form.kept, form.quoted)
+        return parse_rows(data, blanks, path=path, first_line=first_line, threads=threads)
+    if len(columns[0]) != n_rows:  # the parser skips blank lines
+        reason = f"{len(columns[0])} of {n_rows} rows hold numbers"
+        raise _explained(data, form, path=path, first_line=first_line, reason=reason)
+    return columns
+
+
+def _parse(data: bytes, form: RowForm, threads: bool) -> list[NDArray[np.float64]]:
+    if form.delimiter == WHITESPACE:
+        data = re.sub(rb"(?m)^ +| +(?=\r?$)", b"", re.sub(rb"[ \t]+", b" ", data))
+    names = [str(i) for i in range(form.width)]
+    kept = [names[i] for i in form.places]
+    delimiter = " " if form.delimiter == WHITESPACE else form.delimiter
+    table = pa.csv.read_csv(
+        pa.BufferReader(data),
+        read_options=pa.csv.ReadOptions(column_names=names, use_threads=threads, block_size=PARSE_BLOCK),
+        parse_options=pa.csv.ParseOptions(delimiter=delimiter, quote_char='"' if form.quoted else False),
+        convert_options=pa.csv.ConvertOptions(
+            column_types=dict.fromkeys(kept, pa.float64()),
+            include_columns=kept,
+            null_values=MISSING,
+            decimal_point=form.decimal,
+        ),
+    )
+    return [column.to_numpy() for column in table.columns]
+
+
+def typed_column(values: NDArray[np.float64], dtype: np.dtype, what: str, path: Path) -> NDArray:
+    """Return a parsed column as the type that the head of its file states.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n,), float64
+        The column.
+    dtype : dtype
+        The stated type.
+    what : str
+        What messages call the column.
+    path : Path
+        What messages call the file.
+
+    Returns
+    -------
+    ndarray of shape (n,)
+        The values in that type; floats that are too great for it become infinite.
+
+    Raises
+    ------
+    ReadError
+        If an integer lies outside the type or is missing.
+    """
+    if dtype.kind == "f":
+        with np.errstate(over="ignore"):
+            return values.astype(dtype)
+    limits = np.iinfo(dtype)
+    if len(values) and not limits.min <= values.min() <= values.max() <= limits.max:
+        raise ReadError(f"{path}: {what} has values {values.min()} to {values.max()}, outside its type {dtype}")
+    return values.astype(dtype)
+
+
+def split_row(line: str, delimiter: str) -> list[str]:
+    """Return the values of one row as text.
+
+    Parameters
+    ----------
+    line : str
+        The row.
+    delimiter : str
+        One character, or ``"whitespace"``.
+
+    Returns
+    -------
+    list of str
+        The values, blanks around them removed.
+    """
+    if delimiter in (WHITESPACE, " ", "\t"):
+        return line.split()
+    return [value.strip() for value in line.strip().split(delimiter)]
+
+
+def is_number(text: str, decimal: str = ".") -> bool:
+    """Tell whether a value is a number or stands for a missing one.
+
+    Parameters
+    ----------
+    text : str
+        The value.
+    decimal : str, default "."
+        What stands before the fraction.
+
+    Returns
+    -------
+    bool
+        True for what `parse_rows` accepts.
+    """
+    text = text.strip('"')
+    if text in MISSING:
+        return True
+    if decimal == ",":
+        return DECIMAL_COMMA.fullmatch(text) is not None
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text
+
+
+def _explained(data: bytes, form: RowForm, *, path: Path, first_line: int, reason: str) -> ReadError:
+    places = set(form.places)
+    for number, line in enumerate(data.decode("utf-8", "replace").splitlines(), start=first_line):
+        values = split_row(line, form.delimiter)
+        shown = line if len(line) <= 100 else line[:97] + "..."
+        if len(values) != form.width:
+            return ReadError(f"{path}, line {number}: {len(values)} values instead of {form.width}: {shown!r}")
+        numbers = [value for i, value in enumerate(values) if i in places]
+        wrong = next((value for value in numbers if not is_number(value, form.decimal)), None)
+        if wrong is not None:
+            return ReadError(f"{path}, line {number}: {wrong!r} is not a number: {shown!r}")
+    return ReadError(f"{path}, lines from {first_line}: {reason}")

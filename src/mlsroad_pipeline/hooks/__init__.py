@@ -1,0 +1,1 @@
+"""Kedro hooks: MLflow records, progress, stage costs and the default pipeline."""

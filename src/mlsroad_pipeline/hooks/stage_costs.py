@@ -1,0 +1,163 @@
+"""What each node of a run takes: wall time, processor time, and memory of the driver and its workers together."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+
+import pandas as pd
+import psutil
+from kedro.framework.context import KedroContext
+from kedro.framework.hooks import hook_impl
+from kedro.io import CatalogProtocol
+from kedro.pipeline import Pipeline
+from kedro.pipeline.node import Node
+
+from mlsroad_pipeline.hooks.node_tables import save_rows
+
+KEY = "stage_costs"
+"""The parameter that asks for the figures, seconds between two looks at the memory, and the table of them."""
+GIB = 2**30
+
+
+def _processes() -> Iterator[psutil.Process]:
+    driver = psutil.Process()
+    yield driver
+    yield from driver.children(recursive=True)
+
+
+def _processor_seconds() -> dict[int, float]:
+    """Return what each process of the tree has used so far."""
+    used = {}
+    for process in _processes():
+        with suppress(psutil.NoSuchProcess):  # it has just ended
+            times = process.cpu_times()
+            used[process.pid] = times.user + times.system
+    return used
+
+
+def _memory() -> int:
+    """Return the proportional set sizes of all processes of the tree, bytes."""
+    total = 0
+    for process in _processes():
+        with suppress(psutil.NoSuchProcess):
+            total += process.memory_full_info().pss
+    return total
+
+
+class StageCostsHooks:
+    """Measure every node, its loading and saving included, where the parameter `stage_costs` asks for it.
+
+    Memory is looked at now and then, so that a peak between two looks is missed. A processor second of a worker that
+    ends within a node is not counted. Nodes have to run one after the other, as they do by default.
+    """
+
+    def __init__(self) -> None:
+        self._interval: float | None = None
+        self._catalog: CatalogProtocol | None = None
+        self._rows: dict[str, dict[str, str | float]] = {}
+        self._start, self._used = 0.0, dict[int, float]()
+        self._peak = 0
+        self._stop = threading.Event()
+        self._watch: threading.Thread | None = None
+
+    @hook_impl
+    def after_context_created(self, context: KedroContext) -> None:
+        """Read from the configuration whether to measure.
+
+        Parameters
+        ----------
+        context : KedroContext
+            The context.
+        """
+        self._interval = context.config_loader["parameters"].get(KEY)
+
+    @hook_impl
+    def before_pipeline_run(self, pipeline: Pipeline, catalog: CatalogProtocol) -> None:
+        """Begin to look at the memory.
+
+        Parameters
+        ----------
+        pipeline : Pipeline
+            What is going to run; one that reads the table is not measured.
+        catalog : CatalogProtocol
+            Takes the table.
+        """
+        if self._interval is None or KEY in pipeline.inputs():
+            return
+        self._catalog, self._rows = catalog, {}
+        self._stop.clear()
+        self._watch = threading.Thread(target=self._look, args=(self._interval,), name="stage-costs", daemon=True)
+        self._watch.start()
+
+    def _look(self, interval: float) -> None:
+        while not self._stop.wait(interval):
+            self._peak = max(self._peak, _memory())
+
+    @hook_impl
+    def before_dataset_loaded(self, node: Node) -> None:
+        """Begin the node whose first input is loaded.
+
+        Parameters
+        ----------
+        node : Node
+            The node.
+        """
+        self._note(node)
+
+    @hook_impl
+    def after_node_run(self, node: Node) -> None:
+        """Note what a node took.
+
+        Parameters
+        ----------
+        node : Node
+            The node.
+        """
+        self._note(node)
+
+    @hook_impl
+    def after_dataset_saved(self, node: Node) -> None:
+        """Note what a node took with an output: tasks of scenes run when their table is saved.
+
+        Parameters
+        ----------
+        node : Node
+            The node.
+        """
+        self._note(node)
+
+    def _note(self, node: Node) -> None:
+        if self._catalog is None:
+            return
+        used = _processor_seconds()
+        if node.name not in self._rows:
+            self._start, self._used, self._peak = time.perf_counter(), used, 0
+        self._peak = max(self._peak, _memory())
+        self._rows[node.name] = {
+            "makes": node.outputs[0] if node.outputs else "",
+            "seconds": time.perf_counter() - self._start,
+            "cpu_seconds": sum(max(total - self._used.get(pid, 0.0), 0.0) for pid, total in used.items()),
+            "peak_gib": self._peak / GIB,
+        }
+
+    @hook_impl
+    def after_pipeline_run(self) -> None:
+        """Save the table; nodes that did not run keep their rows."""
+        if self._catalog is not None:
+            table = pd.DataFrame.from_dict(self._rows, orient="index").rename_axis("node").reset_index()
+            save_rows(self._catalog, KEY, table)
+        self._end()
+
+    @hook_impl
+    def on_pipeline_error(self) -> None:
+        """Stop looking."""
+        self._end()
+
+    def _end(self) -> None:
+        self._stop.set()
+        if self._watch is not None:
+            self._watch.join()
+        self._catalog, self._watch = None, None

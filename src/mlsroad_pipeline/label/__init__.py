@@ -1,0 +1,1 @@
+"""The product: label a survey and list its road objects."""

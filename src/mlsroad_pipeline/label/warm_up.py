@@ -1,0 +1,78 @@
+"""What loads the libraries and compiled kernels of `label` into a process before there is a survey for it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.detrended_forest.nearest import nearest_supervoxels
+from mlsroad_pipeline.algorithms.inventory.extraction import extract_objects
+from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
+from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk
+from mlsroad_pipeline.algorithms.scenes.tiling import cut_range
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.algorithms.stages import (
+    FeatureParameters,
+    GroundParameters,
+    SupervoxelParameters,
+    build_supervoxels,
+    describe_supervoxels,
+    find_ground,
+)
+from mlsroad_pipeline.label import work as label_work
+from mlsroad_pipeline.surveys import reading as ingest_work
+
+STAGES = (ingest_work.read_and_cut, label_work.label_pieces, label_work.write_file)
+"""What the stages of `label` run; whoever imports this module has loaded their libraries."""
+
+
+def small_street() -> PointCloud:
+    """Return 10 m of a flat street with a post on it, in the types that readers give.
+
+    Returns
+    -------
+    PointCloud
+        Some 1,700 points with colour, intensity and time.
+    """
+    x, y = np.meshgrid(np.arange(0.0, 10.0, 0.25), np.arange(0.0, 10.0, 0.25))
+    ground = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    post = np.column_stack([np.full((100, 2), 5.0), np.linspace(0.1, 4.0, 100)])
+    xyz = np.concatenate([ground, post])
+    n = len(xyz)
+    columns: dict[str, NDArray] = {
+        "rgb": np.full((n, 3), 120, np.uint8),
+        "intensity": np.full(n, 0.4, np.float32),
+        "gps_time": np.linspace(0.0, 1.0, n),
+    }
+    return PointCloud(xyz, columns, source="small street")
+
+
+def run_stages() -> None:
+    """Run what `label` runs, as far as it needs no model, on a street that is small enough to take no time."""
+    street = small_street()
+    inspect_chunk(street, n_total=len(street))
+    drive = Trajectory.from_positions(np.array([[0.0, 5.0, 2.0], [10.0, 5.0, 2.0]]), np.array([0.0, 1.0]))
+    cut_range(street, drive, bin_length=1.0, first_row=0, file=0)
+    scene = PointCloud(
+        street.xyz.astype(np.float32),
+        {"rgb": street["rgb"], "intensity": street["intensity"], "core": np.ones(len(street), np.bool_)},
+        source=street.source,
+    )
+    ground = find_ground(scene, GroundParameters())
+    supervoxels = build_supervoxels(scene, SupervoxelParameters())
+    features = describe_supervoxels(scene, ground, supervoxels, FeatureParameters())
+    nearest_supervoxels(scene.xyz, features["centroids"])
+    rules = {"pole": ObjectRule("pole", (1,), 0.3, split_spacing=1.0)}
+    found = extract_objects(
+        scene.xyz,
+        np.where(ground["ground"], 0, 1).astype(np.int16),
+        np.ones(len(scene), np.float32),
+        classes=rules,
+        core=scene["core"],
+        origin=scene.origin,
+        height_above_ground=np.nan_to_num(ground["height"]),
+        scene="small",
+    )
+    merge_across_scenes([found], classes=rules, trajectory=drive)

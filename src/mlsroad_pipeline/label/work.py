@@ -1,0 +1,267 @@
+"""What workers do with a survey: label a scene with a stored model of any method, write a file with its labels."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects
+from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
+from mlsroad_pipeline.algorithms.scenes.cutting import OutlierParameters, corridor_from_arrays, join_pieces
+from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
+from mlsroad_pipeline.execution.task import StoredResult
+from mlsroad_pipeline.formats.las.copc import copc_path, write_copc
+from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.ply.coloured_ply import coloured_path, write_coloured_ply
+from mlsroad_pipeline.label.scene import join_inventories, label_new_scene
+from mlsroad_pipeline.label.writer import write_labelled
+
+SCENES_IN_MEMORY = 8
+"""Scenes whose labels a writer keeps at a time; a file in the order of its recording needs two or three."""
+
+
+def label_pieces(
+    pieces: Sequence[Mapping[str, NDArray]],
+    model: str,
+    *,
+    span: SceneSpan,
+    outliers: OutlierParameters,
+    codes: NDArray[np.uint8],
+    rules: Mapping[str, ObjectRule],
+    ground: GroundParameters,
+    name: str,
+    source: str,
+) -> dict[str, Any]:
+    """Assemble a scene of a new survey and label it.
+
+    Parameters
+    ----------
+    pieces : sequence of mapping
+        Stored pieces that hold bins of the scene.
+    model : str
+        The model's folder.
+    span : SceneSpan
+        The scene's bins.
+    outliers : OutlierParameters
+        The statistical outlier filter.
+    codes : ndarray of uint8, shape (C,)
+        LAS code of each class.
+    rules : mapping of str to ObjectRule
+        What makes an object.
+    ground : GroundParameters
+        The ground filter.
+    name : str
+        The scene's name.
+    source : str
+        What messages call it.
+
+    Returns
+    -------
+    dict
+        What `label_new_scene` gives.
+
+    Raises
+    ------
+    DataError
+        If the pieces do not fit together.
+    """
+    scene = join_pieces(pieces, span, outliers, source)
+    return label_new_scene(scene, open_model(model), codes=codes, rules=rules, ground=ground, name=name)
+
+
+class SceneLabels:
+    """The labels of a file, looked up by row in the results of the scenes that hold its points.
+
+    Parameters
+    ----------
+    scenes : sequence of StoredResult
+        The part ``labels`` of the scenes.
+    rows : ndarray of int64, shape (m, 2)
+        First and last row of the file in each of them.
+    file : int
+        The file's number.
+    source : str
+        What messages call the file.
+    """
+
+    def __init__(self, scenes: Sequence[StoredResult], rows: NDArray[np.int64], file: int, source: str) -> None:
+        self._scenes = list(scenes)
+        self._rows = rows
+        self._file = file
+        self._source = source
+        self._loaded: OrderedDict[int, dict[str, NDArray]] = OrderedDict()
+
+    def _open(self, number: int) -> dict[str, NDArray]:
+        if number not in self._loaded:
+            found = self._scenes[number].load()
+            mine = slice(*np.searchsorted(found["file"], [self._file, self._file + 1]))
+            self._loaded[number] = {key: found[key][mine] for key in ("row", "code", "confidence")}
+            while len(self._loaded) > SCENES_IN_MEMORY:
+                self._loaded.popitem(last=False)
+        self._loaded.move_to_end(number)
+        return self._loaded[number]
+
+    def __call__(self, start: int, stop: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Return codes and confidences of rows `start` to `stop`.
+
+        Parameters
+        ----------
+        start, stop : int
+            The rows.
+
+        Returns
+        -------
+        codes : ndarray of uint8, shape (stop - start,)
+            LAS codes.
+        confidence : ndarray of float32, shape (stop - start,)
+            Confidences.
+
+        Raises
+        ------
+        DataError
+            If a row is in no scene.
+        """
+        codes = np.zeros(stop - start, dtype=np.uint8)
+        confidence = np.zeros(stop - start, dtype=np.float32)
+        n_found = 0
+        for number in np.flatnonzero((self._rows[:, 0] < stop) & (self._rows[:, 1] >= start)):
+            scene = self._open(int(number))
+            part = slice(*np.searchsorted(scene["row"], [start, stop]))
+            rows = scene["row"][part] - start
+            codes[rows] = scene["code"][part]
+            confidence[rows] = scene["confidence"][part]
+            n_found += len(rows)
+        if n_found != stop - start:
+            missing = stop - start - n_found
+            raise DataError(f"{self._source}: {missing} of rows {start} to {stop - 1} have no label")
+        return codes, confidence
+
+
+def write_file(
+    path: str,
+    *,
+    scenes: Sequence[StoredResult],
+    rows: NDArray[np.int64],
+    file: int,
+    target: str,
+    options: ReadOptions,
+    n_threads: int,
+    had_classes: bool | None,
+    copc: bool = False,
+    coloured_ply: bool = False,
+) -> dict[str, NDArray]:
+    """Write a file of a survey with the labels of its points.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    scenes : sequence of StoredResult
+        The part ``labels`` of the scenes that hold its points.
+    rows : ndarray of int64, shape (m, 2)
+        First and last row of the file in each of them.
+    file : int
+        The file's number.
+    target : str
+        The LAZ file to write.
+    options : ReadOptions
+        How the file is read.
+    n_threads : int
+        Threads for decompressing and compressing.
+    had_classes : bool or None
+        Whether a LAS file has classes other than 0, where that is known.
+    copc : bool, default False
+        Whether a cloud-optimised copy is written beside the LAZ.
+    coloured_ply : bool, default False
+        Whether a PLY in the colours of the classes is written beside the LAZ.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``files``: what was written.
+
+    Raises
+    ------
+    ReadError
+        If the file is damaged.
+    DataError
+        If a point has no label.
+    """
+    Path(target).parent.mkdir(parents=True, exist_ok=True)
+    labels = SceneLabels(scenes, rows, file, path)
+    written = write_labelled(path, target, labels, options=options, n_threads=n_threads, had_classes=had_classes)
+    if copc:
+        write_copc(target, copc_path(target), n_threads=n_threads)
+        written.append(Path(copc_path(target)))
+    if coloured_ply:
+        write_coloured_ply(target, coloured_path(target))
+        written.append(Path(coloured_path(target)))
+    return {"files": np.array([str(item) for item in written])}
+
+
+class _StoredObjects(Sequence[SceneObjects]):
+    """What the scenes of a drive know of the inventory, read when it is asked for."""
+
+    def __init__(self, objects: Sequence[StoredResult], fragments: Sequence[StoredResult]) -> None:
+        self._handles = list(zip(objects, fragments, strict=True))
+
+    def __len__(self) -> int:
+        return len(self._handles)
+
+    @overload
+    def __getitem__(self, index: int) -> SceneObjects: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[SceneObjects]: ...
+
+    def __getitem__(self, index: int | slice) -> SceneObjects | Sequence[SceneObjects]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(len(self))[index]]
+        found, cut = self._handles[index]
+        return SceneObjects(found.key, found.load(), cut.load())
+
+
+def join_objects(
+    corridors: Mapping[str, Mapping[str, NDArray]],
+    objects: Mapping[str, Sequence[StoredResult]],
+    fragments: Mapping[str, Sequence[StoredResult]],
+    *,
+    rules: Mapping[str, ObjectRule],
+    method: str,
+    model_version: str,
+) -> pd.DataFrame:
+    """Join the objects that the scenes of a survey found.
+
+    Parameters
+    ----------
+    corridors : mapping of str to mapping
+        What each drive was cut along.
+    objects, fragments : mapping of str to sequence of StoredResult
+        Per drive, the whole objects of its scenes and what their borders cut.
+    rules : mapping of str to ObjectRule
+        The rules that the objects were found with.
+    method, model_version : str
+        The model, whose names stand beside each object.
+
+    Returns
+    -------
+    DataFrame
+        Columns of `OBJECT_FIELDS`; objects are numbered through.
+    """
+    drives = []
+    for drive, arrays in corridors.items():
+        corridor = corridor_from_arrays(arrays)
+        drives.append(
+            (_StoredObjects(objects[drive], fragments[drive]), corridor if isinstance(corridor, Trajectory) else None)
+        )
+    return join_inventories(drives, rules).assign(method=method, model_version=model_version)

@@ -1,0 +1,244 @@
+"""Writing a labelled survey: every point in its place with all it had, and its class and confidence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import lazrs
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_column
+from mlsroad_pipeline.formats.base import PointFormat, ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.files import LAZ_CHUNK, atomic_file
+from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE
+from mlsroad_pipeline.formats.las.extra import ExtraDimension
+from mlsroad_pipeline.formats.las.header import LasHeader, read_header
+from mlsroad_pipeline.formats.las.layers import LayerCopier, has_layers
+from mlsroad_pipeline.formats.las.layout import new_header, pack_records, with_extra
+from mlsroad_pipeline.formats.las.records import RecordReader
+from mlsroad_pipeline.formats.las.upgrade import upgrade_records, upgraded_header
+from mlsroad_pipeline.formats.las.writer import RecordWriter
+from mlsroad_pipeline.formats.native_labels import LabelSink, native_path, native_sink
+from mlsroad_pipeline.formats.registry import get_format
+
+LabelsOf = Callable[[int, int], tuple[NDArray[np.uint8], NDArray[np.float32]]]
+"""Takes a range of rows, returns class codes and confidences of its points."""
+
+ORIGINAL_CLASS, ORIGINAL_CONFIDENCE = "original_classification", "original_confidence"
+SCALE = 0.001
+CLASS_ONLY = int(lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL | lazrs.SELECTIVE_DECOMPRESS_CLASSIFICATION)
+
+
+@dataclass(frozen=True)
+class _Source:
+    """A survey as its output needs it: the header to write and a way to get records of that layout."""
+
+    n_points: int
+    header: LasHeader
+    records: Callable[[int, int], NDArray]
+    copier: LayerCopier | None = None  # where what does not change can stay compressed
+
+
+def write_labelled(
+    source_path: str | Path,
+    target_path: str | Path,
+    labels_of: LabelsOf,
+    *,
+    options: ReadOptions | None = None,
+    n_threads: int = 1,
+    chunk_size: int = 1_000_000,
+    progress: Callable[[int], None] | None = None,
+    native: bool = True,
+    had_classes: bool | None = None,
+) -> list[Path]:
+    """Copy a survey to LAZ with `classification` and the float32 extra dimension `confidence`.
+
+    LAS and LAZ keep every dimension, extra dimension, variable length record, CRS, scale, offset and date. Point
+    formats 0 to 5, which hold classes up to 31 only, become their successors 6 to 10 in LAS 1.4: all fields are kept,
+    the scan angle in finer steps. Where the input had classes other than 0, they are kept in the extra dimension
+    `original_classification`, and a `confidence` that it had in `original_confidence`; those that are there already
+    stay.
+
+    Other formats are written at 0.001 m, their columns as dimensions of the same name or else as extra dimensions,
+    and also in their own format in the same folder: PLY, text, Parquet, NPZ and binary PCD with two more columns and
+    everything else as it was, KITTI as a ``.label`` with the codes. (`native_path` says what is written as LAZ only.)
+
+    The same input gives the same bytes, whatever the number of threads. Points are streamed; files appear whole or not
+    at all.
+
+    Parameters
+    ----------
+    source_path : str or Path
+        The survey.
+    target_path : str or Path
+        The LAZ file to write.
+    labels_of : callable
+        ``labels_of(start, stop)`` returns codes (uint8) and confidences (float32) of rows `start` to `stop`; called
+        once per range, in order.
+    options : ReadOptions, optional
+        How to read formats other than LAS.
+    n_threads : int, default 1
+        Above one, LAZ is decompressed and compressed in parallel.
+    chunk_size : int, default 1_000_000
+        Points at a time. More takes more memory (about 150 bytes a point); below 50,000, the size of a chunk in LAZ,
+        the threads have nothing to share. Multiples of 50,000 let most of a LAZ file of point format 6 to 8 be copied
+        as it is (see `las_layers`), which takes a third of the time.
+    progress : callable, optional
+        Called with the number of points after each range.
+    native : bool, default True
+        Whether other formats are written in their own format too.
+    had_classes : bool, optional
+        Whether a LAS file has classes other than 0; None looks through the file, which reads it twice where it has
+        none.
+
+    Returns
+    -------
+    list of Path
+        The files written, the LAZ first.
+
+    Raises
+    ------
+    ReadError
+        If the survey cannot be read.
+    DataError
+        If a file to write is the survey itself, or if `labels_of` returns another number of labels than asked for.
+    ParameterError
+        If the target is not named ``.laz`` or `chunk_size` is below 1.
+    """
+    source, target = Path(source_path), Path(target_path)
+    options = options or ReadOptions()
+    if target.suffix.lower() != ".laz":
+        raise ParameterError(f"a labelled survey is written as .laz, got {target}")
+    check_at_least(chunk_size, 1, "chunk_size")
+    form = get_format(source)
+    if target.exists() and target.samefile(source):
+        raise DataError(f"{target} is the survey itself and would be overwritten; choose another folder")
+    own = native_path(source, target.parent, form) if native else None
+    with ExitStack() as stack:
+        stream = stack.enter_context(atomic_file(target))
+        sinks = [stack.enter_context(native_sink(source, own, form, options))] if own is not None else []
+        if form.name == "LAS":
+            survey = _las_source(source, had_classes, n_threads, chunk_size, stack)
+        else:
+            survey = _other_source(source, form, options)
+        writer = RecordWriter(stream, survey.header, compress=True, n_threads=n_threads)
+        for start, stop in _ranges(survey.n_points, chunk_size):
+            _write_range(survey, writer, sinks, labels_of, (start, stop))
+            if progress is not None:
+                progress(stop - start)
+        writer.close()
+    return [target] if own is None else [target, own]
+
+
+def _ranges(n_points: int, size: int) -> Iterator[tuple[int, int]]:
+    for start in range(0, n_points, size):
+        yield start, min(start + size, n_points)
+
+
+def _write_range(
+    survey: _Source, writer: RecordWriter, sinks: list[LabelSink], labels_of: LabelsOf, rows: tuple[int, int]
+) -> None:
+    start, stop = rows
+    what = f"for rows {start} to {stop - 1}"
+    labels, scores = labels_of(start, stop)
+    codes = check_column(labels, stop - start, f"class codes {what}")
+    confidence = check_column(scores, stop - start, f"confidences {what}").astype(np.float32, copy=False)
+    if codes.dtype != np.uint8:
+        raise DataError(f"class codes {what} must be uint8, got {codes.dtype}")
+    records = survey.records(start, stop)
+    if survey.copier is None:
+        records[CLASS] = codes
+        records[CONFIDENCE] = confidence
+        writer.write(records)
+    else:
+        values = {CLASS: codes, CONFIDENCE: confidence}
+        if ORIGINAL_CLASS in survey.copier.added:
+            values[ORIGINAL_CLASS] = records[CLASS]
+        writer.write_compressed(records, survey.copier.chunks(start, records, values))
+    for sink in sinks:
+        sink.write(start, codes, confidence)
+
+
+def _las_source(path: Path, had_classes: bool | None, n_threads: int, chunk_size: int, stack: ExitStack) -> _Source:
+    header = read_header(path)
+    if had_classes is None:
+        had_classes = _has_classes(path, header, n_threads)
+    upgraded = upgraded_header(header)
+    target = _with_results(upgraded, keep_class=had_classes)
+    own = len(upgraded.extra_dimensions)
+    added = {dimension.name: dimension for dimension in target.extra_dimensions[own:]}
+    if has_layers(header) and CONFIDENCE in added and chunk_size % LAZ_CHUNK == 0:
+        copier = LayerCopier(path, header, added, classes=ORIGINAL_CLASS in added, n_threads=n_threads)
+        stack.enter_context(copier)
+        return _Source(header.n_points, target, copier.read, copier)
+    reader = stack.enter_context(RecordReader(path, header, n_threads=n_threads))
+
+    def records(start: int, stop: int) -> NDArray:
+        out = upgrade_records(reader.read(start, stop), header, target)
+        if ORIGINAL_CLASS in added:
+            out[ORIGINAL_CLASS] = out[CLASS]
+        return out
+
+    return _Source(header.n_points, target, records)
+
+
+def _with_results(header: LasHeader, *, keep_class: bool) -> LasHeader:
+    """Give an upgraded header the dimensions of the result; a confidence that was there moves aside or is replaced."""
+    existing = list(header.extra_dimensions)
+    names = [dimension.name for dimension in existing]
+    replaced = None
+    if CONFIDENCE in names and ORIGINAL_CONFIDENCE not in names:
+        existing[names.index(CONFIDENCE)] = existing[names.index(CONFIDENCE)].renamed(ORIGINAL_CONFIDENCE)
+    elif CONFIDENCE in names:
+        replaced = existing[names.index(CONFIDENCE)]
+        if replaced.dtype != np.dtype("f4") or replaced.width != 1 or replaced.scale is not None:
+            raise DataError(f"the survey has both {CONFIDENCE} ({replaced.dtype}) and {ORIGINAL_CONFIDENCE}")
+    added = []
+    if keep_class and ORIGINAL_CLASS not in names:
+        added.append(ExtraDimension.create(ORIGINAL_CLASS, np.dtype("u1"), description="class in the input"))
+    if replaced is None:
+        added.append(ExtraDimension.create(CONFIDENCE, np.dtype("f4"), description="of the class, 0 to 1"))
+    return with_extra(header, added, existing=existing)
+
+
+def _has_classes(path: Path, header: LasHeader, n_threads: int) -> bool:
+    """Tell whether a class other than 0 occurs; as a rule the first points answer."""
+    field, mask = ("raw_classification", 0x1F) if header.point_format < 6 else (CLASS, 0xFF)
+    with RecordReader(path, header, n_threads=n_threads, select=CLASS_ONLY) as reader:
+        size = 50_000
+        start = 0
+        while start < header.n_points:
+            if (reader.read(start, start + size)[field] & mask).any():
+                return True
+            start += size
+            size = 1_000_000
+    return False
+
+
+def _other_source(path: Path, form: PointFormat, options: ReadOptions) -> _Source:
+    def cloud(start: int, stop: int) -> PointCloud:
+        return _renamed(form.read(path, options, start=start, stop=stop))
+
+    empty = cloud(0, 0)
+    header = new_header(empty, WriteOptions(scale=SCALE))
+    header = _with_results(header, keep_class=False)
+
+    def records(start: int, stop: int) -> NDArray:
+        return pack_records(cloud(start, stop), header)
+
+    return _Source(form.info(path, options).n_points, header, records)
+
+
+def _renamed(cloud: PointCloud) -> PointCloud:
+    """Move columns aside whose names the result needs."""
+    for name, kept in ((CLASS, ORIGINAL_CLASS), (CONFIDENCE, ORIGINAL_CONFIDENCE)):
+        if name in cloud and kept not in cloud:
+            columns = {kept if key == name else key: values for key, values in cloud.columns.items()}
+            cloud = replace(cloud, columns=columns)
+    return cloud

@@ -1,0 +1,95 @@
+"""What workers do with the scenes of a comparison: apply a stored model of a method to what the stages before gave."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import detector as bottom_up_top_down
+from mlsroad_pipeline.algorithms.baselines.hough_forest import detector as hough_forest
+from mlsroad_pipeline.algorithms.baselines.object_matching import detector as object_matching
+from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import label_objects
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.patches.labelling import PatchClassifier, label_patch_scene
+from mlsroad_pipeline.algorithms.visual_words import labeller as visual_words
+from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
+
+_DETECT = {
+    module.SLUG: module.detect_scene for module in (visual_words, hough_forest, object_matching, bottom_up_top_down)
+}
+
+
+def label_prepared_patches(
+    scene: PointCloud, patches: Mapping[str, NDArray], model: str, *, classifier: type[PatchClassifier]
+) -> dict[str, NDArray]:
+    """Label a scene of a comparison with a stored model of a method that labels patches.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene.
+    patches : mapping
+        What `build_patches` gave.
+    model : str
+        The model's folder.
+    classifier : type
+        The method's class.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``label`` int16 (n,) and ``confidence`` float32 (n,).
+
+    Raises
+    ------
+    DataError
+        If the model needs other patches.
+    """
+    return label_patch_scene(scene, patches, open_model(model), classifier)
+
+
+def detect_described_objects(parts: Mapping[str, NDArray], model: str) -> dict[str, NDArray]:
+    """Detect the objects of a scene of a comparison with a stored model.
+
+    Parameters
+    ----------
+    parts : mapping
+        The objects as the model's method describes them.
+    model : str
+        The model's folder.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``label`` int16 and ``score`` float32 of each object, and ``scores`` of every class.
+    """
+    bundle = open_model(model)
+    return _DETECT[bundle.slug](parts, bundle)
+
+
+def label_prepared_objects(
+    scene: PointCloud, ground: Mapping[str, NDArray], patches: Mapping[str, NDArray], model: str
+) -> dict[str, NDArray]:
+    """Label the objects of a scene of a comparison with a stored model of shape-based recognition.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene.
+    ground, patches : mapping
+        What the stages before gave.
+    model : str
+        The model's folder.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``label`` int16 (n,), -1 for ground and outliers, and ``confidence`` float32 (n,).
+
+    Raises
+    ------
+    DataError
+        If the model needs other patches.
+    """
+    return label_objects(scene, ground, patches, open_model(model))

@@ -1,0 +1,28 @@
+"""What workers do with sets of objects: recognise them with a stored model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.recognition.recogniser import recognise_objects
+from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
+
+
+def recognise_with_model(objects: Mapping[str, NDArray], model: str) -> dict[str, NDArray]:
+    """Recognise the objects of a scene with a stored model.
+
+    Parameters
+    ----------
+    objects : mapping
+        Arrays of an `ObjectSet`.
+    model : str
+        The model's folder.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``label`` int16, ``score`` float32 and ``scores`` of every class.
+    """
+    return recognise_objects(objects, open_model(model))

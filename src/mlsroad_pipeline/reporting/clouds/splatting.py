@@ -1,0 +1,251 @@
+"""Pictures of clouds without a graphics card: z-buffered splats, shaded by depth."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_column, check_positive, check_xyz
+from mlsroad_pipeline.reporting.clouds.splat_kernels import NEAR, close, compose, darken, splat
+from mlsroad_pipeline.reporting.clouds.view import View
+
+_CHUNK = 1 << 20
+
+
+def nearest_points(
+    xyz: ArrayLike, view: View, *, splat_metres: float = 0.05, largest_splat: int = 7
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Find the point that each pixel of a view shows.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points, metres, in the frame of the view's centre.
+    view : View
+        The view; square splats are painted at its resolution.
+    splat_metres : float, default 0.05
+        Side of a point's square, metres; larger closes more gaps and thickens thin things.
+    largest_splat : int, default 7
+        The most pixels that a splat's side may have; bounds the work for points close to the viewer.
+
+    Returns
+    -------
+    index : ndarray of int64, shape (height, width)
+        Row of the nearest point, of equally near ones the first; -1 where nothing is seen.
+    depth : ndarray of float32, shape (height, width)
+        Distance along the direction of sight, metres; infinite where nothing is seen.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3) or not finite.
+    ParameterError
+        If `splat_metres` is not positive or `largest_splat` below 1.
+    """
+    points = check_xyz(xyz)
+    check_positive(splat_metres, "splat_metres")
+    if largest_splat < 1:
+        raise ParameterError(f"largest_splat must be at least 1 pixel, got {largest_splat}")
+    width, height = view.size
+    depth = np.full((height, width), np.inf, dtype=np.float32)
+    winner = np.full((height, width), -1, dtype=np.int64)
+    rotation = view.rotation.astype(np.float32)
+    centre = view.centre.astype(points.dtype)
+    for start in range(0, len(points), _CHUNK):
+        # relative to the viewer before float32: UTM-sized coordinates keep their millimetres
+        near = (points[start : start + _CHUNK] - centre).astype(np.float32)
+        splat(
+            near, start, rotation, np.float32(view.scale), view.perspective, np.float32(splat_metres),
+            largest_splat, depth, winner,
+        )  # fmt: skip
+    return winner, depth
+
+
+def close_gaps(
+    index: NDArray[np.int64], depth: NDArray[np.float32], *, reach: int = 4, step: float = 0.4
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Close small gaps between the points of one surface.
+
+    Scanners sample far surfaces sparsely: the background, or what stands behind, shows through. A pixel is taken for
+    a gap if in three of the four pairs of opposite sectors around it there is something nearer.
+
+    Parameters
+    ----------
+    index : ndarray of int64, shape (height, width)
+        Rows of the points seen, -1 where nothing is.
+    depth : ndarray of float32, shape (height, width)
+        Their distances, metres; infinite where nothing is seen.
+    reach : int, default 4
+        Half the width of the widest gap to close, pixels; larger closes more and swallows fine structure.
+    step : float, default 0.4
+        How far a surface must stand in front of what shows through it, metres.
+
+    Returns
+    -------
+    index, depth : ndarray
+        New arrays with the gaps closed.
+
+    Raises
+    ------
+    ParameterError
+        If `reach` is negative or `step` not positive.
+    """
+    if reach < 0:
+        raise ParameterError(f"reach must be at least 0 pixels, got {reach}")
+    check_positive(step, "step")
+    closed_index, closed_depth = index.copy(), depth.copy()
+    if reach:
+        close(depth, index, _offsets(reach), max(8, reach), np.float32(step), closed_depth, closed_index)
+    return closed_index, closed_depth
+
+
+def _offsets(reach: int) -> NDArray[np.int64]:
+    """Return the pixels around one as (down, right, sector of 45 degrees), the closest first."""
+    grid = np.arange(-reach, reach + 1)
+    down, right = (side.ravel() for side in np.meshgrid(grid, grid, indexing="ij"))
+    sector = np.rint(np.arctan2(down, right) / (np.pi / 4)).astype(np.int64) % 8
+    order = np.argsort(down**2 + right**2, kind="stable")[1:]
+    return np.stack([down, right, sector], axis=1)[order]
+
+
+def depth_shading(depth: NDArray[np.float32], view: View, *, strength: float = 1.0) -> NDArray[np.float32]:
+    """Return how bright each pixel stays under eye-dome lighting.
+
+    Edges in depth are darkened on their far side, which separates things without normals or lamps (Boucheny 2009,
+    "Visualisation scientifique de grands volumes de données: pour une approche perceptive", chapter 4).
+
+    Parameters
+    ----------
+    depth : ndarray of float32, shape (height, width)
+        Distances, metres; infinite where nothing is seen.
+    view : View
+        The view that they were seen in.
+    strength : float, default 1.0
+        0 leaves everything as it is; larger is darker.
+
+    Returns
+    -------
+    ndarray of float32, shape (height, width)
+        Factors in [0, 1]; 1 where nothing is seen.
+
+    Raises
+    ------
+    ParameterError
+        If `strength` is negative or not finite.
+    """
+    if not np.isfinite(strength) or strength < 0:
+        raise ParameterError(f"strength must be a finite number >= 0, got {strength}")
+    shade = np.ones(depth.shape, dtype=np.float32)
+    seen = np.isfinite(depth)
+    if view.perspective:
+        flat = np.where(seen, np.log2(np.maximum(depth, np.float32(NEAR))), np.inf).astype(np.float32)
+        gain = 12.0
+    else:
+        # orthographic depths have no natural unit: half a metre counts as one, saturating so that roofs stay legible
+        flat = np.where(seen, np.log2(1 + 0.5 * np.maximum(depth, 0)), np.inf).astype(np.float32)
+        gain = 1.6
+    for radius, weight in ((1, 0.6), (3, 0.4)):
+        darken(flat, radius, np.float32(gain * weight * strength), shade)
+    return np.maximum(shade, np.float32(0.25))
+
+
+def shaded_picture(
+    index: NDArray[np.int64],
+    shade: NDArray[np.float32],
+    colours: NDArray[np.uint8],
+    *,
+    background: tuple[int, int, int] = (255, 255, 255),
+    oversampling: int = 1,
+) -> NDArray[np.uint8]:
+    """Colour the points that the pixels show, and average the picture down.
+
+    Parameters
+    ----------
+    index : ndarray of int64, shape (k * height, k * width)
+        Rows of the points seen, -1 where nothing is.
+    shade : ndarray of float32, shape (k * height, k * width)
+        Brightness of each pixel, 0 to 1.
+    colours : ndarray of uint8, shape (n, 3)
+        Red, green and blue of each point.
+    background : tuple of int, default (255, 255, 255)
+        Colour where nothing is seen.
+    oversampling : int, default 1
+        k: how many pixels along each side become one.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3)
+        The picture.
+    """
+    rows, columns = (side // oversampling for side in index.shape)
+    picture = np.empty((rows, columns, 3), dtype=np.uint8)
+    compose(index, shade, colours, np.asarray(background, dtype=np.float32), oversampling, picture)
+    return picture
+
+
+def render_points(
+    xyz: ArrayLike,
+    colours: ArrayLike,
+    view: View,
+    *,
+    splat_metres: float = 0.05,
+    largest_splat: int = 7,
+    gap: int = 3,
+    shading: float = 1.0,
+    background: tuple[int, int, int] = (255, 255, 255),
+    oversampling: int = 2,
+) -> NDArray[np.uint8]:
+    """Paint a picture of coloured points.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points, metres, in the frame of the view's centre.
+    colours : array-like of uint8, shape (n, 3)
+        Red, green and blue of each point.
+    view : View
+        Where from, and how large; see `birds_eye_view`, `oblique_view` and `look_at`.
+    splat_metres : float, default 0.05
+        Side of a point's square, metres; larger closes more gaps and thickens thin things.
+    largest_splat : int, default 7
+        The most pixels of the enlarged picture that a splat's side may have.
+    gap : int, default 3
+        Half the width of the gaps to close, pixels of the picture; see `close_gaps`; 0 closes none.
+    shading : float, default 1.0
+        Strength of the eye-dome lighting; 0 gives flat colours.
+    background : tuple of int, default (255, 255, 255)
+        Colour where nothing is seen.
+    oversampling : int, default 2
+        The picture is painted this many times larger and averaged down, which smooths edges.
+
+    Returns
+    -------
+    ndarray of uint8, shape (height, width, 3)
+        The picture. The same input gives the same bytes.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3) or not finite, or the colours are not uint8 (n, 3).
+    ParameterError
+        If `splat_metres` is not positive, `largest_splat` or `oversampling` below 1, or `gap` or `shading` negative.
+
+    Examples
+    --------
+    >>> from mlsroad_pipeline.reporting.clouds.view import birds_eye_view
+    >>> points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    >>> red = np.array([[255, 0, 0], [255, 0, 0]], dtype=np.uint8)
+    >>> render_points(points, red, birds_eye_view(points, width=40, height=20)).shape
+    (20, 40, 3)
+    """
+    points = check_xyz(xyz)
+    paint = check_column(colours, len(points), "colours", 3)
+    if paint.dtype != np.uint8:
+        raise DataError(f"colours must be uint8, got {paint.dtype}")
+    check_at_least(oversampling, 1, "oversampling")
+    large = view.enlarged(oversampling)
+    index, depth = nearest_points(points, large, splat_metres=splat_metres, largest_splat=largest_splat)
+    index, depth = close_gaps(index, depth, reach=gap * oversampling)
+    shade = depth_shading(depth, large, strength=shading)
+    return shaded_picture(index, shade, paint, background=background, oversampling=oversampling)

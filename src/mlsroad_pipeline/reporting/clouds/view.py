@@ -1,0 +1,268 @@
+"""Views of a cloud: where each point falls in a picture, and how deep behind it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_positive, check_xyz
+
+_SAMPLE = 100_000
+_CHUNK = 1 << 20
+_MARGIN = 1.04
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera without lens: p_view = rotation (p - centre), x to the right, y down, z away from the viewer.
+
+    Parameters
+    ----------
+    rotation : ndarray of shape (3, 3), float64
+        World to view; rows are the picture's right, its down and the direction of sight.
+    centre : ndarray of shape (3,), float64
+        The viewer's place, metres; for orthographic views the point seen at the picture's centre, at depth 0.
+    scale : float
+        Orthographic: pixels per metre. Perspective: the focal length in pixels.
+    size : tuple of int
+        Width and height of the picture, pixels.
+    perspective : bool
+        Whether far things are smaller.
+    """
+
+    rotation: NDArray[np.float64]
+    centre: NDArray[np.float64]
+    scale: float
+    size: tuple[int, int]
+    perspective: bool
+
+    def enlarged(self, factor: int) -> View:
+        """Return the same view with more pixels.
+
+        Parameters
+        ----------
+        factor : int
+            How many times as many along each side.
+
+        Returns
+        -------
+        View
+            The enlarged view.
+        """
+        width, height = self.size
+        return View(
+            self.rotation, self.centre, self.scale * factor, (width * factor, height * factor), self.perspective
+        )
+
+
+def check_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Return a picture's size, or say what is wrong with it.
+
+    Parameters
+    ----------
+    size : tuple of int
+        Width and height, pixels.
+
+    Returns
+    -------
+    tuple of int
+        The size.
+
+    Raises
+    ------
+    ParameterError
+        If a side is not in 1..32768.
+    """
+    width, height = (int(side) for side in size)
+    if not (1 <= width <= 32768 and 1 <= height <= 32768):
+        raise ParameterError(f"a picture's sides must be in 1..32768 pixels, got {size}")
+    return width, height
+
+
+def _sample(xyz: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return evenly spaced rows, enough for extents: a view need not look at every point."""
+    return xyz[:: max(1, len(xyz) // _SAMPLE)].astype(np.float64)
+
+
+def main_azimuth(xyz: ArrayLike) -> float:
+    """Return the horizontal direction along which the points extend most.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points, metres.
+
+    Returns
+    -------
+    float
+        Degrees counter-clockwise from the x axis, in [-90, 90); 0 where no direction stands out.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3), empty or not finite.
+    """
+    points = _sample(check_xyz(xyz, minimum=1))[:, :2]
+    covariance = np.cov(points.T, bias=True)
+    values, vectors = np.linalg.eigh(covariance)
+    if values[1] - values[0] <= 1e-9 * max(values[1], 1e-300):
+        return 0.0
+    angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
+    return (angle + 90.0) % 180.0 - 90.0
+
+
+def _extent(
+    points: NDArray[np.floating], middle: NDArray[np.float64], axes: NDArray[np.float64], trim: float
+) -> NDArray[np.float64]:
+    """Return the least and the largest coordinate along two axes, leaving out a share of the points at each end."""
+    if trim:
+        return np.quantile((_sample(points) - middle) @ axes.T, [trim, 1 - trim], axis=0)
+    found = np.array([[np.inf, np.inf], [-np.inf, -np.inf]])
+    for start in range(0, len(points), _CHUNK):
+        across = (points[start : start + _CHUNK] - middle) @ axes.T
+        found[0] = np.minimum(found[0], across.min(axis=0))
+        found[1] = np.maximum(found[1], across.max(axis=0))
+    return found
+
+
+def birds_eye_view(
+    xyz: ArrayLike, *, width: int = 1600, height: int | None = None, azimuth: float | None = None, trim: float = 0.0
+) -> View:
+    """Look straight down at a whole cloud.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points, metres, z up.
+    width : int, default 1600
+        Width of the picture, pixels.
+    height : int, optional
+        Its height, pixels; None takes what the points need, between a quarter of the width and the width.
+    azimuth : float, optional
+        Direction that runs to the right, degrees counter-clockwise from the x axis; None takes the main direction of
+        the points, so that a street fills a wide picture; 0 puts north (y) on top.
+    trim : float, default 0.0
+        Share of the points at each side that may fall outside the picture, so that stray returns far away do not
+        make all else small; 0 shows every point.
+
+    Returns
+    -------
+    View
+        An orthographic view; depth 0 is the highest point.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3), empty or not finite.
+    ParameterError
+        If a side is not in 1..32768 pixels, or `trim` outside [0, 0.5).
+    """
+    points = check_xyz(xyz, minimum=1)
+    if not 0 <= trim < 0.5:
+        raise ParameterError(f"trim must be in [0, 0.5), got {trim}")
+    turn = np.radians(main_azimuth(points) if azimuth is None else azimuth)
+    right = np.array([np.cos(turn), np.sin(turn), 0.0])
+    down = np.array([np.sin(turn), -np.cos(turn), 0.0])
+    rotation = np.stack([right, down, np.array([0.0, 0.0, -1.0])])
+    middle = (points.min(axis=0).astype(np.float64) + points.max(axis=0)) / 2
+    least, most = _extent(points, middle, rotation[:2], trim)
+    extent = np.maximum(most - least, 1e-3) * _MARGIN
+    rows = height if height is not None else round(float(np.clip(width * extent[1] / extent[0], width / 4, width)))
+    centre = middle + ((least + most) / 2) @ rotation[:2]
+    centre[2] = float(points[:, 2].max())
+    return View(rotation, centre, float(min(width / extent[0], rows / extent[1])), check_size((width, rows)), False)
+
+
+def look_at(
+    eye: ArrayLike, target: ArrayLike, *, size: tuple[int, int] = (1600, 900), field_of_view: float = 50.0
+) -> View:
+    """Look from one place to another with perspective, the picture's top upwards.
+
+    Parameters
+    ----------
+    eye, target : array-like of shape (3,)
+        The viewer's place and the place at the picture's centre, metres.
+    size : tuple of int, default (1600, 900)
+        Width and height, pixels.
+    field_of_view : float, default 50.0
+        Horizontal angle of the picture, degrees; larger shows more and bends perspective more.
+
+    Returns
+    -------
+    View
+        The view.
+
+    Raises
+    ------
+    ParameterError
+        If eye and target coincide, the field of view is outside (0, 170], or a side is not in 1..32768 pixels.
+    """
+    size = check_size(size)
+    if not 0 < field_of_view <= 170:
+        raise ParameterError(f"field_of_view must be in (0, 170] degrees, got {field_of_view}")
+    place, aim = np.asarray(eye, dtype=np.float64), np.asarray(target, dtype=np.float64)
+    distance = float(np.linalg.norm(aim - place))
+    if distance == 0:
+        raise ParameterError(f"a view needs a target other than its own place {place.tolist()}")
+    forward = (aim - place) / distance
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    # straight up or down has no horizon: the x axis is taken as right
+    right = np.array([1.0, 0.0, 0.0]) if np.linalg.norm(right) < 1e-9 else right / np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    return View(rotation, place, size[0] / 2 / float(np.tan(np.radians(field_of_view) / 2)), size, True)
+
+
+def oblique_view(
+    xyz: ArrayLike,
+    *,
+    size: tuple[int, int] = (1600, 900),
+    azimuth: float | None = None,
+    elevation: float = 32.0,
+    length: float = 70.0,
+    field_of_view: float = 50.0,
+) -> View:
+    """Look down at a stretch of the street in perspective.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points, metres, z up.
+    size : tuple of int, default (1600, 900)
+        Width and height, pixels.
+    azimuth : float, optional
+        Direction of sight, degrees counter-clockwise from the x axis; None looks 35 degrees off the main direction.
+    elevation : float, default 32.0
+        How far the viewer stands above the horizon, degrees; larger is more like a map.
+    length : float, default 70.0
+        Metres of street to show around the median point; larger shows more and smaller things.
+    field_of_view : float, default 50.0
+        Horizontal angle of the picture, degrees.
+
+    Returns
+    -------
+    View
+        A perspective view.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3), empty or not finite.
+    ParameterError
+        If a length is not positive, the elevation outside (0, 90), or what `look_at` refuses.
+    """
+    points = _sample(check_xyz(xyz, minimum=1))
+    check_positive(length, "length")
+    if not 0 < elevation < 90:
+        raise ParameterError(f"elevation must be in (0, 90) degrees, got {elevation}")
+    turn = np.radians(main_azimuth(points) + 35.0 if azimuth is None else azimuth)
+    rise = np.radians(elevation)
+    forward = np.array([np.cos(turn) * np.cos(rise), np.sin(turn) * np.cos(rise), -np.sin(rise)])
+    target = np.median(points, axis=0)
+    near = points[np.linalg.norm(points[:, :2] - target[:2], axis=1) <= length / 2]
+    if len(near):
+        target[2] = np.quantile(near[:, 2], 0.3)
+    distance = 0.5 * length / float(np.tan(np.radians(field_of_view) / 2))
+    return look_at(target - forward * distance, target, size=size, field_of_view=field_of_view)

@@ -1,0 +1,30 @@
+"""Figures of a trained forest."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from mlsroad_pipeline.algorithms.detrended_forest.classifier import DetrendedForestClassifier
+from mlsroad_pipeline.reporting.figures.training import importance_figure, oob_figure
+
+
+def forest_figures(classifier: DetrendedForestClassifier) -> tuple[Figure, Figure]:
+    """Draw the feature importances and the out-of-bag error of a forest.
+
+    Parameters
+    ----------
+    classifier : DetrendedForestClassifier
+        A trained forest.
+
+    Returns
+    -------
+    importances, out_of_bag : Figure
+        Feature importances, and the out-of-bag error against the number of trees.
+    """
+    found = classifier.feature_importances_
+    curve = classifier.oob_error_curve_
+    return (
+        importance_figure(list(found.values()), names=list(found), title="Feature importances"),
+        oob_figure(np.arange(1, len(curve) + 1), curve, chosen=len(curve), title="Out-of-bag error"),
+    )

@@ -1,0 +1,179 @@
+"""Figures of scores: confusion matrix, bars per class."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.metrics.confusion import scores
+from mlsroad_pipeline.algorithms.metrics.scores import ALL, CLASS_METRICS, check_scores
+from mlsroad_pipeline.reporting.clouds.cloud_figures import INK
+from mlsroad_pipeline.reporting.figures.style import GRID, SERIES, empty_figure, shown_names, tidy_axes
+
+_SHARE_MAP = LinearSegmentedColormap.from_list("share", ["#ffffff", "#c7dcf0", "#5b9bd5", "#1f4e96", "#0d2a5c"])
+TITLES = {"precision": "Precision", "recall": "Recall", "f1": "F1", "iou": "IoU"}
+
+
+def _per_cent(share: float) -> str:
+    """Write a share as per cent with one decimal; what is there is never written as 0."""
+    return "<0.1" if share < 0.0005 else f"{100 * share:.1f}"
+
+
+def short_count(count: int) -> str:
+    """Write a count in at most four characters and a unit.
+
+    Parameters
+    ----------
+    count : int
+        A number of points.
+
+    Returns
+    -------
+    str
+        Such as ``"950"``, ``"12.3k"`` or ``"4.1M"``.
+
+    Examples
+    --------
+    >>> [short_count(n) for n in (950, 12_345, 999_960, 4_100_000, 250_000_000)]
+    ['950', '12.3k', '1M', '4.1M', '250M']
+    """
+    value = float(count)
+    for unit in ("", "k", "M"):
+        text = f"{value:.3g}"
+        if float(text) < 1000:
+            return text + unit
+        value /= 1000
+    return f"{value:.3g}G"
+
+
+def confusion_figure(matrix: NDArray[np.integer], *, classes: Sequence[str], title: str = "") -> Figure:
+    """Draw a confusion matrix: shares of each true class as colour and per cent, with the counts.
+
+    Parameters
+    ----------
+    matrix : ndarray of int, shape (C, C + 1) or (C, C)
+        A matrix of `confusion_matrix`. The column of unlabelled points is drawn only where it holds any.
+    classes : sequence of str, length C
+        Class names in label order.
+    title : str, default ""
+        Heading of the figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure of its own. Rows of classes without points are empty.
+
+    Raises
+    ------
+    DataError
+        If the matrix has another number of classes or is no confusion matrix.
+    """
+    support = scores(matrix).support
+    if len(classes) != len(support):
+        raise DataError(f"{len(classes)} class names for a confusion matrix of {len(support)} classes")
+    counts = np.asarray(matrix)
+    columns = shown_names(classes)
+    if counts.shape[1] > len(support):
+        if counts[:, -1].any():
+            columns.append("unlabelled")
+        else:
+            counts = counts[:, :-1]
+    shares = counts / np.where(support > 0, support, 1)[:, None]
+    cell = 0.66 if len(classes) <= 12 else 0.56
+    figure = empty_figure(2.6 + cell * counts.shape[1], 1.7 + cell * counts.shape[0])
+    axes = figure.add_subplot()
+    axes.imshow(shares, cmap=_SHARE_MAP, vmin=0, vmax=1, aspect="equal")
+    for row, column in zip(*np.nonzero(counts), strict=True):
+        ink = "white" if shares[row, column] > 0.5 else INK
+        place: dict[str, Any] = {"ha": "center", "color": ink}
+        axes.text(column, row - 0.08, _per_cent(shares[row, column]), va="center", fontsize=8.5, **place)
+        axes.text(column, row + 0.27, short_count(int(counts[row, column])), va="center", fontsize=6, **place)
+    axes.set_xticks(range(len(columns)), columns, rotation=40, ha="right", rotation_mode="anchor")
+    axes.set_yticks(
+        range(len(classes)),
+        [f"{n} ({short_count(int(s))})" for n, s in zip(shown_names(classes), support, strict=True)],
+    )
+    axes.set_xticks(np.arange(len(columns) + 1) - 0.5, minor=True)
+    axes.set_yticks(np.arange(len(classes) + 1) - 0.5, minor=True)
+    axes.grid(which="minor", color=GRID, linewidth=0.8)
+    axes.tick_params(which="both", length=0, labelsize=8.5, colors=INK)
+    axes.spines[:].set_visible(False)
+    axes.set_xlabel("Predicted class", color=INK, fontsize=9)
+    axes.set_ylabel("True class (points)", color=INK, fontsize=9)
+    axes.set_title(title or "Confusion matrix, % of each true class", fontsize=10, color=INK, loc="left")
+    return figure
+
+
+def class_bars_figure(frame: pd.DataFrame, *, split: str, title: str = "") -> Figure:
+    """Draw precision, recall, F1 and IoU per class, one bar per method.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        A table of scores of one or more methods.
+    split : str
+        The split to show.
+    title : str, default ""
+        Heading of the figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A figure of its own; an undefined value is a dash instead of a bar.
+
+    Raises
+    ------
+    DataError
+        If the table is no table of scores, or has no per-class figures of the split.
+    """
+    table = check_scores(frame)
+    table = table[(table["split"] == split) & (table["class"] != ALL) & table["metric"].isin(CLASS_METRICS)]
+    if table.empty:
+        raise DataError(f"no scores per class of split {split!r} (splits: {sorted(set(frame['split']))})")
+    methods, classes = list(dict.fromkeys(table["method"])), list(dict.fromkeys(table["class"]))
+    figure = empty_figure(max(6.5, 1.6 + len(classes) * (0.36 + 0.12 * len(methods))), 7.2)
+    panels = np.atleast_1d(figure.subplots(len(CLASS_METRICS), 1, sharex=True))
+    for axes, metric in zip(panels, CLASS_METRICS, strict=True):
+        wide = table[table["metric"] == metric].pivot(index="class", columns="method", values="value")
+        _bars(axes, wide.reindex(index=classes, columns=methods).to_numpy(dtype=np.float64))
+        axes.set_ylabel(TITLES[metric], fontsize=9, color=INK)
+    support = table.drop_duplicates("class").set_index("class")["support"]
+    names = [f"{n}\n{short_count(int(support[c]))}" for n, c in zip(shown_names(classes), classes, strict=True)]
+    rotation = {"rotation": 35, "ha": "right", "rotation_mode": "anchor"} if len(classes) > 7 else {}
+    panels[-1].set_xticks(range(len(classes)), names, **rotation)
+    figure.suptitle(title or f"Scores per class on {split}", fontsize=10.5, color=INK, x=0.01, ha="left")
+    if len(methods) > 1:
+        labels = [method.replace("_", " ") for method in methods]
+        figure.legend(
+            panels[0].containers[: len(methods)], labels, loc="outside lower left", ncols=min(4, len(methods)),
+            frameon=False, fontsize=8.5, labelcolor=INK,
+        )  # fmt: skip
+    return figure
+
+
+def _bars(axes: Axes, values: NDArray[np.float64]) -> None:
+    """Draw groups of bars; with one method, write the values above them."""
+    n_classes, n_methods = values.shape
+    width = 0.8 / n_methods
+    for k in range(n_methods):
+        places = np.arange(n_classes) + (k - (n_methods - 1) / 2) * width
+        heights = np.nan_to_num(values[:, k])
+        axes.bar(places, heights, width * 0.92, color=SERIES[k % len(SERIES)], hatch="//" if k >= len(SERIES) else None)
+        for place, value in zip(places, values[:, k], strict=True):
+            if np.isnan(value):
+                axes.text(place, 0.02, "–", ha="center", fontsize=8, color=INK)
+            elif n_methods == 1:
+                axes.text(place, value + 0.02, f"{value:.2f}", ha="center", fontsize=7, color=INK)
+    axes.set_xlim(-0.6, n_classes - 0.4)
+    axes.set_ylim(0, 1.14 if n_methods == 1 else 1.02)
+    axes.set_yticks([0, 0.25, 0.5, 0.75, 1.0], ["0", "", "0.5", "", "1"])
+    axes.grid(axis="y", color=GRID, linewidth=0.7)
+    tidy_axes(axes)

@@ -1,0 +1,79 @@
+"""The report of a run: one HTML file that needs nothing else, for people who will not open the experiment tracker."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import Protocol
+
+from mlsroad_pipeline.reporting.html.sections import (
+    DistributionSection,
+    FactsSection,
+    FiguresSection,
+    InventorySection,
+    TableSection,
+    WarningsSection,
+)
+from mlsroad_pipeline.reporting.html.style import STYLE
+
+__all__ = [
+    "DistributionSection",
+    "FactsSection",
+    "FiguresSection",
+    "InventorySection",
+    "Section",
+    "TableSection",
+    "WarningsSection",
+    "build_report",
+]
+
+
+class Section(Protocol):
+    """A part of a report: a heading and what stands below it."""
+
+    @property
+    def title(self) -> str:
+        """Return the heading."""
+        ...
+
+    def body(self) -> str:
+        """Return the HTML below the heading, everything foreign in it escaped."""
+        ...
+
+
+def build_report(sections: Sequence[Section], *, title: str = "Survey report", subtitle: str = "") -> str:
+    """Put sections together to one HTML page with its style and pictures inside.
+
+    Parameters
+    ----------
+    sections : sequence of Section
+        The parts in order: `FactsSection`, `TableSection`, `FiguresSection`, `DistributionSection`,
+        `InventorySection`, `WarningsSection`, or anything with a `title` and a `body()`.
+    title : str, default "Survey report"
+        Heading and window title.
+    subtitle : str, default ""
+        A line below the heading, such as the name of the survey.
+
+    Returns
+    -------
+    str
+        An HTML document that loads nothing from elsewhere.
+
+    Examples
+    --------
+    >>> page = build_report([WarningsSection("Warnings", ["no colour in <a.laz>"])])
+    >>> "no colour in &lt;a.laz&gt;" in page
+    True
+    """
+    links = "".join(f'<a href="#s{k}">{escape(s.title)}</a>' for k, s in enumerate(sections))
+    parts = "".join(
+        f'<section id="s{k}"><h2>{escape(section.title)}</h2>\n{section.body()}</section>\n'
+        for k, section in enumerate(sections)
+    )
+    under = f"<p>{escape(subtitle)}</p>" if subtitle else ""
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<style>{STYLE}</style></head>\n<body><header><h1>{escape(title)}</h1>{under}</header>\n"
+        f"<nav>{links}</nav>\n<main>\n{parts}</main></body></html>\n"
+    )

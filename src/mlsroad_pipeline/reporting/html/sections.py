@@ -1,0 +1,200 @@
+"""The sections of a report: plain records that know how to show themselves."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from joblib import cpu_count
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.palette import class_palette, rgb_to_hex
+from mlsroad_pipeline.reporting.html.parts import cell, data_uri, figure_pixels, note, table_html
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class FactsSection:
+    """Names and values: what was run, with which model, on which data.
+
+    Parameters
+    ----------
+    title : str
+        The heading.
+    facts : mapping of str to any
+        Names and values, in order.
+    """
+
+    title: str
+    facts: Mapping[str, Any]
+
+    def body(self) -> str:
+        """Return a description list."""
+        items = (f"<dt>{escape(str(name))}</dt><dd>{cell(value)}</dd>" for name, value in self.facts.items())
+        return f"<dl>{''.join(items)}</dl>"
+
+
+@dataclass(frozen=True)
+class TableSection:
+    """A table, such as the quality of the survey per file, or the scores.
+
+    Parameters
+    ----------
+    title : str
+        The heading.
+    table : DataFrame
+        The table.
+    note : str, default ""
+        A sentence above it.
+    largest : int, default 500
+        The most rows to show; the rest is said to be left out.
+    """
+
+    title: str
+    table: pd.DataFrame
+    note: str = ""
+    largest: int = 500
+
+    def body(self) -> str:
+        """Return the note and the table."""
+        if self.table.empty:
+            return note(self.note) + '<p class="none">Nothing to show.</p>'
+        left_out = len(self.table) - self.largest
+        more = f'<p class="none">{left_out} more rows are left out.</p>' if left_out > 0 else ""
+        return note(self.note) + table_html(self.table.head(self.largest)) + more
+
+
+@dataclass(frozen=True)
+class FiguresSection:
+    """Figures and pictures with their captions.
+
+    Parameters
+    ----------
+    title : str
+        The heading.
+    figures : mapping of str to matplotlib Figure or ndarray of uint8, shape (height, width, 3)
+        Caption to figure or picture.
+    """
+
+    title: str
+    figures: Mapping[str, Figure | NDArray[np.uint8]]
+
+    def body(self) -> str:
+        """Return the figures, embedded."""
+        drawn = self.figures.values()
+        pictures = [figure if isinstance(figure, np.ndarray) else figure_pixels(figure) for figure in drawn]
+        with ThreadPoolExecutor(max_workers=cpu_count()) as pool:  # encoding lets go of the interpreter
+            addresses = list(pool.map(data_uri, pictures))
+        return "".join(
+            f'<figure><img alt="{escape(caption, quote=True)}" src="{address}">'
+            f"<figcaption>{escape(caption)}</figcaption></figure>\n"
+            for caption, address in zip(self.figures, addresses, strict=True)
+        )
+
+
+@dataclass(frozen=True)
+class DistributionSection:
+    """How many points of a survey each class has, as bars in the colours of the pictures.
+
+    Parameters
+    ----------
+    title : str
+        The heading.
+    counts : mapping of str to int
+        Class to number of points, in label order; a class ``"unlabelled"`` may stand among them.
+    note : str, default ""
+        A sentence above the bars.
+    scheme : ClassScheme, optional
+        Fixes the colours; None finds them by the names.
+    """
+
+    title: str
+    counts: Mapping[str, int]
+    note: str = ""
+    scheme: ClassScheme | None = None
+
+    def body(self) -> str:
+        """Return one bar per class."""
+        total = sum(self.counts.values())
+        colours = dict(zip(self.counts, class_palette(tuple(self.counts)), strict=False))
+        if self.scheme is not None:
+            colours |= zip(self.scheme.classes, class_palette(self.scheme), strict=False)
+        rows = []
+        for name, count in self.counts.items():
+            colour = colours[name]
+            share = count / total if total else 0.0
+            rows.append(
+                f'<tr><th scope="row"><i style="background:{rgb_to_hex(colour)}"></i>'
+                f'{escape(name.replace("_", " "))}</th><td class="number">{cell(int(count))}</td>'
+                f'<td class="number">{100 * share:.2f} %</td>'
+                f'<td class="bar"><b style="width:{100 * share:.2f}%;background:{rgb_to_hex(colour)}"></b></td></tr>\n'
+            )
+        head = '<th scope="col">class</th><th class="number">points</th><th class="number">share</th><th></th>'
+        return note(self.note) + f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+
+
+@dataclass(frozen=True)
+class InventorySection:
+    """The road objects: how many of each class, the first of them, and where the map layer lies.
+
+    Parameters
+    ----------
+    title : str
+        The heading.
+    objects : DataFrame
+        One row per object, with a column `class`.
+    geopackage : str, default ""
+        Path or address of the GeoPackage, relative to the report where they lie together.
+    largest : int, default 50
+        The most objects to list.
+    """
+
+    title: str
+    objects: pd.DataFrame
+    geopackage: str = ""
+    largest: int = 50
+
+    def body(self) -> str:
+        """Return counts, the link and the first objects."""
+        path = escape(self.geopackage, quote=True)
+        # an address such as "javascript:..." must not become a link
+        safe = not re.match(r"^[A-Za-z][A-Za-z0-9+.\-]*:", self.geopackage) or self.geopackage.startswith("https://")
+        target = f'<a href="{path}">{path}</a>' if safe else path
+        link = f"<p>All objects as map layers: {target}</p>" if self.geopackage else ""
+        if self.objects.empty:
+            return link + '<p class="none">No objects were found.</p>'
+        counts = self.objects.groupby("class", sort=True).size().rename("objects").reset_index()
+        listed = self.objects.head(self.largest)
+        heading = f"<h3>The first {len(listed)} of {len(self.objects)} objects</h3>"
+        return table_html(counts) + link + heading + table_html(listed.reset_index(drop=True))
+
+
+@dataclass(frozen=True)
+class WarningsSection:
+    """What the reader should know before trusting the rest.
+
+    Parameters
+    ----------
+    title : str
+        The heading.
+    messages : sequence of str
+        One message each; none is said to be none.
+    """
+
+    title: str
+    messages: Sequence[str] = field(default_factory=tuple)
+
+    def body(self) -> str:
+        """Return the messages as a list."""
+        if not self.messages:
+            return '<p class="none">None.</p>'
+        return '<ul class="warnings">' + "".join(f"<li>{escape(m)}</li>" for m in self.messages) + "</ul>"

@@ -1,0 +1,25 @@
+"""The survey simulator: a street that a mobile mapping van really scans."""
+
+from mlsroad_pipeline.simulation.cameras.cameras import Image
+from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem
+from mlsroad_pipeline.simulation.parameters.known_scanners import SCANNERS
+from mlsroad_pipeline.simulation.parameters.presets import PRESETS, SimulationParameters
+from mlsroad_pipeline.simulation.runtime.long_surveys import long_survey, stream_points, survey_chunks
+from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
+from mlsroad_pipeline.simulation.runtime.survey import Survey, SurveyPieces, simulate_survey
+
+__all__ = [
+    "PRESETS",
+    "SCANNERS",
+    "Device",
+    "Image",
+    "ScannerSystem",
+    "SimulationParameters",
+    "Survey",
+    "SurveyPieces",
+    "SurveyStream",
+    "long_survey",
+    "simulate_survey",
+    "stream_points",
+    "survey_chunks",
+]

@@ -1,0 +1,1 @@
+"""Articulated bodies of people and animals."""

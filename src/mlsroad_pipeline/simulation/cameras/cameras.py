@@ -1,0 +1,290 @@
+"""Three cameras on the van: images of the scene under sun and sky, and their labels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.geometry.lenses import undistort
+from mlsroad_pipeline.simulation.cameras.lighting import Light, expose, radiance
+from mlsroad_pipeline.simulation.model.meshes import rotation_matrix
+from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
+from mlsroad_pipeline.simulation.rays.scene import RayScene
+from mlsroad_pipeline.simulation.scanning.scanner import pose_between
+from mlsroad_pipeline.simulation.street.drive import RATE, Drive
+from mlsroad_pipeline.simulation.street.street import generator
+
+CAMERAS: dict[str, tuple[float, float, tuple[float, float, float], float]] = {
+    "front_left": (np.radians(24.0), np.radians(6.0), (0.35, 0.4, 0.25), np.radians(75.0)),
+    "front_right": (np.radians(-24.0), np.radians(6.0), (0.35, -0.4, 0.25), np.radians(75.0)),
+    "back": (np.pi, np.radians(8.0), (-0.6, 0.0, 0.25), np.radians(85.0)),
+}
+"""Yaw and pitch (nose down) in the van's frame, place on it (m), horizontal field of view (radians)."""
+
+DISTORTION: dict[str, tuple[float, float, float, float, float]] = {
+    "front_left": (-0.105, 0.021, 0.0006, -0.0004, -0.0012),
+    "front_right": (-0.098, 0.018, -0.0003, 0.0005, -0.0009),
+    "back": (-0.118, 0.022, 0.0002, 0.0003, -0.0014),
+}
+"""k1, k2, p1, p2, k3 of each camera's lens; see `distort`."""
+
+# A camera looks along +z, x to the right, y down; the van's x is forward, y left, z up.
+_AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+
+
+@dataclass(frozen=True)
+class Image:
+    """An image with its calibration and pose.
+
+    A point p, in world coordinates minus the survey's origin, is at R p + t in the camera's frame (x right, y down, z
+    forward); divided by its z, distorted and multiplied by K it is a pixel. Pixel centres have integer coordinates. The
+    pose is that of the middle row; others are exposed earlier and later.
+
+    Parameters
+    ----------
+    name : str
+        File stem, unique in the survey.
+    camera : str
+        One of `CAMERAS`.
+    time : float
+        GPS seconds.
+    rgb : ndarray of shape (height, width, 3), uint8
+        The image.
+    label : ndarray of shape (height, width), uint8
+        Taxonomy codes, 0 in the sky.
+    instance : ndarray of shape (height, width), int32
+        Instances, 0 where there is none.
+    R : ndarray of shape (3, 3), float64
+        Rotation, by the reported trajectory.
+    t : ndarray of shape (3,), float64
+        Translation, metres.
+    K : ndarray of shape (3, 3), float64
+        Calibration, pixels.
+    distortion : ndarray of shape (5,), float64
+        k1, k2, p1, p2, k3; see `distort`.
+    width, height : int
+        Size, pixels.
+    """
+
+    name: str
+    camera: str
+    time: float
+    rgb: NDArray[np.uint8]
+    label: NDArray[np.uint8]
+    instance: NDArray[np.int32]
+    R: NDArray[np.float64]
+    t: NDArray[np.float64]
+    K: NDArray[np.float64]
+    distortion: NDArray[np.float64]
+    width: int
+    height: int
+
+
+def calibration(camera: str, parameters: SimulationParameters) -> NDArray[np.float64]:
+    """Return a camera's K: square pixels, principal point a little off the middle.
+
+    Parameters
+    ----------
+    camera : str
+        One of `CAMERAS`.
+    parameters : SimulationParameters
+        Image size.
+
+    Returns
+    -------
+    ndarray of shape (3, 3), float64
+        The calibration matrix, pixels; pixel centres have integer coordinates.
+
+    Raises
+    ------
+    KeyError
+        If there is no such camera.
+    """
+    width, height = parameters.image_width, parameters.image_height
+    focal = 0.5 * width / np.tan(CAMERAS[camera][3] / 2)
+    off = {"front_left": 0.006, "front_right": -0.004, "back": 0.003}[camera]
+    return np.array(
+        [[focal, 0, (width - 1) / 2 + off * width], [0, focal, (height - 1) / 2 - off * width], [0, 0, 1.0]]
+    )
+
+
+def camera_pose(camera: str, pose: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return rotation and translation of a camera on the van.
+
+    Parameters
+    ----------
+    camera : str
+        One of `CAMERAS`.
+    pose : ndarray of shape (6,), float64
+        The van's x, y, z (street-local metres), roll, pitch, heading (radians; see `Drive`).
+
+    Returns
+    -------
+    rotation : ndarray of shape (3, 3), float64
+        R of `Image`: from street-local axes to the camera's.
+    translation : ndarray of shape (3,), float64
+        t of `Image`, metres.
+
+    Raises
+    ------
+    KeyError
+        If there is no such camera.
+    """
+    yaw, pitch, lever, _ = CAMERAS[camera]
+    van = rotation_matrix(pose[5], pose[4], pose[3])
+    rotation = _AXES @ (van @ rotation_matrix(yaw, pitch, 0.0)).T
+    return rotation, -rotation @ (pose[:3] + van @ np.array(lever))
+
+
+def pose_at(poses: NDArray[np.float64], time: float) -> NDArray[np.float64]:
+    """Interpolate a pose linearly; before the first and after the last it is held.
+
+    Parameters
+    ----------
+    poses : ndarray of shape (m, 6), float64
+        At least two poses, `RATE` per second from time 0 on; angles must be continuous.
+    time : float
+        Seconds since the start.
+
+    Returns
+    -------
+    ndarray of shape (6,), float64
+        The pose.
+    """
+    u = min(max(time * RATE, 0.0), len(poses) - 1.000001)
+    k = int(u)
+    row: NDArray[np.float64] = poses[k] + (u - k) * (poses[k + 1] - poses[k])
+    return row
+
+
+def take_image(
+    scene: RayScene,
+    drive: Drive,
+    light: Light,
+    parameters: SimulationParameters,
+    *,
+    camera: str,
+    time: float,
+    name: str,
+) -> tuple[Image, NDArray[np.float32]]:
+    """Take one image.
+
+    Parameters
+    ----------
+    scene : RayScene
+        What there is to see.
+    drive : Drive
+        Where the van is.
+    light : Light
+        Sun and sky.
+    parameters : SimulationParameters
+        Image size and the clock.
+    camera : str
+        One of `CAMERAS`.
+    time : float
+        Seconds since the start.
+    name : str
+        Name of the image.
+
+    Returns
+    -------
+    image : Image
+        The image, posed by the reported trajectory.
+    depth : ndarray of shape (height, width), float32
+        Depth along the optical axis in metres, infinite in the sky.
+    """
+    width, height = parameters.image_width, parameters.image_height
+    k, distortion = calibration(camera, parameters), np.array(DISTORTION[camera])
+    yaw, pitch, lever, _ = CAMERAS[camera]
+    mounting = rotation_matrix(yaw, pitch, 0.0) @ _AXES.T
+    rays, cosine, times = _pixel_rays(
+        width, height, _directions(k.tobytes(), distortion.tobytes(), width, height), mounting, np.array(lever),
+        drive.true, scene.centre, time, parameters.image_readout,
+    )  # fmt: skip
+    hits = scene.cast(rays, times)
+    surfaces = scene.resolve(hits, rays)
+    rows, shadow = _shadow_rays(hits.distance, hits.normal, rays, light.sun)
+    lit = np.zeros(len(rays), dtype=np.bool_)
+    lit[rows] = ~scene.occluded(shadow, times[rows])
+    light_at = radiance(surfaces, hits.normal, rays, hits.distance, lit, light)
+    rng = generator(scene.street.seed, 41, round(time * RATE), sorted(CAMERAS).index(camera))
+    grain = rng.standard_normal((len(rays), 3), dtype=np.float32)
+    rgb = expose(light_at, _exposure(light_at, cosine), grain)
+    r, t = camera_pose(camera, pose_at(drive.reported, time))
+    instance = np.where(hits.face >= 0, scene.instances[hits.face], np.int32(0))
+    image = Image(
+        name, camera, time + drive.start, rgb.reshape(height, width, 3), surfaces.label.reshape(height, width),
+        instance.reshape(height, width), r, t, k, distortion, width, height,
+    )  # fmt: skip
+    return image, (hits.distance * cosine).astype(np.float32).reshape(height, width)
+
+
+def _exposure(light_at: NDArray[np.float32], cosine: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return what the camera's automatic exposure and the lens's vignetting do to each pixel."""
+    gain = np.clip((0.42 / max(float(light_at.mean()), 1e-3)) ** 0.6, 0.6, 1.7)
+    shade: NDArray[np.float32] = np.float32(gain) * (np.float32(0.45) + np.float32(0.55) * cosine**4)
+    return shade
+
+
+@lru_cache(maxsize=8)
+def _directions(k: bytes, distortion: bytes, width: int, height: int) -> NDArray[np.float64]:
+    """Return the unit directions of the pixels' centres in the camera's frame, row by row."""
+    matrix = np.frombuffer(k).reshape(3, 3)
+    v, u = np.divmod(np.arange(width * height), width)
+    plane = np.column_stack([(u - matrix[0, 2]) / matrix[0, 0], (v - matrix[1, 2]) / matrix[1, 1]])
+    directions = np.column_stack([undistort(plane, np.frombuffer(distortion)), np.ones(len(plane))])
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+@njit(cache=True, nogil=True)
+def _pixel_rays(
+    width: int, height: int, directions: NDArray[np.float64], mounting: NDArray[np.float64],
+    lever: NDArray[np.float64], poses: NDArray[np.float64], centre: NDArray[np.float64], time: float, readout: float,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]]:  # fmt: skip
+    """Return the rays through the pixels' centres, row by row, their cosines to the optical axis and their times."""
+    rays, cosine = np.empty((width * height, 6), dtype=np.float32), np.empty(width * height, dtype=np.float32)
+    times = np.empty(width * height)
+    position, turn, ends = np.empty(3), np.empty((3, 3)), np.empty((2, 3, 3))
+    knot = -1
+    for v in range(height):
+        moment = time + readout * (v / (height - 1) - 0.5)
+        knot = pose_between(moment, poses, knot, ends, position, turn)
+        looking = turn @ mounting
+        eye = position + turn @ lever - centre
+        for u in range(width):
+            i = v * width + u
+            cosine[i], times[i] = directions[i, 2], moment
+            for r in range(3):
+                rays[i, r] = eye[r]
+                rays[i, 3 + r] = (
+                    looking[r, 0] * directions[i, 0]
+                    + looking[r, 1] * directions[i, 1]
+                    + looking[r, 2] * directions[i, 2]
+                )
+    return rays, cosine, times
+
+
+@njit(cache=True, nogil=True)
+def _shadow_rays(
+    distance: NDArray[np.float32], normal: NDArray[np.float32], rays: NDArray[np.float32], sun: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Return rays towards the sun from where rays met a face that looks at it, and which rays those are."""
+    rows, shadow = np.empty(len(distance), dtype=np.int64), np.empty((len(distance), 6), dtype=np.float32)
+    n = 0
+    for i in range(len(distance)):
+        if not np.isfinite(distance[i]):
+            continue
+        to_eye = -(normal[i, 0] * rays[i, 3] + normal[i, 1] * rays[i, 4] + normal[i, 2] * rays[i, 5])
+        to_sun = normal[i, 0] * sun[0] + normal[i, 1] * sun[1] + normal[i, 2] * sun[2]
+        if to_eye * to_sun <= 0:
+            continue
+        rows[n] = i
+        for r in range(3):
+            shadow[n, r] = rays[i, r] + distance[i] * rays[i, 3 + r] + 0.02 * sun[r]
+            shadow[n, 3 + r] = sun[r]
+        n += 1
+    return rows[:n], shadow[:n]

@@ -1,0 +1,192 @@
+"""Sun and sky, and what surfaces look like under them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.simulation.model.materials import value_noise
+from mlsroad_pipeline.simulation.model.meshes import FOLIAGE, GLASS, PAINT
+from mlsroad_pipeline.simulation.rays.surfaces import WET, Surfaces
+from mlsroad_pipeline.simulation.street.street import generator
+
+
+@dataclass(frozen=True)
+class Light:
+    """Sun, sky and exposure of a survey.
+
+    Parameters
+    ----------
+    sun : ndarray of shape (3,), float64
+        Unit vector towards the sun.
+    sun_rgb, sky_rgb : ndarray of shape (3,), float64
+        Irradiance from the sun and from the sky.
+    haze : float
+        Share of light lost per metre.
+    """
+
+    sun: NDArray[np.float64]
+    sun_rgb: NDArray[np.float64]
+    sky_rgb: NDArray[np.float64]
+    haze: float
+
+
+def draw_light(seed: int) -> Light:
+    """Return the light of a survey: time of day and weather follow from the seed.
+
+    Parameters
+    ----------
+    seed : int
+        The survey's seed, non-negative.
+
+    Returns
+    -------
+    Light
+        The sun stands 25 to 65 degrees high.
+    """
+    rng = generator(seed, 40)
+    azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(25, 65))
+    sun = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
+    strength, sky = rng.uniform(0.6, 2.4), rng.uniform(0.75, 1.1)
+    return Light(
+        sun, strength * np.array([1.0, 0.94, 0.84]), sky * np.array([0.72, 0.82, 1.0]), rng.uniform(0.0002, 0.0018)
+    )
+
+
+def _exposure_curve() -> NDArray[np.uint8]:
+    """Return sRGB values of radiances 0 to 4 in steps of 1/2048: a soft shoulder instead of clipping."""
+    exposed = 1.0 - np.exp(-1.25 * (np.arange(8192) + 0.5) / 2048.0)
+    curve = np.where(exposed < 0.0031308, 12.92 * exposed, 1.055 * exposed ** (1 / 2.4) - 0.055)
+    return (255.0 * curve + 0.5).astype(np.uint8)
+
+
+_CURVE = _exposure_curve()
+
+
+def shade(
+    surfaces: Surfaces, normal: NDArray[np.float32], rays: NDArray[np.float32], distance: NDArray[np.float32],
+    lit: NDArray[np.bool_], light: Light, grain: NDArray[np.float32],
+) -> NDArray[np.uint8]:  # fmt: skip
+    """Return what rays see; those with infinite distance see the sky.
+
+    Parameters
+    ----------
+    surfaces : Surfaces
+        What the n rays met.
+    normal : ndarray of shape (n, 3), float32
+        Unit normals there, either side.
+    rays : ndarray of shape (n, 6), float32
+        Origins and unit directions.
+    distance : ndarray of shape (n,), float32
+        Metres along the rays; haze grows with it.
+    lit : ndarray of shape (n,), bool
+        Whether the sun reaches the place.
+    light : Light
+        Sun and sky.
+    grain : ndarray of shape (n, 3), float32
+        Standard normal numbers that the camera's noise is made of; zeros for none.
+
+    Returns
+    -------
+    ndarray of shape (n, 3), uint8
+        sRGB values.
+    """
+    light_at = radiance(surfaces, normal, rays, distance, lit, light)
+    return expose(light_at, np.ones(len(lit), np.float32), grain)
+
+
+def radiance(
+    surfaces: Surfaces, normal: NDArray[np.float32], rays: NDArray[np.float32], distance: NDArray[np.float32],
+    lit: NDArray[np.bool_], light: Light,
+) -> NDArray[np.float32]:  # fmt: skip
+    """Return the light that comes along rays, see `shade` for the parameters.
+
+    Parameters
+    ----------
+    surfaces, normal, rays, distance, lit, light
+        As for `shade`.
+
+    Returns
+    -------
+    ndarray of shape (n, 3), float32
+        Linear radiance; about 1 is a white wall in the sun.
+    """
+    return _radiance(surfaces, normal, rays, distance, lit, light.sun, light.sun_rgb, light.sky_rgb, light.haze)
+
+
+def expose(
+    light_at: NDArray[np.float32], exposure: NDArray[np.float32], grain: NDArray[np.float32]
+) -> NDArray[np.uint8]:
+    """Return what a sensor makes of light: exposure, shot and read noise, a soft shoulder, sRGB.
+
+    Parameters
+    ----------
+    light_at : ndarray of shape (n, 3), float32
+        Linear radiance.
+    exposure : ndarray of shape (n,), float32
+        Factor on it at each place: gain and vignetting.
+    grain : ndarray of shape (n, 3), float32
+        Standard normal numbers that the noise is made of; zeros for none.
+
+    Returns
+    -------
+    ndarray of shape (n, 3), uint8
+        sRGB values.
+    """
+    return _expose(light_at, exposure, grain, _CURVE)
+
+
+@njit(cache=True, nogil=True)
+def _expose(
+    light_at: NDArray[np.float32], exposure: NDArray[np.float32], grain: NDArray[np.float32], curve: NDArray[np.uint8]
+) -> NDArray[np.uint8]:
+    out = np.empty(light_at.shape, dtype=np.uint8)
+    for i in range(len(light_at)):
+        for c in range(3):
+            value = light_at[i, c] * exposure[i]
+            value = max(value + grain[i, c] * (0.003 + 0.012 * np.sqrt(value)), 0.0)
+            out[i, c] = curve[min(int(value * 2048.0), len(curve) - 1)]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _clouds(dx: float, dy: float, dz: float) -> float:
+    """Return how much of the sky is cloud in a direction, 0 to 1."""
+    if dz < 0.02:
+        return 0.0
+    x, y = dx / (dz + 0.15), dy / (dz + 0.15)
+    cover = 0.6 * value_noise(x * 1.3, y * 1.3, 3.5) + 0.4 * value_noise(x * 4.1, y * 4.1, 8.5)
+    return min(max((cover - 0.5) * 4.0, 0.0), 1.0)
+
+
+@njit(cache=True, nogil=True)
+def _radiance(
+    surfaces: Surfaces, normal: NDArray[np.float32], rays: NDArray[np.float32], distance: NDArray[np.float32],
+    lit: NDArray[np.bool_], sun: NDArray[np.float64], sun_rgb: NDArray[np.float64], sky_rgb: NDArray[np.float64],
+    haze: float,
+) -> NDArray[np.float32]:  # fmt: skip
+    out = np.empty((len(lit), 3), dtype=np.float32)
+    for i in range(len(lit)):
+        dx, dy, dz = rays[i, 3], rays[i, 4], rays[i, 5]
+        sky = 0.55 + 0.45 * (1.0 - max(dz, 0.0)) ** 3
+        nx, ny, nz = normal[i, 0], normal[i, 1], normal[i, 2]
+        if nx * dx + ny * dy + nz * dz > 0:
+            nx, ny, nz = -nx, -ny, -nz
+        direct = max(nx * sun[0] + ny * sun[1] + nz * sun[2], 0.0) if lit[i] else 0.0
+        kind = surfaces.kind[i]
+        if kind == FOLIAGE:  # leaves let light through
+            direct = 0.35 + 0.65 * direct if lit[i] else 0.0
+        seen = np.isfinite(distance[i])
+        fade = np.exp(-haze * distance[i]) if seen else 0.0
+        cloud = 0.0 if seen else _clouds(dx, dy, dz)
+        gloss = 0.25 if kind == GLASS else 0.06 if kind == PAINT else 0.0
+        if kind == WET:
+            gloss = 0.04 + 0.5 * (1.0 - min(abs(nx * dx + ny * dy + nz * dz), 1.0)) ** 3
+        for c in range(3):
+            behind = sky * sky_rgb[c] * (1 - cloud) + cloud * 0.95
+            value = surfaces.rgb[i, c] * (direct * sun_rgb[c] + (0.45 + 0.35 * nz) * sky_rgb[c])
+            out[i, c] = fade * ((1 - gloss) * value + gloss * sky_rgb[c]) + (1 - fade) * behind
+    return out

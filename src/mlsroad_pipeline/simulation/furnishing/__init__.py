@@ -1,0 +1,1 @@
+"""Placement of objects along the street."""

@@ -1,0 +1,142 @@
+"""Blocks of a street with all that stands and moves in them, ready to be handed to whoever casts rays into them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.simulation.furnishing.layout import populate
+from mlsroad_pipeline.simulation.furnishing.placement import Box, Placed, box_around
+from mlsroad_pipeline.simulation.furnishing.traffic import draw_traffic
+from mlsroad_pipeline.simulation.objects.dimensions import Measures, measure
+from mlsroad_pipeline.simulation.rays.moving import Mover
+from mlsroad_pipeline.simulation.rays.standing import Soup, gather
+from mlsroad_pipeline.simulation.street.drive import Drive
+from mlsroad_pipeline.simulation.street.ground_mesh import ground_mesh
+from mlsroad_pipeline.simulation.street.street import BLOCK, Street
+
+PASS_INSTANCES = 10_000_000
+"""Moving objects of a further pass are numbered this much higher, as they are others."""
+
+
+class ObjectRecord(NamedTuple):
+    """The truth about one object.
+
+    Parameters
+    ----------
+    instance, label : int
+        Its number and the taxonomy code of the whole.
+    design : str
+        Name of what it was built from.
+    base : ndarray of shape (3,), float64
+        Where it stands, street-local metres; of a moving object when the van passes it.
+    moving : bool
+        Whether it moves.
+    box : Box
+        The box around it.
+    hard_case : str
+        Why it is hard to tell from its neighbour, where it was placed so.
+    measures : Measures
+        Lean and plates of poles and signs; those of the panel's middle are street-local.
+    """
+
+    instance: int
+    label: int
+    design: str
+    base: NDArray[np.float64]
+    moving: bool
+    box: Box
+    hard_case: str
+    measures: Measures
+
+
+@dataclass(frozen=True)
+class Block:
+    """A populated block.
+
+    Parameters
+    ----------
+    soup : Soup
+        What stands in it.
+    movers : list of Mover
+        What moves and is met in it.
+    records : list of ObjectRecord
+        The truth about both.
+    """
+
+    soup: Soup
+    movers: list[Mover]
+    records: list[ObjectRecord]
+
+
+def block_centre(street: Street, number: int) -> tuple[NDArray[np.float64], float]:
+    """Return the middle of a block in whole metres, and the direction of the street there.
+
+    Parameters
+    ----------
+    street : Street
+        The street.
+    number : int
+        The block.
+
+    Returns
+    -------
+    centre : ndarray of shape (3,), float64
+        Street-local metres.
+    heading : float
+        Radians.
+    """
+    xy, heading = street.alignment.place([(number + 0.5) * BLOCK], [0.0])
+    z = street.ground.height([(number + 0.5) * BLOCK], [0.0])
+    return np.round(np.array([xy[0, 0], xy[0, 1], z[0]])), float(heading[0])
+
+
+def build_block(street: Street, drive: Drive, number: int, *, pass_number: int = 0) -> Block:
+    """Populate a block.
+
+    Parameters
+    ----------
+    street : Street
+        The street.
+    drive : Drive
+        The vehicle's way through it, which the traffic meets.
+    number : int
+        The block.
+    pass_number : int, default 0
+        Which pass through the street it is; others move when the vehicle comes again.
+
+    Returns
+    -------
+    Block
+        The block; another call gives the same one.
+    """
+    placed = populate(street, number)
+    centre, heading = block_centre(street, number)
+    meshes = [ground_mesh(street, number), *(p.mesh for p in placed)]
+    soup = gather(meshes, [0, *(p.instance for p in placed)], centre, heading=heading)
+    other = replace(street, seed=street.seed + 1_000_003 * pass_number)
+    movers = [
+        replace(m, instance=m.instance + PASS_INSTANCES * pass_number) for m in draw_traffic(other, drive, number)
+    ]
+    records = [_standing_record(p) for p in placed if p.instance]
+    return Block(soup, movers, records + [_moving_record(street, m) for m in movers])
+
+
+def _standing_record(placed: Placed) -> ObjectRecord:
+    return ObjectRecord(
+        placed.instance, placed.label, placed.design, placed.base, False, placed.box, placed.hard_case,
+        measure(placed.mesh, placed.label, placed.base),
+    )  # fmt: skip
+
+
+def _moving_record(street: Street, mover: Mover) -> ObjectRecord:
+    motion = mover.motion
+    xy, heading = street.alignment.place([motion.station], [motion.offset])
+    z = street.ground.height([motion.station], [motion.offset])
+    base = np.array([xy[0, 0], xy[0, 1], z[0]])
+    turn = float(heading[0]) + (np.pi if motion.speed < 0 else 0.0)
+    box = box_around(mover.mesh, base, turn)
+    return ObjectRecord(mover.instance, mover.label, mover.design, base, True, box, "", Measures())

@@ -1,0 +1,197 @@
+"""Buildings and what stands on property lines. Local x is along the street, -y faces it, the front is at y = 0."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mlsroad_pipeline.simulation.furnishing.facades import Openings, balconies, boxes, shop_front, stairs
+from mlsroad_pipeline.simulation.model.materials import material
+from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.solids import box, quads
+
+_UNDERGROUND = 1.5  # walls go this deep, so that slopes leave no gap
+
+
+class _Plan:
+    """The measures that all openings of one front share."""
+
+    def __init__(self, rng: np.random.Generator, length: float, *, shop: bool, plinth: float) -> None:
+        self.length, self.plinth = length, plinth
+        self.storeys = int(rng.integers(1, 5)) if rng.random() < 0.8 else 5
+        if shop:
+            self.storeys = max(self.storeys, 2)
+        self.storey = rng.uniform(2.7, 3.4)
+        self.bays = max(int(length / rng.uniform(2.2, 3.6)), 1)
+        self.width = min(rng.uniform(0.9, 1.7), length / self.bays - 0.6)
+        self.sill, self.tall = rng.uniform(0.75, 0.95), rng.uniform(1.2, 1.7)
+        self.recess, self.room = rng.uniform(0.06, 0.25), rng.uniform(1.5, 4.0)
+        self.top = plinth + self.storeys * self.storey
+        self.door = int(rng.integers(self.bays))
+        self.shop = shop
+
+    def openings(self, rng: np.random.Generator) -> tuple[Openings, Openings, Openings]:
+        """Return windows, doors and shop windows."""
+        level, bay = (g.ravel() for g in np.meshgrid(np.arange(self.storeys), np.arange(self.bays), indexing="ij"))
+        wide = self.length / self.bays
+        x0, z0 = -self.length / 2 + bay * wide, self.plinth + level * self.storey
+        cell = np.stack([x0, x0 + wide, z0, z0 + self.storey], axis=1)
+        ground, door = level == 0, (level == 0) & (bay == self.door)
+        shop = ground & ~door & self.shop
+        opened = np.where(shop, max(wide - 0.5, self.width), self.width)
+        left, right = x0 + (wide - opened) / 2, x0 + (wide + opened) / 2
+        sill = np.where(shop, 0.35, np.where(door, 0.02, self.sill))
+        # Some windows of the upper floors reach down to the floor.
+        french = (level > 0) & (rng.random(len(level)) < 0.25)
+        sill = np.where(french, 0.12, sill)
+        high = np.where(shop, 2.5, np.where(door, 2.15, self.sill + self.tall))
+        recess = np.where(door & (rng.random() < 0.4), rng.uniform(0.6, 1.1), self.recess)
+        top = np.minimum(z0 + high, z0 + self.storey - 0.25)
+        every = Openings(cell, left, right, np.asarray(z0 + sill, float), np.asarray(top, float), recess)
+        return every.of(~door & ~shop), every.of(door), every.of(shop)
+
+
+def building(rng: np.random.Generator, length: float, *, shop: bool = False, plinth: float = 0.0) -> Mesh:
+    """Return a building of one to five storeys: windows in reveals with rooms behind the glass, a door, a roof.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of its design, measures and colours.
+    length : float
+        Length of the front along x, metres.
+    shop : bool, default False
+        Whether there are shop windows on the ground floor, with signs and awnings.
+    plinth : float, default 0
+        Height of the ground floor above the ground, metres; stairs lead up to the door.
+
+    Returns
+    -------
+    Mesh
+        Centred on x = 0, 7 to 12 m deep towards +y, walls 1.5 m into the ground; faces are `building`, steps `stairs`.
+    """
+    plan = _Plan(rng, length, shop=shop, plinth=plinth)
+    skin = material(str(rng.choice(["plaster", "brick", "stone", "concrete"])), "building", rng)
+    windows, doors, shops = plan.openings(rng)
+    glass, frame = material("glass", "building", rng), material("plaster", "building", rng)
+    wood = material("wood", "building", rng)
+    meshes = [windows.wall(skin), doors.wall(skin), windows.panes(glass), windows.frames(frame, sill=True)]
+    meshes.append(doors.panes(wood))
+    if len(shops.low):
+        meshes += [shops.wall(skin), shops.panes(glass), shops.frames(frame, sill=False)]
+        meshes += shop_front(rng, float(shops.left[0]), float(shops.right[-1]), float(shops.high[0]))
+    draped = rng.random(len(windows.low)) < 0.45
+    meshes.append(windows.of(draped).curtains(material("curtain", "building", rng), rng))
+    if rng.random() < 0.25:
+        meshes.append(windows.of(windows.cell[:, 2] > -1).shutters(wood))
+    upper = windows.of((windows.cell[:, 2] > plinth + 1) & (rng.random(len(windows.low)) < 0.5))
+    if rng.random() < 0.45 and len(upper.low):
+        meshes += balconies(upper, skin, material("painted_metal", "building", rng), rng.uniform(0.7, 1.2))
+    middle, wide = float(doors.left[0] + doors.right[0]) / 2, float(doors.right[0] - doors.left[0])
+    meshes.append(stairs(rng, middle, wide, max(plinth, 0.12)))
+    return join([*meshes, *_shell(rng, plan, skin, material("room", "building", rng))])
+
+
+def _shell(rng: np.random.Generator, plan: _Plan, skin: Surface, room: Surface) -> list[Mesh]:
+    """Return the walls without openings, floors, the rooms' back wall, a cornice and the roof."""
+    h, depth = plan.length / 2, rng.uniform(7, 12)
+    height = plan.top + rng.uniform(0.2, 0.6)
+    base = [[-h, 0, -_UNDERGROUND], [h, 0, -_UNDERGROUND], [h, 0, plan.plinth], [-h, 0, plan.plinth]]
+    parapet = [[-h, 0, plan.top], [h, 0, plan.top], [h, 0, height], [-h, 0, height]]
+    ends = [[[x, 0, -_UNDERGROUND], [x, depth, -_UNDERGROUND], [x, depth, height], [x, 0, height]] for x in (-h, h)]
+    back = [[-h, depth, -_UNDERGROUND], [h, depth, -_UNDERGROUND], [h, depth, height], [-h, depth, height]]
+    inner = plan.recess + plan.room
+    rear = [[-h, inner, 0], [h, inner, 0], [h, inner, height], [-h, inner, height]]
+    levels = plan.plinth + plan.storey * np.arange(plan.storeys + 1)
+    floors = [[[-h, 0.3, z], [h, 0.3, z], [h, inner, z], [-h, inner, z]] for z in levels]
+    cornice = box([plan.length, 0.12, 0.15], [0, -0.05, height - 0.1], skin)
+    return [quads([base, parapet, *ends, back], skin), quads([rear, *floors], room), cornice,
+            *_roof(rng, plan.length, depth, height)]  # fmt: skip
+
+
+def _roof(rng: np.random.Generator, length: float, depth: float, height: float) -> list[Mesh]:
+    tile = material("roof_tile", "building", rng)
+    h = length / 2 + 0.05
+    if rng.random() < 0.35:
+        return [box([length, depth, 0.2], [0, depth / 2, height + 0.1], material("concrete", "building", rng))]
+    over, ridge = rng.uniform(0.15, 0.5), height + depth / 2 * rng.uniform(0.3, 0.8)
+    low, middle, far = height - 0.1, depth / 2, depth + over
+    slopes = [
+        [[-h, -over, low], [h, -over, low], [h, middle, ridge], [-h, middle, ridge]],
+        [[-h, far, low], [-h, middle, ridge], [h, middle, ridge], [h, far, low]],
+    ]
+    gables = [[[x, 0, height], [x, depth, height], [x, middle, ridge], [x, middle, ridge]] for x in (-h, h)]
+    # A gutter along the eaves and a pipe down the front.
+    pipe = material("galvanised", "building", rng)
+    drain = boxes(
+        [[2 * h, 0.12, 0.1], [0.09, 0.09, height]], [[0, -over - 0.05, low], [h - 0.2, -0.08, height / 2]], pipe
+    )
+    return [quads([*slopes, *gables], tile), drain]
+
+
+def fence(rng: np.random.Generator, length: float) -> Mesh:
+    """Return a run of fence along x, centred: palings, railings, or wire mesh on posts.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of its design, measures and colour.
+    length : float
+        Length of the run, metres.
+
+    Returns
+    -------
+    Mesh
+        0.9 to 1.9 m high; every face is `fence`.
+    """
+    design = int(rng.integers(3))
+    skin = material(["wood", "painted_metal", "galvanised"][design], "fence", rng)
+    height, h = rng.uniform(0.9, 1.9), length / 2
+    posts = np.linspace(-h, h, max(int(length / 2.2), 1) + 1)
+    levels = (np.array([0.2, 0.8]) if design < 2 else np.arange(0.08, 1.0, 0.12 / height)) * height
+    thin = (0.06, 0.06, 0.005)[design]
+    step = (0.14, 0.13, 0.12)[design] * rng.uniform(0.8, 1.3)
+    width, thick = ((0.09, 0.02), (0.016, 0.016), (0.005, 0.005))[design]
+    xs = np.arange(-h + step, h, step)
+    tall = height * (rng.uniform(0.97, 1.03, len(xs)) if design == 0 else np.ones(len(xs)))
+    sizes = [
+        np.tile([0.09, 0.09, height + 0.6], (len(posts), 1)),
+        np.tile([length, thin * 0.5 if design < 2 else thin, thin], (len(levels), 1)),
+        np.stack([np.full(len(xs), width), np.full(len(xs), thick), tall - 0.06], axis=1),
+    ]
+    centres = [
+        np.stack([posts, np.zeros(len(posts)), np.full(len(posts), (height - 0.4) / 2)], axis=1),
+        np.stack([np.zeros(len(levels)), np.zeros(len(levels)), levels], axis=1),
+        np.stack([xs, np.full(len(xs), -0.03), tall / 2 + 0.03], axis=1),
+    ]
+    return boxes(np.concatenate(sizes), np.concatenate(centres), skin)
+
+
+def wall(rng: np.random.Generator, length: float) -> Mesh:
+    """Return a run of garden wall along x, centred, with a cap and sometimes pillars or railings on top.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of its material, measures and pillars.
+    length : float
+        Length of the run, metres.
+
+    Returns
+    -------
+    Mesh
+        0.6 to 2.1 m high, caps, pillars and railings on top; every face is `wall`, railings `fence`.
+    """
+    skin = material(str(rng.choice(["brick", "stone", "plaster", "concrete"])), "wall", rng)
+    height, thick = rng.uniform(0.6, 2.1), rng.uniform(0.18, 0.34)
+    meshes = [box([length, thick, height + 0.8], [0, 0, (height - 0.8) / 2], skin)]
+    meshes.append(box([length, thick + 0.08, 0.06], [0, 0, height + 0.03], material("stone", "wall", rng)))
+    if rng.random() < 0.5:
+        size = [thick + 0.12, thick + 0.12, height + 1.0]
+        meshes.append(boxes(size, [[x, 0, (height - 0.6) / 2] for x in (-length / 2, length / 2)], skin))
+    if height < 1.1 and rng.random() < 0.4:
+        iron, tall = material("painted_metal", "fence", rng), rng.uniform(0.4, 0.8)
+        xs = np.arange(-length / 2 + 0.12, length / 2, 0.13)
+        bars = np.stack([xs, np.zeros(len(xs)), np.full(len(xs), height + 0.06 + tall / 2)], axis=1)
+        meshes.append(boxes([0.016, 0.016, tall], bars, iron))
+        meshes.append(box([length, 0.03, 0.03], [0, 0, height + 0.03 + 0.9 * tall], iron))
+    return join(meshes)

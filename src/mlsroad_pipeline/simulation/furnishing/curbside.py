@@ -1,0 +1,295 @@
+"""What stands between the curb and the property line: lamps, trees in rows, signs, bus stops, furniture, people."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mlsroad_pipeline.simulation.furnishing import catalogue
+from mlsroad_pipeline.simulation.furnishing.overhead import dry_station
+from mlsroad_pipeline.simulation.furnishing.placement import Placed, Site
+from mlsroad_pipeline.simulation.furnishing.two_wheelers import is_left_out
+from mlsroad_pipeline.simulation.model.design import Design
+from mlsroad_pipeline.simulation.objects.people import WALKERS, conversation
+from mlsroad_pipeline.simulation.objects.sign_plates import sign_plate
+from mlsroad_pipeline.simulation.street.street import generator
+
+_FREE = ("palm", "tree", "cycas", "brushwood", "hydrant")  # these look any way
+_EVERY_BLOCK = (
+    ("palm", "traffic_sign", "brushwood", "cycas", "bin", "bollard", "tree"),
+    ("tree", "traffic_sign", "cycas", "bench", "brushwood", "palm", "other_object", "bicycle"),
+)
+"""What every street has on one side of a block or the other, as far as its parameters leave it in."""
+
+_CLUTTER = ("bin", "hydrant", "mail_box", "bollard", "other_object", "bench", "parking_meter", "bicycle", "animal",
+            "motorcycle")  # fmt: skip
+_GROUPS = 0.25  # share of places where people stand that are taken by several
+
+
+def _wanted(site: Site, label: str) -> float:
+    """Return how many of a class the street's parameters ask for, 1 as a rule."""
+    parameters = site.parameters
+    named = {"tree": parameters.trees, "palm": parameters.palms, "cycas": parameters.cycas, "person": parameters.people,
+             "brushwood": parameters.shrubs, "traffic_sign": parameters.signs}  # fmt: skip
+    return named.get(label, parameters.clutter)
+
+
+def _strip(site: Site, side: int, label: str) -> float:
+    """Return the offset of a place across the strip along the curb, or across a wide verge."""
+    half, _, curb, verge, _ = (float(v) for v in site.street.ground.section[side])
+    way = 1.0 if side == 0 else -1.0
+    if label in _FREE and verge > 2.6:
+        # Low plants edge the lane, the others are spread over the strip.
+        far = min(verge - 0.7, 1.8) if label == "cycas" else verge - 0.7
+        return way * (half + curb + float(site.rng.uniform(0.9, far)))
+    return site.street.kerb_zone(side) + float(site.rng.normal(0, 0.06))
+
+
+def _turned(site: Site, label: str, left: float) -> float:
+    if label in _FREE:
+        return float(site.rng.uniform(0, 6.28))
+    if label in ("traffic_sign", "station_sign"):
+        return site.facing_traffic(left) + float(site.rng.normal(0, 0.06))
+    if label in ("bicycle", "motorcycle"):
+        return float(site.rng.choice([0.0, np.pi])) + float(site.rng.normal(0, 0.2))
+    return site.toward_road(left) + float(site.rng.normal(0, 0.06))
+
+
+def somewhere(site: Site, label: str, side: int, *, tries: int = 12, design: Design | None = None) -> Placed | None:
+    """Place an object of a class at a free place along one curb.
+
+    Parameters
+    ----------
+    site : Site
+        The block.
+    label : str
+        Taxonomy class.
+    side : int
+        0 is left.
+    tries : int, default 12
+        Places to look at before giving up.
+    design : Design, optional
+        The design; None chooses one.
+
+    Returns
+    -------
+    Placed or None
+        The object, None where no free place was found.
+    """
+    chosen = design or catalogue.choose(label, site.rng)
+    mesh = chosen.build(site.rng)
+    width = float(site.street.ground.section[side, 2:].sum())
+    for _ in range(tries):
+        s, left = float(site.rng.uniform(site.start + 0.5, site.end - 0.5)), _strip(site, side, label)
+        yaw = _turned(site, label, left)
+        if site.street.ground.edge([s], [left])[0][0] < 0.05:
+            continue
+        # Wide crowns of shrubs may hang over the curb, not into the lane.
+        least = 0.05 if label not in _FREE else -0.25
+        placed = site.try_add(chosen, s, left, yaw, edge=(least, width + 0.8), tilt=label == "bicycle", mesh=mesh)
+        if placed is not None:
+            return placed
+    return None
+
+
+def lamps(site: Site) -> None:
+    """Place street lamps at their spacing; on a median they have two arms.
+
+    Parameters
+    ----------
+    site : Site
+        The block.
+    """
+    street = site.street
+    rng = generator(street.seed, 11)
+    spacing = street.parameters.lamp_spacing or float(rng.uniform(25, 40))
+    both, known = rng.random() < 0.4, catalogue.designs()["light_pole"]
+    names = [catalogue.choose("light_pole", rng).name for _ in range(2)]
+    double = [design.name for design in known if "double" in design.name]
+    if street.ground.shape[5] > 0 and double:
+        names = [double[0], double[0]]
+    for k in range(int(np.ceil(site.start / spacing)), int(np.ceil(site.end / spacing))):
+        offsets = [street.kerb_zone(side) for side in ((0, 1) if both else (k % 2,))]
+        if street.ground.shape[5] > 0 and double:
+            offsets = [0.0]
+        for left in offsets:
+            name = names[0] if site.rng.random() < 0.8 else names[1]
+            design = catalogue.choose("light_pole", site.rng, name)
+            mesh = design.build(site.rng)
+            yaw = site.toward_road(left) + float(site.rng.normal(0, 0.03))
+            at = k * spacing + float(site.rng.uniform(-1, 1))
+            for shift in (0.0, 1.5, -1.5, 3.0, -3.0, 5.0, -5.0):
+                s = dry_station(street, at + shift, left)
+                if site.fits(site.footprint(mesh, s, left, yaw), edge=(0.02, 12.0)):
+                    lamp = site.add(design, mesh, s, left, yaw)
+                    _plate_on(site, lamp, s, left)
+                    break
+
+
+def _plate_on(site: Site, lamp: Placed, s: float, left: float) -> None:
+    """Hang a traffic sign on some lamps whose design has none of its own."""
+    if "sign" in lamp.design or site.rng.random() > 0.3 * site.parameters.signs:
+        return
+    (sheet, half), name = sign_plate(site.rng), "plate_on_lamp"
+    lifted = sheet.moved([0.18, 0.0, float(site.rng.uniform(2.2, 2.8)) + half])
+    yaw = site.facing_traffic(left) + float(site.rng.normal(0, 0.1))
+    site.add((name, "traffic_sign"), lifted, s, left, yaw, solid=False)
+
+
+def bus_stops(site: Site) -> None:
+    """Place bus stops, one in every second block where there are as many as usual, on either side in turn.
+
+    Parameters
+    ----------
+    site : Site
+        The block.
+    """
+    number, often = site.block + site.street.seed, site.parameters.stations / 2
+    for k in range(math.ceil((number + 1) * often) - math.ceil(number * often)):
+        _bus_stop(site, (site.block // 2 + k) % 2)
+
+
+def _bus_stop(site: Site, side: int) -> None:
+    """Place a shelter at the back of the pavement and its sign at the curb."""
+    way, width = (1.0 if side == 0 else -1.0), float(site.street.ground.section[side, 2:].sum())
+    design = catalogue.choose("bus_shelter", site.rng)
+    mesh = design.build(site.rng)
+    deep = -float(mesh.vertices[:, 0].min())
+    left = way * (site.street.ground.property_line(side) - deep - 0.15)
+    for _ in range(30):
+        s = float(site.rng.uniform(site.start + 3, site.end - 3))
+        yaw = site.toward_road(left)
+        if site.fits(site.footprint(mesh, s, left, yaw), edge=(0.4, width + 0.3)):
+            site.add(design, mesh, s, left, yaw)
+            zone = site.street.kerb_zone(side)
+            site.try_add(catalogue.choose("station_sign", site.rng), s - way * 3.2, zone, site.facing_traffic(zone),
+                         edge=(0.05, 12.0))  # fmt: skip
+            return
+
+
+def tree_rows(site: Site) -> None:
+    """Plant rows of one species along the curb, at a spacing that is the side's, with gaps.
+
+    Parameters
+    ----------
+    site : Site
+        The block.
+    """
+    parameters = site.parameters
+    weights = np.array([3.0 * parameters.palms, 2.5 * parameters.trees])
+    if weights.sum() == 0:
+        return
+    for side in range(2):
+        rng = generator(site.street.seed, 15, side)
+        planted = rng.random() < 0.65
+        spacing, kept = float(rng.uniform(6.5, 12)), float(rng.uniform(0.6, 0.95))
+        label = str(rng.choice(["palm", "tree"], p=weights / weights.sum()))
+        design = catalogue.choose(label, rng)
+        if not planted:
+            continue
+        width = float(site.street.ground.section[side, 2:].sum())
+        for k in range(int(np.ceil(site.start / spacing)), int(np.ceil(site.end / spacing))):
+            if site.rng.random() < kept * min(_wanted(site, label), 1.0):
+                other = design if site.rng.random() < 0.9 else catalogue.choose(label, site.rng)
+                s, left = k * spacing + float(site.rng.normal(0, 0.15)), site.street.kerb_zone(side)
+                site.try_add(other, s, left, float(site.rng.uniform(0, 6.28)), edge=(0.05, width))
+
+
+def furnish(site: Site) -> None:
+    """Place what every street has, then plants and things by its parameters, then people.
+
+    Parameters
+    ----------
+    site : Site
+        The block.
+    """
+    rng, parameters = site.rng, site.parameters
+    known = catalogue.designs()
+    for side in range(2):
+        labels = [label for label in _EVERY_BLOCK[(side + site.block) % 2] if _wanted(site, label) > 0]
+        for label, mean in (("brushwood", 2.0), ("cycas", 1.0), ("palm", 1.0), ("tree", 0.8), ("traffic_sign", 1.2)):
+            labels += [label] * int(rng.poisson(mean * _wanted(site, label)))
+        clutter = [label for label in _CLUTTER if label in known]
+        labels += [str(label) for label in rng.choice(clutter, int(rng.poisson(3.0 * parameters.clutter)))]
+        for label in labels:
+            rare = label in ("bicycle", "motorcycle") and is_left_out(rng, parameters.two_wheelers)
+            if label in known and not rare:
+                placed = somewhere(site, label, side)
+                if label == "bollard" and placed is not None:
+                    _row_of(site, placed)
+        _on_pavement(site, side)
+
+
+def _row_of(site: Site, first: Placed) -> None:
+    """Set more bollards of the same design beside one."""
+    s, left = site.where[-1]
+    design = catalogue.choose("bollard", site.rng, first.design)
+    for k in range(1, int(site.rng.integers(3, 6))):
+        site.try_add(design, s + 1.3 * k, left, 0.0, edge=(0.02, 12.0))
+
+
+def _on_pavement(site: Site, side: int) -> None:
+    """Place people who stand, and bins at the property line."""
+    line, way = site.street.ground.property_line(side), 1.0 if side == 0 else -1.0
+    pavement = float(site.street.ground.section[side, 4])
+    width = float(site.street.ground.section[side, 2:].sum())
+    for label, mean in (("person", 1.6 * site.parameters.people), ("bin", 1.2 * site.parameters.clutter)):
+        for _ in range(int(site.rng.poisson(mean))):
+            back = site.rng.uniform(0.35, 0.75) if label == "bin" else site.rng.uniform(0.4, max(pavement - 0.4, 0.5))
+            left = way * (line - float(back))
+            yaw = site.toward_road(left) if label == "bin" else float(site.rng.uniform(0, 6.28))
+            s = float(site.rng.uniform(site.start + 1, site.end - 1))
+            if label == "person" and site.rng.random() < _GROUPS:
+                _group(site, s, left, (0.1, width + 0.05))
+                continue
+            design = catalogue.choose(label, site.rng)
+            if design.name not in WALKERS:
+                site.try_add(design, s, left, yaw, edge=(0.1, width + 0.05))
+
+
+def _group(site: Site, s: float, left: float, edge: tuple[float, float]) -> None:
+    """Place people who stand in a ring and talk, where all of them have room."""
+    ring = []
+    for body in conversation(site.rng):
+        x, y = (float(v) for v in body.vertices[:, :2].mean(axis=0))
+        # They look at each other.
+        yaw = float(np.arctan2(-y, -x))
+        ring.append((body.moved([-x, -y, 0.0]).moved([0.0, 0.0, 0.0], yaw=-yaw), s + x, left + y, yaw))
+    if all(site.fits(site.footprint(*who), edge=edge) for who in ring):
+        design = catalogue.choose("person", site.rng, "talking_person")
+        for who in ring:
+            site.add(design, *who)
+
+
+def plant_median(site: Site) -> None:
+    """Plant palms, trees, cycas and shrubs on the median.
+
+    Parameters
+    ----------
+    site : Site
+        The block.
+    """
+    median, rng, parameters = float(site.street.ground.shape[5]), site.rng, site.parameters
+    if median == 0:
+        return
+    tall = float(generator(site.street.seed, 16).uniform(6, 9))
+    weights = np.array([3.0 * parameters.palms, 2.5 * parameters.trees])
+    for k in range(int(np.ceil(site.start / tall)), int(np.ceil(site.end / tall))):
+        if weights.sum() > 0 and rng.random() < 0.8 * min(parameters.palms + parameters.trees, 1.0):
+            label = str(rng.choice(["palm", "tree"], p=weights / weights.sum()))
+            _on_median(site, label, k * tall, 0.0, median)
+    for label, mean in (("brushwood", 4.0 * parameters.shrubs), ("cycas", 5.0 * parameters.cycas)):
+        for _ in range(int(rng.poisson(mean))):
+            s = float(rng.uniform(site.start + 1, site.end - 1))
+            off = max(median - 1.2, 0.0) * (
+                rng.uniform(-1, 1) if label == "brushwood" else rng.choice([-1.0, 0.0, 1.0])
+            )
+            _on_median(site, label, s, float(off), median)
+
+
+def _on_median(site: Site, label: str, s: float, left: float, median: float) -> None:
+    design = catalogue.choose(label, site.rng)
+    _, arm = site.street.ground.edge([s], [left])
+    if arm[0] == -2:
+        site.try_add(design, s, left, float(site.rng.uniform(0, 6.28)), edge=(-0.2, median + 0.1))

@@ -1,0 +1,305 @@
+"""Putting objects into a block of street: on the ground, turned to it, without running into each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.simulation.model.design import Design
+from mlsroad_pipeline.simulation.model.meshes import Mesh
+from mlsroad_pipeline.simulation.street.street import BLOCK, MARGIN, Street, generator
+
+INSTANCES_PER_BLOCK = 2048
+"""Instance numbers reserved for each block, so that they are unique along a street of any length."""
+
+FOOTPRINT_HEIGHT = 1.7
+"""What is lower than this belongs to an object's footprint, metres: trunks and cars, not crowns and arms."""
+
+_GAP = 0.04  # free room around a footprint, metres
+
+
+class Box(NamedTuple):
+    """The upright box around an object.
+
+    Parameters
+    ----------
+    length, width : float
+        Along and across the object's own x axis, which is its front or arm, metres.
+    height : float
+        Of its top above its base, metres.
+    heading : float
+        Direction of the x axis, radians counter-clockwise from east.
+    x, y : float
+        Middle of the box, street-local metres; an arm moves it away from the base.
+    """
+
+    length: float
+    width: float
+    height: float
+    heading: float
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
+class Placed:
+    """An object where it stands.
+
+    Parameters
+    ----------
+    label : int
+        Taxonomy code of the whole; faces of its mesh may have finer ones.
+    instance : int
+        Its number, unique along the street; 0 for facades, fences, walls and hedges.
+    mesh : Mesh
+        Faces in street-local coordinates (m).
+    base : ndarray of shape (3,), float64
+        Where it meets the ground (m).
+    design : str
+        Name of what it was built from.
+    box : Box
+        The box around it.
+    hard_case : str, default ""
+        Why it is hard to tell from its neighbour, where it was placed so.
+    """
+
+    label: int
+    instance: int
+    mesh: Mesh
+    base: NDArray[np.float64]
+    design: str
+    box: Box
+    hard_case: str = ""
+
+
+@njit(cache=True, nogil=True)
+def _extent(vertices: NDArray[np.float64], below: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least and the largest coordinates of the vertices below a height, of all where none is."""
+    least, most = np.full(3, np.inf), np.full(3, -np.inf)
+    for i in range(len(vertices)):
+        if vertices[i, 2] < below:
+            for c in range(3):
+                least[c] = min(least[c], vertices[i, c])
+                most[c] = max(most[c], vertices[i, c])
+    if least[0] > most[0] and below < np.inf:
+        return _extent(vertices, np.inf)
+    return least, most
+
+
+def box_around(mesh: Mesh, base: NDArray[np.float64], heading: float) -> Box:
+    """Return the box around a mesh given in its own frame.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Foot at the origin, front along +x.
+    base : ndarray of shape (3,), float64
+        Where it stands, metres.
+    heading : float
+        Where its front looks, radians counter-clockwise from east.
+
+    Returns
+    -------
+    Box
+        The box.
+    """
+    low, high = _extent(mesh.vertices, np.inf)
+    middle = (low + high) / 2
+    c, s = np.cos(heading), np.sin(heading)
+    x, y = base[0] + c * middle[0] - s * middle[1], base[1] + s * middle[0] + c * middle[1]
+    heading = float(np.angle(np.exp(1j * heading)))
+    return Box(float(high[0] - low[0]), float(high[1] - low[1]), float(high[2]), heading, float(x), float(y))
+
+
+@njit(cache=True, nogil=True)
+def overlaps(boxes: NDArray[np.float64], box: NDArray[np.float64], gap: float) -> int:
+    """Return the first of some rectangles that a rectangle meets (separating axes), -1 if none.
+
+    Parameters
+    ----------
+    boxes : ndarray of shape (n, 5), float64
+        Middle (x, y), half length, half width (m) and direction (rad) of each.
+    box : ndarray of shape (5,), float64
+        The rectangle.
+    gap : float
+        Room that must lie in between, metres.
+
+    Returns
+    -------
+    int
+        Row of `boxes`.
+    """
+    for k in range(len(boxes)):
+        other = boxes[k]
+        dx, dy = other[0] - box[0], other[1] - box[1]
+        apart = False
+        for axis in range(4):
+            angle = (box[4] if axis < 2 else other[4]) + (np.pi / 2 if axis % 2 else 0.0)
+            c, s = np.cos(angle), np.sin(angle)
+            reach = gap
+            for a in (box, other):
+                reach += a[2] * abs(np.cos(a[4] - angle)) + a[3] * abs(np.sin(a[4] - angle))
+            if abs(dx * c + dy * s) > reach:
+                apart = True
+                break
+        if not apart:
+            return k
+    return -1
+
+
+def _corners(box: NDArray[np.float64]) -> NDArray[np.float64]:
+    c, s = np.cos(box[4]), np.sin(box[4])
+    along, across = box[2] * np.array([1, 1, -1, -1]), box[3] * np.array([1, -1, 1, -1])
+    return np.stack([box[0] + c * along - s * across, box[1] + s * along + c * across])
+
+
+class Site:
+    """One block of a street while it is being furnished.
+
+    Parameters
+    ----------
+    street : Street
+        The street.
+    block : int
+        Number of the block, from ``-MARGIN``.
+    """
+
+    def __init__(self, street: Street, block: int) -> None:
+        self.street, self.block, self.parameters = street, block, street.parameters
+        self.start, self.end = block * BLOCK, (block + 1) * BLOCK
+        self.rng = generator(street.seed, 10, block)
+        self.placed: list[Placed] = []
+        self.where: list[tuple[float, float]] = []  # station and offset of each, NaN for what hangs
+        self.rows: list[int] = []  # its row of `boxes`, -1 for none
+        self._boxes = np.empty((256, 5))
+        self._count = 0
+        self._numbered = 0
+
+    @property
+    def boxes(self) -> NDArray[np.float64]:
+        """Footprints so far, in station and offset; see `overlaps`."""
+        return self._boxes[: self._count]
+
+    def block_out(self, s: float, left: float, half_length: float, half_width: float, angle: float = 0.0) -> None:
+        """Keep a rectangle free of what comes later."""
+        if self._count == len(self._boxes):
+            self._boxes = np.concatenate([self._boxes, np.empty_like(self._boxes)])
+        self._boxes[self._count] = s, left, half_length, half_width, angle
+        self._count += 1
+
+    def toward_road(self, left: float) -> float:
+        """Return the direction of the road from a side of it, relative to the street's."""
+        return -np.pi / 2 if left >= 0 else np.pi / 2
+
+    def facing_traffic(self, left: float) -> float:
+        """Return the direction that oncoming traffic comes from on a side, relative to the street's."""
+        return 0.0 if left >= 0 else np.pi
+
+    def footprint(self, mesh: Mesh, s: float, left: float, yaw: float) -> NDArray[np.float64]:
+        """Return the rectangle that a mesh takes up near the ground, in station and offset."""
+        least, most = _extent(mesh.vertices, FOOTPRINT_HEIGHT)
+        middle, half = (least[:2] + most[:2]) / 2, (most[:2] - least[:2]) / 2
+        c, n = np.cos(yaw), np.sin(yaw)
+        return np.array([s + c * middle[0] - n * middle[1], left + n * middle[0] + c * middle[1], *half, yaw])
+
+    def fits(self, box: NDArray[np.float64], *, edge: tuple[float, float] | None = None, gap: float = _GAP) -> bool:
+        """Tell whether a footprint is free, and lies within distances from the curb where these are given."""
+        corners = _corners(box)
+        if corners[0].min() < self.start or corners[0].max() > self.end or overlaps(self.boxes, box, gap) >= 0:
+            return False
+        if edge is None:
+            return True
+        distance, _ = self.street.ground.edge(corners[0], corners[1])
+        return bool(distance.min() >= edge[0] and distance.max() <= edge[1])
+
+    def add(
+        self, design: Design | tuple[str, str], mesh: Mesh, s: float, left: float, yaw: float, *, tilt: bool = False,
+        numbered: bool = True, solid: bool = True, hard_case: str = "",
+    ) -> Placed:  # fmt: skip
+        """Place a mesh, whatever stands there already.
+
+        Parameters
+        ----------
+        design : Design or tuple of str
+            The design, or name and taxonomy class.
+        mesh : Mesh
+            Foot at the origin, front along +x.
+        s, left : float
+            Station and offset of its foot, metres.
+        yaw : float
+            Direction of its front, relative to the street's, radians.
+        tilt : bool, default False
+            Whether it lies on the slope of the ground.
+        numbered : bool, default True
+            Whether it is an object with a number.
+        solid : bool, default True
+            Whether nothing else may stand there afterwards.
+        hard_case : str, default ""
+            See `Placed`.
+
+        Returns
+        -------
+        Placed
+            The object.
+        """
+        name, label = (design.name, design.label) if isinstance(design, Design) else design
+        ground = self.street.ground
+        xy, heading = self.street.alignment.place([s], [left])
+        base = np.array([xy[0, 0], xy[0, 1], float(ground.height([s], [left])[0])])
+        turn = float(heading[0]) + yaw
+        pitch = roll = 0.0
+        if tilt:
+            c, n = np.cos(yaw), np.sin(yaw)
+            ahead, behind, port, starboard = ground.height(
+                [s + c, s - c, s - 0.7 * n, s + 0.7 * n], [left + n, left - n, left + 0.7 * c, left - 0.7 * c]
+            )
+            pitch, roll = -float(np.arctan((ahead - behind) / 2.0)), float(np.arctan((port - starboard) / 1.4))
+        body = mesh.moved([0.0, 0.0, 0.0], pitch=pitch, roll=roll) if tilt else mesh
+        self._numbered += numbered
+        instance = (self.block + MARGIN) * INSTANCES_PER_BLOCK + self._numbered if numbered else 0
+        placed = Placed(
+            TAXONOMY[label], instance, body.moved(base, yaw=turn), base, name,
+            box_around(body, base, turn), hard_case,
+        )  # fmt: skip
+        self.placed.append(placed)
+        self.where.append((s, left))
+        self.rows.append(self._count if solid else -1)
+        if solid:
+            self.block_out(*self.footprint(mesh, s, left, yaw))
+        return placed
+
+    def add_at(
+        self, design: tuple[str, str], mesh: Mesh, start: NDArray[np.float64], end: NDArray[np.float64]
+    ) -> Placed:
+        """Place a mesh that hangs between two places; its base is below its middle, where it hangs lowest.
+
+        Its coordinates are street-local.
+        """
+        heading = float(np.arctan2(*(end - start)[1::-1]))
+        c, s = np.cos(-heading), np.sin(-heading)
+        base = np.array([*((start + end) / 2)[:2], mesh.vertices[:, 2].min()])
+        local = mesh.vertices - base
+        turned = np.column_stack([c * local[:, 0] - s * local[:, 1], s * local[:, 0] + c * local[:, 1], local[:, 2]])
+        self._numbered += 1
+        instance = (self.block + MARGIN) * INSTANCES_PER_BLOCK + self._numbered
+        around = box_around(Mesh(turned, mesh.faces, mesh.attributes), base, heading)
+        placed = Placed(TAXONOMY[design[1]], instance, mesh, base, design[0], around)
+        self.placed.append(placed)
+        self.where.append((np.nan, np.nan))
+        self.rows.append(-1)
+        return placed
+
+    def try_add(
+        self, design: Design, s: float, left: float, yaw: float, *, edge: tuple[float, float] | None = None,
+        tilt: bool = False, hard_case: str = "", mesh: Mesh | None = None,
+    ) -> Placed | None:  # fmt: skip
+        """Build an object and place it, unless something stands there already; see `add` and `fits`."""
+        built = design.build(self.rng) if mesh is None else mesh
+        if not self.fits(self.footprint(built, s, left, yaw), edge=edge):
+            return None
+        return self.add(design, built, s, left, yaw, tilt=tilt, hard_case=hard_case)

@@ -1,0 +1,1 @@
+"""Geometry and materials of the simulated street: meshes, solids, batches."""

@@ -1,0 +1,50 @@
+"""What a street can be furnished with: a design is a recipe that gives another object for every random stream."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.simulation.model.meshes import Mesh
+
+
+@dataclass(frozen=True)
+class Design:
+    """One way to build an object of a class.
+
+    Parameters
+    ----------
+    name : str
+        Its name, unique among all designs, such as ``"double_arm_lamp"``.
+    label : str
+        Taxonomy class of the whole; faces may have finer ones.
+    build : callable
+        From a random generator to a mesh in metres that stands on z = 0 with its foot at the origin, front or arm along
+        +x. The same stream gives the same mesh; no two streams give the same.
+    clearance : float
+        Half of the length along the street that it keeps free for itself, metres.
+    weight : float, default 1
+        How often it is chosen among the designs of its class.
+
+    Raises
+    ------
+    ParameterError
+        If the class is not in the taxonomy, or a number is not positive.
+    """
+
+    name: str
+    label: str
+    build: Callable[[np.random.Generator], Mesh]
+    clearance: float
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.label not in TAXONOMY:
+            raise ParameterError(f"design {self.name!r}: {self.label!r} is not in the taxonomy")
+        check_positive(self.clearance, "clearance")
+        check_positive(self.weight, "weight")

@@ -1,0 +1,238 @@
+"""The solids that street objects are put together from."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.simulation.model.meshes import RED, Mesh, Surface, join
+
+_BOX_FACES = np.array([
+    [0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4],
+    [1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6], [3, 0, 4], [3, 4, 7],
+])  # fmt: skip
+_BOX_CORNERS = np.array(
+    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]
+)
+
+
+def box(size: ArrayLike, centre: ArrayLike, surface: Surface, *, taper: float = 1.0) -> Mesh:
+    """Return a cuboid; its top is `taper` times as wide and deep as its bottom.
+
+    Parameters
+    ----------
+    size : array-like of shape (3,)
+        Lengths along x, y and z, at the bottom, metres.
+    centre : array-like of shape (3,)
+        Its middle, metres.
+    surface : Surface
+        What it is made of.
+    taper : float, default 1
+        Width and depth of the top over those of the bottom.
+
+    Returns
+    -------
+    Mesh
+        Twelve triangles.
+    """
+    corners = _BOX_CORNERS * (np.asarray(size, dtype=np.float64) / 2)
+    corners[4:, :2] *= taper
+    return Mesh(corners + np.asarray(centre, dtype=np.float64), _BOX_FACES.astype(np.int64), surface.rows(12))
+
+
+def quads(corners: ArrayLike, surface: Surface) -> Mesh:
+    """Return quadrilaterals.
+
+    Parameters
+    ----------
+    corners : array-like of shape (q, 4, 3) or (4, 3)
+        Corners of each, going round, metres.
+    surface : Surface
+        What they are made of.
+
+    Returns
+    -------
+    Mesh
+        Two triangles per quadrilateral.
+    """
+    points = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 3)
+    first = np.arange(0, 4 * len(points), 4)[:, None, None]
+    faces = (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
+    return Mesh(points.reshape(-1, 3), faces, surface.rows(len(faces)))
+
+
+def tube(path: ArrayLike, radius: ArrayLike, surface: Surface, *, sides: int = 8) -> Mesh:
+    """Return a round bar along a polyline, closed at both ends.
+
+    Parameters
+    ----------
+    path : array-like of shape (m, 3)
+        At least two points, metres.
+    radius : float or array-like of shape (m,)
+        Radius at each point, metres.
+    surface : Surface
+        What it is made of.
+    sides : int, default 8
+        Corners of the cross-section.
+
+    Returns
+    -------
+    Mesh
+        The bar.
+    """
+    points = np.asarray(path, dtype=np.float64)
+    radii = np.broadcast_to(np.asarray(radius, dtype=np.float64), (len(points),))
+    tangents = np.empty_like(points)
+    tangents[1:-1] = points[2:] - points[:-2]
+    tangents[[0, -1]] = points[[1, -1]] - points[[0, -2]]
+    # One reference direction for the whole bar keeps it from twisting.
+    reference = np.zeros(3)
+    reference[np.abs(tangents).max(axis=0).argmin()] = 1.0
+    u = _unit(_cross(tangents, reference))
+    v = _unit(_cross(tangents, u))
+    angle = np.arange(sides) * (2 * np.pi / sides)
+    ring = u[:, None] * np.cos(angle)[:, None] + v[:, None] * np.sin(angle)[:, None]
+    vertices = np.concatenate([(points[:, None] + radii[:, None, None] * ring).reshape(-1, 3), points[[0, -1]]])
+    faces = _tube_faces(len(points), sides)
+    return Mesh(vertices, faces, surface.rows(len(faces)))
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    return vectors / (np.sqrt((vectors * vectors).sum(axis=1, keepdims=True)) + 1e-12)
+
+
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    # numpy.cross spends ten times as long on its bookkeeping for arrays as small as these.
+    ax, ay, az = a.T
+    bx, by, bz = b.T
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+
+
+@cache
+def _tube_faces(m: int, sides: int) -> NDArray[np.int64]:
+    k, j = (grid.ravel() for grid in np.meshgrid(np.arange(m - 1), np.arange(sides), indexing="ij"))
+    a, b = k * sides + j, k * sides + (j + 1) % sides
+    side = np.concatenate([np.stack([a, b, b + sides], 1), np.stack([a, b + sides, a + sides], 1)])
+    rim = np.arange(sides)
+    last, ends = (m - 1) * sides, m * sides
+    bottom = np.stack([(rim + 1) % sides, rim, np.full(sides, ends)], 1)
+    top = np.stack([last + rim, last + (rim + 1) % sides, np.full(sides, ends + 1)], 1)
+    faces = np.concatenate([side, bottom, top])
+    faces.setflags(write=False)  # shared by every bar of this shape
+    return faces
+
+
+def ellipsoid(centre: ArrayLike, radii: ArrayLike, surface: Surface, *, rings: int = 5, sides: int = 8) -> Mesh:
+    """Return an ellipsoid with upright axis.
+
+    Parameters
+    ----------
+    centre : array-like of shape (3,)
+        Its middle, metres.
+    radii : array-like of shape (3,)
+        Half axes along x, y and z, metres.
+    surface : Surface
+        What it is made of.
+    rings : int, default 5
+        Circles of latitude between the poles; more are rounder.
+    sides : int, default 8
+        Corners of each circle.
+
+    Returns
+    -------
+    Mesh
+        The ellipsoid, closed.
+    """
+    latitude = np.linspace(-np.pi / 2, np.pi / 2, rings + 2)
+    path = np.stack([np.zeros(rings + 2), np.zeros(rings + 2), np.sin(latitude)], 1)
+    unit = tube(path, np.maximum(np.cos(latitude), 1e-3), surface, sides=sides)
+    return Mesh(unit.vertices * np.asarray(radii) + np.asarray(centre), unit.faces, unit.attributes)
+
+
+def plate(outline: ArrayLike, front: Surface, back: Surface, *, thickness: float = 0.004) -> Mesh:
+    """Return a convex plate in the xz plane whose front looks along -y.
+
+    Parameters
+    ----------
+    outline : array-like of shape (m, 2)
+        x and z of its corners, going round, metres; at least three.
+    front, back : Surface
+        What its two faces are made of.
+    thickness : float, default 0.004
+        Distance between them, metres; the rim between them is open.
+
+    Returns
+    -------
+    Mesh
+        The two faces.
+    """
+    flat = np.asarray(outline, dtype=np.float64)
+    m = len(flat)
+    sheets = []
+    for y, surface in ((-thickness / 2, front), (thickness / 2, back)):
+        vertices = np.stack([flat[:, 0], np.full(m, y), flat[:, 1]], 1)
+        fan = np.stack([np.zeros(m - 2, dtype=np.int64), np.arange(1, m - 1), np.arange(2, m)], 1)
+        sheets.append(Mesh(vertices, fan, surface.rows(m - 2)))
+    return join(sheets)
+
+
+def leaves(
+    centres: ArrayLike, directions: ArrayLike, length: ArrayLike, width: ArrayLike, surface: Surface,
+    rng: np.random.Generator,
+) -> Mesh:  # fmt: skip
+    """Return one quadrilateral leaf per centre, turned at random about its direction, no two of one colour.
+
+    Parameters
+    ----------
+    centres : array-like of shape (n, 3)
+        Middles of the leaves, metres.
+    directions : array-like of shape (n, 3)
+        Where each leaf points; any length but zero.
+    length, width : float or array-like of shape (n,)
+        Size along and across the direction, metres.
+    surface : Surface
+        What the average leaf is made of.
+    rng : numpy.random.Generator
+        Source of the turn and of the colours.
+
+    Returns
+    -------
+    Mesh
+        Two triangles per leaf.
+    """
+    middle = np.asarray(centres, dtype=np.float64)
+    along = np.asarray(directions, dtype=np.float64)
+    along = along / (np.linalg.norm(along, axis=1, keepdims=True) + 1e-12)
+    across = np.cross(along, rng.normal(size=along.shape))
+    across /= np.linalg.norm(across, axis=1, keepdims=True) + 1e-12
+    half_l = along * np.broadcast_to(np.asarray(length) / 2, (len(middle),))[:, None]
+    half_w = across * np.broadcast_to(np.asarray(width) / 2, (len(middle),))[:, None]
+    corners = np.stack([middle - half_l, middle + half_w, middle + half_l, middle - half_w], axis=1)
+    mesh = quads(corners, surface)
+    tone = np.repeat(rng.normal(1.0, 0.18, (len(middle), 1)), 2, axis=0).clip(0.4, 1.7)
+    hue = np.repeat(rng.normal(1.0, 0.06, (len(middle), 4)), 2, axis=0).clip(0.7, 1.4)
+    mesh.attributes[:, RED:] = (mesh.attributes[:, RED:] * tone * hue).clip(0.01, 0.98)
+    return mesh
+
+
+def polygon(n: int, radius: float, *, start: float = 0.0) -> NDArray[np.float64]:
+    """Return the corners of a regular polygon about the origin.
+
+    Parameters
+    ----------
+    n : int
+        How many.
+    radius : float
+        Their distance from the middle.
+    start : float, default 0
+        Direction of the first, radians counter-clockwise from the first axis.
+
+    Returns
+    -------
+    ndarray of shape (n, 2), float64
+        The corners, counter-clockwise.
+    """
+    angle = start + np.arange(n) * 2 * np.pi / n
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)

@@ -1,0 +1,195 @@
+"""Bodies of vehicles: one skin lofted along x with arches over the wheels, panes and openings, and its pillars.
+
+A body's cross-section has twelve corners: sill, flank, waist, belt line, roof edge and roof on the left, then the same
+on the right. What lies below the belt line is the tub, what lies above it the greenhouse; on a bonnet they nearly meet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.model.solids import tube
+from mlsroad_pipeline.simulation.objects.parts import fan, grid_skin
+
+Spans = Sequence[tuple[float, float]]
+Knots = Sequence[tuple[float, float]]
+
+_ARCH = np.array([-1.001, -1.0, -0.87, -0.5, 0.0, 0.5, 0.87, 1.0, 1.001])
+_ENDS = np.array([0.0, 0.07, 0.25, 0.6, 1.0])
+_BELT, _ROOF, _UNDER = 3, slice(4, 7), 11  # strips of the skin
+_PAINT, _DARK, _GLASS, _COVER = range(4)
+
+
+@dataclass(frozen=True)
+class Body:
+    """What a skin is lofted from; x runs from the rear to the front, metres throughout.
+
+    Parameters
+    ----------
+    half : float
+        Half of the width.
+    clear : float
+        Height of the sills above the road.
+    top, belt : sequence of (x, z)
+        Silhouette from above, and the belt line; the first and the last x are the body's ends.
+    shoulder : sequence of (x, share)
+        Half width of the roof or bonnet over that of the body.
+    axles : sequence of float
+        Where wheels are.
+    radius : float
+        Of the wheels.
+    rounding : float, default 0.45
+        Over which length the ends are drawn in, seen from above.
+    drawn_in : float, default 0.16
+        By which share of the width.
+    side_panes, top_panes : sequence of (x, x), default none
+        Where there is glass in the sides above the belt line, and over the whole width above: windscreen, rear window.
+    open : sequence of (x, x), default none
+        Where there is nothing above the belt line.
+    """
+
+    half: float
+    clear: float
+    top: Knots
+    belt: Knots
+    shoulder: Knots
+    axles: Sequence[float]
+    radius: float
+    rounding: float = 0.45
+    drawn_in: float = 0.16
+    side_panes: Spans = ()
+    top_panes: Spans = ()
+    open: Spans = ()
+
+    def at(self, knots: Knots, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a line of the body at some x."""
+        table = np.asarray(knots, dtype=np.float64)
+        return np.interp(x, table[:, 0], table[:, 1])
+
+    def half_width(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return half of the width at some x: the ends are rounded."""
+        rear, front = self.top[0][0], self.top[-1][0]
+        near = np.clip(1 - np.minimum(x - rear, front - x) / self.rounding, 0, 1)
+        return self.half * (1 - self.drawn_in * near**2.5)
+
+    def stations(self) -> NDArray[np.float64]:
+        """Return the x of the cross-sections."""
+        rear, front = self.top[0][0], self.top[-1][0]
+        lines = [x for knots in (self.top, self.belt, self.shoulder) for x, _ in knots]
+        spans = [x for span in (*self.side_panes, *self.top_panes, *self.open) for x in span]
+        xs = np.unique(np.concatenate([lines, spans, rear + self.rounding * _ENDS, front - self.rounding * _ENDS]))
+        xs = xs[(xs >= rear) & (xs <= front)]
+        # Sections next to each other only cost faces, but for the upright edges of the arches.
+        xs = xs[np.concatenate([[True], np.diff(xs) > 0.015])]
+        arches = np.array([axle + 1.14 * self.radius * _ARCH for axle in self.axles]).ravel()
+        return np.unique(np.concatenate([xs, arches[(arches > rear) & (arches < front)], [front]]))
+
+    def lower_edge(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the height of the sills, raised by the arches over the wheels."""
+        edge = np.full(len(x), self.clear)
+        arch = 1.14 * self.radius
+        for axle in self.axles:
+            inside = np.abs(x - axle) <= arch * 1.0004
+            rise = np.sqrt(np.maximum(arch**2 - (x[inside] - axle) ** 2, 0))
+            edge[inside] = np.maximum(edge[inside], self.radius + rise)
+        return edge
+
+
+def _within(middle: NDArray[np.float64], spans: Spans) -> NDArray[np.bool_]:
+    inside = np.zeros(len(middle), dtype=bool)
+    for low, high in spans:
+        inside |= (middle > low) & (middle < high)
+    return inside
+
+
+def skin(body: Body, paint: Surface, glass: Surface, under: Surface, *, roof: Surface | None = None) -> Mesh:
+    """Return the body's skin, closed at both ends and below, with its panes.
+
+    Parameters
+    ----------
+    body : Body
+        Its lines.
+    paint, glass, under : Surface
+        What it, its panes and its underside are made of.
+    roof : Surface, optional
+        What the roof between the outermost top panes is made of; by default as the rest.
+
+    Returns
+    -------
+    Mesh
+        Some 24 faces per cross-section.
+    """
+    x = body.stations()
+    w, low = body.half_width(x), body.lower_edge(x)
+    belt, top = body.at(body.belt, x), body.at(body.top, x)
+    low = np.minimum(low, belt - 0.06)
+    top = np.maximum(top, belt)
+    inner = body.at(body.shoulder, x) * w
+    edge = np.minimum(0.06, 0.35 * (top - belt))
+    y = np.stack([0.94 * w, w, 0.985 * w, 0.955 * w, inner, 0.55 * inner], axis=1)
+    z = np.stack([low, low + 0.4 * (belt - low), belt - 0.22 * (belt - low), belt, top - edge, top], axis=1)
+    ring = np.empty((len(x), 13, 3))
+    ring[:, :, 0] = x[:, None]
+    ring[:, :12, 1] = np.concatenate([y, -y[:, ::-1]], axis=1)
+    ring[:, :12, 2] = np.concatenate([z, z[:, ::-1]], axis=1)
+    ring[:, 12] = ring[:, 0]
+    middle = (x[1:] + x[:-1]) / 2
+    which = np.full((len(middle), 12), _PAINT)
+    which[:, _UNDER] = _DARK
+    if roof is not None and body.top_panes:
+        covered = _within(middle, [(min(a for a, _ in body.top_panes), max(b for _, b in body.top_panes))])
+        which[covered, _BELT : 11 - _BELT] = _COVER
+    side, above, nothing = (_within(middle, s) for s in (body.side_panes, body.top_panes, body.open))
+    which[side, _BELT] = which[side, 10 - _BELT] = _GLASS
+    which[above, _ROOF] = _GLASS
+    which[nothing, _BELT : 11 - _BELT] = -1
+    sheet = grid_skin(ring, [paint, under, glass, roof or paint], which)
+    return join([sheet, fan(ring[0, 11::-1], paint), fan(ring[-1, :12], paint)])
+
+
+def rails(body: Body, spans: Spans, thickness: float, paint: Surface) -> list[Mesh]:
+    """Return bars along both roof edges, such as the pillars that frame a windscreen.
+
+    Parameters
+    ----------
+    body : Body
+        The body.
+    spans : sequence of (x, x)
+        From where to where, metres.
+    thickness : float
+        Radius, metres.
+    paint : Surface
+        What they are made of.
+
+    Returns
+    -------
+    list of Mesh
+        Two per span.
+    """
+    bars = []
+    for low, high in spans:
+        knots = [x for x, _ in body.top if low < x < high]
+        x = np.array([low, *knots, high])
+        top, belt = body.at(body.top, x), body.at(body.belt, x)
+        y = body.at(body.shoulder, x) * body.half_width(x)
+        z = top - np.minimum(0.06, 0.35 * np.maximum(top - belt, 0))
+        bars += [tube(np.stack([x, side * y, z], axis=1), thickness, paint, sides=4) for side in (-1, 1)]
+    return bars
+
+
+def pillars(body: Body, xs: Sequence[float], thickness: float, paint: Surface) -> list[Mesh]:
+    """Return upright bars from the belt line to the roof's edge on both sides, one pair per x."""
+    x = np.asarray(xs, dtype=np.float64)
+    w, top, belt = body.half_width(x), body.at(body.top, x), body.at(body.belt, x)
+    roof = body.at(body.shoulder, x) * w
+    bars = []
+    for k in range(len(x)):
+        for side in (-1, 1):
+            path = [[x[k], side * 0.955 * w[k], belt[k]], [x[k], side * roof[k], top[k] - 0.09]]
+            bars.append(tube(path, thickness, paint, sides=3))
+    return bars

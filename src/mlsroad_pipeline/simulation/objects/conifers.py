@@ -1,0 +1,126 @@
+"""Conifers: spruces, pines, cedars, columns of cypress and small cones.
+
+Measures after common tables of park trees: spruces 5 to 15 m high and 0.3 to 0.45 times as wide, pines 6 to 14 m with
+the crown in the upper half, cypresses 4 to 12 m and 0.12 to 0.22 times as wide; stems of 1.6 to
+2.6 % of the height.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from mlsroad_pipeline.simulation.model.batches import Floats, bearing, blades, lift, tubes, unit
+from mlsroad_pipeline.simulation.model.design import Design
+from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.plants.crowns import UNDERGROUND, Colours, grow_tree
+from mlsroad_pipeline.simulation.plants.habits import Habit, Outline
+from mlsroad_pipeline.simulation.plants.plant_materials import bark, foliage, same_as
+
+_GOLDEN = 2.39996
+_PINE = Habit(
+    height=(6.0, 13.5), width=(0.42, 0.7), clear=(0.38, 0.6), profile=(0.45, 0.4), leader=(0.6, 0.85),
+    rise=(0.1, 0.7), girth=(14, 20), limbs=(9, 13), droop=(0.0, 0.1), density=(0.7, 1.2), clump=(0.22, 0.38),
+    slenderness=0.3, shell=3.0,
+)  # fmt: skip
+_CEDAR = Habit(
+    height=(7.0, 14.0), width=(0.55, 0.8), clear=(0.1, 0.2), profile=(0.3, 0.75), leader=(0.85, 0.93),
+    rise=(-0.05, 0.3), girth=(14, 20), limbs=(14, 18), droop=(0.1, 0.5), density=(0.8, 1.3), clump=(0.2, 0.34),
+    slenderness=0.35, shell=1.0,
+)  # fmt: skip
+
+
+def _straight_stem(height: float, clear: float, radius: float, wood: Surface) -> Mesh:
+    """Return a straight stem, `trunk` up to where the branches begin."""
+    parts = []
+    for heights, surface in ((np.array([-UNDERGROUND, 0.0, 0.2, clear]), wood),
+                             (np.linspace(clear, height, 5), same_as(wood, "tree"))):  # fmt: skip
+        path = np.column_stack([np.zeros((len(heights), 2)), heights])
+        radii = radius * np.maximum(1 - heights / height, 0.02) * (1 + 0.35 * np.exp(-np.maximum(heights, 0) / 0.25))
+        parts.append(tubes(path[None], radii[None], surface, sides=8))
+    return join(parts)
+
+
+def _whorls(rng: np.random.Generator, height: float, clear: float, reach: float) -> tuple[Floats, Floats]:
+    """Return the branches of a spruce in whorls, each a curve of four points, and their lengths."""
+    n_whorls, per = int(rng.integers(13, 18)), int(rng.integers(5, 7))
+    t = np.repeat((np.arange(n_whorls) + rng.uniform(0.2, 0.8, n_whorls)) / n_whorls, per)
+    t = np.clip(t + rng.normal(0, 0.012, len(t)), 0, 0.985)
+    azimuth = np.arange(len(t)) * 2 * np.pi / per + np.repeat(rng.uniform(0, 6.28, n_whorls), per)
+    azimuth += rng.normal(0, 0.18, len(t))
+    lobe = 1 + 0.1 * np.cos(azimuth - rng.uniform(0, 6.28))
+    length = (reach * (1 - t) ** rng.uniform(0.75, 1.0) + 0.12) * lobe * rng.uniform(0.82, 1.12, len(t))
+    elevation = rng.uniform(-0.35, 0.05) + 0.85 * t + rng.normal(0, 0.06, len(t))
+    s = np.linspace(0, 1, 4)[:, None]
+    start = np.column_stack([np.zeros((len(t), 2)), clear + t * (height - clear)])
+    sag = rng.uniform(0.1, 0.28) * length[:, None, None] * (1 - t)[:, None, None]
+    along = length[:, None, None] * s * bearing(azimuth, elevation)[:, None]
+    curve = start[:, None] + along - sag * (np.sin(np.pi * 0.8 * s)) * np.array([0, 0, 1.0])
+    curve[:, :, 2] = np.maximum(curve[:, :, 2], 0.12)
+    return curve, length
+
+
+def _spruce(rng: np.random.Generator) -> Mesh:
+    """Return a spruce: whorls of branches with hanging sprays of needles around a straight stem."""
+    height = rng.uniform(4.5, 14.0)
+    clear, reach = rng.uniform(0.2, 0.12 * height), 0.5 * height * rng.uniform(0.3, 0.45)
+    wood = bark(("brown", "grey", "reddish")[int(rng.integers(3))], "trunk", rng)
+    leaf = foliage("blue" if rng.random() < 0.25 else "needle", "tree", rng)
+    paths, length = _whorls(rng, height, clear, reach)
+    thick = (0.009 * length + 0.006)[:, None] * np.array([1.0, 0.8, 0.55, 0.2])
+    stem = _straight_stem(height, clear, 0.5 * height * rng.uniform(0.016, 0.024), wood)
+    meshes = [stem, tubes(paths, thick, same_as(wood, "tree"), sides=3)]
+    n = 5800 - sum(len(m.faces) for m in meshes)
+    which = rng.choice(len(paths), n, p=length / length.sum())
+    s = 3 * rng.uniform(0.08, 1.0, n) ** 0.7
+    low = np.minimum(s.astype(np.int64), 2)
+    part = (s - low)[:, None]
+    a, b = paths[which, low], paths[which, low + 1]
+    forward = unit(b - a)
+    side = unit(np.cross(forward, [0.0, 0.0, 1.0])) * rng.choice([-1.0, 1.0], (n, 1))
+    direction = 0.8 * side * rng.uniform(0.2, 1.2, (n, 1)) + 0.7 * forward + rng.normal(0, 0.25, (n, 3))
+    direction[:, 2] -= rng.uniform(0.1, 0.9)
+    size = (0.14 + 0.12 * length[which]) * rng.uniform(0.6, 1.2, n)
+    roots = a + part * (b - a)
+    meshes.append(lift(blades(roots, direction, size, 0.42 * size, leaf, rng)))
+    return join(meshes)
+
+
+def _column(
+    rng: np.random.Generator, *, height: tuple[float, float], width: tuple[float, float], profile: tuple[float, float]
+) -> Mesh:
+    """Return a dense column or cone of upright sprays down to the ground."""
+    tall = rng.uniform(*height)
+    radius, foot = 0.5 * tall * rng.uniform(*width), rng.uniform(0.08, 0.04 * tall + 0.12)
+    wood = bark("reddish", "trunk", rng)
+    leaf = foliage(("needle", "dark", "blue", "green")[int(rng.choice(4, p=[0.5, 0.25, 0.1, 0.15]))], "tree", rng)
+    outline = Outline(rng, foot, tall, radius, profile)
+    stem = _straight_stem(0.9 * tall, max(foot, 0.25), 0.5 * tall * rng.uniform(0.02, 0.035), wood)
+    n = 4600
+    centres = outline.place(rng.random(n), rng.uniform(0, 6.28, n), rng.uniform(0.45, 1.0, n) ** 0.5)
+    out = centres * [1, 1, 0] / radius
+    direction = [0, 0, 1.0] + rng.uniform(0.2, 0.7) * out + rng.normal(0, 0.25, (n, 3))
+    area = 2.2 * outline.volume ** (2 / 3) * 5.0 / n
+    size = float(np.clip(np.sqrt(2 * area / 0.45), 0.07, 0.5)) * rng.uniform(0.7, 1.3, n)
+    roots = centres - 0.5 * size[:, None] * unit(direction)
+    return join([stem, lift(blades(roots, direction, size, 0.45 * size, leaf, rng))])
+
+
+def _grown(rng: np.random.Generator, *, habit: Habit, wood: str) -> Mesh:
+    """Return a pine or a cedar: a branching crown with tufts of needles."""
+    trunk = bark(wood, "trunk", rng)
+    leaf = foliage("blue" if rng.random() < 0.2 else "needle", "tree", rng)
+    return grow_tree(rng, habit, Colours(trunk, same_as(trunk, "tree"), leaf))
+
+
+DESIGNS: tuple[Design, ...] = (
+    Design("spruce", "tree", _spruce, 3.9, 1.0),
+    Design("pine", "tree", partial(_grown, habit=_PINE, wood="reddish"), 0.9, 1.0),
+    Design("cedar", "tree", partial(_grown, habit=_CEDAR, wood="grey"), 0.9, 0.6),
+    Design("cypress", "tree", partial(_column, height=(4.0, 12.0), width=(0.12, 0.21), profile=(0.3, 0.55)), 1.2, 1.0),
+    Design(
+        "cone_conifer", "tree", partial(_column, height=(1.4, 4.0), width=(0.35, 0.55), profile=(0.2, 0.95)), 1.3, 0.7
+    ),
+)
+"""Every design of a conifer."""

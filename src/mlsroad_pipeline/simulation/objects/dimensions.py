@@ -1,0 +1,197 @@
+"""What can be measured on a built mesh, as truth for those who measure it on points: lean of masts, plates of signs."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.simulation.model.meshes import KIND, LABEL, RETRO, Mesh
+from mlsroad_pipeline.simulation.objects.parts import UNDERGROUND
+
+
+class Plates(NamedTuple):
+    """The plates of traffic signs on a mesh, the largest first.
+
+    Parameters
+    ----------
+    centre : ndarray of shape (p, 3), float64
+        Their middles, metres.
+    yaw : ndarray of shape (p,), float64
+        Where they look, radians counter-clockwise from +x.
+    width, height : ndarray of shape (p,), float64
+        Metres.
+    """
+
+    centre: NDArray[np.float64]
+    yaw: NDArray[np.float64]
+    width: NDArray[np.float64]
+    height: NDArray[np.float64]
+
+
+class Measures(NamedTuple):
+    """What an asset register says of a pole or a sign beside its box; NaN where an object has no such thing.
+
+    Parameters
+    ----------
+    tilt : float
+        Angle between the axis and the vertical, degrees.
+    lean_azimuth : float
+        Direction in which the axis leans, degrees clockwise from grid north; of a tilt of 0 it means nothing.
+    panels : int
+        Plates of traffic signs; the rest is said of the largest.
+    panel_bottom, panel_centre : float
+        Heights of its lower edge and its middle above the base, metres.
+    panel_width, panel_height : float
+        Metres.
+    panel_azimuth : float
+        Where its front looks, degrees clockwise from grid north.
+    panel_x, panel_y : float
+        Its middle, metres, in the frame of the mesh.
+    """
+
+    tilt: float = np.nan
+    lean_azimuth: float = np.nan
+    panels: int = 0
+    panel_bottom: float = np.nan
+    panel_centre: float = np.nan
+    panel_width: float = np.nan
+    panel_height: float = np.nan
+    panel_azimuth: float = np.nan
+    panel_x: float = np.nan
+    panel_y: float = np.nan
+
+
+_MASTS = tuple(TAXONOMY[name] for name in ("light_pole", "utility_pole", "traffic_light", "traffic_sign", "gantry"))
+
+
+def measure(mesh: Mesh, label: int, base: NDArray[np.float64]) -> Measures:
+    """Measure a pole or a sign where it stands.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The object, x east and y north, metres.
+    label : int
+        Taxonomy code of the whole.
+    base : ndarray of shape (3,), float64
+        Where it stands, metres.
+
+    Returns
+    -------
+    Measures
+        All NaN and no panels for what is neither a pole nor a sign. A plate that hangs on another object has no tilt.
+    """
+    if label not in _MASTS:
+        return Measures()
+    found = Measures()
+    if mesh.vertices[:, 2].min() - base[2] < -0.5 * UNDERGROUND:
+        axis = _axis(mesh)
+        found = found._replace(tilt=_off_vertical(axis), lean_azimuth=_azimuth(axis[0], axis[1]))
+    plates = sign_plates(mesh)
+    if len(plates.yaw) == 0:
+        return found
+    (x, y, z), yaw = plates.centre[0], plates.yaw[0]
+    width, height = float(plates.width[0]), float(plates.height[0])
+    return found._replace(
+        panels=len(plates.yaw), panel_bottom=float(z - base[2] - height / 2), panel_centre=float(z - base[2]),
+        panel_width=width, panel_height=height, panel_azimuth=_azimuth(np.cos(yaw), np.sin(yaw)),
+        panel_x=float(x), panel_y=float(y),
+    )  # fmt: skip
+
+
+def _azimuth(east: float, north: float) -> float:
+    return float(np.degrees(np.arctan2(east, north)) % 360.0)
+
+
+def _off_vertical(axis: NDArray[np.float64]) -> float:
+    return float(np.degrees(np.arctan2(np.hypot(axis[0], axis[1]), axis[2])))
+
+
+def _axis(mesh: Mesh) -> NDArray[np.float64]:
+    """Return the upward unit axis of a mast: its foot was cut level before it was leaned."""
+    z = mesh.vertices[:, 2]
+    foot = mesh.vertices[z < z.min() + 0.1]
+    axis = np.linalg.svd(foot - foot.mean(axis=0), full_matrices=False)[2][2]
+    return np.asarray(axis if axis[2] >= 0 else -axis)
+
+
+def tilt(mesh: Mesh) -> float:
+    """Return by how much a mast leans.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        A pole, sign or light of this package, which reaches below the ground.
+
+    Returns
+    -------
+    float
+        Angle between its axis and the vertical, degrees.
+
+    Raises
+    ------
+    ParameterError
+        If the mesh does not reach below the ground.
+    """
+    z = mesh.vertices[:, 2]
+    if z.min() > -0.5 * UNDERGROUND:
+        raise ParameterError(f"the mesh ends {z.min():.2f} m above the ground: only what is let into it has a foot")
+    return _off_vertical(_axis(mesh))
+
+
+def sign_plates(mesh: Mesh) -> Plates:
+    """Return the plates of traffic signs that a mesh carries.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Any mesh of this package.
+
+    Returns
+    -------
+    Plates
+        One entry per plate: border, field and marks count as one.
+    """
+    chosen = (mesh.attributes[:, LABEL] == TAXONOMY["traffic_sign"]) & (mesh.attributes[:, KIND] == RETRO)
+    faces = mesh.faces[chosen]
+    used, corners = np.unique(faces, return_inverse=True)
+    corners = corners.reshape(-1, 3)
+    links = np.concatenate([corners[:, :2], corners[:, 1:]])
+    graph = coo_array((np.ones(len(links), dtype=bool), (links[:, 0], links[:, 1])), shape=(len(used), len(used)))
+    part = connected_components(graph, directed=False)[1][corners[:, 0]] if len(used) else np.zeros(0, dtype=int)
+    triangles = mesh.vertices[faces]
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
+    sheets = [_sheet(triangles[part == k].reshape(-1, 3), normals[part == k].sum(axis=0)) for k in np.unique(part)]
+    kept: list[tuple[float, NDArray[np.float64], NDArray[np.float64], float, float]] = []
+    for sheet in sorted(sheets, key=lambda s: -s[0]):
+        _, middle, normal, _, _ = sheet
+        inside = (
+            abs((middle - m) @ n) < 0.03 and abs(normal @ n) > 0.98 and np.linalg.norm(middle - m) < max(w, h) / 2
+            for _, m, n, w, h in kept
+        )
+        if not any(inside):
+            kept.append(sheet)
+    yaw = [float(np.arctan2(n[1], n[0])) for _, _, n, _, _ in kept]
+    return Plates(
+        np.array([m for _, m, _, _, _ in kept]).reshape(-1, 3), np.array(yaw), np.array([s[3] for s in kept]),
+        np.array([s[4] for s in kept]),
+    )  # fmt: skip
+
+
+def _sheet(
+    points: NDArray[np.float64], area: NDArray[np.float64]
+) -> tuple[float, NDArray[np.float64], NDArray[np.float64], float, float]:
+    """Return area, middle, unit normal, width and height of one flat sheet."""
+    size = float(np.linalg.norm(area))
+    normal = area / size
+    right = np.array([-normal[1], normal[0], 0.0]) / np.hypot(normal[0], normal[1])
+    up = np.cross(normal, right)
+    u, v = points @ right, points @ up
+    middle = (u.max() + u.min()) / 2 * right + (v.max() + v.min()) / 2 * up + (points[0] @ normal) * normal
+    return size, middle, normal, float(np.ptp(u)), float(np.ptp(v))

@@ -1,0 +1,1 @@
+"""Parameters of streets and scanners, with presets."""

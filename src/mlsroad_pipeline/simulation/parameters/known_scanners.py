@@ -1,0 +1,122 @@
+"""Known laser scanners, and how to describe another one in configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem
+
+
+def _vmx450() -> ScannerSystem:
+    # Two VQ-450: 550 kHz, 200 lines/s and 0.3 mrad each, 8 mm accuracy, 5 mm precision, 1.5 m to 140 m at full rate.
+    one = Device(550e3, 200.0, (-0.25, 0.55, 0.8), yaw=45.0, pitch=20.0, min_range=1.5, max_range=140.0)
+    return ScannerSystem("vmx450", (one, replace(one, lever=(-0.25, -0.55, 0.8), yaw=-45.0)))
+
+
+def _vmq1ha() -> ScannerSystem:
+    # One VUX-1HA class scanner: 1 MHz, 250 lines/s, 0.5 mrad, 5 mm accuracy, 3 mm precision, 1.2 m to 150 m.
+    device = Device(
+        1e6, 250.0, (-0.6, 0.0, 0.6), yaw=45.0, pitch=15.0, divergence=0.0005, range_noise=0.003,
+        accuracy=0.005, min_range=1.2, max_range=150.0, max_returns=7,
+    )  # fmt: skip
+    return ScannerSystem("vmq1ha", (device,))
+
+
+def _hdl64() -> ScannerSystem:
+    # HDL-64E: 32 beams a third of a degree apart above 32 half a degree apart, 10 Hz, some 1.33 million pulses/s, 50 m
+    # at a reflectivity of 10 %. Each laser's power follows its returns in eight steps (the maker's manual); target,
+    # memory, scale of intensity and noise are as two thirds of a recorded scan show them (docs/realism.md).
+    elevations = (*np.linspace(2.0, -8.33, 32), *np.linspace(-8.83, -24.8, 32))
+    device = Device(
+        1.333e6, 10.0, (0.0, 0.0, 0.63), pitch=-90.0, elevations=elevations, divergence=0.002, range_noise=0.007,
+        accuracy=0.02, range_step=0.002, min_range=0.9, max_range=120.0, max_returns=1, pulse_length=0.75,
+        sensitivity=-10.0, blooming=0.008, intensity_scale=(5.0, 33.0), power_control=24.0, power_target=13.0,
+        power_memory=128, turf_gain=2.0, gain_spread=1.5,
+    )  # fmt: skip
+    return ScannerSystem("hdl64", (device,), platform=1.1, body=(-2.2, 1.2, -0.85, 0.85))
+
+
+def _sick_side() -> ScannerSystem:
+    # Two LMS 291: half a degree in 180 degrees at 37.5 Hz, 12 mrad, 1 cm steps, 80 m, 30 m at a reflectivity of 10 %.
+    left = Device(
+        27e3, 37.5, (0.0, 0.7, 0.1), field=(0.0, 180.0), divergence=0.012, range_noise=0.01, accuracy=0.035,
+        range_step=0.01, min_range=0.5, max_range=80.0, max_returns=1, pulse_length=0.9, sensitivity=-14.5,
+        blooming=0.02,
+    )  # fmt: skip
+    right = replace(left, lever=(0.0, -0.7, 0.1), field=(-180.0, 0.0))
+    return ScannerSystem("sick_side", (left, right), platform=1.9, body=(-2.5, 2.0, -0.85, 0.85))
+
+
+def _oakland() -> ScannerSystem:
+    # One LMS 291 that looks left, as the scan lines of the Oakland recordings show it (docs/realism.md): half a degree,
+    # 1.85 m above the road, from 12 degrees off the nadir upwards, asphalt seen as far as it is free, some 19 m.
+    device = Device(
+        27e3, 37.5, (0.0, 0.9, 0.05), field=(12.0, 180.0), divergence=0.012, range_noise=0.004, accuracy=0.02,
+        range_step=0.01, min_range=0.5, max_range=80.0, max_returns=1, pulse_length=0.9, sensitivity=-14.5,
+        blooming=0.02,
+    )  # fmt: skip
+    return ScannerSystem("oakland", (device,), platform=1.8, body=(-2.5, 2.0, -0.85, 0.85))
+
+
+SCANNERS: dict[str, ScannerSystem] = {s.name: s for s in (_vmx450(), _vmq1ha(), _hdl64(), _sick_side(), _oakland())}
+"""Known systems: RIEGL VMX-450 and VMQ-1HA, Velodyne HDL-64E on a car, SICK LMS 291 (a pair, and one as in Oakland)."""
+
+
+def scanner_system(config: str | Mapping[str, Any]) -> ScannerSystem:
+    """Read a scanner system from configuration.
+
+    Parameters
+    ----------
+    config : str or mapping
+        A key of `SCANNERS`; or a mapping with ``name``, ``devices`` (a list of mappings with the fields of `Device`),
+        ``platform`` and ``body``, of which those left out are taken from the system that ``like`` names, if any.
+        Without ``devices``, fields of `Device` at the top level change all devices of that system.
+
+    Returns
+    -------
+    ScannerSystem
+        The system.
+
+    Raises
+    ------
+    ParameterError
+        If a name or a field is unknown, one is missing, or a value is outside its domain.
+    """
+    if isinstance(config, str):
+        if config not in SCANNERS:
+            raise ParameterError(f"scanner {config!r} is unknown (scanners: {', '.join(SCANNERS)})")
+        return SCANNERS[config]
+    given = dict(config)
+    base = scanner_system(str(given.pop("like"))) if "like" in given else None
+    devices = given.pop("devices", None)
+    own: dict[str, Any] = {key: given.pop(key) for key in ("name", "platform", "body") if key in given}
+    _check_fields(given)
+    if devices is not None:
+        if given:
+            raise ParameterError(f"scanner: {', '.join(sorted(given))} must stand in each of its devices")
+        own["devices"] = tuple(_device(one) for one in devices)
+    if base is None:
+        if "devices" not in own:
+            raise ParameterError(f"scanner must have devices, or be like one of {', '.join(SCANNERS)}")
+        return ScannerSystem(**{"name": "own", **own})
+    return replace(base, **own).changed(**given)
+
+
+def _check_fields(given: Mapping[str, Any]) -> None:
+    unknown = sorted(set(given) - {field.name for field in fields(Device)})
+    if unknown:
+        known = ", ".join(field.name for field in fields(Device))
+        raise ParameterError(f"unknown fields of a scanner: {', '.join(unknown)} (known: {known})")
+
+
+def _device(given: Mapping[str, Any]) -> Device:
+    _check_fields(given)
+    missing = [name for name in ("pulse_rate", "profile_rate") if name not in given]
+    if missing:
+        raise ParameterError(f"a scanner's device must have {' and '.join(missing)}")
+    return Device(**given)

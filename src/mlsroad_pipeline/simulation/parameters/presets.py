@@ -1,0 +1,188 @@
+"""The parameters of a simulated survey, and named sets of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from numbers import Integral, Real
+from typing import Any
+
+import pyproj
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem
+from mlsroad_pipeline.simulation.parameters.known_scanners import SCANNERS
+from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS, StreetParameters
+
+OF_THE_SCANNER = ("profile_rate", "pulse_rate", "range_noise", "beam_divergence", "max_range")
+"""Parameters that are None where the scanner's own values hold."""
+
+_DOMAINS: tuple[tuple[str, float, float, str], ...] = (
+    ("length", 10, 5000, " m"), ("range_noise", 0, 100, ""), ("trajectory_noise", 0, 100, ""),
+    ("boresight_error", 0, 10, " degrees"), ("pass_offset", 0, 100, " m"), ("wetness", 0, 1, ""),
+    ("image_readout", 0, 1, " s"), ("beam_rays", 1, 9, ""), ("passes", 1, 8, ""),
+    ("image_width", 16, 8192, " pixels"), ("image_height", 16, 8192, " pixels"),
+    ("easting", -1e8, 1e8, " m"), ("northing", -1e8, 1e8, " m"), ("height", -500, 9000, " m"),
+    ("start_time", 0, 1e10, " s"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SimulationParameters:
+    """What is surveyed, and how.
+
+    Parameters
+    ----------
+    seed : int, default 0
+        Non-negative. The street, everything on it and all noise follow from it.
+    length : float, default 150
+        Surveyed length along the street, metres, 10 to 5000; the street itself goes on at both ends.
+    speed : float, default 10
+        Mean speed of the van, m/s. Slower is denser along the street.
+    scanner : ScannerSystem, default the RIEGL VMX-450
+        The scanners and how they are mounted; see `SCANNERS`.
+    profile_rate : float or None, default 200
+        Revolutions per second of each scanner. None, here and in the next four, is the scanner's own value.
+    pulse_rate : float or None, default 180000
+        Pulses per second of each scanner; about two thirds of them come back. The VMX-450 reaches 550000.
+    range_noise : float or None, default 0.005
+        Standard deviation of a strong return's range, metres; weak returns are noisier.
+    beam_divergence : float or None, default 0.0003
+        Full angle of the beam, radians. Larger mixes more pixels at edges.
+    max_range : float or None, default 120
+        Longest range that is recorded, metres.
+    beam_rays : int, default 5
+        Rays that sample the beam where it may meet an edge, 1 to 9; more resolve foliage better and cost time.
+    wetness : float, default 0.03
+        Share of paved ground that lies under a film of water, 0 to 1: dark, and a mirror at a slant.
+    trajectory_noise : float, default 1.0
+        Factor on the error of the reported trajectory, which is about 1 cm and 0.005 degrees at 1; 0 is none.
+    boresight_error : float, default 0.003
+        Standard deviation of the error in each angle of a scanner's mounting, degrees; also the factor, in metres per
+        degree, on that of its lever arm.
+    passes : int, default 1
+        How often the street is driven through, 1 to 8; each pass has its own track, traffic and errors.
+    pass_offset : float, default 0.03
+        How far the positions of each further pass are off as a whole, metres.
+    with_images : bool, default True
+        Whether three cameras take images that colour the points. Without them points have the colour of what they
+        hit under the sun, without cast shadows.
+    image_width, image_height : int, default 640, 480
+        Size of the images, pixels.
+    image_interval : float, default 8
+        Distance between images of one camera, metres.
+    image_readout : float, default 0.004
+        Time from the exposure of the first row of an image to that of the last, seconds; 0 is a global shutter.
+    easting, northing, height : float, default 389300, 5819700, 34
+        World coordinates where the street begins, metres.
+    epsg : int, default 25833
+        Projected coordinate reference system in metres.
+    start_time : float, default 216000
+        GPS seconds of the week at the start of the drive.
+    street : StreetParameters
+        What kind of street it is; see `STREETS`.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its domain, or if `epsg` is not a projected system in metres.
+    """
+
+    seed: int = 0
+    length: float = 150.0
+    speed: float = 10.0
+    scanner: ScannerSystem = SCANNERS["vmx450"]
+    profile_rate: float | None = 200.0
+    pulse_rate: float | None = 180_000.0
+    range_noise: float | None = 0.005
+    beam_divergence: float | None = 0.0003
+    max_range: float | None = 120.0
+    beam_rays: int = 5
+    wetness: float = 0.03
+    trajectory_noise: float = 1.0
+    boresight_error: float = 0.003
+    passes: int = 1
+    pass_offset: float = 0.03
+    with_images: bool = True
+    image_width: int = 640
+    image_height: int = 480
+    image_interval: float = 8.0
+    image_readout: float = 0.004
+    easting: float = 389_300.0
+    northing: float = 5_819_700.0
+    height: float = 34.0
+    epsg: int = 25833
+    start_time: float = 216_000.0
+    street: StreetParameters = field(default_factory=StreetParameters)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.seed, bool) or not isinstance(self.seed, Integral) or self.seed < 0:
+            raise ParameterError(f"seed must be an integer >= 0, got {self.seed!r}")
+        for name in ("speed", "image_interval"):
+            check_positive(getattr(self, name), name)
+        for name in OF_THE_SCANNER:
+            if name != "range_noise" and getattr(self, name) is not None:
+                check_positive(getattr(self, name), name)
+        for name, low, high, unit in _DOMAINS:
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, Real) and low <= value <= high):
+                raise ParameterError(f"{name} must be between {low:g} and {high:g}{unit}, got {value!r}")
+        for name in ("beam_rays", "passes"):
+            if getattr(self, name) != int(getattr(self, name)):
+                raise ParameterError(f"{name} must be an integer, got {getattr(self, name)!r}")
+        _ = self.devices  # checks that its fields agree
+        self.crs_wkt()
+
+    @property
+    def devices(self) -> tuple[Device, ...]:
+        """The scanners with the rates, noise, divergence and range that these parameters give them."""
+        changed = self.scanner.changed(
+            profile_rate=self.profile_rate, pulse_rate=self.pulse_rate, range_noise=self.range_noise,
+            divergence=self.beam_divergence, max_range=self.max_range,
+        )  # fmt: skip
+        return changed.devices
+
+    def crs_wkt(self) -> str:
+        """Return the coordinate reference system as WKT.
+
+        Returns
+        -------
+        str
+            WKT 2.
+
+        Raises
+        ------
+        ParameterError
+            If `epsg` is unknown, or not a projected system in metres.
+        """
+        try:
+            crs = pyproj.CRS.from_epsg(self.epsg)
+        except pyproj.exceptions.CRSError as error:
+            raise ParameterError(f"epsg {self.epsg!r} is not a known coordinate reference system") from error
+        if not crs.is_projected or crs.axis_info[0].unit_name != "metre":
+            raise ParameterError(f"epsg {self.epsg!r} must be a projected system in metres, is {crs.name!r}")
+        return str(crs.to_wkt())
+
+
+_DEMO = SimulationParameters()
+_OWN: dict[str, Any] = dict.fromkeys(OF_THE_SCANNER)
+
+PRESETS: dict[str, SimulationParameters] = {
+    "tiny": replace(_DEMO, length=30.0, speed=14.0, profile_rate=50.0, pulse_rate=14_000.0, image_interval=15.0,
+                    image_width=240, image_height=180),
+    "small": replace(_DEMO, length=80.0, speed=10.0, profile_rate=100.0, pulse_rate=65_000.0, image_interval=8.0,
+                     image_width=480, image_height=360),
+    "demo": _DEMO,
+    "vmx450": replace(_DEMO, **_OWN),
+    "vmq1ha": replace(_DEMO, **_OWN, scanner=SCANNERS["vmq1ha"]),
+    "hdl64": replace(_DEMO, **_OWN, scanner=SCANNERS["hdl64"], with_images=False),
+    "sick_side": replace(_DEMO, **_OWN, scanner=SCANNERS["sick_side"], speed=5.0, with_images=False),
+    "oakland": replace(_DEMO, **_OWN, scanner=SCANNERS["oakland"], speed=7.0, with_images=False,
+                       street=STREETS["campus"]),
+}  # fmt: skip
+"""Named parameters.
+
+``tiny`` (some 30,000 points, for tests), ``small`` (half a million) and ``demo`` (2 to 4 million) are a VMX-450 at a
+fraction of its rate; ``vmx450``, ``vmq1ha``, ``hdl64``, ``sick_side`` and ``oakland`` are scanners as they are, the
+last three without images; ``oakland`` is a street of the kind ``campus``.
+"""

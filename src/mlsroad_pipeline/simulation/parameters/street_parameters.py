@@ -1,0 +1,175 @@
+"""The parameters of a street, and named sets of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+
+
+@dataclass(frozen=True)
+class StreetParameters:
+    """What kind of street is drawn; every seed is another street of the kind.
+
+    Parameters
+    ----------
+    junction_spacing : float, default 140
+        Mean distance between junctions, metres; at least 60, or 0 for none.
+    crossroads : float, default 0.4
+        Share of the junctions where side streets join from both sides; the others are T-junctions.
+    signals : float, default 0.4
+        Share of the junctions with traffic lights; at the others side streets stop or give way.
+    lanes : int, default 0
+        Lanes per direction, 1 to 3; 0 draws one or two.
+    median : float, default 0
+        Width of a planted median, metres, 0 or 1.5 to 12.
+    verges : float, default 0.75
+        Chance that a side has a strip of grass or soil between curb and pavement.
+    verge_width : float, default 1.8
+        Its mean width, metres, 0.8 to 8.
+    grass_height : float, default 0.07
+        Mean height of blades, metres, 0 to 0.2; a beam ends somewhere in between them.
+    bare_soil : float, default 0.2
+        Share of verges and gardens that are soil rather than grass.
+    parking : float, default 0.65
+        Chance that a side has parking bays.
+    slanted_parking : float, default 0.25
+        Chance that its bays are slanted rather than along the curb.
+    parked : float, default 0.7
+        Share of the bays that are taken.
+    lamp_spacing : float, default 0
+        Distance between street lamps, metres, 10 to 100; 0 draws 25 to 40.
+    buildings : float, default 1
+        How often land is built on; 0 leaves it open.
+    boundaries : float, default 1
+        Share of the fences, walls and hedges on property lines that are there.
+    trees, palms, cycas, shrubs : float, default 1
+        How many there are; 0 is none, 2 about twice as many.
+    clutter, signs, people, traffic : float, default 1
+        Likewise for bins, benches, bollards and the like; for traffic signs; for people; for moving vehicles.
+    stations, gantries : float, default 1
+        Likewise for bus stops, one in every second block of 60 m at 1, and for gantries over roads with a median, one
+        in every fifth block.
+    lorries : float, default 1
+        How frequent trucks are among the vehicles that move, as multiples of the usual 6 of 100; 0 is none.
+    two_wheelers : float, default 1
+        Likewise for bicycles and motorcycles, parked and ridden. Above 1 some are added and all else stays as it is.
+    overhead_wires : float, default 0.7
+        Chance of utility poles with wires along the street and to the houses.
+    hard_cases : float, default 0.3
+        Chance that a plant, a pole or a parked vehicle along the curb gets a partner that is hard to tell from it:
+        poles inside crowns, shrubs in a row or around a post, bins that lean on posts, plants that touch parked cars,
+        things that stand close behind trees. 0 is never; at 1 all do where there is room.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its domain.
+    """
+
+    junction_spacing: float = 140.0
+    crossroads: float = 0.4
+    signals: float = 0.4
+    lanes: int = 0
+    median: float = 0.0
+    verges: float = 0.75
+    verge_width: float = 1.8
+    grass_height: float = 0.07
+    bare_soil: float = 0.2
+    parking: float = 0.65
+    slanted_parking: float = 0.25
+    parked: float = 0.7
+    lamp_spacing: float = 0.0
+    buildings: float = 1.0
+    boundaries: float = 1.0
+    trees: float = 1.0
+    palms: float = 1.0
+    cycas: float = 1.0
+    shrubs: float = 1.0
+    clutter: float = 1.0
+    signs: float = 1.0
+    people: float = 1.0
+    traffic: float = 1.0
+    stations: float = 1.0
+    gantries: float = 1.0
+    lorries: float = 1.0
+    two_wheelers: float = 1.0
+    overhead_wires: float = 0.7
+    hard_cases: float = 0.3
+
+    def __post_init__(self) -> None:
+        shares = ("crossroads", "signals", "verges", "parking", "slanted_parking", "parked", "overhead_wires",
+                  "bare_soil", "boundaries")  # fmt: skip
+        for name in (*shares, "hard_cases"):
+            self._check(name, 0.0, 1.0)
+        for name in ("buildings", "trees", "palms", "cycas", "shrubs", "clutter", "signs", "people", "traffic",
+                     "stations", "two_wheelers"):  # fmt: skip
+            self._check(name, 0.0, 5.0)
+        self._check("gantries", 0.0, 20.0)
+        self._check("lorries", 0.0, 20.0)
+        self._check("verge_width", 0.8, 8.0)
+        self._check("grass_height", 0.0, 0.2)
+        self._check("junction_spacing", 60.0, 5000.0, zero=True)
+        self._check("median", 1.5, 12.0, zero=True)
+        self._check("lamp_spacing", 10.0, 100.0, zero=True)
+        if self.lanes not in (0, 1, 2, 3):
+            raise ParameterError(f"lanes must be 0, 1, 2 or 3, got {self.lanes!r}")
+
+    def _check(self, name: str, low: float, high: float, *, zero: bool = False) -> None:
+        value = getattr(self, name)
+        if not (isinstance(value, int | float) and (low <= value <= high or (zero and value == 0))):
+            either = "0 or " if zero else ""
+            raise ParameterError(f"{name} must be {either}between {low:g} and {high:g}, got {value!r}")
+
+
+STREETS: dict[str, StreetParameters] = {
+    "town": StreetParameters(),
+    "suburb": StreetParameters(
+        junction_spacing=180.0, signals=0.1, lanes=1, verges=1.0, verge_width=2.4, parking=0.4, parked=0.45,
+        buildings=0.8, clutter=0.6, shrubs=1.5, people=0.6, traffic=0.6, overhead_wires=1.0,
+    ),
+    "ring_road": StreetParameters(
+        junction_spacing=300.0, crossroads=0.2, signals=0.5, lanes=2, median=5.0, verges=1.0, verge_width=5.0,
+        lamp_spacing=30.0, grass_height=0.09, bare_soil=0.05, parking=0.0, buildings=0.15, trees=0.0, palms=0.5,
+        cycas=5.0, shrubs=1.4, clutter=0.3, signs=0.6, people=0.3, traffic=0.5, overhead_wires=0.0,
+    ),
+    "campus": StreetParameters(
+        verges=0.9, verge_width=3.0, palms=0.0, cycas=0.0, trees=2.0, overhead_wires=1.0,
+    ),
+}  # fmt: skip
+"""Named kinds: ``town``, ``suburb``, ``campus`` with trees, and ``ring_road`` like luo2016's in Xiamen."""
+
+
+def street_parameters(config: object) -> StreetParameters:
+    """Read street parameters from configuration.
+
+    Parameters
+    ----------
+    config : StreetParameters, str or mapping
+        The parameters themselves, the name of a kind, or ``kind`` and the fields that differ from it.
+
+    Returns
+    -------
+    StreetParameters
+        The parameters.
+
+    Raises
+    ------
+    ParameterError
+        If `config` is something else, the kind or a field is unknown, or a value is outside its domain.
+    """
+    if isinstance(config, StreetParameters):
+        return config
+    if not isinstance(config, (str, Mapping)):
+        raise ParameterError(f"a street is the name of a kind or a mapping of parameters, got {config!r}")
+    changes: dict[str, Any] = {"kind": config} if isinstance(config, str) else dict(config)
+    kind = changes.pop("kind", "town")
+    if kind not in STREETS:
+        raise ParameterError(f"kind of street {kind!r} is unknown (kinds: {', '.join(STREETS)})")
+    known = [field.name for field in fields(StreetParameters)]
+    unknown = sorted(set(changes) - set(known))
+    if unknown:
+        raise ParameterError(f"unknown street parameters: {', '.join(unknown)} (known: {', '.join(known)})")
+    return StreetParameters(**{**{name: getattr(STREETS[kind], name) for name in known}, **changes})

@@ -1,0 +1,218 @@
+"""Branching crowns: every order of branches reaches for places inside the crown's outline.
+
+A greedy form of space colonisation (Runions et al. 2007): places are drawn inside the outline, and each is joined to
+the nearest node of the branches that are already there, where a node that sap reaches by a long way counts as farther
+(Cuntz et al. 2010). Three orders suffice at the resolution of a street survey; what comes after them is leaves.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mlsroad_pipeline.simulation.model.batches import Floats, bearing, blades, bows, tubes, unit
+from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
+from mlsroad_pipeline.simulation.plants.habits import Habit, Outline
+
+UNDERGROUND = 0.25
+"""Stems go this deep, so that nothing floats on a slope, metres."""
+
+_GOLDEN = 2.39996
+_DETOUR = 0.35  # a metre of way along the branches counts as this much distance
+
+
+class Colours(NamedTuple):
+    """What a tree is made of.
+
+    Parameters
+    ----------
+    trunk : Surface
+        The stem below the crown.
+    bark : Surface
+        Everything woody above.
+    leaf : Surface
+        The average leaf.
+    """
+
+    trunk: Surface
+    bark: Surface
+    leaf: Surface
+
+
+class Wood(NamedTuple):
+    """Branches of one order.
+
+    Parameters
+    ----------
+    paths : ndarray of shape (n, m, 3), float64
+        Points along each, metres.
+    radii : ndarray of shape (n, m), float64
+        Radius at each point, metres.
+    way : ndarray of shape (n, m), float64
+        Length of the way from the ground, metres.
+    """
+
+    paths: Floats
+    radii: Floats
+    way: Floats
+
+
+def grow_tree(rng: np.random.Generator, habit: Habit, colours: Colours, *, faces: int = 5800) -> Mesh:
+    """Grow one tree.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of its shape.
+    habit : Habit
+        How its kind grows.
+    colours : Colours
+        What it is made of.
+    faces : int, default 5800
+        Faces of the whole; what the wood leaves over goes to the leaves, or to twigs where it is bare.
+
+    Returns
+    -------
+    Mesh
+        Stem at the origin; its root lies `UNDERGROUND` deep.
+    """
+    height = rng.uniform(*habit.height)
+    clear = height * rng.uniform(*habit.clear)
+    radius = 0.5 * height * rng.uniform(*habit.width)
+    foot = clear + 0.05 * (height - clear)
+    outline = Outline(rng, foot, height, radius, habit.profile)
+    stem_radius = radius / rng.uniform(*habit.girth)
+    stems = _stems(rng, habit, height, clear, stem_radius, radius)
+    limbs = _limbs(rng, habit, outline, stems, clear)
+    branches = _reach(rng, outline, [limbs], faces // 170, steps=4, shell=habit.shell, thin=0.55)
+    n_twigs = faces // (45 if habit.density[1] > 0 else 28)
+    steps = 3 if habit.droop[1] > 1 or habit.density[1] == 0 else 2
+    twigs = _reach(rng, outline, [limbs, branches], n_twigs, steps=steps, shell=habit.shell, thin=0.5)
+    twigs = _hang(rng, twigs, habit)
+    lower, upper = _split(stems, clear)
+    meshes = [tubes(lower.paths, lower.radii, colours.trunk, sides=9), tubes(upper.paths, upper.radii, colours.bark)]
+    meshes += [tubes(limbs.paths, limbs.radii, colours.bark)]
+    meshes += [tubes(wood.paths, wood.radii, colours.bark, sides=3) for wood in (branches, twigs)]
+    left = faces - sum(len(m.faces) for m in meshes)
+    meshes.append(_leaves(rng, habit, outline, twigs, left, colours) if habit.density[1] > 0
+                  else _bare_ends(rng, [branches, twigs], left, colours.bark))  # fmt: skip
+    return join(meshes)
+
+
+def _stems(rng: np.random.Generator, habit: Habit, height: float, clear: float, base: float, crown: float) -> Wood:
+    """Return stems with buttressed feet; several ones part from each other on their way up."""
+    n = int(rng.integers(habit.stems[0], habit.stems[1] + 1))
+    top = clear + rng.uniform(*habit.leader) * (height - clear)
+    knee = 0.92 * clear
+    z = np.concatenate([[-UNDERGROUND, 0.0, 0.18], np.linspace(max(0.25 * knee, 0.4), knee, 3), [clear],
+                        np.linspace(clear, top, 6)[1:]])  # fmt: skip
+    up = np.clip(z / top, 0, 1)
+    wobble = np.cumsum(rng.normal(0, 0.022 * height / 10, (n, len(z), 2)), axis=1) * np.minimum(up * 4, 1)[:, None]
+    lean = rng.normal(0, 0.03, (n, 2)) * height
+    azimuth = rng.uniform(0, 2 * np.pi) + np.arange(n) * 2 * np.pi / n
+    apart = np.column_stack([np.cos(azimuth), np.sin(azimuth)]) * (n > 1)
+    spread = (0.6 * base + rng.uniform(0.12, 0.3) * crown * up**1.3)[:, None] * apart[:, None]
+    xy = wobble + lean[:, None] * (up**1.5)[:, None] + spread
+    paths = np.concatenate([xy, np.broadcast_to(z[:, None], (n, len(z), 1))], axis=2)
+    taper = np.interp(up, [0.0, 0.35, 1.0], [1.0, 0.82, 0.25]) * n**-0.45
+    flare = 1 + rng.uniform(0.25, 0.6) * np.exp(-np.maximum(z, 0) / (1.6 * base))
+    radii = np.broadcast_to(base * taper * flare, (n, len(z)))
+    return Wood(paths, radii, np.broadcast_to(np.maximum(z, 0), (n, len(z))))
+
+
+def _split(stems: Wood, clear: float) -> tuple[Wood, Wood]:
+    """Cut stems where the crown begins: what is below is trunk."""
+    k = int(np.searchsorted(stems.paths[0, :, 2], clear - 1e-9))
+    return (Wood(*(a[:, : k + 1] for a in stems)), Wood(*(a[:, k:] for a in stems)))
+
+
+def _limbs(rng: np.random.Generator, habit: Habit, outline: Outline, stems: Wood, clear: float) -> Wood:
+    """Return the limbs that leave the stems and carry the crown, the leaders' tips among them."""
+    n = int(rng.integers(habit.limbs[0], habit.limbs[1] + 1))
+    azimuth = rng.uniform(0, 6.28) + _GOLDEN * np.arange(n) + rng.normal(0, 0.25, n)
+    share = (np.arange(n) + rng.uniform(0.1, 0.9, n)) / n * 0.93 + 0.05
+    ends = outline.place(share, azimuth, rng.uniform(0.55, 0.85, n))
+    ends[-1] = outline.place(np.array([0.985]), azimuth[-1:], np.array([0.3]))[0]
+    rise = rng.uniform(*habit.rise, n)
+    out = np.hypot(ends[:, 0], ends[:, 1])
+    z_of = stems.paths[0, :, 2]
+    z = np.clip(ends[:, 2] - out * np.tan(rise), clear, z_of[-1] - 0.02 * (z_of[-1] - clear))
+    z = np.minimum(z, ends[:, 2] - 0.05)
+    z = np.maximum(z, clear)
+    # Of several stems a limb leaves the one on its own side.
+    crowns = stems.paths[:, -1, :2]
+    which = ((ends[:, None, :2] - crowns) ** 2).sum(axis=2).argmin(axis=1)
+    at = np.interp(z, z_of, np.arange(len(z_of)))
+    low = np.minimum(at.astype(np.int64), len(z_of) - 2)
+    part = (at - low)[:, None]
+    start = (1 - part) * stems.paths[which, low] + part * stems.paths[which, low + 1]
+    stem_radius = (1 - part[:, 0]) * stems.radii[which, low] + part[:, 0] * stems.radii[which, low + 1]
+    paths = bows(start, bearing(azimuth, rise), ends, 5)
+    paths[:, 1:-1] += rng.normal(0, 0.03, (n, 3, 3)) * np.linalg.norm(ends - start, axis=1)[:, None, None]
+    length = np.linalg.norm(ends - start, axis=1)
+    thick = np.minimum(0.75 * stem_radius, 0.012 * length + 0.35 * stem_radius)
+    steps = np.linspace(0, 1, 5)
+    return Wood(paths, thick[:, None] * (1 - 0.72 * steps), z[:, None] + length[:, None] * steps)
+
+
+def _reach(
+    rng: np.random.Generator, outline: Outline, older: list[Wood], n: int, *, steps: int, shell: float, thin: float
+) -> Wood:
+    """Join drawn places to the nearest nodes of older branches."""
+    azimuth = rng.uniform(0, 2 * np.pi, n)
+    ends = outline.place(rng.random(n), azimuth, rng.random(n) ** (1 / (2 + shell)))
+    nodes = np.concatenate([w.paths[:, 1:].reshape(-1, 3) for w in older])
+    heading = np.concatenate([np.diff(w.paths, axis=1).reshape(-1, 3) for w in older])
+    radii = np.concatenate([w.radii[:, 1:].ravel() for w in older])
+    way = np.concatenate([w.way[:, 1:].ravel() for w in older])
+    gap = np.sqrt(((ends[:, None] - nodes) ** 2).sum(axis=2))
+    nearest = (gap + _DETOUR * way).argmin(axis=1)
+    start, length = nodes[nearest], gap[np.arange(n), nearest]
+    paths = bows(start, unit(heading[nearest] + rng.normal(0, 0.1, (n, 3))), ends, steps)
+    bend = rng.normal(0, 0.05, (n, steps - 2, 3)) * length[:, None, None]
+    paths[:, 1:-1] += bend
+    s = np.linspace(0, 1, steps)
+    thick = np.clip(thin * radii[nearest], 0.004, 0.012 * length + 0.006)
+    return Wood(paths, thick[:, None] * (1 - 0.75 * s), way[nearest][:, None] + length[:, None] * s)
+
+
+def _hang(rng: np.random.Generator, twigs: Wood, habit: Habit) -> Wood:
+    """Let the twigs hang down, but not to the ground."""
+    drop = rng.uniform(*habit.droop) * rng.uniform(0.6, 1.3, len(twigs.paths))
+    end = twigs.paths[:, -1]
+    drop = np.minimum(drop, np.maximum(end[:, 2] - rng.uniform(1.1, 2.1, len(end)), 0.0))
+    paths = twigs.paths.copy()
+    paths[:, -1, 2] -= drop
+    paths[:, 1:-1, 2] -= 0.12 * drop[:, None]
+    return twigs._replace(paths=paths)
+
+
+def _leaves(rng: np.random.Generator, habit: Habit, outline: Outline, twigs: Wood, n: int, colours: Colours) -> Mesh:
+    """Spread leaves along the outer parts of the twigs."""
+    which = rng.integers(0, len(twigs.paths), n)
+    along = rng.uniform(0.25, 1.05, n)
+    steps = twigs.paths.shape[1] - 1
+    low = np.minimum((along * steps).astype(np.int64), steps - 1)
+    part = (along * steps - low)[:, None]
+    a, b = twigs.paths[which, low], twigs.paths[which, low + 1]
+    clump = rng.uniform(*habit.clump) * rng.uniform(0.6, 1.3, len(twigs.paths))
+    roots = a + part * (b - a) + rng.normal(0, 1, (n, 3)) * 0.6 * clump[which, None]
+    roots[:, 2] = np.maximum(roots[:, 2], 0.05)
+    area = rng.uniform(*habit.density) * outline.volume / n
+    length = float(np.clip(np.sqrt(2 * area / habit.slenderness), 0.06, 0.38))
+    hanging = np.array([0.0, 0.0, -rng.uniform(0.1, 0.8)])
+    hanging = hanging * (1 + 3 * (habit.droop[0] > 0.5))
+    direction = unit(b - a) * 0.5 + rng.normal(0, 0.8, (n, 3)) + hanging
+    length_of = length * rng.uniform(0.65, 1.35, n)
+    return blades(roots, direction, length_of, habit.slenderness * length_of, colours.leaf, rng)
+
+
+def _bare_ends(rng: np.random.Generator, older: list[Wood], n: int, bark: Surface) -> Mesh:
+    """Return the last, finger-thin twigs of a tree without leaves."""
+    nodes = np.concatenate([w.paths[:, 1:].reshape(-1, 3) for w in older])
+    heading = np.concatenate([np.diff(w.paths, axis=1).reshape(-1, 3) for w in older])
+    which = rng.integers(0, len(nodes), n)
+    direction = unit(heading[which]) + rng.normal(0, 0.55, (n, 3)) + [0, 0, 0.25]
+    length = rng.uniform(0.25, 0.9, n)
+    return blades(nodes[which], direction, length, rng.uniform(0.006, 0.014, n), bark, rng)

@@ -1,0 +1,124 @@
+"""How a kind of tree grows, and the outline of one crown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.simulation.model.batches import Floats
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Habit:
+    """How a kind of tree grows; every pair is a range that an individual draws from.
+
+    Parameters
+    ----------
+    height : tuple of float
+        Of the whole tree, metres.
+    width : tuple of float
+        Diameter of the crown over the height.
+    clear : tuple of float
+        Height below which no limb starts, over the height.
+    profile : tuple of float
+        Exponents a and b of the outline t**a * (1 - t)**b, where t runs from the crown's foot to its top: equal ones
+        give an egg, a larger a puts the widest place higher.
+    leader : tuple of float
+        How far the stem goes up into the crown, 0 to 1.
+    rise : tuple of float
+        Elevation in which limbs leave the stem, radians.
+    girth : tuple of float
+        Diameter of the crown over that of the stem at breast height; some 18 to 26 in open-grown street trees.
+    limbs : tuple of int
+        How many limbs leave the stem.
+    droop : tuple of float
+        How far the last twigs hang down, metres.
+    density : tuple of float
+        Leaf area per volume of the crown, 1/m; 0.5 to 1.2 in street trees. 0 is a bare tree.
+    clump : tuple of float
+        Radius about the twigs in which leaves stand, metres.
+    stems : tuple of int, default (1, 1)
+        How many stems rise from the ground.
+    shell : float, default 2
+        0 fills the crown evenly with twigs; the larger, the more they crowd to its outside.
+    slenderness : float, default 0.75
+        Width of a leaf over its length.
+
+    Raises
+    ------
+    ParameterError
+        If a range is reversed.
+    """
+
+    height: Range
+    width: Range
+    clear: Range
+    profile: Range
+    leader: Range
+    rise: Range
+    girth: Range
+    limbs: tuple[int, int]
+    droop: Range
+    density: Range
+    clump: Range
+    stems: tuple[int, int] = (1, 1)
+    shell: float = 2.0
+    slenderness: float = 0.75
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, tuple) and field.name != "profile" and value[0] > value[1]:
+                raise ParameterError(f"{field.name} runs from {value[0]} down to {value[1]}")
+
+
+class Outline:
+    """The outside of one crown, lopsided as no other.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of its lobes.
+    foot, top, radius : float
+        Heights where it begins and ends, and its largest radius, metres.
+    profile : tuple of float
+        See `Habit`.
+    """
+
+    def __init__(self, rng: np.random.Generator, foot: float, top: float, radius: float, profile: Range) -> None:
+        self.foot, self.top = foot, top
+        a, b = np.array(profile) * np.exp(rng.normal(0, 0.12, 2))
+        t = np.linspace(0.0, 1.0, 41)
+        shape = t**a * (1 - t) ** b
+        self._t, self._radius = t, radius * shape / shape.max()
+        share = np.cumsum(shape**1.5 + 5e-3)
+        self._share = (share - share[0]) / (share[-1] - share[0])
+        self._lobes = rng.normal(0, [0.10, 0.08, 0.07])
+        self._phase, self._twist = rng.uniform(0, 2 * np.pi, 3), rng.normal(0, 3.0, 3)
+        self.volume = float(np.pi * (self._radius**2).mean() * (top - foot))
+
+    def place(self, share: Floats, azimuth: Floats, depth: Floats) -> Floats:
+        """Return places in the crown, a little denser where it is narrow.
+
+        Parameters
+        ----------
+        share : ndarray of shape (n,), float64
+            How much of the crown lies below, 0 to 1.
+        azimuth : ndarray of shape (n,), float64
+            Direction from the axis, radians.
+        depth : ndarray of shape (n,), float64
+            0 on the axis, 1 on the outline.
+
+        Returns
+        -------
+        ndarray of shape (n, 3), float64
+            The places, metres, about the axis.
+        """
+        t = np.interp(share, self._share, self._t)
+        wave = np.cos(np.arange(1, 4) * azimuth[:, None] + self._twist * t[:, None] + self._phase) @ self._lobes
+        r = np.interp(t, self._t, self._radius) * (1 + wave) * depth
+        return np.column_stack([r * np.cos(azimuth), r * np.sin(azimuth), self.foot + t * (self.top - self.foot)])

@@ -1,0 +1,1 @@
+"""Ray casting against static and moving objects."""

@@ -1,0 +1,136 @@
+"""What rays met, and what is there: label, albedo and relief of the place, textures and ground covers looked up."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.simulation.model.compiled import leaf
+from mlsroad_pipeline.simulation.model.materials import plane_noise, texture_tone
+from mlsroad_pipeline.simulation.model.meshes import GROUND, KIND, LABEL, RED
+from mlsroad_pipeline.simulation.street.alignment import locate_one
+from mlsroad_pipeline.simulation.street.cover import ground_cover
+from mlsroad_pipeline.simulation.street.ground import GRASS, SOIL, Ground
+from mlsroad_pipeline.simulation.street.junctions import Nearby, nearby
+
+WET = 8
+"""Kind of ground under a film of water, beside the kinds of `meshes`: no face has it, places get it."""
+
+_CLOSE = 0.15  # a place that has been shifted by less is known to tenths of a millimetre, metres
+
+_SHARES = np.array([0.0, 0.01, 0.03, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 0.99, 1.0])
+_LEVELS = np.array([0.0, 0.157, 0.209, 0.291, 0.409, 0.5, 0.591, 0.709, 0.791, 0.843, 1.0])
+
+
+class Hits(NamedTuple):
+    """What rays met first.
+
+    Parameters
+    ----------
+    distance : ndarray of shape (n,), float32
+        Metres along the ray; infinite where it met nothing.
+    face : ndarray of shape (n,), int32
+        Row of the scene's attribute table, -1 where it met nothing.
+    normal : ndarray of shape (n, 3), float32
+        Unit normal of the face, either side.
+    """
+
+    distance: NDArray[np.float32]
+    face: NDArray[np.int32]
+    normal: NDArray[np.float32]
+
+
+class Surfaces(NamedTuple):
+    """What the places are made of that rays met.
+
+    Parameters
+    ----------
+    label, kind : ndarray of shape (n,), uint8
+        Taxonomy code and kind of the surface.
+    rgb : ndarray of shape (n, 3), float32
+        Linear albedo.
+    reflectivity : ndarray of shape (n,), float32
+        Albedo at the scanner's wavelength.
+    relief : ndarray of shape (n,), float32
+        Height of what grows or lies on the ground there, metres.
+    """
+
+    label: NDArray[np.uint8]
+    kind: NDArray[np.uint8]
+    rgb: NDArray[np.float32]
+    reflectivity: NDArray[np.float32]
+    relief: NDArray[np.float32]
+
+
+def water_level(wetness: float) -> float:
+    """Return the level below which a share of the ground lies under water.
+
+    Parameters
+    ----------
+    wetness : float
+        The share, 0 to 1.
+
+    Returns
+    -------
+    float
+        The quantile of the noise that stands for the ground's unevenness.
+    """
+    return float(np.interp(wetness, _SHARES, _LEVELS))
+
+
+@leaf
+def _is_wet(label: int, x: float, y: float, water: float) -> bool:
+    """Tell whether a film of water lies on the ground at a place: puddles of some metres on what is paved."""
+    if label in (GRASS, SOIL):
+        return False
+    coarse = 0.65 * plane_noise(x * 0.35, y * 0.35, 5)
+    return coarse < water and coarse + 0.35 * plane_noise(x * 1.3, y * 1.3, 5) < water
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def resolve_hits(
+    distance: NDArray[np.float32], face: NDArray[np.int32], rays: NDArray[np.float32],
+    attributes: NDArray[np.float32], centre: NDArray[np.float64], table: NDArray[np.float64], ground: Ground,
+    ground_rgb: NDArray[np.float64], ground_reflectivity: NDArray[np.float64], near: float, water: float,
+) -> Surfaces:  # fmt: skip
+    """Return what the places are made of that rays met; see `RayScene.resolve`."""
+    n = len(face)
+    label, kind = np.zeros(n, dtype=np.uint8), np.zeros(n, dtype=np.uint8)
+    rgb, reflectivity = np.zeros((n, 3), dtype=np.float32), np.zeros(n, dtype=np.float32)
+    relief = np.zeros(n, dtype=np.float32)
+    start, section, shape, arms, crossings = ground.start, ground.section, ground.shape, ground.arms, ground.crossings
+    holes, verge, lot = ground.manholes, ground.verge, ground.lot
+    guess, rows = near, Nearby(0, 0, 0)
+    for i in range(n):
+        if face[i] < 0:
+            continue
+        row = attributes[face[i]]
+        kind[i] = np.uint8(row[KIND])
+        x = centre[0] + rays[i, 0] + distance[i] * rays[i, 3]
+        y = centre[1] + rays[i, 1] + distance[i] * rays[i, 4]
+        if kind[i] == GROUND:
+            s, left = locate_one(x, y, table, start, guess, _CLOSE)
+            guess, rows = s, nearby(s, arms, crossings, holes, rows)
+            code, tone, relief[i] = ground_cover(
+                s, left, start, section, shape, arms, crossings, holes, verge, lot, rows
+            )  # fmt: skip
+            label[i] = code
+            for c in range(3):
+                rgb[i, c] = min(ground_rgb[code, c] * tone, 1.0)
+            reflectivity[i] = min(ground_reflectivity[code] * (0.5 + 0.5 * tone), 0.98)
+            if water > 0 and _is_wet(code, x, y, water):
+                kind[i], relief[i] = WET, 0.0
+                reflectivity[i] *= 0.3
+                for c in range(3):
+                    rgb[i, c] *= 0.55
+        else:
+            z = centre[2] + rays[i, 2] + distance[i] * rays[i, 5]
+            tone = texture_tone(int(kind[i]), x, y, z)
+            label[i] = np.uint8(row[LABEL])
+            for c in range(3):
+                rgb[i, c] = min(row[RED + c] * tone, 1.0)
+            reflectivity[i] = min(row[RED + 3] * (0.5 + 0.5 * tone), 0.98)
+    return Surfaces(label, kind, rgb, reflectivity, relief)

@@ -1,0 +1,302 @@
+"""What a survey's points tell of the sensor and of the scene: figures that a simulated and a recorded survey share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_column, check_positive, check_xyz
+
+_RUN = 12  # a scan line begins with at least so many short steps
+_GROUND_RISE = 0.35  # metres: where a line has risen or fallen by more, its ground has ended
+_LONG = 0.1  # metres: steps on the ground above this differ by more than the noise of the ranges
+_FEWEST = 20  # steps on the ground that a line must have to be fitted
+
+
+@dataclass(frozen=True)
+class ScanLines:
+    """Scan lines of a side-looking line scanner above even ground, one row per line that could be fitted.
+
+    Parameters
+    ----------
+    first : ndarray of shape (m,), int64
+        Row of each line's first point.
+    height : ndarray of shape (m,), float64
+        Of the scanner above the ground, metres.
+    step : ndarray of shape (m,), float64
+        Angle between neighbouring pulses, degrees.
+    nadir : ndarray of shape (m, 3), float64
+        Where the ground below the scanner is, metres.
+    reach : ndarray of shape (m,), float64
+        From the nadir to the last point on the ground, metres.
+    direction : ndarray of shape (m, 2), float64
+        Unit vector in plan from the nadir along the line.
+    """
+
+    first: NDArray[np.int64]
+    height: NDArray[np.float64]
+    step: NDArray[np.float64]
+    nadir: NDArray[np.float64]
+    reach: NDArray[np.float64]
+    direction: NDArray[np.float64]
+
+
+def fit_scan_lines(xyz: ArrayLike, *, min_jump: float = 1.0, max_step: float = 0.08) -> ScanLines:
+    """Find the scan lines of a side-looking line scanner in points in the order measured, and fit each one's geometry.
+
+    On even ground a pulse that leaves at the angle a from the nadir meets the ground at r = h tan a, so the distance
+    between neighbouring points is d (h^2 + (r - r0)^2) / h for a step of d: a parabola in r, whose vertex is the nadir
+    and whose coefficients give d and h. No label and no trajectory is needed.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points in the order measured, metres.
+    min_jump : float, default 1.0
+        A line begins after a longer step than this, metres.
+    max_step : float, default 0.08
+        The steps at its beginning, near the nadir, are shorter than this, metres.
+
+    Returns
+    -------
+    ScanLines
+        The lines that have ground enough.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3) and finite.
+    ParameterError
+        If a length is not above zero.
+    """
+    check_positive(min_jump, "min_jump")
+    check_positive(max_step, "max_step")
+    points = check_xyz(xyz).astype(np.float64)
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    if len(steps) <= _RUN:
+        return _as_lines([])
+    longest = np.lib.stride_tricks.sliding_window_view(steps, _RUN).max(axis=1)  # of the steps i to i + _RUN
+    begins = np.r_[True, steps[: len(longest) - 1] > min_jump] & (longest < max_step)
+    first = np.flatnonzero(begins)
+    fitted = (_fit_line(points[a:b], int(a)) for a, b in zip(first, np.append(first[1:], len(points)), strict=True))
+    return _as_lines([line for line in fitted if line is not None])
+
+
+_Line = tuple[int, float, float, NDArray[np.float64], float, NDArray[np.float64]]
+
+
+def _fit_line(line: NDArray[np.float64], first: int) -> _Line | None:
+    """Fit the parabola of the steps to the ground at the beginning of a line."""
+    ends = np.flatnonzero(np.abs(line[:, 2] - line[0, 2]) > _GROUND_RISE)
+    ground = line[: ends[0]] if len(ends) else line
+    along = ground[-1, :2] - ground[0, :2]
+    length = float(np.hypot(*along))
+    if len(ground) <= _FEWEST or length < 2.0:
+        return None
+    along = along / length
+    r = (ground[:, :2] - ground[0, :2]) @ along
+    step, middle = np.diff(r), (r[1:] + r[:-1]) / 2
+    # The steps grow along the ground; where one is suddenly short, something stands there and cuts the one before it.
+    longest = np.maximum.accumulate(step)
+    short = np.flatnonzero((longest > _LONG) & (step < longest / 2))
+    good = (step > 0) & (np.arange(len(step)) < (short[0] - 1 if len(short) else len(step)))
+    if good.sum() < _FEWEST:
+        return None
+    a, b, c = np.polyfit(middle[good], step[good], 2, w=1 / (0.01 + 0.1 * step[good]))
+    nadir = -b / (2 * a) if a > 0 else 0.0
+    least = c - a * nadir**2
+    if a <= 0 or least <= 0:
+        return None
+    below = np.append(ground[0, :2] + nadir * along, ground[0, 2])
+    return first, float(np.sqrt(least / a)), float(np.degrees(np.sqrt(a * least))), below, length - nadir, along
+
+
+def _as_lines(fitted: list[_Line]) -> ScanLines:
+    columns = list(zip(*fitted, strict=True)) if fitted else [()] * 6
+    return ScanLines(
+        np.array(columns[0], np.int64),
+        np.array(columns[1], np.float64),
+        np.array(columns[2], np.float64),
+        np.array(columns[3], np.float64).reshape(-1, 3),
+        np.array(columns[4], np.float64),
+        np.array(columns[5], np.float64).reshape(-1, 2),
+    )
+
+
+def surface_density(xyz: ArrayLike, *, k: int = 16) -> NDArray[np.float64]:
+    """Estimate the points per square metre of surface around each point.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points on surfaces, metres.
+    k : int, default 16
+        Neighbours, the point itself left out. More smooth the estimate and blur it at borders.
+
+    Returns
+    -------
+    ndarray of shape (n,), float64
+        ``k / (pi d^2)``, where d is the distance to the k-th neighbour; NaN where there are not so many points,
+        infinite where they coincide.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3) and finite.
+    ParameterError
+        If `k` is below 1.
+    """
+    check_at_least(k, 1, "k")
+    points = check_xyz(xyz)
+    if len(points) <= k:
+        return np.full(len(points), np.nan)
+    distance = cKDTree(points).query(points, k=[k + 1])[0][:, 0]
+    with np.errstate(divide="ignore"):
+        return np.asarray(k / (np.pi * distance**2))
+
+
+def plane_residuals(
+    xyz: ArrayLike, *, cell_size: float = 0.5, min_points: int = 20
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Fit a plane to the points of every cell of a grid and return how far they scatter about it.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points of smooth surfaces, metres.
+    cell_size : float, default 0.5
+        Edge of a cell, metres. Larger cells take in more curvature.
+    min_points : int, default 20
+        Cells with fewer points are left out; at least 4.
+
+    Returns
+    -------
+    scatter : ndarray of shape (m,), float64
+        Standard deviation across the plane, metres, free of bias by the fit's three unknowns.
+    centre : ndarray of shape (m, 3), float64
+        Mean of each cell's points.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3) and finite.
+    ParameterError
+        If `cell_size` is not above zero or `min_points` is below 4.
+    """
+    check_positive(cell_size, "cell_size")
+    if min_points < 4:
+        raise ParameterError(f"min_points must be at least 4, got {min_points!r}")
+    points = check_xyz(xyz).astype(np.float64)
+    if len(points) == 0:
+        return np.zeros(0), np.zeros((0, 3))
+    _, cell = np.unique(np.floor(points / cell_size).astype(np.int64), axis=0, return_inverse=True)
+    count = np.bincount(cell)
+    centre = np.column_stack([np.bincount(cell, points[:, a]) for a in range(3)]) / count[:, None]
+    local = points - centre[cell]
+    moments = np.empty((len(count), 3, 3))
+    for a in range(3):
+        for b in range(3):
+            moments[:, a, b] = np.bincount(cell, local[:, a] * local[:, b])
+    full = count >= min_points
+    smallest = np.linalg.eigvalsh(moments[full])[:, 0]
+    return np.sqrt(np.maximum(smallest, 0.0) / (count[full] - 3)), centre[full]
+
+
+def incidence_angles(xyz: ArrayLike, normals: ArrayLike, origins: ArrayLike) -> NDArray[np.float64]:
+    """Return the angles between beams and the normals of the surfaces that they met.
+
+    Parameters
+    ----------
+    xyz : array-like of shape (n, 3)
+        Points, metres.
+    normals : array-like of shape (n, 3)
+        Unit normals of either sign; NaN where there is none.
+    origins : array-like of shape (n, 3) or (3,)
+        Where the scanner was, metres.
+
+    Returns
+    -------
+    ndarray of shape (n,), float64
+        Degrees, 0 to 90; NaN without a normal or at the scanner itself.
+
+    Raises
+    ------
+    DataError
+        If `xyz` is not (n, 3) and finite, or the shapes do not agree.
+    """
+    points = check_xyz(xyz).astype(np.float64)
+    directions = points - np.asarray(origins, np.float64)
+    vectors = np.asarray(normals, np.float64)
+    if vectors.shape != points.shape or directions.shape != points.shape:
+        raise DataError(f"normals {vectors.shape} and directions {directions.shape} must have shape {points.shape}")
+    with np.errstate(invalid="ignore"):
+        cosine = np.abs((directions * vectors).sum(axis=1)) / np.linalg.norm(directions, axis=1)
+    return np.asarray(np.degrees(np.arccos(np.minimum(cosine, 1.0))))
+
+
+def binned_quantiles(
+    values: ArrayLike, at: ArrayLike, edges: ArrayLike, *, shares: tuple[float, ...] = (0.25, 0.5, 0.75)
+) -> NDArray[np.float64]:
+    """Return quantiles of values in bins of another quantity.
+
+    Parameters
+    ----------
+    values : array-like of shape (n,)
+        Values; those that are not finite are left out.
+    at : array-like of shape (n,)
+        What the bins are of.
+    edges : array-like of shape (b + 1,)
+        Rising edges of the bins; the lower one belongs to a bin.
+    shares : tuple of float, default (0.25, 0.5, 0.75)
+        Which quantiles.
+
+    Returns
+    -------
+    ndarray of shape (b, len(shares)), float64
+        NaN in empty bins.
+
+    Raises
+    ------
+    DataError
+        If the columns differ in length.
+    ParameterError
+        If the edges do not rise.
+    """
+    where = np.asarray(at, np.float64)
+    numbers = check_column(values, len(where), "values").astype(np.float64)
+    borders = np.asarray(edges, np.float64)
+    if len(borders) < 2 or not (np.diff(borders) > 0).all():
+        raise ParameterError(f"edges must be at least two rising numbers, got {edges!r}")
+    numbers, where = numbers[np.isfinite(numbers)], where[np.isfinite(numbers)]
+    number = np.searchsorted(borders, where, side="right") - 1
+    out = np.full((len(borders) - 1, len(shares)), np.nan)
+    for b in range(len(out)):
+        inside = numbers[number == b]
+        if len(inside):
+            out[b] = np.quantile(inside, shares)
+    return out
+
+
+def distribution_gap(first: ArrayLike, second: ArrayLike) -> float:
+    """Return the largest difference of two distribution functions: the statistic of Kolmogorov and Smirnov.
+
+    Parameters
+    ----------
+    first, second : array-like of shape (n,), (m,)
+        Samples; values that are not finite are left out.
+
+    Returns
+    -------
+    float
+        0 for the same distribution to 1 for such as do not overlap; NaN if one is empty.
+    """
+    a, b = (np.sort(v[np.isfinite(v)]) for v in (np.asarray(first, np.float64), np.asarray(second, np.float64)))
+    if len(a) == 0 or len(b) == 0:
+        return float("nan")
+    every = np.concatenate([a, b])
+    below_a, below_b = (np.searchsorted(v, every, side="right") / len(v) for v in (a, b))
+    return float(np.abs(below_a - below_b).max())

@@ -1,0 +1,1 @@
+"""Simulation of whole surveys: streaming, worker pool, merge by time."""

@@ -1,0 +1,298 @@
+"""A survey made piece by piece: blocks of street come and go as the vehicle passes them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.simulation.cameras.cameras import CAMERAS, Image, take_image
+from mlsroad_pipeline.simulation.cameras.lighting import draw_light, shade
+from mlsroad_pipeline.simulation.furnishing.blocks import Block, block_centre, build_block
+from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
+from mlsroad_pipeline.simulation.rays.scene import Mover, RayScene
+from mlsroad_pipeline.simulation.rays.standing import Standing, stand
+from mlsroad_pipeline.simulation.runtime.weaving import in_order_of_time
+from mlsroad_pipeline.simulation.scanning.receiver import GHOST, receive
+from mlsroad_pipeline.simulation.scanning.scanner import draw_calibration, georeference, send_pulses
+from mlsroad_pipeline.simulation.street.drive import PAUSE, drive_along
+from mlsroad_pipeline.simulation.street.street import BLOCK, draw_street, generator
+
+_BEHIND, _AHEAD = 1, 2  # blocks around the vehicle's own that rays can meet
+_PULSES = 262_144  # pulses of one scanner that are cast at once
+
+
+class SurveyStream:
+    """A survey that is made piece by piece, so that it need not fit into memory.
+
+    Parameters
+    ----------
+    parameters : SimulationParameters
+        What is surveyed, and how.
+    length : float, optional
+        Length to survey instead of that of the parameters, metres; of any size.
+    n_threads : int, default 1
+        Workers that `crew.pieces` uses for it. The points do not depend on it.
+    number : int, default 0
+        Which pass through the street it is.
+    start : float, optional
+        GPS seconds at its start; that of the parameters by default.
+
+    Raises
+    ------
+    ParameterError
+        If `n_threads` is below 1.
+    """
+
+    def __init__(
+        self, parameters: SimulationParameters, *, length: float | None = None, n_threads: int = 1, number: int = 0,
+        start: float | None = None,
+    ) -> None:  # fmt: skip
+        if n_threads < 1:
+            raise ParameterError(f"n_threads must be >= 1, got {n_threads!r}")
+        self.parameters, self.n_threads, self.number = parameters, n_threads, number
+        self.length = parameters.length if length is None else length
+        self.street = draw_street(parameters.seed, length=self.length, parameters=parameters.street)
+        self.drive = drive_along(self.street, parameters, length=self.length, number=number, start=start)
+        self.light = draw_light(parameters.seed)
+        self.origin = np.array([parameters.easting, parameters.northing, parameters.height], dtype=np.float64)
+        self.crs = parameters.crs_wkt()
+        self._devices = parameters.devices
+        self._calibrations = [draw_calibration(parameters, scanner=k) for k in range(len(self._devices))]
+        self._standing: dict[int, tuple[Standing, list[Mover]]] = {}
+        self._scene: tuple[int, RayScene] | None = None
+
+    @property
+    def trajectory(self) -> pd.DataFrame:
+        """The reported trajectory of the whole drive."""
+        return self.drive.table(self.parameters)
+
+    def next_pass(self) -> SurveyStream:
+        """Return the next pass through the same street, which begins `PAUSE` seconds after this one ends."""
+        start = self.drive.start + self.drive.duration + PAUSE
+        return SurveyStream(
+            self.parameters, length=self.length, n_threads=self.n_threads, number=self.number + 1, start=start
+        )
+
+    def block_count(self) -> int:
+        """Return how many blocks the drive passes."""
+        return int(np.ceil(self.length / BLOCK))
+
+    def build(self, number: int) -> Block:
+        """Return a populated block.
+
+        Parameters
+        ----------
+        number : int
+            The block.
+
+        Returns
+        -------
+        Block
+            The block.
+        """
+        return build_block(self.street, self.drive, number, pass_number=self.number)
+
+    def scene(self, number: int, blocks: Mapping[int, Block] | None = None) -> RayScene:
+        """Return what rays can meet while the vehicle is in a block.
+
+        Parameters
+        ----------
+        number : int
+            The block.
+        blocks : mapping of int to Block, optional
+            `near` it, as `build` gives them; built here by default. Blocks farther behind are forgotten.
+
+        Returns
+        -------
+        RayScene
+            The scene.
+        """
+        if self._scene is not None and self._scene[0] == number:
+            return self._scene[1]
+        self._standing = {k: part for k, part in self._standing.items() if k >= number - _BEHIND}
+        movers = []
+        for k in self.near(number):
+            if k not in self._standing:
+                block = self.build(k) if blocks is None else blocks[k]
+                self._standing[k] = stand(block.soup), block.movers
+            movers += self._standing[k][1]
+        order = [number, *(number + k for k in range(1, _AHEAD + 1)), *(number - k for k in range(1, _BEHIND + 1))]
+        scene = RayScene(
+            self.street, [], [], movers, block_centre(self.street, number)[0], wetness=self.parameters.wetness,
+            standing=[self._standing[k][0] for k in order],
+        )  # fmt: skip
+        self._scene = number, scene
+        return scene
+
+    def near(self, number: int) -> range:
+        """Return the blocks that rays can meet while the vehicle is in one.
+
+        Parameters
+        ----------
+        number : int
+            The block.
+
+        Returns
+        -------
+        range
+            Their numbers.
+        """
+        return range(number - _BEHIND, number + _AHEAD + 1)
+
+    def spans(self, number: int) -> list[tuple[float, float]]:
+        """Return the stretches of time in which a block is scanned.
+
+        Parameters
+        ----------
+        number : int
+            The block.
+
+        Returns
+        -------
+        list of tuple of float
+            Start and end of each, seconds since the start of the drive.
+        """
+        start = self.drive.time_at(number * BLOCK)
+        end = self.drive.time_at(min((number + 1) * BLOCK, self.length))
+        fastest = max(device.pulse_rate for device in self._devices)
+        edges = np.linspace(start, end, max(int(np.ceil((end - start) * fastest / _PULSES)), 1) + 1)
+        return [(float(a), float(b)) for a, b in pairwise(edges)]
+
+    def moments(self, number: int) -> list[int]:
+        """Return at which moments images are taken in a block.
+
+        Parameters
+        ----------
+        number : int
+            The block.
+
+        Returns
+        -------
+        list of int
+            How many image intervals lie before each.
+        """
+        interval = self.parameters.image_interval
+        low, high = number * BLOCK, min((number + 1) * BLOCK, self.length)
+        return list(range(int(np.ceil(low / interval)), int(np.ceil(high / interval))))
+
+    def scan(self, number: int, scene: RayScene) -> Iterator[PointCloud]:
+        """Yield the points measured while the vehicle is in a block.
+
+        Parameters
+        ----------
+        number : int
+            The block, from 0 to `block_count` - 1.
+        scene : RayScene
+            What `scene` gave for it.
+
+        Yields
+        ------
+        PointCloud
+            Points in the order of gps_time, all scanners together; street-local float64 coordinates. Columns as in
+            `Survey`; rgb only without images, which colour the points otherwise.
+        """
+        for span in self.spans(number):
+            yield self.scan_span(scene, *span)
+
+    def scan_span(self, scene: RayScene, start: float, end: float) -> PointCloud:
+        """Return the points measured between two times, all scanners together.
+
+        Parameters
+        ----------
+        scene : RayScene
+            What `scene` gave for the block.
+        start, end : float
+            One of `spans`, seconds.
+
+        Returns
+        -------
+        PointCloud
+            As `scan` yields them.
+        """
+        columns = in_order_of_time([self._measure(scene, k, start, end) for k in range(len(self._devices))])
+        xyz = columns.pop("xyz")
+        return PointCloud(xyz, columns, self.origin, self.crs, "simulated survey")
+
+    def _measure(self, scene: RayScene, scanner: int, start: float, end: float) -> dict[str, NDArray]:
+        """Return coordinates and columns of one scanner's points between two times."""
+        device = self._devices[scanner]
+        first, last = (int(np.ceil(t * device.pulse_rate)) for t in (start, end))
+        pulses = send_pulses(self.drive, device, scanner=scanner, first=first, last=last, centre=scene.centre)
+        rng = generator(self.parameters.seed, 21, scanner, first, self.number)
+        returns, surfaces = receive(scene, pulses, self.parameters, rng, scanner=scanner)
+        rows = returns.pulse
+        columns: dict[str, NDArray] = {
+            "xyz": georeference(
+                pulses, rows, returns.distance, self.drive, device, calibration=self._calibrations[scanner]
+            ),
+            "intensity": returns.intensity,
+            "gps_time": pulses.time[rows] + self.drive.start,
+            "scanner": np.full(len(rows), scanner, dtype=np.uint8),
+            "label": surfaces.label,
+            "instance": np.where(surfaces.label == GHOST, np.int32(0), scene.instances[returns.face]),
+            "return_number": returns.number,
+            "number_of_returns": returns.total,
+            "scan_angle": np.degrees(pulses.angle[rows]).astype(np.float32),
+        }
+        if not self.parameters.with_images:
+            columns["rgb"] = shade(
+                surfaces, returns.normal, pulses.rays[rows], returns.distance.astype(np.float32),
+                np.ones(len(rows), dtype=np.bool_), self.light, np.zeros((len(rows), 3), dtype=np.float32),
+            )  # fmt: skip
+        return columns
+
+    def photograph(self, number: int, scene: RayScene) -> tuple[list[Image], list[NDArray[np.float32]]]:
+        """Take the images that fall into a block.
+
+        Parameters
+        ----------
+        number : int
+            The block, from 0 to `block_count` - 1.
+        scene : RayScene
+            What `scene` gave for it.
+
+        Returns
+        -------
+        images : list of Image
+            By time, all cameras at each moment.
+        depths : list of ndarray of shape (height, width), float32
+            Of each image: depth along the optical axis in metres, infinite in the sky.
+        """
+        images, depths = [], []
+        for moment in self.moments(number):
+            taken = self.shoot(scene, moment)
+            images += taken[0]
+            depths += taken[1]
+        return images, depths
+
+    def shoot(self, scene: RayScene, moment: int) -> tuple[list[Image], list[NDArray[np.float32]]]:
+        """Take the images of all cameras at one moment.
+
+        Parameters
+        ----------
+        scene : RayScene
+            What `scene` gave for the block.
+        moment : int
+            One of `moments`.
+
+        Returns
+        -------
+        images, depths : list
+            As `photograph` gives them.
+        """
+        before = f"{self.number}_" if self.number else ""
+        time = self.drive.time_at(moment * self.parameters.image_interval)
+        pairs = [
+            take_image(
+                scene, self.drive, self.light, self.parameters,
+                camera=camera, time=time, name=f"{before}{moment:05d}_{camera}",
+            )
+            for camera in CAMERAS
+        ]  # fmt: skip
+        return [image for image, _ in pairs], [depth for _, depth in pairs]

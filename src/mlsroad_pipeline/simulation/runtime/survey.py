@@ -1,0 +1,267 @@
+"""The whole survey: drive along a street, scan it, photograph it, and hand over what a mapping company delivers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud, concatenate
+from mlsroad_pipeline.simulation.cameras.cameras import Image, pose_at
+from mlsroad_pipeline.simulation.cameras.colouring import colour_points, spread_colours
+from mlsroad_pipeline.simulation.furnishing.blocks import ObjectRecord
+from mlsroad_pipeline.simulation.model.meshes import rotation_matrix
+from mlsroad_pipeline.simulation.objects.dimensions import Measures
+from mlsroad_pipeline.simulation.parameters.devices import Device
+from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
+from mlsroad_pipeline.simulation.runtime.crew import pieces
+from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
+from mlsroad_pipeline.simulation.street.drive import Drive
+from mlsroad_pipeline.simulation.street.street import Street
+
+_COLOUR_REACH = 0.5  # metres
+
+_OBJECT_COLUMNS = [
+    "instance", "label", "x", "y", "z", "moving", "design", "length", "width", "height", "heading", "box_x", "box_y",
+    "hard_case", *Measures._fields,
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Survey:
+    """A simulated survey.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points in the order of gps_time, coordinates relative to `origin`; columns rgb, intensity, gps_time, scanner,
+        label (uint8, taxonomy codes), instance (0 is none), return_number, number_of_returns, scan_angle (degrees).
+    trajectory : pandas.DataFrame
+        The reported one: gps_time, x, y, z (world metres), roll, pitch, heading (radians; see `Drive`).
+    images : list of Image
+        In the order of time.
+    objects : pandas.DataFrame
+        The truth behind `instance`: instance, label, x, y, z (world metres of the base point; of a moving object when
+        the van passes it), moving, design, length, width, height (of the upright box along its front, metres; the
+        height is that of its top above the base point), heading (of its front, radians counter-clockwise from east),
+        box_x, box_y (world metres of the box's middle), hard_case (why it is hard to tell from a neighbour, or empty),
+        and of poles and signs what `Measures` says (panel_x and panel_y in world metres).
+    origin : ndarray of shape (3,), float64
+        World coordinates of the local zero, metres.
+    crs : str
+        Coordinate reference system as WKT.
+    street : Street
+        What was surveyed.
+    """
+
+    cloud: PointCloud
+    trajectory: pd.DataFrame
+    images: list[Image]
+    objects: pd.DataFrame
+    origin: NDArray[np.float64]
+    crs: str
+    street: Street
+
+
+def simulate_survey(parameters: SimulationParameters, *, n_threads: int = 1) -> Survey:
+    """Simulate a survey.
+
+    Parameters
+    ----------
+    parameters : SimulationParameters
+        What is surveyed, and how; see `PRESETS`.
+    n_threads : int, default 1
+        Threads to use; two take little more than half the time of one.
+
+    Returns
+    -------
+    Survey
+        Points, trajectory, images and truth. The same parameters give the same bytes, whatever the number of threads.
+
+    Raises
+    ------
+    ParameterError
+        If `n_threads` is not at least 1.
+    """
+    survey, images = SurveyPieces(parameters, n_threads=n_threads), []
+    clouds = []
+    for cloud, taken in survey:
+        clouds.append(as_float32(cloud))
+        images += taken
+    return Survey(
+        concatenate(clouds), survey.trajectory, images, survey.objects, survey.origin, survey.crs, survey.street
+    )
+
+
+class SurveyPieces:
+    """A survey that is read once, piece by piece, coloured by its images; all its passes, one after the other.
+
+    Parameters
+    ----------
+    parameters : SimulationParameters
+        What is surveyed, and how; see `PRESETS`.
+    n_threads : int, default 1
+        Threads to use; nothing but the time depends on it.
+
+    Raises
+    ------
+    ParameterError
+        If `n_threads` is not at least 1.
+    """
+
+    def __init__(self, parameters: SimulationParameters, *, n_threads: int = 1) -> None:
+        self._parameters, self._stream = parameters, SurveyStream(parameters, n_threads=n_threads)
+        self.origin, self.crs, self.street = self._stream.origin, self._stream.crs, self._stream.street
+        self._truth: dict[int, ObjectRecord] = {}
+        self._present: set[int] = set()
+        self._drives: list[Drive] = []
+
+    @property
+    def trajectory(self) -> pd.DataFrame:
+        """Reported trajectories of the passes read so far; see `Survey`."""
+        return pd.concat([drive.table(self._parameters) for drive in self._drives], ignore_index=True)
+
+    @property
+    def objects(self) -> pd.DataFrame:
+        """The truth behind the instances read so far; see `Survey`."""
+        return _object_table([r for i, r in self._truth.items() if i in self._present], self.origin)
+
+    def __iter__(self) -> Iterator[tuple[PointCloud, list[Image]]]:
+        """Yield points in the order of gps_time, float64 relative to the survey's origin, and new images."""
+        stream = self._stream
+        for number in range(self._parameters.passes):
+            stream = stream if number == 0 else stream.next_pass()
+            self._drives.append(stream.drive)
+            make = _coloured_pieces if self._parameters.with_images else _bare
+            for cloud, images in make(stream, self._truth):
+                self._present.update(np.unique(cloud["instance"]).tolist())
+                yield cloud, images
+
+    def pass_of(self, gps_time: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return which pass times belong to, and the seconds since its start.
+
+        Parameters
+        ----------
+        gps_time : ndarray of shape (n,), float64
+            GPS seconds within the passes read so far.
+
+        Returns
+        -------
+        number : ndarray of shape (n,), int64
+            Number of the pass.
+        time : ndarray of shape (n,), float64
+            Seconds since its start.
+        """
+        starts = np.array([drive.start for drive in self._drives])
+        number = np.searchsorted(starts, gps_time, side="right") - 1
+        return number, gps_time - starts[number]
+
+    def piece_of(self, gps_time: NDArray[np.float64], piece_length: float) -> NDArray[np.int64]:
+        """Return the piece of street, counted through all passes, in which the vehicle was at times.
+
+        Parameters
+        ----------
+        gps_time : ndarray of shape (n,), float64
+            GPS seconds within the passes read so far.
+        piece_length : float
+            Street per piece, metres.
+
+        Returns
+        -------
+        ndarray of shape (n,), int64
+            Numbers of pieces.
+        """
+        per_pass = int(np.ceil(self._parameters.length / piece_length))
+        number, time = self.pass_of(gps_time)
+        ends = piece_length * np.arange(1, per_pass)
+        within = np.zeros(len(time), dtype=np.int64)
+        for p in np.unique(number):
+            rows = number == p
+            passed = np.array([self._drives[p].time_at(end) for end in ends])
+            within[rows] = np.searchsorted(passed, time[rows], side="right")
+        return number * per_pass + within
+
+    def sensor_pose(self, number: int, time: float, device: Device) -> NDArray[np.float64]:
+        """Return where a device was by the reported trajectory, with the axes of the vehicle.
+
+        Parameters
+        ----------
+        number : int
+            The pass.
+        time : float
+            Seconds since its start.
+        device : Device
+            The scanner.
+
+        Returns
+        -------
+        ndarray of shape (4, 4), float64
+            From the device's place to the world less the survey's origin.
+        """
+        pose = pose_at(self._drives[number].reported, time)
+        out = np.eye(4)
+        out[:3, :3] = rotation_matrix(pose[5], pose[4], pose[3])
+        out[:3, 3] = pose[:3] + out[:3, :3] @ np.asarray(device.lever)
+        return out
+
+    def moving_instances(self) -> list[int]:
+        """Return the instances read so far that move."""
+        return [instance for instance, record in self._truth.items() if record.moving]
+
+
+def _bare(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
+    for piece in pieces(stream):
+        truth.update({record.instance: record for record in piece.records})
+        if piece.cloud is not None:
+            yield piece.cloud, []
+
+
+def _coloured_pieces(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
+    """Yield points once the images of the block after theirs are taken."""
+    waiting: list[PointCloud] = []
+    taken: list[tuple[list[Image], list[NDArray[np.float32]]]] = []
+    for _, steps in groupby(pieces(stream), key=lambda piece: piece.number):
+        scanned: list[PointCloud] = []
+        taken = [*taken[-2:], ([], [])]
+        for piece in steps:
+            truth.update({record.instance: record for record in piece.records})
+            scanned += [] if piece.cloud is None else [piece.cloud]
+            taken[-1][0].extend(piece.images)
+            taken[-1][1].extend(piece.depths)
+        images = taken[-1][0]
+        for cloud in waiting:
+            yield _coloured(cloud, taken), images
+            images = []
+        if images:
+            yield scanned[0].select(np.zeros(0, np.int64)).with_columns(rgb=np.zeros((0, 3), np.uint8)), images
+        waiting = scanned
+    for cloud in waiting:
+        yield _coloured(cloud, taken), []
+
+
+def _object_table(records: Iterable[ObjectRecord], origin: NDArray[np.float64]) -> pd.DataFrame:
+    shift = {"x": origin[0], "y": origin[1], "z": origin[2], "box_x": origin[0], "box_y": origin[1],
+             "panel_x": origin[0], "panel_y": origin[1]}  # fmt: skip
+    rows = [
+        (r.instance, r.label, *r.base, r.moving, r.design, *r.box, r.hard_case, *r.measures) for r in records
+    ]  # fmt: skip
+    table = pd.DataFrame(rows, columns=_OBJECT_COLUMNS)
+    return table.assign(**{name: table[name] + value for name, value in shift.items()})
+
+
+def as_float32(cloud: PointCloud) -> PointCloud:
+    """Return points with float32 coordinates."""
+    return replace(cloud, xyz=cloud.xyz.astype(np.float32))
+
+
+def _coloured(cloud: PointCloud, taken: list[tuple[list[Image], list[NDArray[np.float32]]]]) -> PointCloud:
+    images = [image for group, _ in taken for image in group]
+    depths = [depth for _, group in taken for depth in group]
+    xyz = cloud.xyz.astype(np.float64)
+    rgb, seen = colour_points(xyz, cloud["gps_time"], images, depths)
+    rgb = spread_colours(xyz, cloud["scanner"], rgb, seen, _COLOUR_REACH)
+    return cloud.with_columns(rgb=rgb)

@@ -1,0 +1,1 @@
+"""Scanner model: pulses, echoes, received power, amplitudes."""

@@ -1,0 +1,285 @@
+"""Casting pulses into a scene: the beam's rays where it meets edges, mirrors, and what the receiver makes of it all."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.simulation.model.meshes import FOLIAGE, GLASS, KIND
+from mlsroad_pipeline.simulation.parameters.devices import Device
+from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
+from mlsroad_pipeline.simulation.rays.scene import RayScene
+from mlsroad_pipeline.simulation.rays.surfaces import WET, Hits, Surfaces
+from mlsroad_pipeline.simulation.scanning.amplitudes import FULL_SCALE_DB, deviation, mirrored_share
+from mlsroad_pipeline.simulation.scanning.echoes import THRESHOLD_DB, Receiver, Slots, answers, measure
+from mlsroad_pipeline.simulation.scanning.power import power_of
+from mlsroad_pipeline.simulation.scanning.scanner import Pulses
+
+__all__ = ["FULL_SCALE_DB", "RESOLUTION", "THRESHOLD_DB", "Returns", "range_deviation", "receive"]
+
+RESOLUTION = Device.pulse_length
+"""Pulse length of a device unless said otherwise, metres (4 ns)."""
+
+GHOST = TAXONOMY["outlier"]
+"""Label of returns that came by way of a mirror and lie where nothing is."""
+
+_OFF_MIRROR = 0.003  # how far from a mirror a ray starts anew, metres
+_APART = 0.12  # rays of one beam whose ranges differ by more met different surfaces, metres
+
+
+class Returns(NamedTuple):
+    """What came back, in the order of the pulses.
+
+    Parameters
+    ----------
+    pulse : ndarray of shape (m,), int64
+        Row of the pulse.
+    distance : ndarray of shape (m,), float64
+        Measured range, metres.
+    intensity : ndarray of shape (m,), float32
+        0 to 1: amplitude over `FULL_SCALE_DB` with a soft limit, reflectance where the device corrects it, or amplitude
+        on the device's own scale.
+    face : ndarray of shape (m,), int32
+        Face that gave most of the return.
+    normal : ndarray of shape (m, 3), float32
+        Its unit normal.
+    number, total : ndarray of shape (m,), uint8
+        Return number, and number of returns of its pulse.
+    """
+
+    pulse: NDArray[np.int64]
+    distance: NDArray[np.float64]
+    intensity: NDArray[np.float32]
+    face: NDArray[np.int32]
+    normal: NDArray[np.float32]
+    number: NDArray[np.uint8]
+    total: NDArray[np.uint8]
+
+
+def receive(
+    scene: RayScene, pulses: Pulses, parameters: SimulationParameters, rng: np.random.Generator, *, scanner: int = 0
+) -> tuple[Returns, Surfaces]:
+    """Cast pulses into a scene and measure what comes back.
+
+    Parameters
+    ----------
+    scene : RayScene
+        What there is to hit.
+    pulses : Pulses
+        The pulses.
+    parameters : SimulationParameters
+        The scanners, and how many rays sample a beam.
+    rng : numpy.random.Generator
+        Source of all noise.
+    scanner : int, default 0
+        Which scanner it is.
+
+    Returns
+    -------
+    returns : Returns
+        In the order of the pulses.
+    surfaces : Surfaces
+        Of each return; the label of a ghost is `GHOST`.
+    """
+    device = parameters.devices[scanner]
+    n = len(pulses.time)
+    chance = rng.random((n, 2), dtype=np.float32)
+    noise = rng.standard_normal((n, 3), dtype=np.float32)
+    hits = scene.cast(pulses.rays, pulses.time, passing=chance[:, 0])
+    central = scene.resolve(hits, pulses.rays)
+    slots, rays, extra = _extra_rays(scene, pulses, hits, central, parameters.beam_rays, device, chance, rng)
+    around = scene.resolve(extra, rays)
+    receiver = _receiver(device)
+    of_centre = answers(hits, central, pulses.rays, device.sensitivity, device.turf_gain)
+    of_extra = answers(extra, around, rays, device.sensitivity, device.turf_gain)
+    _by_mirror(slots.ghost, of_centre, of_extra, hits, pulses.rays, around)
+    power = power_of(device, pulses.time, of_centre[1], seed=parameters.seed, scanner=scanner)
+    pulse, distance, intensity, source, number, total = measure(
+        of_centre, central.kind, of_extra, slots, power, chance[:, 1], noise, receiver
+    )
+    face, normal, surfaces = _chosen(source, hits, central, extra, around)
+    return Returns(pulse, distance, intensity, face, normal, number, total), surfaces
+
+
+def range_deviation(range_noise: float, amplitude: float, *, stretch: float = 0.0) -> float:
+    """Return the standard deviation of a measured range.
+
+    Parameters
+    ----------
+    range_noise : float
+        That of a strong return, metres.
+    amplitude : float
+        Of the return, decibels.
+    stretch : float, default 0
+        Standard deviation of the ranges within the spot, metres: a quarter of the divergence times the range times the
+        tangent of the incidence.
+
+    Returns
+    -------
+    float
+        ``sqrt(range_noise ** 2 * (1 + 10 ** ((14 - amplitude) / 10)) + stretch ** 2)``, metres.
+    """
+    return float(deviation(range_noise, amplitude, stretch))
+
+
+def _receiver(device: Device) -> Receiver:
+    return Receiver(
+        device.min_range, device.max_range, device.range_noise, device.range_step, device.pulse_length,
+        device.sensitivity, device.blooming, device.divergence, device.step, len(device.elevations),
+        device.max_returns, device.corrected, *(device.intensity_scale or (0.0, 0.0)),
+    )  # fmt: skip
+
+
+def _extra_rays(
+    scene: RayScene, pulses: Pulses, hits: Hits, central: Surfaces, beam_rays: int, device: Device,
+    chance: NDArray[np.float32], rng: np.random.Generator,
+) -> tuple[Slots, NDArray[np.float32], Hits]:  # fmt: skip
+    """Cast a second ray where a profile is not plane, more where that one met something else, and mirrored ones."""
+    n, spot = len(pulses.time), device.divergence / 2
+    edges, mores, ghosts = (np.full(n, -1, np.int64) for _ in range(3))
+    slots = Slots(edges, mores, ghosts, max(beam_rays - 2, 0))
+    edge = _NONE
+    if beam_rays > 1:
+        edge = _may_mix(hits.distance, device.max_range, len(device.elevations), int(spot / device.step))
+    rays = [_tilted(pulses.rays, edge, rng.random((len(edge), 2), dtype=np.float32), spot)]
+    cast = [scene.cast(rays[0], pulses.time[edge], passing=chance[edge, 0])]
+    slots.edge[edge] = np.arange(len(edge))
+    apart = edge[_differ(edge, hits, cast[0], scene.attributes)] if slots.n_more else _NONE
+    slots.more[apart] = len(edge) + slots.n_more * np.arange(len(apart))
+    again = np.repeat(apart, slots.n_more)
+    rays.append(_tilted(pulses.rays, again, rng.random((len(again), 2), dtype=np.float32), spot))
+    cast.append(scene.cast(rays[1], pulses.time[again], passing=chance[again, 0]))
+    mirror, mirrored = _mirrored(pulses.rays, hits, central.kind)
+    slots.ghost[mirror] = len(edge) + len(again) + np.arange(len(mirror))
+    rays.append(mirrored)
+    cast.append(scene.cast(mirrored, pulses.time[mirror]))
+    extra = Hits(*(np.concatenate(columns) for columns in zip(*cast, strict=True)))
+    return slots, np.concatenate(rays), extra
+
+
+_NONE = np.zeros(0, np.int64)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _may_mix(distance: NDArray[np.float32], max_range: float, beams: int, reach: int) -> NDArray[np.int64]:
+    """Return which pulses pass near an edge: on a plane the inverse range is a sinusoid of the angle.
+
+    `reach` is how many pulses beyond the next one a beam is wide to either side.
+    """
+    n = len(distance)
+    marked = np.zeros(n, np.bool_)
+    for i in range(beams, n - beams):
+        before, here, after = 1 / distance[i - beams], 1 / distance[i], 1 / distance[i + beams]
+        level = max(before, here, after)
+        if level > 1 / max_range and abs(before - 2 * here + after) > 0.004 * level:
+            for k in range(-reach, reach + 1):
+                marked[min(max(i + k * beams, 0), n - 1)] = True
+    return np.flatnonzero(marked)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _differ(edge: NDArray[np.int64], hits: Hits, aside: Hits, attributes: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Tell where the second ray shows that the beam meets more than one surface, or leaves."""
+    out = np.zeros(len(edge), np.bool_)
+    for k in range(len(edge)):
+        i = edge[k]
+        a, b = hits.face[i], aside.face[k]
+        if a >= 0 and b >= 0:
+            out[k] = abs(hits.distance[i] - aside.distance[k]) > _APART
+        elif a >= 0 or b >= 0:
+            out[k] = True
+        if a >= 0 and a != b and attributes[a, KIND] == FOLIAGE:
+            out[k] = True
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _tilted(
+    rays: NDArray[np.float32], rows: NDArray[np.int64], chance: NDArray[np.float32], angle: float
+) -> NDArray[np.float32]:
+    """Return some rays turned to a random place of the outer three quarters of the beam's cross-section."""
+    out = np.empty((len(rows), 6), np.float32)
+    for k in range(len(rows)):
+        x, y, z = rays[rows[k], 3], rays[rows[k], 4], rays[rows[k], 5]
+        # Two axes across the direction, of unit length.
+        if abs(z) < 0.9:
+            length = np.sqrt(x * x + y * y)
+            ux, uy, uz = y / length, -x / length, 0.0
+        else:
+            length = np.sqrt(y * y + z * z)
+            ux, uy, uz = 0.0, z / length, -y / length
+        vx, vy, vz = y * uz - z * uy, z * ux - x * uz, x * uy - y * ux
+        around, away = 2 * np.pi * chance[k, 0], angle * np.sqrt(0.25 + 0.75 * chance[k, 1])
+        a, b = away * np.cos(around), away * np.sin(around)
+        for r in range(3):
+            out[k, r] = rays[rows[k], r]
+        out[k, 3], out[k, 4], out[k, 5] = x + a * ux + b * vx, y + a * uy + b * vy, z + a * uz + b * vz
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mirrored(
+    rays: NDArray[np.float32], hits: Hits, kind: NDArray[np.uint8]
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Return the rays that a pane or water sends on, and which pulses they belong to."""
+    rows, out, m = np.empty(len(rays), np.int64), np.empty((len(rays), 6), np.float32), 0
+    for i in range(len(rays)):
+        if hits.face[i] < 0 or (kind[i] != GLASS and kind[i] != WET):
+            continue
+        along = 0.0
+        for r in range(3):
+            along += rays[i, 3 + r] * hits.normal[i, r]
+        if kind[i] == WET and abs(along) > 0.35:
+            continue
+        rows[m] = i
+        for r in range(3):
+            out[m, 3 + r] = rays[i, 3 + r] - 2 * along * hits.normal[i, r]
+            out[m, r] = rays[i, r] + hits.distance[i] * rays[i, 3 + r] + _OFF_MIRROR * out[m, 3 + r]
+        m += 1
+    return rows[:m], out[:m].copy()
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _by_mirror(
+    ghost: NDArray[np.int64], central: tuple[NDArray, NDArray, NDArray], extra: tuple[NDArray, NDArray, NDArray],
+    hits: Hits, rays: NDArray[np.float32], surfaces: Surfaces,
+) -> None:  # fmt: skip
+    """Turn what mirrored rays met into ghosts behind the mirror: a longer way, and a loss each time it is met."""
+    for i in range(len(ghost)):
+        e = ghost[i]
+        if e < 0 or not np.isfinite(extra[0][e]):
+            continue
+        cosine = 0.0
+        for r in range(3):
+            cosine += hits.normal[i, r] * rays[i, 3 + r]
+        there, beyond = float(central[0][i]), float(extra[0][e]) + _OFF_MIRROR
+        loss = 20 * np.log10(mirrored_share(abs(cosine)))
+        near, far = np.sqrt(beyond * beyond + 16.0), np.sqrt((there + beyond) ** 2 + 16.0)
+        extra[1][e] += loss + 20 * np.log10(near / far)
+        extra[0][e] = there + beyond
+        surfaces.label[e] = GHOST
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _chosen(
+    source: NDArray[np.int64], hits: Hits, central: Surfaces, extra: Hits, around: Surfaces
+) -> tuple[NDArray[np.int32], NDArray[np.float32], Surfaces]:
+    """Return face, normal and surface of the ray that gave most of each return."""
+    m, n = len(source), len(hits.face)
+    face, normal = np.empty(m, np.int32), np.empty((m, 3), np.float32)
+    label, kind = np.empty(m, np.uint8), np.empty(m, np.uint8)
+    rgb, reflectivity, relief = np.empty((m, 3), np.float32), np.empty(m, np.float32), np.empty(m, np.float32)
+    for k in range(m):
+        i = source[k]
+        inner = i < n
+        h, s = (hits, central) if inner else (extra, around)
+        j = i if inner else i - n
+        face[k], label[k], kind[k] = h.face[j], s.label[j], s.kind[j]
+        reflectivity[k], relief[k] = s.reflectivity[j], s.relief[j]
+        for r in range(3):
+            normal[k, r], rgb[k, r] = h.normal[j, r], s.rgb[j, r]
+    return face, normal, Surfaces(label, kind, rgb, reflectivity, relief)

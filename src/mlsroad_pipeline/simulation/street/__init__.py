@@ -1,0 +1,1 @@
+"""The street itself: alignment, ground, markings, junctions, the drive."""

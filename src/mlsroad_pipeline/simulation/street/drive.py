@@ -1,0 +1,157 @@
+"""The van's drive: where it truly was, and what its positioning system reports."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
+from mlsroad_pipeline.simulation.street.street import Street, generator
+
+RATE = 200.0
+"""Poses per second."""
+
+PAUSE = 120.0
+"""Seconds between two passes."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Poses of the van's frame: x forward, y left, z up, origin on the roof platform.
+
+    A vector v of the van's frame is Rz(heading) Ry(pitch) Rx(roll) v in the world, angles right-handed in radians:
+    heading is counter-clockwise from east, pitch is positive nose down, roll is positive left side up.
+
+    Parameters
+    ----------
+    time : ndarray of shape (m,), float64
+        Seconds since the start, `RATE` per second.
+    station : ndarray of shape (m,), float64
+        Metres along the alignment.
+    true, reported : ndarray of shape (m, 6), float64
+        x, y, z (street-local metres), roll, pitch, heading.
+    start : float
+        GPS seconds at time 0.
+    body : ndarray of shape (3, 2), float64
+        The vehicle in its own frame: from and to along x, y and z, metres.
+    """
+
+    time: NDArray[np.float64]
+    station: NDArray[np.float64]
+    true: NDArray[np.float64]
+    reported: NDArray[np.float64]
+    start: float
+    body: NDArray[np.float64]
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last pose."""
+        return float(self.time[-1])
+
+    def time_at(self, station: float) -> float:
+        """Return when the van passes a station; beyond the ends, when it would at the mean speed."""
+        speed = (self.station[-1] - self.station[0]) / self.duration
+        if station < self.station[0]:
+            return float((station - self.station[0]) / speed)
+        if station > self.station[-1]:
+            return float(self.duration + (station - self.station[-1]) / speed)
+        return float(np.interp(station, self.station, self.time))
+
+    def table(self, parameters: SimulationParameters) -> pd.DataFrame:
+        """Return the reported trajectory: gps_time, world x, y, z, roll, pitch, heading."""
+        columns = dict(zip(("x", "y", "z", "roll", "pitch", "heading"), self.reported.T, strict=True))
+        frame = pd.DataFrame({"gps_time": self.time + self.start, **columns})
+        frame["x"] += parameters.easting
+        frame["y"] += parameters.northing
+        frame["z"] += parameters.height
+        frame["heading"] = np.angle(np.exp(1j * frame["heading"]))
+        return frame
+
+
+def drifting(
+    rng: np.random.Generator, time: NDArray[np.float64], *, deviation: float, slow: float, fast: float
+) -> NDArray:
+    """Return smooth noise of a given standard deviation, with periods between `fast` and `slow` seconds.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of eight periods and phases.
+    time : ndarray of shape (m,), float64
+        Seconds.
+    deviation : float
+        Standard deviation over a long time, in the unit that the noise is to have.
+    slow, fast : float
+        Longest and shortest period, seconds; slow sinusoids are the stronger ones.
+
+    Returns
+    -------
+    ndarray of shape (m,), float64
+        The noise.
+    """
+    period = np.exp(rng.uniform(np.log(fast), np.log(slow), 8))
+    weight = period**0.5
+    phase = rng.uniform(0, 2 * np.pi, 8)
+    total = np.zeros(len(time))
+    for p, w, f in zip(period, weight, phase, strict=True):
+        total += w * np.sin(2 * np.pi * time / p + f)
+    return total * deviation * np.sqrt(2 / (weight**2).sum())
+
+
+def drive_along(
+    street: Street, parameters: SimulationParameters, *, length: float, number: int = 0, start: float | None = None
+) -> Drive:
+    """Drive along a street in the rightmost lane.
+
+    Parameters
+    ----------
+    street : Street
+        The street.
+    parameters : SimulationParameters
+        Speed and the noise of the reported trajectory.
+    length : float
+        Where the drive ends, metres.
+    number : int, default 0
+        Which pass it is. All after the first keep to another track, and their reported positions are off by
+        `pass_offset` as a whole.
+    start : float, optional
+        GPS seconds at its start; that of the parameters by default.
+
+    Returns
+    -------
+    Drive
+        From station 0 on.
+    """
+    rng = generator(street.seed, 20) if number == 0 else generator(street.seed, 20, number)
+    phase = rng.uniform(0, 2 * np.pi, 2)
+    steady = np.arange(0, 1.6 * length / parameters.speed + 2, 1 / RATE)
+    factor = 1 + 0.1 * np.sin(2 * np.pi * steady / 23.0 + phase[0]) + 0.05 * np.sin(2 * np.pi * steady / 7.0 + phase[1])
+    station = np.concatenate([[0.0], np.cumsum(parameters.speed * factor[:-1] / RATE)])
+    count = int(np.searchsorted(station, length)) + 1
+    time, station = steady[:count], station[:count]
+    lanes = int(street.ground.shape[4])
+    left = -street.ground.lane_centre(lanes - 1) + drifting(rng, time, deviation=0.12, slow=20, fast=5)
+    xy, heading = street.alignment.place(station, left)
+    z = street.ground.height(station, left)
+    ahead, behind = (street.ground.height(station + d, left) for d in (1.4, -1.4))
+    right, port = (street.ground.height(station, left + d) for d in (-0.8, 0.8))
+    pitch = -np.arctan((ahead - behind) / 2.8) + drifting(rng, time, deviation=0.0018, slow=2.5, fast=0.6)
+    roll = np.arctan((port - right) / 1.6) + drifting(rng, time, deviation=0.0022, slow=3.0, fast=0.7)
+    yaw = heading + np.gradient(left, station)
+    bounce = drifting(rng, time, deviation=0.006, slow=2.0, fast=0.5)
+    true = np.column_stack([xy, z + parameters.scanner.platform + bounce, roll, pitch, yaw])
+    deviations = (0.008, 0.008, 0.012, 6e-5, 6e-5, 1.2e-4)
+    errors = [
+        drifting(rng, time, deviation=d * parameters.trajectory_noise, slow=60, fast=4)
+        + drifting(rng, time, deviation=0.1 * d * parameters.trajectory_noise, slow=1.0, fast=0.2)
+        for d in deviations
+    ]
+    reported = true + np.stack(errors, axis=1)
+    if number > 0:
+        towards = rng.standard_normal(3)
+        reported[:, :3] += parameters.pass_offset * towards / np.linalg.norm(towards)
+    begin = parameters.start_time if start is None else start
+    return Drive(time, station, true, reported, begin, parameters.scanner.box)

@@ -1,0 +1,1 @@
+"""Comparison of all methods over several surveys."""

@@ -1,0 +1,231 @@
+"""Methods of one task compared over several test streets: means with their spread, classes, paired differences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.metrics.scores import ALL, COLUMNS, check_scores
+from mlsroad_pipeline.studies.tables import paired_interval
+
+MEAN = "mean_of_tests"
+"""The split that means over the test streets are called in a table of scores."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What methods of one kind are compared by.
+
+    Parameters
+    ----------
+    name : str
+        What they do.
+    metrics : tuple of str
+        Figures over all classes; methods are ordered by the first.
+    class_metric : str
+        The figure of a class.
+    """
+
+    name: str
+    metrics: tuple[str, ...]
+    class_metric: str
+
+
+TASKS = (
+    Task("labelling", ("mean_f1", "overall_accuracy", "mean_iou", "kappa"), "f1"),
+    Task("detection", ("f_score", "quality", "precision", "recall"), "f_score"),
+    Task("recognition", ("mean_f1", "weighted_f1", "overall_accuracy"), "f1"),
+)
+"""The tasks that there are methods for."""
+
+
+def common_test_streets(scores: pd.DataFrame) -> list[str]:
+    """Return the test streets that all methods of a table were scored on.
+
+    Parameters
+    ----------
+    scores : DataFrame
+        A table of scores.
+
+    Returns
+    -------
+    list of str
+        Splits whose names begin with ``test``, in order of appearance.
+
+    Raises
+    ------
+    DataError
+        If there is none.
+    """
+    by_method = scores.groupby("method", sort=False)["split"].agg(set)
+    common = set.intersection(*by_method) if len(by_method) else set()
+    found = [split for split in dict.fromkeys(scores["split"]) if split in common and split.startswith("test")]
+    if not found:
+        told = "; ".join(f"{method}: {', '.join(sorted(splits))}" for method, splits in by_method.items())
+        raise DataError(f"no split whose name begins with 'test' was scored by all methods ({told})")
+    return found
+
+
+def _overall(scores: pd.DataFrame, metric: str) -> pd.DataFrame:
+    """Return one figure over all classes: streets by methods."""
+    rows = scores[(scores["class"] == ALL) & (scores["metric"] == metric)]
+    wide = rows.pivot(index="split", columns="method", values="value")
+    return wide.reindex(index=common_test_streets(scores), columns=list(dict.fromkeys(scores["method"])))
+
+
+def overview(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
+    """Average the overall figures of each method over the test streets.
+
+    Parameters
+    ----------
+    scores : DataFrame
+        The scores of all methods of the task.
+    task : Task
+        The task.
+
+    Returns
+    -------
+    DataFrame
+        Columns `method`, `streets`, and per metric its mean and ``<metric>_spread``, the standard deviation over the
+        streets (NaN for one); the best first.
+
+    Raises
+    ------
+    DataError
+        If the table is no table of scores, or no test street is common to all methods.
+    """
+    table = check_scores(scores)
+    columns: dict[str, pd.Series] = {}
+    for metric in task.metrics:
+        wide = _overall(table, metric)
+        columns |= {metric: wide.mean(), f"{metric}_spread": wide.std(ddof=1)}
+    found = pd.DataFrame(columns).rename_axis("method").reset_index()
+    found.insert(1, "streets", len(common_test_streets(table)))
+    return found.sort_values(task.metrics[0], ascending=False, kind="stable").reset_index(drop=True)
+
+
+def class_table(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
+    """Average the figure of each class over the test streets that hold the class.
+
+    Parameters
+    ----------
+    scores : DataFrame
+        The scores of all methods of the task.
+    task : Task
+        The task.
+
+    Returns
+    -------
+    DataFrame
+        Columns `method`, and one per class with support on some street; NaN for what a method cannot give.
+
+    Raises
+    ------
+    DataError
+        If the table is no table of scores, or no test street is common to all methods.
+    """
+    table = check_scores(scores)
+    chosen = table[table["split"].isin(common_test_streets(table)) & (table["metric"] == task.class_metric)]
+    rows = chosen[(chosen["class"] != ALL) & (chosen["support"] > 0)]
+    wide = rows.pivot_table(index="method", columns="class", values="value", sort=False, dropna=False)
+    order = dict.fromkeys(overview(table, task)["method"])
+    return wide.reindex(list(order)).rename_axis(columns=None).reset_index()
+
+
+def paired_differences(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
+    """Compare the best method with every other one, street by street.
+
+    Parameters
+    ----------
+    scores : DataFrame
+        The scores of all methods of the task.
+    task : Task
+        The task; its first metric is compared.
+
+    Returns
+    -------
+    DataFrame
+        Columns `best`, `other`, `difference` (best minus other, mean over the streets), `low` and `high` (95 % interval
+        after Student), `p` (paired t-test, two-sided, after Holm for as many comparisons as rows), `ahead` (streets
+        where the best is ahead) and `streets`. NaN where fewer than two streets tell, or all differences are alike.
+
+    Raises
+    ------
+    DataError
+        If the table is no table of scores, or no test street is common to all methods.
+    """
+    table = check_scores(scores)
+    ordered = overview(table, task)["method"].tolist()
+    wide = _overall(table, task.metrics[0])
+    rows = []
+    for other in ordered[1:]:
+        difference = (wide[ordered[0]] - wide[other]).to_numpy()
+        mean, low, high, n = paired_interval(difference)
+        rows.append((ordered[0], other, mean, low, high, _p_value(difference), int((difference > 0).sum()), n))
+    columns = ["best", "other", "difference", "low", "high", "p", "ahead", "streets"]
+    found = pd.DataFrame(rows, columns=columns)
+    return found.assign(p=_holm(found["p"].to_numpy(np.float64)))
+
+
+def _p_value(difference: NDArray[np.floating]) -> float:
+    known = difference[np.isfinite(difference)]
+    if len(known) < 2 or np.ptp(known) == 0:
+        return float("nan")
+    return float(stats.ttest_1samp(known, 0.0).pvalue)
+
+
+def _holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Correct p-values for their number after Holm 1979; NaN stays NaN and counts as none."""
+    adjusted = np.full(len(p), np.nan)
+    known = np.flatnonzero(np.isfinite(p))
+    order = known[np.argsort(p[known], kind="stable")]
+    factors = np.arange(len(order), 0, -1)
+    adjusted[order] = np.minimum(np.maximum.accumulate(p[order] * factors), 1.0)
+    return adjusted
+
+
+def mean_scores(scores: pd.DataFrame) -> pd.DataFrame:
+    """Average every figure of every method over the test streets.
+
+    Parameters
+    ----------
+    scores : DataFrame
+        The scores of all methods of a task.
+
+    Returns
+    -------
+    DataFrame
+        A table of scores of the split `MEAN`: means over the streets where the figure is defined, supports summed.
+
+    Raises
+    ------
+    DataError
+        If the table is no table of scores, or no test street is common to all methods.
+    """
+    table = check_scores(scores)
+    rows = table[table["split"].isin(common_test_streets(table))]
+    grouped = rows.groupby(["method", "class", "metric"], sort=False)
+    means = grouped.agg(value=("value", "mean"), support=("support", "sum")).reset_index().assign(split=MEAN)
+    return check_scores(means[list(COLUMNS)])
+
+
+def of_methods(scores: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """Join the tables of scores of several methods.
+
+    Parameters
+    ----------
+    scores : sequence of DataFrame
+        One per method; at least one.
+
+    Returns
+    -------
+    DataFrame
+        All rows.
+    """
+    return check_scores(pd.concat(scores, ignore_index=True))

@@ -1,0 +1,163 @@
+"""What the figures of all studies share: panels side by side, bars in groups, lines and curves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from mlsroad_pipeline.reporting.clouds.cloud_figures import INK
+from mlsroad_pipeline.reporting.figures.style import SERIES, empty_figure, tidy_axes
+
+
+def draw_panels(
+    count: int, *, rows: int = 1, width: float = 4.2, height: float = 3.8, sharey: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure with panels side by side.
+
+    Parameters
+    ----------
+    count : int
+        Number of panels of a row.
+    rows : int, default 1
+        Number of rows.
+    width, height : float
+        Of a panel, inches.
+    sharey : bool, default False
+        Whether the panels have one vertical axis.
+
+    Returns
+    -------
+    figure : Figure
+        The figure.
+    panels : list of Axes
+        Its panels, tidied, row by row.
+    """
+    figure = empty_figure(width * count, height * rows)
+    panels: list[Axes] = figure.subplots(rows, count, sharey=sharey, squeeze=False).ravel().tolist()
+    for axes in panels:
+        tidy_axes(axes)
+    return figure, panels
+
+
+def name_axes(
+    axes: Axes, *, x: str = "", y: str = "", title: str = "", unit_range: str = "", lowest: float = 0.0
+) -> None:
+    """Name the axes of a panel.
+
+    Parameters
+    ----------
+    axes : Axes
+        The panel.
+    x, y, title : str, default ""
+        What stands at the axes and above; nothing where empty.
+    unit_range : str, default ""
+        The axes, of ``x`` and ``y``, that end at 1.
+    lowest : float, default 0
+        Where they begin.
+    """
+    axes.set_xlabel(x, fontsize=9, color=INK)
+    axes.set_ylabel(y, fontsize=9, color=INK)
+    axes.set_title(title, fontsize=9, color=INK)
+    if "x" in unit_range:
+        axes.set_xlim(lowest, 1.02)
+    if "y" in unit_range:
+        axes.set_ylim(lowest, 1.02)
+
+
+def draw_bars(
+    axes: Axes,
+    groups: Sequence[str],
+    values: Mapping[str, ArrayLike],
+    *,
+    spread: Mapping[str, ArrayLike] | None = None,
+    paper: Mapping[str, ArrayLike] | None = None,
+) -> None:
+    """Draw one bar per series in each group, with whiskers of its spread and a diamond where the paper has it.
+
+    Parameters
+    ----------
+    axes : Axes
+        The panel.
+    groups : sequence of str, length g
+        What stands below the groups.
+    values : mapping of str to array-like of shape (g,)
+        Series to heights; NaN has no bar.
+    spread, paper : mapping of str to array-like of shape (g,), optional
+        Series to half lengths of whiskers, and to the paper's figures; NaN is left out.
+    """
+    pitch = 0.8 / max(len(values), 1)
+    for k, (name, heights) in enumerate(values.items()):
+        places = np.arange(len(groups)) + (k - (len(values) - 1) / 2) * pitch
+        axes.bar(
+            places, np.nan_to_num(np.asarray(heights, np.float64)), pitch * 0.9, color=SERIES[k % len(SERIES)],
+            label=name.replace("_", " "),
+        )  # fmt: skip
+        if spread is not None:
+            half = np.nan_to_num(np.asarray(spread[name], np.float64))
+            axes.errorbar(places, np.asarray(heights, np.float64), half, fmt="none", ecolor=INK, elinewidth=0.7)
+        if paper is not None:
+            marks = np.asarray(paper[name], np.float64)
+            axes.plot(places, marks, "D", color="white", markeredgecolor=INK, markersize=3.2)
+    axes.set_xticks(range(len(groups)), list(groups), fontsize=8)
+    axes.set_xlim(-0.6, len(groups) - 0.4)
+
+
+def _style(k: int) -> str:
+    """Return the style of a line: dashed where colours come again."""
+    return "--" if k >= len(SERIES) else "-"
+
+
+def draw_lines(axes: Axes, x: ArrayLike, series: Mapping[str, ArrayLike], *, bold: Sequence[str] = ()) -> None:
+    """Draw one line with dots per series.
+
+    Parameters
+    ----------
+    axes : Axes
+        The panel.
+    x : array-like of shape (n,)
+        Where.
+    series : mapping of str to array-like of shape (n,)
+        Name to values.
+    bold : sequence of str, default ()
+        Series that stand out, such as means.
+    """
+    for k, (name, values) in enumerate(series.items()):
+        width, colour = (2.2, INK) if name in bold else (1.2, SERIES[k % len(SERIES)])
+        axes.plot(x, values, _style(k), marker="o", markersize=3, label=name, linewidth=width, color=colour)
+    axes.set_xticks(np.asarray(x))  # what was tried, and nothing between
+
+
+def draw_curves(axes: Axes, curves: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> None:
+    """Draw one curve per series, precision against recall for one.
+
+    Parameters
+    ----------
+    axes : Axes
+        The panel.
+    curves : mapping of str to (x, y)
+        Name to the curve.
+    """
+    for k, (name, (x, y)) in enumerate(curves.items()):
+        axes.plot(x, y, _style(k), color=SERIES[k % len(SERIES)], label=name, linewidth=1.3)
+    if curves:
+        axes.legend(frameon=False, fontsize=7, labelcolor=INK)
+
+
+def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
+    """Put the legend of a panel below the figure.
+
+    Parameters
+    ----------
+    figure : Figure
+        The figure.
+    axes : Axes
+        The panel whose series it names.
+    columns : int
+        Entries side by side.
+    """
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower left", ncols=columns, frameon=False, fontsize=8, labelcolor=INK)

@@ -1,0 +1,222 @@
+"""What the workers of the study of Luo et al. 2016 do: cut a street into patches, train a method and score it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.baselines.max_margin_markov.training import fit_max_margin
+from mlsroad_pipeline.algorithms.baselines.patch_forest.classifier import PatchForest
+from mlsroad_pipeline.algorithms.baselines.patch_svm.training import fit_patch_svm
+from mlsroad_pipeline.algorithms.baselines.shape_based import labeller as shape_based
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
+from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphClassifier, PatchGraphParameters
+from mlsroad_pipeline.algorithms.patch_graph.labeller import ground_classes
+from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters, refine_classifier
+from mlsroad_pipeline.algorithms.patch_graph.refinement import refine
+from mlsroad_pipeline.algorithms.patches.extraction import Patches, PatchParameters
+from mlsroad_pipeline.algorithms.patches.labelling import (
+    PatchStages,
+    build_patches,
+    label_patches,
+)
+from mlsroad_pipeline.algorithms.patches.training import join_training_scenes
+from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
+from mlsroad_pipeline.studies.luo2016.parameters import GRAPH, REFINED
+from mlsroad_pipeline.studies.streets import timed
+
+Street = Mapping[str, Any]
+"""``points``, a cloud with ground and heights; ``patches`` and ``labels``, what `cut_patches` made of it."""
+
+
+def cut_patches(points: PointCloud, *, sizes: PatchParameters, scheme: ClassScheme) -> dict[str, dict[str, NDArray]]:
+    """Cut a street into patches and give them their classes.
+
+    Parameters
+    ----------
+    points : PointCloud
+        What `make_street` gave.
+    sizes : PatchParameters
+        Sizes and radii.
+    scheme : ClassScheme
+        The classes.
+
+    Returns
+    -------
+    dict of str to dict
+        ``patches`` and ``labels``, as `build_patches` and `label_patches` give them.
+    """
+    patches = build_patches(points, {"height": points["height"]}, sizes)
+    return {"patches": patches, "labels": label_patches(points, patches, scheme)}
+
+
+class _Tally:
+    """Confusion matrices and times of the methods of one run."""
+
+    def __init__(self, scheme: ClassScheme) -> None:
+        self.scheme = scheme
+        self.matrices: dict[str, list[NDArray[np.int64]]] = {}
+        self.facts: dict[str, dict[str, Any]] = {}
+
+    def add(self, method: str, *, train_seconds: float, **facts: Any) -> None:
+        self.matrices[method] = []
+        self.facts[method] = {"train_seconds": train_seconds, "label_seconds": 0.0, **facts}
+
+    def count(self, method: str, points: PointCloud, labels: NDArray[np.integer], seconds: float) -> None:
+        truth = self.scheme.encode(points["label"], source=points.source)
+        self.matrices[method].append(confusion_matrix(truth, labels, len(self.scheme)))
+        self.facts[method]["label_seconds"] += seconds
+
+    def result(self) -> dict[str, Any]:
+        frame = pd.DataFrame([{"method": name, **facts} for name, facts in self.facts.items()])
+        return {"matrices": {name: np.array(found) for name, found in self.matrices.items()}, "facts": frame}
+
+
+def train_and_score(
+    train: Mapping[str, Street],
+    test: Mapping[str, Street],
+    *,
+    method: str,
+    parameters: Mapping[str, Any],
+    stages: PatchStages,
+    scheme: ClassScheme,
+) -> dict[str, Any]:
+    """Train a method and score it at full resolution.
+
+    Parameters
+    ----------
+    train, test : mapping of str to mapping
+        Streets to learn from and to label.
+    method : str
+        One of `RUNS`; ``patch_graph`` gives its refinement too.
+    parameters : mapping of str to dataclass
+        Slug to the parameters of the method; for ``patch_graph`` those of its refinement too.
+    stages : PatchStages
+        How the streets were prepared.
+    scheme : ClassScheme
+        The classes.
+
+    Returns
+    -------
+    dict
+        ``matrices``: method to confusion matrices of the test streets in their order, int64 (t, C, C + 1). ``facts``: a
+        table of one row per method with `train_seconds` and `label_seconds` of processor time, the latter of all test
+        streets, and what the method tells of its training.
+    """
+    tally = _Tally(scheme)
+    if method == shape_based.SLUG:
+        _run_objects(tally, train, test, parameters[method], stages)
+        return tally.result()
+    joined = join_training_scenes(
+        {key: street["patches"] for key, street in train.items()},
+        {key: street["labels"] for key, street in train.items()},
+    )
+    if method == GRAPH:
+        _run_graph(tally, joined, test, parameters[GRAPH], parameters[REFINED], stages, len(train))
+    else:
+        _run_patches(tally, joined, test, method, parameters[method], stages)
+    return tally.result()
+
+
+def _test_streets(
+    test: Mapping[str, Street], stages: PatchStages
+) -> Iterator[tuple[PointCloud, Patches, NDArray[np.int32], Callable[[NDArray], NDArray[np.int16]]]]:
+    """Yield each test street's points, patches and edges, and what turns probabilities of patches into labels."""
+    for street in test.values():
+        points, patches = street["points"], Patches.from_arrays(street["patches"])
+
+        def vote(probabilities: NDArray, points: PointCloud = points, patches: Patches = patches) -> NDArray[np.int16]:
+            radius = stages.patches.area_radius
+            return vote_on_points(points.xyz, patches.centroid, probabilities, radius=radius)[0]
+
+        yield points, patches, street["patches"]["edges"], vote
+
+
+def _run_patches(
+    tally: _Tally,
+    joined: tuple[Patches, NDArray[np.int32]],
+    test: Mapping[str, Street],
+    method: str,
+    parameters: Any,
+    stages: PatchStages,
+) -> None:
+    n_classes = len(tally.scheme)
+    classifier: Any
+    facts: dict[str, Any] = {}
+    if method == "patch_svm":
+        (classifier, choice), seconds = timed(fit_patch_svm, *joined, parameters=parameters, n_classes=n_classes)
+        facts = {"cost": choice.cost, "gamma": choice.gamma}
+    else:
+        fit: Any = {"patch_forest": PatchForest.fit, "max_margin_markov": fit_max_margin}[method]
+        classifier, seconds = timed(fit, *joined, parameters=parameters, n_classes=n_classes)
+    tally.add(method, train_seconds=seconds, **facts)
+    for points, patches, edges, vote in _test_streets(test, stages):
+        probabilities, first = timed(classifier.predict_proba, patches, edges)
+        labels, second = timed(vote, probabilities)
+        tally.count(method, points, labels, first + second)
+
+
+def _run_graph(
+    tally: _Tally,
+    joined: tuple[Patches, NDArray[np.int32]],
+    test: Mapping[str, Street],
+    parameters: PatchGraphParameters,
+    grid: GridParameters,
+    stages: PatchStages,
+    n_streets: int,
+) -> None:
+    ground = ground_classes(tally.scheme)
+    transfer, seconds = timed(PatchGraphClassifier.fit, *joined, len(tally.scheme), parameters=parameters)
+    (refined, _), more = timed(
+        refine_classifier, transfer, *joined, graph_parameters=parameters, grid=grid, ground=ground,
+        surveys=np.arange(n_streets, dtype=np.int32),
+    )  # fmt: skip
+    objective = transfer.graph.objective
+    told = {"objective": float(objective[-1]), "iterations": len(objective) - 1, "nodes": len(transfer.graph.labels)}
+    chosen = {"smoothness": refined.parameters.smoothness, "colour_decay": refined.parameters.colour_decay}
+    tally.add(GRAPH, train_seconds=seconds, **told)
+    tally.add(REFINED, train_seconds=seconds + more, **told, **chosen)
+    for points, patches, edges, vote in _test_streets(test, stages):
+        transferred, first = timed(transfer.predict_proba, patches, edges)
+        labels, second = timed(vote, transferred)
+        tally.count(GRAPH, points, labels, first + second)
+        (_, field), third = timed(
+            refine, transferred, patches.rgb, edges, parameters=refined.parameters, ground=refined.ground
+        )
+        labels, fourth = timed(vote, field)
+        tally.count(REFINED, points, labels, first + third + fourth)
+
+
+def _run_objects(
+    tally: _Tally,
+    train: Mapping[str, Street],
+    test: Mapping[str, Street],
+    parameters: shape_based.ShapeParameters,
+    stages: PatchStages,
+) -> None:
+    def learn() -> Any:
+        rows = [
+            shape_based.training_objects(
+                s["points"], _ground(s["points"]), s["patches"], scheme=tally.scheme, parameters=parameters
+            )
+            for s in train.values()
+        ]
+        return shape_based.fit(rows, parameters=parameters, stages=stages, scheme=tally.scheme, trained_on={})
+
+    bundle, seconds = timed(learn)
+    given = bundle.metadata["classes_given"]
+    tally.add(shape_based.SLUG, train_seconds=seconds, classes_given=", ".join(given))
+    for street in test.values():
+        points = street["points"]
+        found, taken = timed(shape_based.label_objects, points, _ground(points), street["patches"], bundle)
+        tally.count(shape_based.SLUG, points, found["label"], taken)
+
+
+def _ground(points: PointCloud) -> dict[str, NDArray]:
+    return {"ground": points["ground"], "height": points["height"]}

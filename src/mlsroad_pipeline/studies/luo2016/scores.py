@@ -1,0 +1,181 @@
+"""The tables of Luo et al. 2016, section IV, made of confusion matrices: Table III, intervals, Figures 7 to 11."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.metrics.confusion import scores
+from mlsroad_pipeline.studies.luo2016.paper import CLASSES, OBJECTS, paper_scores
+from mlsroad_pipeline.studies.tables import paired_interval
+
+METRICS = ("precision", "recall", "f1")
+MEANS = {"mean of seven": CLASSES, "mean of five": OBJECTS}
+"""Rows of `class` that are means over classes: of all that the paper scores, and of those that are objects."""
+
+Matrices = Mapping[str, Mapping[str, NDArray[np.int64]]]
+"""Repetition to method to confusion matrix."""
+
+
+def repetition_scores(
+    matrices: Matrices, *, classes: Sequence[str], given: Mapping[str, Sequence[str]] | None = None
+) -> pd.DataFrame:
+    """Score every method of every repetition per class, and take the means over classes.
+
+    Parameters
+    ----------
+    matrices : mapping of str to mapping
+        Repetition to method to confusion matrix of shape (C, C + 1).
+    classes : sequence of str, length C
+        Class names in label order; those of the paper are scored.
+    given : mapping of str to sequence of str, optional
+        Method to the classes that it can give; methods that are not named give all.
+
+    Returns
+    -------
+    DataFrame
+        Columns `repetition`, `method`, `class`, `metric`, `value`; `class` also takes the names in `MEANS`. NaN where a
+        class has no points, is never predicted (precision), or cannot be given. A mean is over the classes with
+        points, and NaN for a method that cannot give one of its classes.
+
+    Raises
+    ------
+    DataError
+        If a class of the paper is not among `classes`.
+    """
+    missing = [name for name in CLASSES if name not in classes]
+    if missing:
+        raise DataError(f"the scheme lacks the classes {', '.join(missing)} of luo2016")
+    places = [list(classes).index(name) for name in CLASSES]
+    rows = []
+    for repetition, methods in matrices.items():
+        for method, matrix in methods.items():
+            figures = scores(matrix)
+            mine = CLASSES if given is None or method not in given else tuple(given[method])
+            for metric in METRICS:
+                values = np.where(figures.support > 0, getattr(figures, metric), np.nan)[places]
+                shown = np.where([name in mine for name in CLASSES], values, np.nan)
+                rows += [(repetition, method, n, metric, v) for n, v in zip(CLASSES, shown, strict=True)]
+                for mean, members in MEANS.items():
+                    chosen = [CLASSES.index(name) for name in members]
+                    able = all(name in mine for name in members)
+                    known = values[chosen][~np.isnan(values[chosen])]
+                    rows.append((repetition, method, mean, metric, known.mean() if able and len(known) else np.nan))
+    return pd.DataFrame(rows, columns=["repetition", "method", "class", "metric", "value"])
+
+
+def table_three(found: pd.DataFrame) -> pd.DataFrame:
+    """Average the repetitions and set the paper's Table III beside them.
+
+    Parameters
+    ----------
+    found : DataFrame
+        What `repetition_scores` gave.
+
+    Returns
+    -------
+    DataFrame
+        Columns `method`, `class`, `metric`, `mean`, `spread` (standard deviation over the repetitions, NaN for one),
+        `repetitions` (those with a defined value) and `paper`. Means of the paper are over the same classes.
+    """
+    grouped = found.groupby(["method", "class", "metric"], sort=False)["value"]
+    table = grouped.agg(mean="mean", spread="std", repetitions="count").reset_index()
+    paper = paper_scores()
+    means = [
+        paper[paper["class"].isin(members)]
+        .groupby(["method", "metric"], sort=False)["paper"]
+        .agg(lambda values: values.mean(skipna=False))
+        .reset_index()
+        .assign(**{"class": mean})
+        for mean, members in MEANS.items()
+    ]
+    return table.merge(pd.concat([paper, *means]), on=["method", "class", "metric"], how="left")
+
+
+def paired_differences(
+    found: pd.DataFrame, *, reference: str = "patch_graph_mrf", confidence: float = 0.95
+) -> pd.DataFrame:
+    """Compare the mean F1 of every method with that of a reference, repetition by repetition.
+
+    Parameters
+    ----------
+    found : DataFrame
+        What `repetition_scores` gave.
+    reference : str, default "patch_graph_mrf"
+        The method that the others are compared with.
+    confidence : float, default 0.95
+        Of the intervals, which are Student's for the mean of paired differences.
+
+    Returns
+    -------
+    DataFrame
+        Columns `method`, `mean_over` (a name of `MEANS`), `difference` (method minus reference), `low`, `high` and
+        `repetitions`. The interval of fewer than two repetitions is NaN; a mean that a method lacks is left out.
+
+    Raises
+    ------
+    DataError
+        If the reference was not scored.
+    """
+    if reference not in set(found["method"]):
+        raise DataError(f"{reference} was not scored (methods: {', '.join(sorted(set(found['method'])))})")
+    rows = []
+    for mean in MEANS:
+        chosen = found[(found["class"] == mean) & (found["metric"] == "f1")]
+        wide = chosen.pivot(index="repetition", columns="method", values="value")
+        for method in dict.fromkeys(chosen["method"]):
+            centre, low, high, n = paired_interval((wide[method] - wide[reference]).to_numpy(), confidence)
+            if method != reference and n:
+                rows.append((method, mean, centre, low, high, n))
+    return pd.DataFrame(rows, columns=["method", "mean_over", "difference", "low", "high", "repetitions"])
+
+
+def sensitivity_table(
+    matrices: Mapping[float, Matrices], facts: Mapping[float, pd.DataFrame], *, classes: Sequence[str]
+) -> pd.DataFrame:
+    """Score a method at every value of a parameter.
+
+    Parameters
+    ----------
+    matrices : mapping of float to mapping
+        Value to repetition to method to confusion matrix; one method only.
+    facts : mapping of float to DataFrame
+        Value to one row per repetition with `train_seconds` and `objective`.
+    classes : sequence of str
+        Class names in label order.
+
+    Returns
+    -------
+    DataFrame
+        One row per value, ascending: `value`, the F1 of each class and of the means over classes, averaged over the
+        repetitions, then `train_seconds` and `objective`, averaged likewise.
+    """
+    rows = []
+    for value in sorted(matrices):
+        found = repetition_scores(matrices[value], classes=classes)
+        f1 = found[found["metric"] == "f1"].groupby("class", sort=False)["value"].mean()
+        told = facts[value][["train_seconds", "objective"]].mean()
+        rows.append({"value": value, **f1.to_dict(), **told.to_dict()})
+    return pd.DataFrame(rows, columns=["value", *CLASSES, *MEANS, "train_seconds", "objective"])
+
+
+def times_table(facts: pd.DataFrame) -> pd.DataFrame:
+    """Average the processor time of every method over the repetitions.
+
+    Parameters
+    ----------
+    facts : DataFrame
+        One row per training and method with `method`, `train_seconds` and `label_seconds`.
+
+    Returns
+    -------
+    DataFrame
+        Columns `method`, `train_seconds`, `label_seconds` (of one street) and `trainings`.
+    """
+    grouped = facts.groupby("method", sort=False)
+    table = grouped[["train_seconds", "label_seconds"]].mean()
+    return table.assign(trainings=grouped.size()).reset_index()

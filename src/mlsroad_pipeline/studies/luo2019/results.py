@@ -1,0 +1,300 @@
+"""From the results of all runs of the study of Luo et al. 2019 to its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.metrics.scores import recognition_scores
+from mlsroad_pipeline.studies.luo2019 import paper as luo2019_paper
+from mlsroad_pipeline.studies.luo2019.parameters import CLEAN, JOINTNET, METHODS, RIVALS, SUB_NETWORKS
+from mlsroad_pipeline.studies.luo2019.plan import MAIN, SIZE, SYDNEY, TRAINING, StudyPlan, StudyRun
+from mlsroad_pipeline.studies.luo2019.scores import (
+    area_under,
+    mean_figures,
+    paired_interval,
+    precision_recall,
+    street_confusions,
+)
+from mlsroad_pipeline.studies.tables import Tables
+
+Results = Mapping[str, Mapping[str, NDArray]]
+"""Key of a task to what it gave."""
+
+LEVELS = ("level=1", "level=2", "level=3")
+"""The paper's test sets 1, 2 and 3."""
+
+
+@dataclass(frozen=True)
+class StudyTables(Tables):
+    """The tables of the study.
+
+    Parameters
+    ----------
+    scores : DataFrame
+        A table of scores of undisturbed objects; its splits are the sets.
+    table_1, table_2, table_3, table_4 : DataFrame
+        The paper's tables, with its figures beside ours; table 3 is empty without the Sydney Urban Objects.
+    sub_networks : DataFrame
+        Figure 9: F1 of each class on the three disturbed test sets.
+    confusion_counts : DataFrame
+        Figure 10: objects by true and recognised class there.
+    robustness : DataFrame
+        Figure 12: accuracy and mean F1 of each method by disturbance of the test objects.
+    differences : DataFrame
+        Mean F1 of the other methods minus that of `jointnet`, under every disturbance, with 95 % intervals.
+    image_sizes : DataFrame
+        Figure 7, in numbers.
+    training : DataFrame
+        Figures 13 and 14: accuracy and mean F1 by disturbance of the training objects.
+    curves : DataFrame
+        Precision-recall curves of Figures 7, 11 and 14.
+    tuning : DataFrame
+        Settings that were tried on validation objects.
+    """
+
+    scores: pd.DataFrame
+    table_1: pd.DataFrame
+    table_2: pd.DataFrame
+    table_3: pd.DataFrame
+    table_4: pd.DataFrame
+    sub_networks: pd.DataFrame
+    confusion_counts: pd.DataFrame
+    robustness: pd.DataFrame
+    differences: pd.DataFrame
+    image_sizes: pd.DataFrame
+    training: pd.DataFrame
+    curves: pd.DataFrame
+    tuning: pd.DataFrame
+
+
+class _Found:
+    """What some runs recognised under one condition, joined."""
+
+    def __init__(self, runs: list[StudyRun], results: Results, condition: str, n_classes: int) -> None:
+        row = [list(run.conditions).index(condition) for run in runs]
+        each = [results[run.key] for run in runs]
+        self.n_classes = n_classes
+        self.scores = np.concatenate([found["scores"][i] for i, found in zip(row, each, strict=True)])
+        self.label = np.concatenate([found["label"] for found in each])
+        # Objects in files are no street's: those of different folds must not meet.
+        fold = {test: k << 32 for k, test in enumerate(dict.fromkeys(run.test for run in runs))}
+        self.street = np.concatenate([f["street"] + fold[r.test] for r, f in zip(runs, each, strict=True)])
+        self.seconds = sum(float(found["seconds"][i]) for i, found in zip(row, each, strict=True))
+
+    def by_street(self) -> dict[int, NDArray[np.int64]]:
+        return street_confusions(self.label, self.scores.argmax(axis=1), self.street, self.n_classes)
+
+    def matrix(self) -> NDArray[np.int64]:
+        return np.sum(list(self.by_street().values()), axis=0, dtype=np.int64)
+
+    def curve(self) -> pd.DataFrame:
+        threshold, precision, recall = precision_recall(self.scores, self.label)
+        return pd.DataFrame({"threshold": threshold, "precision": precision, "recall": recall})
+
+
+def study_tables(plan: StudyPlan, results: Results, facts: Results, networks: Results) -> StudyTables:
+    """Make the tables.
+
+    Parameters
+    ----------
+    plan : StudyPlan
+        The plan.
+    results, facts : mapping
+        What `train_and_recognise` gave, by run.
+    networks : mapping
+        What `measure_network` gave, by method.
+
+    Returns
+    -------
+    StudyTables
+        The tables.
+    """
+    made = _Tables(plan, results, facts, networks)
+    efficiency = made.efficiency()
+    sub_networks, confusions = made.sub_networks()
+    sizes, curves_7 = made.variants(SIZE)
+    training, curves_14 = made.variants(TRAINING)
+    return StudyTables(
+        scores=made.scores(),
+        table_1=_table_one(efficiency),
+        table_2=made.table_two(),
+        table_3=made.table_three(),
+        table_4=efficiency[efficiency["method"].isin((*RIVALS, JOINTNET))].merge(
+            luo2019_paper.table_four(), on="method", how="left"
+        ),
+        sub_networks=sub_networks,
+        confusion_counts=confusions,
+        robustness=made.robustness(),
+        differences=made.differences(),
+        image_sizes=sizes.rename(columns={"disturbance": "view", "level": "size"}),
+        training=training,
+        curves=pd.concat([curves_7.assign(figure=7), made.curves().assign(figure=11), curves_14.assign(figure=14)]),
+        tuning=made.tuning(),
+    )
+
+
+def _table_one(efficiency: pd.DataFrame) -> pd.DataFrame:
+    chosen = efficiency[efficiency["method"].isin((*SUB_NETWORKS, JOINTNET))].drop(columns="dimension")
+    paper = luo2019_paper.table_one().set_index("method")
+    rows = paper.reindex(["jointnet" if m == JOINTNET else "sub-networks" for m in chosen["method"]])
+    return pd.concat([chosen.reset_index(drop=True), rows.reset_index(drop=True)], axis=1)
+
+
+class _Tables:
+    """Makes the tables one by one."""
+
+    def __init__(self, plan: StudyPlan, results: Results, facts: Results, networks: Results) -> None:
+        self.plan, self.results, self.facts, self.networks = plan, results, facts, networks
+        self.main = plan.of_group(MAIN)
+        self.sets = tuple(dict.fromkeys(run.dataset for run in self.main))
+
+    def _scheme(self, name: str) -> ClassScheme:
+        return self.plan.schemes[name]
+
+    def _of(self, name: str, method: str) -> list[StudyRun]:
+        return [run for run in self.main if run.dataset == name and run.method == method]
+
+    def _found(self, name: str, method: str, condition: str) -> _Found:
+        return _Found(self._of(name, method), self.results, condition, len(self._scheme(name)))
+
+    def scores(self) -> pd.DataFrame:
+        tables = [
+            recognition_scores(
+                self._found(name, method, CLEAN).matrix(), method=method, split=name, classes=self._scheme(name).classes
+            )
+            for name in self.sets
+            for method in METHODS
+        ]
+        return pd.concat(tables, ignore_index=True)
+
+    def table_two(self) -> pd.DataFrame:
+        rows = []
+        for name in self.sets:
+            for method in METHODS:
+                runs = self._of(name, method)
+                # The paper's figures of Sydney are of its last fold alone.
+                runs = [run for run in runs if name != SYDNEY or run.test == runs[-1].test]
+                found = _Found(runs, self.results, CLEAN, len(self._scheme(name)))
+                objects = len(found.label) // len(self.plan.scale.seeds)
+                rows.append({"set": name, "method": method, "objects": objects, **mean_figures(found.matrix())})
+        return pd.DataFrame(rows).merge(luo2019_paper.table_two(), on=["set", "method"], how="left")
+
+    def table_three(self) -> pd.DataFrame:
+        paper = luo2019_paper.table_three()
+        if SYDNEY not in self.sets:
+            return pd.DataFrame(columns=["method", "weighted_f1", "paper"])
+        table = self.scores()
+        mine = table[(table["split"] == SYDNEY) & (table["metric"] == "weighted_f1")]
+        ours = mine[["method", "value"]].rename(columns={"value": "weighted_f1"})
+        return ours.merge(paper, on="method", how="outer", sort=False)
+
+    def efficiency(self) -> pd.DataFrame:
+        rows = []
+        for method in METHODS:
+            network = self.networks.get(method)
+            facts = [self.facts[run.key] for run in self.main if run.method == method]
+            row: dict[str, Any] = {
+                "method": method,
+                "dimension": int(facts[0]["dimension"]) or None,
+                "model_mb": max(float(f["model_bytes"]) for f in facts) / 1e6,
+                "memory_mb": None if network is None else float(network["memory_bytes"]) / 1e6,
+                "backward_ms": None if network is None else float(network["backward_ms"]),
+                "forward_ms": None if network is None else float(network["forward_ms"]),
+            }
+            for name in self.plan.sets:
+                found = self._found(name, method, CLEAN)
+                row[f"{name}_ms_per_object"] = 1000 * found.seconds / max(len(found.label), 1)
+                trained = [self.facts[run.key] for run in self._of(name, method)]
+                row[f"{name}_train_s"] = float(np.mean([f["train_seconds"] for f in trained]))
+            rows.append(row)
+        return pd.DataFrame(rows)
+
+    def sub_networks(self) -> tuple[pd.DataFrame, pd.DataFrame]:
+        name, rows, counts = self.plan.sets[0], [], []
+        classes = self._scheme(name).classes
+        for level in LEVELS:
+            for method in (*SUB_NETWORKS, JOINTNET):
+                matrix = self._found(name, method, level).matrix()
+                table = recognition_scores(matrix, method=method, split=level, classes=classes)
+                mine = table[(table["metric"] == "f1") & (table["support"] > 0)]
+                rows.append(mine[["split", "method", "class", "value", "support"]])
+                counts += [
+                    (level, method, classes[i], classes[j], int(matrix[i, j])) for i, j in np.argwhere(matrix > 0)
+                ]
+        f1 = pd.concat(rows, ignore_index=True).rename(columns={"split": "level", "value": "f1"})
+        return f1, pd.DataFrame(counts, columns=["level", "method", "class", "recognised", "objects"])
+
+    def robustness(self) -> pd.DataFrame:
+        rows = []
+        for name in self.sets:
+            for method in METHODS:
+                for condition in self.plan.scale.conditions():
+                    figures = mean_figures(self._found(name, method, condition).matrix())
+                    rows.append({"set": name, "method": method, **_level(condition), **_chosen(figures)})
+        return pd.DataFrame(rows)
+
+    def differences(self) -> pd.DataFrame:
+        rows = []
+        for name in self.sets:
+            for condition in self.plan.scale.conditions():
+                streets = {m: self._found(name, m, condition).by_street() for m in METHODS}
+                order = sorted(streets[JOINTNET])
+                own = [streets[JOINTNET][s] for s in order]
+                for method in METHODS:
+                    if method == JOINTNET:
+                        continue
+                    other = [streets[method][s] for s in order]
+                    apart = paired_interval(other, own, seed=self.plan.study.seed)
+                    rows.append((name, *_level(condition).values(), method, *apart, len(order)))
+        columns = ["set", "disturbance", "level", "method", "difference", "low", "high", "streets"]
+        return pd.DataFrame(rows, columns=columns)
+
+    def variants(self, group: str) -> tuple[pd.DataFrame, pd.DataFrame]:
+        rows, curves = [], []
+        for run in self.plan.of_group(group):
+            for condition in run.conditions:
+                found = _Found([run], self.results, condition, len(self._scheme(run.dataset)))
+                curve = found.curve()
+                names = {"set": run.dataset, **_level(run.setting), "tested_on": condition}
+                area = area_under(curve["precision"].to_numpy(), curve["recall"].to_numpy())
+                rows.append({**names, **_chosen(mean_figures(found.matrix())), "average_precision": area})
+                curves.append(curve.assign(set=run.dataset, setting=run.setting, tested_on=condition))
+        return pd.DataFrame(rows), pd.concat(curves, ignore_index=True) if curves else pd.DataFrame()
+
+    def curves(self) -> pd.DataFrame:
+        found = [
+            self._found(name, method, CLEAN).curve().assign(set=name, setting=method, tested_on=CLEAN)
+            for name in self.sets
+            for method in METHODS
+        ]
+        return pd.concat(found, ignore_index=True)
+
+    def tuning(self) -> pd.DataFrame:
+        rows = []
+        for run in self.main:
+            facts = self.facts[run.key]
+            if len(run.settings) > 1:
+                settings = self.plan.scale.tuning[run.method]
+                rows += [
+                    (run.dataset, run.method, run.seed, str(dict(given)), float(accuracy), i == int(facts["chosen"]))
+                    for i, (given, accuracy) in enumerate(zip(settings, facts["tried"], strict=True))
+                ]
+        columns = ["set", "method", "seed", "setting", "validation_accuracy", "chosen"]
+        return pd.DataFrame(rows, columns=columns)
+
+
+def _level(name: str) -> dict[str, Any]:
+    """Split ``noise=0.02`` into the disturbance and its level; what has no level gets 0."""
+    kind, _, value = name.partition("=")
+    return {"disturbance": kind, "level": float(value) if value else 0.0}
+
+
+def _chosen(figures: Mapping[str, float]) -> dict[str, float]:
+    return {"accuracy": figures["accuracy"], "mean_f1": figures["f1"]}

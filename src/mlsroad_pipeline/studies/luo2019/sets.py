@@ -1,0 +1,255 @@
+"""Simulated sets of objects that mirror HDRObject9 and SMDObject6: classes, imbalance, split (Luo et al. 2019)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps
+from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters, cut_objects
+from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
+from mlsroad_pipeline.algorithms.segmentation.stage import (
+    SegmentationParameters,
+    reference_objects,
+    segment_scene,
+)
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
+from mlsroad_pipeline.studies.luo2019 import paper as luo2019_paper
+from mlsroad_pipeline.studies.luo2019.set_parameters import BY_HAND, CutParameters, ObjectSetParameters
+from mlsroad_pipeline.studies.streets import make_street
+
+
+def cut_street(
+    *,
+    simulation: SimulationParameters,
+    ground: GroundParameters,
+    segmentation: SegmentationParameters,
+    scheme: ClassScheme,
+    wanted: Sequence[str],
+    parameters: CutParameters,
+) -> dict[str, NDArray]:
+    """Simulate a street, segment it, and name its objects by the truth of their points.
+
+    Parameters
+    ----------
+    simulation : SimulationParameters
+        The survey.
+    ground : GroundParameters
+        The ground filter.
+    segmentation : SegmentationParameters
+        The segmentation, unless objects are cut by hand.
+    scheme : ClassScheme
+        The classes.
+    wanted : sequence of str
+        Classes that are kept.
+    parameters : CutParameters
+        Which objects.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The arrays of an `ObjectSet`, and ``street`` int64: the seed, for each object.
+    """
+    columns = ("intensity", "gps_time", "scanner", "label", "instance")
+    street = make_street(simulation=simulation, ground=ground, columns=columns, reach=parameters.reach)
+    whole = street.with_columns(core=np.ones(len(street), dtype=np.bool_))
+    instances, classes = reference_objects(whole, scheme)
+    if parameters.segmentation == BY_HAND:
+        segments = {"objects": instances - np.int32(1)}
+    else:
+        method = replace(segmentation, method=parameters.segmentation)
+        segments = segment_scene(whole, {"ground": whole["ground"]}, method)
+    recognition = RecognitionParameters(min_points=parameters.min_points)
+    cut = cut_objects(whole.without_columns(["label"]), segments, scheme=scheme, parameters=recognition)
+    label = name_segments(
+        instances,
+        classes,
+        segments["objects"],
+        purity=parameters.purity,
+        completeness=parameters.completeness,
+    )[cut["object"]]
+    chosen = np.isin(label, [scheme.classes.index(name) for name in wanted])
+    named = ObjectSet.from_arrays({**cut, "label": label}).take(chosen)
+    kept = thin(named, parameters.max_points, simulation.seed)
+    return {**kept.to_arrays(), "street": np.full(len(kept), simulation.seed, dtype=np.int64)}
+
+
+def name_segments(
+    instances: NDArray[np.integer],
+    classes: NDArray[np.int16],
+    segments: NDArray[np.integer],
+    *,
+    purity: float,
+    completeness: float,
+) -> NDArray[np.int16]:
+    """Name segments by the instance that most of their points belong to.
+
+    A gantry is a gantry with the signs that hang on it, which have a class of their own but not an instance.
+
+    Parameters
+    ----------
+    instances : ndarray of int, shape (n,)
+        Instance of each point, 0 for none.
+    classes : ndarray of int16, shape (instances + 1,)
+        Class of each instance.
+    segments : ndarray of int, shape (n,)
+        Segment of each point, -1 for none.
+    purity : float
+        Share of a segment's points that must be of instances of its class.
+    completeness : float
+        Share of its instance's points that it must hold.
+
+    Returns
+    -------
+    ndarray of int16
+        Class of each segment; -1 for what is mixed, a piece, or of no instance.
+    """
+    label = np.full(int(segments.max(initial=-1)) + 1, IGNORE, dtype=np.int16)
+    pairs = find_overlaps(instances, segments)
+    if not len(pairs.shared):
+        return label
+    order = np.lexsort((-pairs.shared, pairs.segment))
+    own, first = np.unique(pairs.segment[order], return_index=True)
+    first = order[first]
+    of_class = classes[pairs.instances[pairs.instance]]
+    named = np.full(len(pairs.segments), IGNORE, dtype=np.int16)
+    named[own] = of_class[first]
+    alike = np.bincount(pairs.segment, pairs.shared * (of_class == named[pairs.segment]), len(pairs.segments))
+    whole = pairs.shared[first] >= completeness * pairs.instance_sizes[pairs.instance[first]]
+    good = whole & (alike[own] >= purity * pairs.segment_sizes[own])
+    label[pairs.segments[own[good]]] = named[own[good]]
+    return label
+
+
+def thin(objects: ObjectSet, max_points: int, seed: int) -> ObjectSet:
+    """Draw points of large objects.
+
+    Parameters
+    ----------
+    objects : ObjectSet
+        The objects.
+    max_points : int
+        Most points of an object.
+    seed : int
+        Seed of the draw.
+
+    Returns
+    -------
+    ObjectSet
+        The objects with at most so many points, in their order.
+    """
+    rng = np.random.default_rng(seed)
+    counts = np.diff(objects.indptr)
+    rows = [
+        first + (np.sort(rng.choice(n, max_points, replace=False)) if n > max_points else np.arange(n))
+        for first, n in zip(objects.indptr[:-1], counts, strict=True)
+    ]
+    chosen = np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
+    indptr = np.append(0, np.cumsum(np.minimum(counts, max_points))).astype(np.int64)
+    intensity = None if objects.intensity is None else objects.intensity[chosen]
+    return ObjectSet(objects.xyz[chosen], indptr, objects.label, intensity)
+
+
+def draw_split(
+    streets: Mapping[str, Mapping[str, NDArray]], *, limits: Mapping[int, int], seed: int
+) -> dict[str, NDArray]:
+    """Join the objects of a split's streets and draw as many of each class as the set shall have.
+
+    Parameters
+    ----------
+    streets : mapping of str to mapping
+        Street to what `cut_street` gave.
+    limits : mapping of int to int
+        Class to the most objects of it.
+    seed : int
+        Seed of the draw.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The arrays of an `ObjectSet`, ``street`` of each object, and ``found`` int64 (classes): objects of each class
+        before the draw.
+    """
+    joined = ObjectSet.join([ObjectSet.from_arrays(streets[key]) for key in sorted(streets)])
+    street = np.concatenate([streets[key]["street"] for key in sorted(streets)])
+    rng = np.random.default_rng(seed)
+    drawn = [rng.permutation(np.flatnonzero(joined.label == label))[:most] for label, most in limits.items()]
+    rows = np.sort(np.concatenate(drawn))
+    found = np.bincount(joined.label[joined.label != IGNORE], minlength=max(limits) + 1)
+    return {**joined.take(rows).to_arrays(), "street": street[rows], "found": found}
+
+
+def wanted_objects(name: str, parameters: ObjectSetParameters, scheme: ClassScheme) -> dict[str, dict[int, int]]:
+    """Return how many objects of each class every split shall have.
+
+    Parameters
+    ----------
+    name : str
+        The set.
+    parameters : ObjectSetParameters
+        Its share of the paper's objects.
+    scheme : ClassScheme
+        Its classes.
+
+    Returns
+    -------
+    dict of str to dict
+        Split to class to number, at least 1.
+    """
+    return {
+        split: {
+            scheme.classes.index(c): max(round(parameters.share * share * n), 1)
+            for c, n in luo2019_paper.OBJECTS[name].items()
+        }
+        for split, share in luo2019_paper.SPLITS.items()
+    }
+
+
+def composition_table(
+    sets: Mapping[str, Mapping[str, NDArray]],
+    wanted: Mapping[str, Mapping[int, int]],
+    schemes: Mapping[str, ClassScheme],
+) -> pd.DataFrame:
+    """Tell what the sets are made of.
+
+    Parameters
+    ----------
+    sets : mapping of str to mapping
+        ``<set>.<split>`` to what `draw_split` gave.
+    wanted : mapping of str to mapping
+        The same to class to the number that was wanted.
+    schemes : mapping of str to ClassScheme
+        Set to its classes.
+
+    Returns
+    -------
+    DataFrame
+        Columns `set`, `split`, `class`, `streets`, `paper` (objects of the class in the paper's set as a whole),
+        `wanted`, `found` in the streets, `objects` that were taken, `median_points`.
+    """
+    rows = []
+    for key, found in sets.items():
+        name, _, split = key.partition(".")
+        sizes = np.diff(found["indptr"])
+        for label, number in wanted[key].items():
+            mine, named = found["label"] == label, schemes[name].classes[label]
+            rows.append(
+                {
+                    "set": name,
+                    "split": split,
+                    "class": named,
+                    "streets": len(np.unique(found["street"][mine])),
+                    "paper": luo2019_paper.OBJECTS[name][named],
+                    "wanted": number,
+                    "found": int(found["found"][label]),
+                    "objects": int(mine.sum()),
+                    "median_points": float(np.median(sizes[mine])) if mine.any() else np.nan,
+                }
+            )
+    return pd.DataFrame(rows)

@@ -1,0 +1,220 @@
+"""The tables of Yu et al. 2016, section V, made of counted detections: Tables II to V and Figure 12, with spread."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.metrics.detection import DetectionCounts, count_detections, precision_recall_curve
+from mlsroad_pipeline.studies.tables import paired_interval
+from mlsroad_pipeline.studies.yu2016 import paper as yu2016_paper
+
+Counted = Mapping[str, NDArray]
+"""What `count_detections_of_scene` gave for a street."""
+
+FIGURES = ("recall", "precision", "quality", "f_score")
+
+
+def counts_of(street: Counted, classes: Sequence[int]) -> DetectionCounts:
+    """Count the detections of some classes of a street together.
+
+    Parameters
+    ----------
+    street : mapping
+        What `count_detections_of_scene` gave.
+    classes : sequence of int
+        The classes.
+
+    Returns
+    -------
+    DetectionCounts
+        Sums. An object that is not asked for, too small or beyond the end of its street, counts where it is found.
+    """
+    tp = fp = fn = 0
+    for k in classes:
+        right = street["right"][street["label"] == k]
+        found = count_detections(right, max(int(street["n_objects"][k]), int(right.sum())))
+        tp, fp, fn = tp + found.tp, fp + found.fp, fn + found.fn
+    return DetectionCounts(tp, fp, fn)
+
+
+def joined(counts: Sequence[DetectionCounts]) -> DetectionCounts:
+    """Return the sums of counts.
+
+    Parameters
+    ----------
+    counts : sequence of DetectionCounts
+        Counts of streets.
+
+    Returns
+    -------
+    DetectionCounts
+        Of all together.
+    """
+    return DetectionCounts(*(sum(getattr(c, name) for c in counts) for name in ("tp", "fp", "fn")))
+
+
+def table_two(streets: Mapping[str, Mapping[str, Counted]], classes: Sequence[str]) -> pd.DataFrame:
+    """Make Table II: objects, right and wrong detections of each class and survey.
+
+    Parameters
+    ----------
+    streets : mapping of str to mapping
+        Survey to test street to counts.
+    classes : sequence of str
+        The wanted classes.
+
+    Returns
+    -------
+    DataFrame
+        Columns `survey`, `class`, `objects`, `found`, `false`, and the paper's.
+    """
+    rows = []
+    for survey, each in streets.items():
+        for name, chosen in [*((c, [k]) for k, c in enumerate(classes)), ("all", list(range(len(classes))))]:
+            total = joined([counts_of(street, chosen) for street in each.values()])
+            rows.append((survey, name, total.tp + total.fn, total.tp, total.fp))
+    table = pd.DataFrame(rows, columns=["survey", "class", "objects", "found", "false"])
+    return table.merge(yu2016_paper.table_two(), on=["survey", "class"], how="left")
+
+
+def figures_by_survey(
+    streets: Mapping[str, Mapping[str, Mapping[str, Counted]]], classes: Sequence[int]
+) -> pd.DataFrame:
+    """Score methods per survey: over the objects of all its test streets, with the spread from street to street.
+
+    Parameters
+    ----------
+    streets : mapping of str to mapping
+        Method to survey to test street to counts.
+    classes : sequence of int
+        The classes that are counted together.
+
+    Returns
+    -------
+    DataFrame
+        Columns `survey`, `method`, `metric`, `value`, `spread` (standard deviation over the streets in which it is
+        defined; NaN for fewer than two), `tp`, `fp`, `fn`; the survey ``average`` is the mean over the surveys.
+    """
+    rows: list[tuple[Any, ...]] = []
+    for method, surveys in streets.items():
+        values: dict[str, list[float]] = {name: [] for name in FIGURES}
+        for survey, each in surveys.items():
+            counts = [counts_of(street, classes) for street in each.values()]
+            total = joined(counts)
+            for name in FIGURES:
+                by_street = np.array([getattr(c, name) for c in counts], dtype=np.float64)
+                known = by_street[np.isfinite(by_street)]
+                spread = known.std(ddof=1) if len(known) > 1 else np.nan
+                value = float(getattr(total, name))
+                values[name].append(value)
+                rows.append((survey, method, name, value, spread, total.tp, total.fp, total.fn))
+        rows += [("average", method, name, float(np.mean(v)), np.nan, None, None, None) for name, v in values.items()]
+    return pd.DataFrame(rows, columns=["survey", "method", "metric", "value", "spread", "tp", "fp", "fn"])
+
+
+def paired_differences(
+    streets: Mapping[str, Mapping[str, Mapping[str, Counted]]],
+    classes: Sequence[int],
+    *,
+    reference: str,
+    confidence: float = 0.95,
+) -> pd.DataFrame:
+    """Compare the F-score of every method with that of a reference, street by street.
+
+    Parameters
+    ----------
+    streets : mapping of str to mapping
+        Method to survey to test street to counts.
+    classes : sequence of int
+        The classes that are counted together.
+    reference : str
+        The method that the others are compared with.
+    confidence : float, default 0.95
+        Of the intervals, which are Student's for the mean of paired differences.
+
+    Returns
+    -------
+    DataFrame
+        Columns `method`, `difference` (method minus reference), `low`, `high`, `streets`.
+    """
+
+    def f_scores(method: str) -> NDArray[np.float64]:
+        each = [street for survey in streets[method].values() for street in survey.values()]
+        return np.array([counts_of(street, classes).f_score for street in each], dtype=np.float64)
+
+    first = f_scores(reference)
+    rows = []
+    for method in streets:
+        if method == reference:
+            continue
+        rows.append((method, *paired_interval(f_scores(method) - first, confidence)))
+    return pd.DataFrame(rows, columns=["method", "difference", "low", "high", "streets"])
+
+
+def pooled_curve(
+    streets: Mapping[str, Counted], thresholds: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Follow precision and recall of all classes together, scores in units of their class's threshold.
+
+    Parameters
+    ----------
+    streets : mapping of str to mapping
+        Test street to counts.
+    thresholds : ndarray of float, shape (c,)
+        Thresholds of the classes.
+
+    Returns
+    -------
+    threshold, precision, recall : ndarray of float64
+        The curve; at threshold 1 stand the detections. Empty where there is no object.
+    """
+    each = list(streets.values())
+    label, right, score = (np.concatenate([s[f"curve_{name}"] for s in each]) for name in ("label", "right", "score"))
+    n_objects = sum(np.maximum(s["n_objects"], np.bincount(s["curve_label"][s["curve_right"]].astype(np.int64),
+                    minlength=len(thresholds))).sum() for s in each)  # fmt: skip
+    if n_objects == 0:
+        return np.zeros(0), np.zeros(0), np.zeros(0)
+    return precision_recall_curve(score / np.maximum(thresholds[label], 1e-12), right, int(n_objects))
+
+
+def sensitivity_table(
+    variants: Mapping[str, Mapping[str, Counted]], thresholds: Mapping[str, NDArray[np.float64]], n_classes: int
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Make the table and the curves of Figure 12.
+
+    Parameters
+    ----------
+    variants : mapping of str to mapping
+        Setting, ``name=value``, to test street to counts.
+    thresholds : mapping of str to ndarray
+        Setting to the thresholds of the classes.
+    n_classes : int
+        Number of classes.
+
+    Returns
+    -------
+    table : DataFrame
+        Columns `parameter`, `setting`, the four figures, and `average_precision`, the area under the curve.
+    curves : DataFrame
+        Columns `parameter`, `setting`, `threshold`, `precision`, `recall`.
+    """
+    rows: list[tuple[Any, ...]] = []
+    curves = []
+    for name, streets in variants.items():
+        parameter, _, value = name.partition("=")
+        total = joined([counts_of(street, range(n_classes)) for street in streets.values()])
+        level, precision, recall = pooled_curve(streets, thresholds[name])
+        area = float(np.diff(recall, prepend=0.0) @ precision) if len(level) else np.nan
+        rows.append((parameter, value, *(float(getattr(total, figure)) for figure in FIGURES), area))
+        curves.append(
+            pd.DataFrame(
+                {"parameter": parameter, "setting": value, "threshold": level, "precision": precision, "recall": recall}
+            )
+        )
+    table = pd.DataFrame(rows, columns=["parameter", "setting", *FIGURES, "average_precision"])
+    return table, pd.concat(curves) if curves else pd.DataFrame()

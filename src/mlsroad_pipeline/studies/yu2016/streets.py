@@ -1,0 +1,155 @@
+"""The streets of the study of Yu et al. 2016, and which of their objects can be found at all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
+from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
+from mlsroad_pipeline.simulation.runtime.survey import simulate_survey
+from mlsroad_pipeline.studies.streets import cut_street, timed
+
+RUN_IN = 12.0
+"""What is driven beyond both ends of a street, metres."""
+
+IMAGE_GAP = 2.0
+"""Two images of one thing that moved lie farther apart than this, metres."""
+
+STREAK = 8.0
+"""A car drawn longer than this is no car to who sees it, metres: half as long again as the longest."""
+
+_CARS = [TAXONOMY[name] for name in ("car", "van")]
+_MOVING = [
+    TAXONOMY[name]
+    for name in ("car", "van", "truck", "bus", "train", "other_vehicle", "motorcycle", "bicycle", "rider", "person")
+]
+
+
+def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -> dict[str, Any]:
+    """Simulate a street that is a scene of its own, and time the search for its ground.
+
+    The van drives `RUN_IN` farther at both ends: planes of scanners stand at a slant, and what is near the ends of a
+    drive is scanned in part. Objects there are not the scene's own.
+
+    Parameters
+    ----------
+    simulation : SimulationParameters
+        The survey.
+    ground : GroundParameters
+        The ground filter.
+
+    Returns
+    -------
+    dict
+        ``points``: a cloud with `ground`, `core` and what the stages need; ``facts``: ``seconds`` of the ground filter,
+        number of ``points``, and of cars that are ``streaks`` in the core.
+    """
+    columns = ("intensity", "gps_time", "scanner", "label", "instance")
+    survey = simulate_survey(replace(simulation, length=simulation.length + 2 * RUN_IN), n_threads=1)
+    street, station = cut_street(survey, ground=ground, columns=columns, source=f"street of seed {simulation.seed}")
+    core = (station >= RUN_IN) & (station <= RUN_IN + simulation.length)
+    images = separate_images(street.xyz, street["instance"], np.isin(street["label"], _MOVING))
+    instance = without_streaks(street.xyz, images, np.isin(street["label"], _CARS))
+    label = whole_gantries(street["label"], instance)
+    cloud = replace(street, columns={**street.columns, "label": label, "instance": instance, "core": core})
+    _, seconds = timed(find_ground, cloud, ground)
+    streaks = len(np.unique(images[core & (images != instance)]))
+    facts = {"seconds": np.array(seconds), "points": np.array(len(cloud)), "streaks": np.array(streaks)}
+    return {"points": cloud, "facts": facts}
+
+
+def separate_images(
+    xyz: NDArray[np.floating], instance: NDArray[np.integer], rows: NDArray[np.bool_]
+) -> NDArray[np.int32]:
+    """Number the images of what moved apart: each scanner draws it whole, in another place.
+
+    The two scanners of the system see a place about a second apart. Whoever labels such a cloud by hand sees two cars
+    that lie many metres apart, and so does any segmentation.
+
+    Parameters
+    ----------
+    xyz : ndarray of shape (n, 3)
+        Points, metres.
+    instance : ndarray of int, shape (n,)
+        What each belongs to; 0 is nothing.
+    rows : ndarray of bool, shape (n,)
+        The points of what may move.
+
+    Returns
+    -------
+    ndarray of int32, shape (n,)
+        The same instances; new numbers for those images of one that lie more than `IMAGE_GAP` from its first point's.
+    """
+    out = np.asarray(instance, dtype=np.int32).copy()
+    last = int(out.max(initial=0))
+    moving = np.flatnonzero(rows & (out > 0))
+    if len(moving) == 0:
+        return out
+    moving = moving[np.argsort(out[moving], kind="stable")]
+    names, first = np.unique(out[moving], return_index=True)
+    flat = np.column_stack([xyz[moving, :2].astype(np.float64), np.zeros(len(moving))])
+    for name, members in zip(names.tolist(), np.split(np.arange(len(moving)), first[1:]), strict=True):
+        image = cluster(np.ascontiguousarray(flat[members]), tolerance=IMAGE_GAP)
+        out[moving[members]] = np.where(image > 0, image + last, name)
+        last += int(image.max())
+    return out
+
+
+def without_streaks(
+    xyz: NDArray[np.floating], instance: NDArray[np.integer], rows: NDArray[np.bool_]
+) -> NDArray[np.int32]:
+    """Take the images out of the reference that are drawn so long that nobody could tell what they are.
+
+    A car that moves with the van is scanned for as long as it stays beside it.
+
+    Parameters
+    ----------
+    xyz : ndarray of shape (n, 3)
+        Points, metres.
+    instance : ndarray of int, shape (n,)
+        What `separate_images` gave.
+    rows : ndarray of bool, shape (n,)
+        The points of cars.
+
+    Returns
+    -------
+    ndarray of int32, shape (n,)
+        The same instances; 0 for the cars that are longer than `STREAK` along their longer axis.
+    """
+    out = np.asarray(instance, dtype=np.int32).copy()
+    cars = np.flatnonzero(rows & (out > 0))
+    cars = cars[np.argsort(out[cars], kind="stable")]
+    for members in np.split(cars, np.flatnonzero(np.diff(out[cars])) + 1):
+        if len(members) < 2:
+            continue
+        flat = xyz[members, :2].astype(np.float64)
+        axis = np.linalg.eigh(np.cov(flat.T))[1][:, -1]
+        if np.ptp(flat @ axis) > STREAK:
+            out[members] = 0
+    return out
+
+
+def whole_gantries(label: NDArray[np.integer], instance: NDArray[np.integer]) -> NDArray[np.int16]:
+    """Count the boards of a gantry to it: one thing of 25 m over the road is no traffic sign.
+
+    Parameters
+    ----------
+    label : ndarray of int, shape (n,)
+        Classes of the taxonomy.
+    instance : ndarray of int, shape (n,)
+        What each point belongs to; 0 is nothing. Boards have the number of their gantry.
+
+    Returns
+    -------
+    ndarray of int16, shape (n,)
+        The same classes, and the gantry's for all points of an instance that holds one.
+    """
+    gantry = TAXONOMY["gantry"]
+    numbers = np.unique(instance[label == gantry])
+    return np.where(np.isin(instance, numbers[numbers > 0]), gantry, label).astype(np.int16)

@@ -1,0 +1,1 @@
+"""Surveys as input: discovery of files, splits, scene plans, reading and images."""

@@ -1,0 +1,293 @@
+"""Calibrations and poses of cameras from JSON, KITTI's files and tables."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from PIL import Image as Picture
+
+from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
+from mlsroad_pipeline.algorithms.image_labels.camera import Camera
+from mlsroad_pipeline.algorithms.image_labels.poses import PoseTrack, rotation_of
+from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
+
+_SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+_LENS = ("k1", "k2", "p1", "p2", "k3")
+_POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
+
+
+def read_images(
+    path: str | Path, *, images: str | Path | None = None, trajectory: str | Path | None = None
+) -> SurveyImages:
+    """Read which images a survey has, and where each was taken.
+
+    Three forms are known; integer pixel coordinates are pixel centres in all of them.
+
+    - ``*.json``: ``images``, a list of ``{name, camera, gps_time}`` with calibration and pose ``K``, ``distortion``,
+      ``R``, ``t``, ``width`` and ``height`` each (p_cam = R (p - ``origin``) + t), as simulated surveys have it; or the
+      same six under ``cameras``, by the camera's name, their R and t then from the vehicle's axes (x forward, y left,
+      z up) to the camera's, and the vehicle's poses in `trajectory`.
+    - ``*.csv``: one row per image, columns ``name, camera, gps_time, fx, fy, cx, cy, width, height``, ``k1, k2, p1, p2,
+      k3`` where the lens distorts, and ``x, y, z`` (world metres of the camera) and ``qw, qx, qy, qz`` (rotation from
+      the camera's axes to the world's). Without the last seven the columns ``mount_x`` to ``mount_qz`` hold the same
+      for the vehicle's axes, and `trajectory` its poses.
+    - a folder or its ``calib.txt`` in KITTI's forms, see `read_kitti`.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file, or KITTI's folder.
+    images : str or Path, optional
+        Folder of the pictures; ``images`` beside the file by default. A name may lack the picture's suffix.
+    trajectory : str or Path, optional
+        Table of the vehicle's poses; see `read_poses`. Read where an image has no pose of its own.
+
+    Returns
+    -------
+    SurveyImages
+        The images in the order of time; none of the pictures is opened but KITTI's first.
+
+    Raises
+    ------
+    ReadError
+        If a file is missing or of another form, a camera has no calibration, a name occurs twice, a calibration is
+        none, or poses are needed and not given; the message names file and image.
+    DataError
+        If the poses do not cover the times of the images.
+    """
+    source = Path(path)
+    if not source.exists():
+        raise ReadError(f"{source}: no such calibration of cameras")
+    folder = Path(images) if images is not None else (source if source.is_dir() else source.parent) / "images"
+    if source.is_dir() or source.suffix == ".txt":
+        return read_kitti(source if source.is_dir() else source.parent)
+    if source.suffix == ".json":
+        rows, origin = _json_rows(source)
+        make: Callable[[Mapping[str, Any]], tuple[Camera, bool]] = _camera_of_json
+    elif source.suffix == ".csv":
+        rows, origin, make = _table_rows(source), np.zeros(3), _camera_of_row
+    else:
+        raise ReadError(f"{source}: cameras are read from .json, .csv or KITTI's calib.txt, not {source.suffix!r}")
+    found = [_posed(source, row, make, folder) for row in rows]
+    names = [image.name for image, _ in found]
+    twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
+    if twice:
+        raise ReadError(f"{source}: image {twice[0]!r} occurs more than once")
+    return SurveyImages(_in_order(_carried(found, trajectory, source, origin)), origin, str(source))
+
+
+def read_poses(path: str | Path, *, max_gap: float = 1.0) -> PoseTrack:
+    """Read time-stamped poses of a vehicle from a table.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV with the columns ``gps_time, x, y, z`` (world metres) and either ``roll, pitch, heading`` (radians; see
+        `PoseTrack.from_angles`) or ``qw, qx, qy, qz`` (from the vehicle's axes to the world's).
+    max_gap : float, default 1.0
+        Longest time between two poses that is bridged, seconds.
+
+    Returns
+    -------
+    PoseTrack
+        The poses.
+
+    Raises
+    ------
+    ReadError
+        If the file is missing or a column lacks.
+    DataError
+        If a value is not finite.
+    """
+    source = Path(path)
+    table = _read_table(source, ("gps_time", "x", "y", "z"))
+    time, xyz = table["gps_time"].to_numpy(float), table[["x", "y", "z"]].to_numpy(float)
+    if {"qw", "qx", "qy", "qz"} <= set(table.columns):
+        quaternions = table[["qw", "qx", "qy", "qz"]].to_numpy(float)
+        return PoseTrack.from_quaternions(time, xyz, quaternions, max_gap=max_gap, source=str(source))
+    _need(source, table, ("roll", "pitch", "heading"))
+    angles = table[["roll", "pitch", "heading"]].to_numpy(float)
+    return PoseTrack.from_angles(time, xyz, angles, max_gap=max_gap, source=str(source))
+
+
+def read_kitti(folder: str | Path, *, camera: int = 2) -> SurveyImages:
+    """Read one camera of a KITTI sequence.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Has ``calib.txt`` (``P0`` to ``P3`` and either ``Tr`` of the odometry sequences or ``R0_rect`` and
+        ``Tr_velo_to_cam`` of the object frames), ``image_2`` or another number with the pictures, and for sequences
+        ``poses.txt`` (camera 0 to the first frame's camera 0) and ``times.txt``. Without poses each image refers to its
+        own scan; with them all refer to the scanner's frame at the first one.
+    camera : int, default 2
+        Number of the camera.
+
+    Returns
+    -------
+    SurveyImages
+        The images. KITTI's pixel coordinates are taken as they are: integers are pixel centres.
+
+    Raises
+    ------
+    ReadError
+        If a file or a matrix is missing, or the number of poses or times is not that of the images.
+    """
+    root = Path(folder)
+    matrices = _kitti_matrices(root / "calib.txt")
+    projection = _matrix(root, matrices, f"P{camera}")
+    to_camera = np.eye(4)
+    if "Tr" in matrices:
+        to_camera[:3] = _matrix(root, matrices, "Tr")
+    else:
+        to_camera[:3] = _matrix(root, matrices, "Tr_velo_to_cam")
+        to_camera[:3] = _matrix(root, matrices, "R0_rect", 3) @ to_camera[:3]
+    pictures = sorted((root / f"image_{camera}").glob("*.png"))
+    if not pictures:
+        raise ReadError(f"{root / f'image_{camera}'}: no pictures")
+    poses, times = np.tile(np.eye(4), (len(pictures), 1, 1)), np.full(len(pictures), np.nan)
+    if (root / "poses.txt").is_file():
+        poses[:, :3] = _numbers(root / "poses.txt", 12, len(pictures)).reshape(-1, 3, 4)
+    if (root / "times.txt").is_file():
+        times = _numbers(root / "times.txt", 1, len(pictures)).ravel()
+    with Picture.open(pictures[0]) as picture:
+        width, height = picture.size
+    matrix = projection[:, :3]
+    aside = np.linalg.solve(matrix, projection[:, 3])
+    images = []
+    for path, pose, time in zip(pictures, poses, times, strict=True):
+        extrinsic = np.linalg.inv(pose) @ to_camera
+        view = Camera(matrix, np.zeros(5), extrinsic[:3, :3], extrinsic[:3, 3] + aside, width, height)
+        images.append(PosedImage(path.stem, f"image_{camera}", float(time), view, path))
+    return SurveyImages(tuple(images), np.zeros(3), str(root))
+
+
+def _json_rows(source: Path) -> tuple[list[dict[str, Any]], NDArray[np.float64]]:
+    try:
+        given = json.loads(source.read_text(encoding="utf-8"))
+    except (ValueError, UnicodeDecodeError) as error:
+        raise ReadError(f"{source}: not JSON: {error}") from error
+    if not isinstance(given, dict) or not isinstance(given.get("images"), list):
+        raise ReadError(f"{source}: has no list 'images'")
+    cameras = given.get("cameras", {})
+    rows = []
+    for row in given["images"]:
+        shared = cameras.get(row.get("camera"), {})
+        rows.append({**shared, **row, "mounted": "R" not in row})
+    return rows, np.asarray(given.get("origin", (0.0, 0.0, 0.0)), dtype=np.float64)
+
+
+def _camera_of_json(row: Mapping[str, Any]) -> tuple[Camera, bool]:
+    lens = row.get("distortion")
+    camera = Camera(
+        row["K"], np.zeros(5) if lens is None else np.asarray(lens), row["R"], row["t"], row["width"], row["height"]
+    )
+    return camera, bool(row["mounted"])
+
+
+def _read_table(source: Path, columns: Sequence[str]) -> pd.DataFrame:
+    if not source.is_file():
+        raise ReadError(f"{source}: no such table")
+    try:
+        table = pd.read_csv(source, skipinitialspace=True)
+    except (ValueError, pd.errors.ParserError, UnicodeDecodeError) as error:
+        raise ReadError(f"{source}: not a table of comma-separated values: {error}") from error
+    _need(source, table, columns)
+    return table
+
+
+def _need(source: Path, table: pd.DataFrame, columns: Sequence[str]) -> None:
+    missing = [name for name in columns if name not in table.columns]
+    if missing:
+        raise ReadError(f"{source}: no column {missing[0]!r} among {list(table.columns)}")
+
+
+def _table_rows(source: Path) -> list[dict[str, Any]]:
+    table = _read_table(source, ("name", "camera", "gps_time", "fx", "fy", "cx", "cy", "width", "height"))
+    mounted = not set(_POSE) <= set(table.columns)
+    if mounted:
+        _need(source, table, [f"mount_{name}" for name in _POSE])
+    rows = [{str(key): value for key, value in row.items()} for row in table.to_dict("records")]
+    return [{**row, "mounted": mounted} for row in rows]
+
+
+def _camera_of_row(row: Mapping[str, Any]) -> tuple[Camera, bool]:
+    before = "mount_" if row["mounted"] else ""
+    pose = np.array([row[f"{before}{name}"] for name in _POSE], dtype=np.float64)
+    rotation = rotation_of(pose[None, 3:]).as_matrix()[0].T
+    matrix = np.array([[row["fx"], 0, row["cx"]], [0, row["fy"], row["cy"]], [0, 0, 1.0]])
+    lens = np.array([row.get(name, 0.0) for name in _LENS])
+    return Camera(matrix, lens, rotation, -rotation @ pose[:3], row["width"], row["height"]), bool(row["mounted"])
+
+
+def _posed(
+    source: Path, row: Mapping[str, Any], make: Callable[[Mapping[str, Any]], tuple[Camera, bool]], folder: Path
+) -> tuple[PosedImage, bool]:
+    name, group = str(row.get("name")), str(row.get("camera"))
+    try:
+        camera, mounted = make(row)
+    except KeyError as error:
+        raise ReadError(f"{source}: camera {group!r} of image {name!r} has no calibration: no {error}") from error
+    except MlsRoadError as error:
+        raise ReadError(f"{source}: image {name!r}: {error}") from error
+    path = next((p for s in _SUFFIXES if (p := folder / f"{name}{s}").is_file()), folder / name)
+    return PosedImage(name, group, float(row.get("gps_time", np.nan)), camera, path), mounted
+
+
+def _carried(
+    found: list[tuple[PosedImage, bool]], trajectory: str | Path | None, source: Path, origin: NDArray[np.float64]
+) -> list[PosedImage]:
+    """Return the images with cameras in the world: those mounted on the vehicle are carried along its track."""
+    mounted = [image for image, on_vehicle in found if on_vehicle]
+    if mounted and trajectory is None:
+        raise ReadError(f"{source}: image {mounted[0].name!r} has no pose, and no trajectory with poses is given")
+    fixed = [image for image, on_vehicle in found if not on_vehicle]
+    if not mounted or trajectory is None:
+        return fixed
+    rotations, places = read_poses(trajectory).at([image.time for image in mounted])
+    for image, rotation, place in zip(mounted, rotations, places - origin, strict=True):
+        fixed.append(PosedImage(image.name, image.group, image.time, image.camera.carried(rotation, place), image.path))
+    return fixed
+
+
+def _in_order(images: list[PosedImage]) -> tuple[PosedImage, ...]:
+    return tuple(sorted(images, key=lambda image: (image.time, image.name)))
+
+
+def _kitti_matrices(path: Path) -> dict[str, list[float]]:
+    if not path.is_file():
+        raise ReadError(f"{path}: no such calibration of cameras")
+    matrices = {}
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        name, _, values = line.partition(":")
+        if not values.strip():
+            continue
+        try:
+            matrices[name.strip()] = [float(word) for word in values.split()]
+        except ValueError as error:
+            raise ReadError(f"{path}: line {number}: {error}") from error
+    return matrices
+
+
+def _matrix(root: Path, matrices: Mapping[str, list[float]], name: str, columns: int = 4) -> NDArray[np.float64]:
+    values = matrices.get(name)
+    if values is None or len(values) != 3 * columns:
+        count = "is missing" if values is None else f"has {len(values)} values, not {3 * columns}"
+        raise ReadError(f"{root / 'calib.txt'}: {name} {count} (found: {', '.join(matrices)})")
+    return np.array(values).reshape(3, columns)
+
+
+def _numbers(path: Path, columns: int, rows: int) -> NDArray[np.float64]:
+    try:
+        values = np.loadtxt(path, ndmin=2)
+    except ValueError as error:
+        raise ReadError(f"{path}: {error}") from error
+    if values.shape != (rows, columns):
+        raise ReadError(f"{path}: {values.shape[0]} rows of {values.shape[1]} values for {rows} pictures")
+    return values

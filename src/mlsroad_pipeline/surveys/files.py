@@ -1,0 +1,230 @@
+"""The files of a survey: which there are, not the points in them."""
+
+from __future__ import annotations
+
+import logging
+import re
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.algorithms.scenes.split_parts import SplitPart
+from mlsroad_pipeline.algorithms.scenes.splits import check_splits_along, check_splits_sectors
+from mlsroad_pipeline.formats.registry import format_of_name
+from mlsroad_pipeline.surveys.discovery import find_surveys, resolve_splits
+
+logger = logging.getLogger(__name__)
+
+TABLES = ("text", "Parquet", "NPZ")
+"""Names of the formats whose files may be something else than points."""
+
+
+@dataclass(frozen=True)
+class SurveyFile:
+    """One file of a survey.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    name : str
+        Its path below the survey's root, with forward slashes.
+    folder : str
+        Its folder below the root; files of one folder are one drive and are cut together.
+    trajectory : str or None
+        The trajectory beside it.
+    """
+
+    path: str
+    name: str
+    folder: str
+    trajectory: str | None
+
+
+@dataclass(frozen=True)
+class Survey:
+    """A survey's root: a file, a folder or a glob.
+
+    Parameters
+    ----------
+    root : str
+        The root as the user gave it.
+    """
+
+    root: str
+
+    @property
+    def folder(self) -> Path:
+        """Folder that the names of files are relative to."""
+        path = Path(self.root)
+        if path.is_dir():
+            return path
+        parts = path.parts
+        magic = next((i for i, part in enumerate(parts) if any(c in part for c in "*?[")), len(parts) - 1)
+        return Path(*parts[:magic])
+
+    def files(self, *, trajectory: str | None = None) -> list[SurveyFile]:
+        """List all files.
+
+        Tables of text beside files of another format are taken for what surveys are delivered with (trajectories, lists
+        of objects, calibrations): they are left out, and the log names them. A glob or the file itself reads them.
+
+        Parameters
+        ----------
+        trajectory : str, optional
+            Name of the trajectory's file in the folder of the points, which is then no point file itself.
+
+        Returns
+        -------
+        list of SurveyFile
+            Sorted by path.
+
+        Raises
+        ------
+        ReadError
+            If nothing is found.
+        """
+        paths = find_surveys(self.root)
+        if Path(self.root).is_dir():
+            paths = _without_tables(paths, trajectory)
+        return self._described(paths, trajectory)
+
+    def split_files(
+        self, splits: Mapping[str, tuple[Sequence[str], SplitPart]], *, trajectory: str | None = None
+    ) -> dict[str, list[SurveyFile]]:
+        """List the files of each split.
+
+        Parameters
+        ----------
+        splits : mapping of str to (globs, SplitPart)
+            Split name to globs below the root and the part of those files, as `split_config` reads them.
+        trajectory : str, optional
+            Name of the trajectory's file in the folder of the points.
+
+        Returns
+        -------
+        dict of str to list of SurveyFile
+            Each sorted by path.
+
+        Raises
+        ------
+        ParameterError
+            If there is no split, or if splits share points: a file taken whole by two of them, parts that overlap.
+        ReadError
+            If the root is not a folder or a split matches nothing.
+        """
+        if not splits:
+            raise ParameterError("survey.splits must name at least one split, got none")
+        found = {
+            name: self._described(resolve_splits(self.root, {name: globs})[name], trajectory)
+            for name, (globs, _) in splits.items()
+        }
+        for (one, files), (other, others) in combinations(found.items(), 2):
+            shared = sorted({file.name for file in files} & {file.name for file in others})
+            if shared:
+                _check_apart(shared[0], {one: splits[one][1], other: splits[other][1]})
+        return found
+
+    def _described(self, paths: Sequence[Path], trajectory: str | None) -> list[SurveyFile]:
+        files = []
+        for path in paths:
+            if trajectory is not None and path.name == trajectory:
+                continue
+            beside = None if trajectory is None else path.parent / trajectory
+            name = path.relative_to(self.folder)
+            found = str(beside) if beside is not None and beside.is_file() else None
+            files.append(SurveyFile(str(path), name.as_posix(), name.parent.as_posix(), found))
+        if not files:
+            raise ReadError(f"{self.root} holds no points, only {trajectory}")
+        return files
+
+
+def _without_tables(paths: Sequence[Path], trajectory: str | None) -> list[Path]:
+    """Leave out tables that lie in a folder with files of another format."""
+    tables = {path for path in paths if getattr(format_of_name(path), "name", None) in TABLES}
+    clouds = {path.parent for path in paths if path not in tables}
+    beside = [path for path in paths if path in tables and path.parent in clouds]
+    named = [str(path) for path in beside if path.name != trajectory]
+    if named:
+        logger.warning("Left out, for they lie beside point clouds of another format: %s", ", ".join(named))
+    return [path for path in paths if path not in beside]
+
+
+def _check_apart(file: str, parts: Mapping[str, SplitPart]) -> None:
+    """Make sure that two splits take different points of a file."""
+    names = " and ".join(repr(name) for name in parts)
+    if all(part.sectors is not None for part in parts.values()):
+        check_splits_sectors({name: part.sectors or () for name, part in parts.items()})
+    elif all(part.along is not None for part in parts.values()):
+        longest = max(part.along[1] for part in parts.values() if part.along)
+        units = {part.along[1] <= 1 for part in parts.values() if part.along}
+        if len(units) > 1:
+            raise ParameterError(f"splits {names} share {file}: give both `along` as fractions or both in metres")
+        check_splits_along({name: part.along or () for name, part in parts.items()}, length=min(longest, 1.0))
+    else:
+        raise ParameterError(f"splits {names} share {file}: each point belongs to one split only")
+
+
+def files_to_label(survey: Survey, output: str, *, trajectory: str | None = None) -> list[SurveyFile]:
+    """List the files of a survey whose results go to a folder.
+
+    The folder may lie inside the survey's: what an earlier run has written there is no part of the survey.
+
+    Parameters
+    ----------
+    survey : Survey
+        The survey.
+    output : str
+        The folder for the results.
+    trajectory : str, optional
+        Name of the trajectory's file in the folder of the points.
+
+    Returns
+    -------
+    list of SurveyFile
+        Sorted by path.
+
+    Raises
+    ------
+    ParameterError
+        If the folder is empty, cannot be written, or is a folder of the survey.
+    ReadError
+        If nothing is found.
+    """
+    if not output:
+        raise ParameterError("label.output must name a folder, got ''")
+    folder = Path(output).resolve()
+    _check_writable(folder)
+    if folder == survey.folder.resolve():
+        raise ParameterError(f"label.output is a folder of the survey itself: {output}; choose another")
+    files = survey.files(trajectory=trajectory)
+    below = {file.name: Path(file.path).resolve() for file in files}
+    below = {name: path.relative_to(folder) for name, path in below.items() if path.is_relative_to(folder)}
+    stems = {_stem(file.name) for file in files if file.name not in below}
+    own = [name for name, path in below.items() if not _is_result(path.as_posix(), stems)]
+    if own:
+        raise ParameterError(f"label.output is a folder of the survey itself: {output} holds {own[0]}; choose another")
+    return [file for file in files if file.name not in below]
+
+
+def _check_writable(folder: Path) -> None:
+    """Refuse a folder that cannot be made or written before hours of work go by; make nothing."""
+    there = next(path for path in (folder, *folder.parents) if path.exists())
+    try:
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except OSError as error:
+        raise ParameterError(f"label.output: {folder} cannot be written: {there}: {error.strerror}") from error
+
+
+def _is_result(name: str, stems: set[str]) -> bool:
+    """Tell whether a file is one that `label` writes for files with these stems, its copies and tables included."""
+    return name == "inventory.parquet" or _stem(re.sub(r"(\.copc(?=\.laz$)|_classes(?=\.ply$))", "", name)) in stems
+
+
+def _stem(name: str) -> str:
+    """Return a file's name without its extension; a result is called like what it was made of."""
+    return re.sub(r"\.[^./]+(\.gz)?$", "", name, flags=re.IGNORECASE)

@@ -1,0 +1,295 @@
+"""Looking through the files of a survey, range by range, in bounded memory."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyproj
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.quality.chunks import ChunkQuality, inspect_chunk, merge
+from mlsroad_pipeline.algorithms.quality.inspection import (
+    ColumnSummary,
+    ScanLines,
+    SurveyMap,
+    column_warnings,
+    summarise,
+    time_base,
+)
+from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions
+from mlsroad_pipeline.formats.crs import SAME_UNIT, crs_unit
+from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.surveys.files import Survey
+from mlsroad_pipeline.surveys.sbet import coverage_note, in_weeks_of
+from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
+
+logger = logging.getLogger(__name__)
+
+CHUNK = 500_000
+SAMPLE_RUNS, SAMPLE_SIZE = 16, 64
+MARGIN = 0.05
+"""Share by which the extent of a sample is widened for the map, where a file does not state its bounds."""
+
+
+@dataclass(frozen=True)
+class InspectParameters:
+    """A survey to inspect.
+
+    Parameters
+    ----------
+    survey : str, default ""
+        A file, a folder or a glob; empty takes the survey of the comparison.
+    trajectory : str, optional
+        Name of the trajectory's file in the folder of the points.
+    max_gap : float, default 1.0
+        The longest step in time that is no gap, seconds.
+    read : mapping
+        Arguments of `ReadOptions`.
+
+    Raises
+    ------
+    ParameterError
+        If `max_gap` is not positive.
+    """
+
+    survey: str = ""
+    trajectory: str | None = "trajectory.csv"
+    max_gap: float = 1.0
+    read: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_positive(self.max_gap, "inspect.max_gap")
+
+
+@dataclass
+class FileInspection:
+    """What was found in one file.
+
+    Attributes
+    ----------
+    name : str
+        The file below the survey's root.
+    info : FileInfo
+        What it says about itself.
+    picture : SurveyMap
+        Its points from above.
+    facts : dict
+        All figures as plain data.
+    warnings : list of str
+        What a user should know, in sentences.
+    """
+
+    name: str
+    info: FileInfo
+    picture: SurveyMap
+    facts: dict[str, Any] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+
+def inspect_survey(
+    parameters: InspectParameters, *, root: str, read: Mapping[str, Any]
+) -> tuple[list[FileInspection], dict[str, str]]:
+    """Look through all files of a survey; one that cannot be read does not hide the others.
+
+    Parameters
+    ----------
+    parameters : InspectParameters
+        The trajectory's name and the longest step in time.
+    root : str
+        A file, a folder or a glob.
+    read : mapping
+        Arguments of `ReadOptions`.
+
+    Returns
+    -------
+    files : list of FileInspection
+        What was found, in the order of the names.
+    unread : dict of str to str
+        Files that could not be read, and why.
+
+    Raises
+    ------
+    ReadError
+        If there is no file.
+    """
+    options = ReadOptions.from_config(read)
+    files, unread = [], {}
+    for file in Survey(root).files(trajectory=parameters.trajectory):
+        logger.info("Looking through %s", file.name)
+        try:
+            found = inspect_file(
+                *(file.path, file.name), options=options, max_gap=parameters.max_gap, trajectory=file.trajectory
+            )
+        except DataError as error:
+            unread[file.name] = str(error)
+        else:
+            files.append(found)
+    return files, unread
+
+
+def inspect_file(
+    path: str, name: str, *, options: ReadOptions, max_gap: float, trajectory: str | None = None
+) -> FileInspection:
+    """Look through one file.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    name : str
+        What the report calls it.
+    options : ReadOptions
+        How to read it.
+    max_gap : float
+        The longest step in time that is no gap, seconds.
+    trajectory : str, optional
+        Its trajectory, whose times are compared with those of the points.
+
+    Returns
+    -------
+    FileInspection
+        What was found.
+
+    Raises
+    ------
+    ReadError
+        If the file cannot be read.
+    """
+    form = get_format(path)
+    info = form.info(Path(path), options)
+    columns: dict[str, ColumnSummary] = {}
+    lines, chunks = ScanLines(), []
+    picture = _empty_map(form, info, options)
+    with ThreadPoolExecutor(max_workers=1) as pool:  # the next range is read while this one is looked at
+        ahead = pool.submit(form.read, Path(path), options, start=0, stop=CHUNK)
+        for start in range(0, max(info.n_points, 1), CHUNK):
+            cloud = ahead.result()
+            if start + CHUNK < info.n_points:
+                ahead = pool.submit(form.read, Path(path), options, start=start + CHUNK, stop=start + 2 * CHUNK)
+            cloud = replace(cloud, source=name)
+            chunks.append(inspect_chunk(cloud, max_gap=max_gap, n_total=info.n_points))
+            summarise(cloud, columns)
+            lines.add(cloud)
+            picture.add(cloud)
+    found = FileInspection(name, info, picture)
+    _report(found, chunks, columns, lines)
+    found.warnings += _unit_warnings(form, info, options)
+    if trajectory is not None:
+        found.warnings += _trajectory_warnings(trajectory, found.facts["time"], info.crs)
+    return found
+
+
+def _unit_warnings(form: PointFormat, info: FileInfo, options: ReadOptions) -> list[str]:
+    if options.metres != 1.0:
+        return []
+    unit = None if info.crs is None else crs_unit(info.crs)
+    if unit is not None and abs(unit[1] - 1.0) > SAME_UNIT:
+        return [
+            f"its coordinate reference system counts in {unit[0]}, and the coordinates are taken for metres; set units"
+        ]
+    units = form.read(info.path, replace(options, only=(), coding=None), stop=SAMPLE_RUNS * SAMPLE_SIZE).world_xyz()
+    if len(units) < SAMPLE_SIZE or np.abs(units - np.rint(units)).max() > 1e-6:
+        return []
+    return ["coordinates are whole numbers: perhaps millimetres or centimetres; set units"]
+
+
+def _empty_map(form: PointFormat, info: FileInfo, options: ReadOptions) -> SurveyMap:
+    if info.bounds is not None and np.isfinite(info.bounds).all():
+        return SurveyMap.over(*info.bounds)
+    starts = np.unique(np.linspace(0, max(info.n_points - SAMPLE_SIZE, 0), SAMPLE_RUNS).astype(int)).tolist()
+    only = replace(options, only=(), coding=None)
+    runs = [form.read(info.path, only, start=s, stop=s + SAMPLE_SIZE).world_xyz() for s in starts]
+    sample = np.concatenate(runs)
+    if not len(sample):
+        return SurveyMap.over(np.zeros(2), np.zeros(2))
+    low, high = sample.min(axis=0), sample.max(axis=0)
+    wider = MARGIN * (high - low).max()
+    return SurveyMap.over(low - wider, high + wider)
+
+
+def _report(
+    found: FileInspection, chunks: list[ChunkQuality], columns: dict[str, ColumnSummary], lines: ScanLines
+) -> None:
+    info, quality = found.info, merge(chunks)
+    low, high = np.array(quality.low), np.array(quality.high)
+    seconds = quality.time_end - quality.time_start
+    found.facts = {
+        **{"file": found.name, "bytes": info.path.stat().st_size, "format": info.format},
+        "details": {key: _plain(value) for key, value in info.details.items()},
+        **{"n_points": quality.n_points, "low": _plain(low), "high": _plain(high), "crs": info.crs},
+        **{"crs_name": _crs_name(info.crs), "density": _plain(quality.density)},
+        **{"n_duplicates": quality.n_duplicates, "duplicates_exact": quality.duplicates_exact},
+        "n_not_finite": quality.n_not_finite,
+        "columns": {name: _column_facts(summary) for name, summary in columns.items()},
+        "time": {
+            **{"start": _plain(quality.time_start), "end": _plain(quality.time_end)},
+            **{"base": time_base(quality.time_start, quality.time_end), "gaps": quality.n_gaps},
+            **{"longest_gap": _plain(quality.longest_gap), "steps_back": quality.n_backward},
+        },
+        "scan_lines": {
+            **{"jumps_of_the_angle": lines.n_jumps, "edges_of_lines": lines.n_edges},
+            "lines_per_second": _plain(lines.n_jumps / seconds) if seconds > 0 else None,
+        },
+    }
+    skipped = "label codes outside the taxonomy"  # without a coding they mean nothing of that kind
+    prefix = f"{found.name}: "
+    found.warnings = [w.removeprefix(prefix) for w in quality.warnings() if skipped not in w]
+    found.warnings += column_warnings(columns, low, high, info.crs)
+    found.warnings += _header_warnings(info, low, high)
+
+
+def _header_warnings(info: FileInfo, low: np.ndarray, high: np.ndarray) -> list[str]:
+    if info.bounds is None or not np.isfinite(low).all():
+        return []
+    scale = np.asarray(info.details.get("scale", 1e-3))
+    if (np.abs(info.bounds - [low, high]) <= np.maximum(2 * np.abs(scale), 1e-6)).all():
+        return []
+    stated, real = info.bounds.round(3).tolist(), np.array([low, high]).round(3).tolist()
+    return [f"its header states the bounds {stated[0]} to {stated[1]}, its points have {real[0]} to {real[1]}"]
+
+
+def _trajectory_warnings(trajectory: str, time: dict[str, Any], crs: str | None) -> list[str]:
+    if time["start"] is None:
+        return []
+    path = in_weeks_of(read_trajectory(trajectory, crs=crs), time["start"], time["end"])
+    note = coverage_note(path, time["start"], time["end"])
+    return [note] if note else []
+
+
+def _column_facts(summary: ColumnSummary) -> dict[str, Any]:
+    facts = {
+        **{"type": summary.dtype, "minimum": _plain(summary.minimum), "maximum": _plain(summary.maximum)},
+        "missing": summary.n_missing,
+    }
+    if summary.counts:
+        facts["counts"] = {str(code): count for code, count in summary.counts.items()}
+    return facts
+
+
+def _crs_name(crs: str | None) -> str | None:
+    if crs is None:
+        return None
+    try:
+        return str(pyproj.CRS.from_user_input(crs).name)
+    except pyproj.exceptions.CRSError:
+        return "not understood by PROJ"
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON can hold it; what is undefined becomes None."""
+    if isinstance(value, np.ndarray | list | tuple):
+        return [_plain(item) for item in (value.tolist() if isinstance(value, np.ndarray) else value)]
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float):
+        return value if np.isfinite(value) else None
+    return value if isinstance(value, str | int | bool) or value is None else str(value)

@@ -1,0 +1,109 @@
+"""Objects in files of their own, listed fold by fold, as the Sydney Urban Objects come."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError, UnknownClassError
+from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
+from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.formats.sydney import object_class
+
+
+def find_folds(root: str | Path, pattern: str) -> dict[str, Path]:
+    """Find the lists of the folds.
+
+    Parameters
+    ----------
+    root : str or Path
+        Folder of the dataset.
+    pattern : str
+        Glob below it, such as ``folds/fold*.txt``.
+
+    Returns
+    -------
+    dict of str to Path
+        Name of the fold, which is that of its list, to the list.
+
+    Raises
+    ------
+    ReadError
+        If there are fewer than two lists.
+    """
+    found = {path.stem: path for path in sorted(Path(root).glob(pattern))}
+    if len(found) < 2:
+        raise ReadError(f"{root} has {len(found)} files {pattern}: at least two folds are needed")
+    return found
+
+
+def listed_files(path: Path) -> list[Path]:
+    """Return the files that a list names, which lie beside it or in a folder next to the list's.
+
+    Parameters
+    ----------
+    path : Path
+        A text file with one name a line.
+
+    Returns
+    -------
+    list of Path
+        The files in the order of the list.
+
+    Raises
+    ------
+    ReadError
+        If a file is not there, or the list names none.
+    """
+    names = [line.strip() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    if not names:
+        raise ReadError(f"{path} lists no files")
+    folders = [path.parent, *sorted(folder for folder in path.parent.parent.iterdir() if folder.is_dir())]
+    found = []
+    for name in names:
+        place = next((folder / name for folder in folders if (folder / name).is_file()), None)
+        if place is None:
+            raise ReadError(f"{path} lists {name}, which is not in {', '.join(str(folder) for folder in folders)}")
+        found.append(place)
+    return found
+
+
+def read_fold(path: str, files: Sequence[str], *, scheme: ClassScheme) -> dict[str, NDArray]:
+    """Read the objects of a fold; the class of each is the first part of its file's name.
+
+    Parameters
+    ----------
+    path : str
+        The list of the fold.
+    files : sequence of str
+        The files that it names.
+    scheme : ClassScheme
+        The classes.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The arrays of an `ObjectSet`.
+
+    Raises
+    ------
+    ReadError
+        If a file is not there or cannot be read.
+    UnknownClassError
+        If a file's class is not in the scheme.
+    """
+    objects, labels, intensities = [], [], []
+    for file in map(Path, files):
+        name = object_class(file)
+        if name not in scheme.classes:
+            raise UnknownClassError(f"{path}: {file}: class scheme {scheme.name!r} has no class {name!r}")
+        cloud = get_format(file).read(file, ReadOptions())
+        objects.append(cloud.xyz)
+        intensities.append(cloud["intensity"])
+        labels.append(scheme.classes.index(name))
+    return ObjectSet.from_objects(objects, np.array(labels), intensities).to_arrays()

@@ -1,0 +1,256 @@
+"""Which files a run reads, how, and what each of them is called in the stores."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.algorithms.scenes.split_parts import SplitPart, split_config
+from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.surveys.files import Survey, SurveyFile, files_to_label
+from mlsroad_pipeline.surveys.parameters import LabelParameters, SurveyParameters
+
+_TRAIN = "train."
+
+
+@dataclass(frozen=True)
+class PlannedFile:
+    """A file's place in a run.
+
+    Parameters
+    ----------
+    key : str
+        Its name in the stores.
+    split : str
+        Its split.
+    number : int
+        Its number among the files of its drive.
+    drive : str
+        The files that are cut together, as a name in the stores; it begins with the split.
+    source : SurveyFile
+        The file.
+    part : SplitPart
+        The part of it that the split takes.
+    """
+
+    key: str
+    split: str
+    number: int
+    drive: str
+    source: SurveyFile
+    part: SplitPart
+
+
+@dataclass(frozen=True)
+class SurveyPlan:
+    """All files of a run.
+
+    Parameters
+    ----------
+    files : tuple of PlannedFile
+        In the order of split and name.
+    options : ReadOptions
+        How they are read.
+    labels : bool
+        Whether their labels are read.
+    """
+
+    files: tuple[PlannedFile, ...]
+    options: ReadOptions
+    labels: bool
+
+    def drives(self) -> dict[str, list[PlannedFile]]:
+        """Return the files of each drive."""
+        drives: dict[str, list[PlannedFile]] = {}
+        for file in self.files:
+            drives.setdefault(file.drive, []).append(file)
+        return drives
+
+
+def trajectory_beside(files: Sequence[PlannedFile]) -> str | None:
+    """Return the trajectory's file of a drive, None where there is none.
+
+    Parameters
+    ----------
+    files : sequence of PlannedFile
+        The drive.
+
+    Returns
+    -------
+    str or None
+        Its path.
+    """
+    return next((file.source.trajectory for file in files if file.source.trajectory), None)
+
+
+def estimated_drives(plan: SurveyPlan, ingest: IngestParameters) -> set[str]:
+    """Name the drives whose path is to be estimated from the points.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        The files.
+    ingest : IngestParameters
+        How they are cut.
+
+    Returns
+    -------
+    set of str
+        Drives without a trajectory's file, where cuts go along one.
+    """
+    if ingest.cut != "along" or not ingest.estimate_trajectory:
+        return set()
+    return {drive for drive, files in plan.drives().items() if trajectory_beside(files) is None}
+
+
+def _store_name(*parts: str) -> str:
+    """Return a name that stores accept; what is not a letter, digit, `_` or `-` becomes a number in hexadecimal."""
+    safe = (re.sub(r"[^A-Za-z0-9-]", lambda m: "_" if m[0] in "_/ ." else f"_{ord(m[0]):x}_", p) for p in parts)
+    return ".".join(safe)
+
+
+def plan_survey(
+    splits: Mapping[str, list[SurveyFile]],
+    parts: Mapping[str, SplitPart],
+    *,
+    options: ReadOptions,
+    labels: bool,
+    ingest: IngestParameters,
+) -> SurveyPlan:
+    """Name the files of a run.
+
+    Parameters
+    ----------
+    splits : mapping of str to list of SurveyFile
+        The files of each split.
+    parts : mapping of str to SplitPart
+        The part of them that the split takes.
+    options : ReadOptions
+        How they are read.
+    labels : bool
+        Whether their labels are read.
+    ingest : IngestParameters
+        Whether files are cut together or one by one.
+
+    Returns
+    -------
+    SurveyPlan
+        The plan.
+
+    Raises
+    ------
+    ParameterError
+        If two files get the same name in the stores.
+    """
+    planned: list[PlannedFile] = []
+    count: dict[str, int] = {}
+    for split, files in splits.items():
+        for source in files:
+            key = _store_name(split, source.name)
+            drive = key if ingest.cut == "file" else _store_name(split, source.folder)
+            number = count.get(drive, 0)
+            count[drive] = number + 1
+            planned.append(PlannedFile(key, split, number, drive, source, parts.get(split, SplitPart())))
+    for key, n_files in Counter(file.key for file in planned).items():
+        if n_files > 1:
+            same = ", ".join(file.source.name for file in planned if file.key == key)
+            raise ParameterError(f"these files get the same name in the stores, rename one: {same}")
+    return SurveyPlan(tuple(planned), options, labels)
+
+
+def plan_comparison(parameters: SurveyParameters, ingest: IngestParameters, codings: Any) -> SurveyPlan:
+    """Name the files of a comparison, by split.
+
+    Parameters
+    ----------
+    parameters : SurveyParameters
+        The survey's root, its splits, its labels and how it is read.
+    ingest : IngestParameters
+        How it is cut.
+    codings : mapping
+        The codings of the configuration.
+
+    Returns
+    -------
+    SurveyPlan
+        The plan.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is wrong or splits share points.
+    ReadError
+        If the root is not a folder or a split matches nothing.
+    """
+    parameters.check_root()
+    configured = {name: split_config(value) for name, value in parameters.splits.items() if value is not None}
+    files = Survey(str(parameters.root)).split_files(configured, trajectory=parameters.trajectory)
+    parts = {name: part for name, (_, part) in configured.items()}
+    return plan_survey(files, parts, options=parameters.options(codings), labels=True, ingest=ingest)
+
+
+def plan_labelling(parameters: LabelParameters, ingest: IngestParameters) -> SurveyPlan:
+    """Name the files of a survey to label.
+
+    Parameters
+    ----------
+    parameters : LabelParameters
+        The survey and the folder for the results.
+    ingest : IngestParameters
+        How it is cut.
+
+    Returns
+    -------
+    SurveyPlan
+        The plan; its only split is ``survey``.
+
+    Raises
+    ------
+    ParameterError
+        If no survey or no output is named, or the output is a folder of the survey.
+    ReadError
+        If nothing is found.
+    """
+    for name in ("survey", "output"):
+        if not getattr(parameters, name):
+            raise ParameterError(f"label.{name} is not set: kedro run --pipeline=label --params=label.{name}=...")
+    survey = Survey(str(parameters.survey))
+    files = files_to_label(survey, str(parameters.output), trajectory=parameters.trajectory)
+    options = ReadOptions.from_config(parameters.read)
+    return plan_survey({"survey": files}, {}, options=options, labels=False, ingest=ingest)
+
+
+def training_keys(keys: Iterable[str]) -> list[str]:
+    """Return the names of the scenes or drives that models are trained on: those of the split ``train``."""
+    return [key for key in keys if key.startswith(_TRAIN)]
+
+
+def held_out_keys(keys: Iterable[str]) -> list[str]:
+    """Return the names of the scenes or drives of all other splits."""
+    return [key for key in keys if not key.startswith(_TRAIN)]
+
+
+def middle_scenes(keys: Sequence[str], *, n_scenes: int = 3) -> list[str]:
+    """Choose neighbouring scenes for a picture.
+
+    Parameters
+    ----------
+    keys : sequence of str
+        Names of scenes in their order.
+    n_scenes : int, default 3
+        How many are wanted.
+
+    Returns
+    -------
+    list of str
+        Up to that many scenes of one drive of the last split, from its middle.
+    """
+    drive = keys[-1].rpartition(".")[0]
+    mine = [key for key in keys if key.rpartition(".")[0] == drive]
+    first = max(0, (len(mine) - n_scenes) // 2)
+    return mine[first : first + n_scenes]

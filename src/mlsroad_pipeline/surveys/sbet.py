@@ -1,0 +1,126 @@
+"""Trajectories as Applanix's software exports them: SBET, 17 numbers of eight bytes a record."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.formats.crs import reproject
+
+FIELDS = 17
+RECORD = 8 * FIELDS
+WGS84 = "EPSG:4979"
+WEEK = 604_800.0
+PROBED = 64
+
+
+def is_sbet(path: Path) -> bool:
+    """Tell whether a file holds SBET records: plausible times, latitudes and longitudes in radians.
+
+    Parameters
+    ----------
+    path : Path
+        An existing file.
+
+    Returns
+    -------
+    bool
+        False for text.
+    """
+    if path.stat().st_size < RECORD:
+        return False
+    records = np.fromfile(path, dtype="<f8", count=PROBED * FIELDS)
+    records = records[: len(records) // FIELDS * FIELDS].reshape(-1, FIELDS)
+    with np.errstate(invalid="ignore"):
+        time, latitude, longitude, height = records[:, :4].T
+        sound = (np.abs(latitude) <= np.pi / 2) & (np.abs(longitude) <= np.pi) & (np.abs(height) < 2e4)
+        # Eight letters make a number like 1e-57 or 1e+165 rather than an angle and a time.
+        return bool((sound & (time >= 0) & (time < 1e10) & (np.abs(latitude) > 1e-9)).all())
+
+
+def read_sbet(path: Path, *, crs: str | None) -> Trajectory:
+    """Read an SBET file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    crs : str or None
+        Coordinate reference system of the survey, as WKT, which the positions are turned into.
+
+    Returns
+    -------
+    Trajectory
+        Positions in the survey's system; times are seconds of the GPS week as a rule.
+
+    Raises
+    ------
+    ReadError
+        If the file is truncated, or the survey states no CRS.
+    DataError
+        If a position cannot be turned into the survey's system, or the vehicle does not move.
+    """
+    size = path.stat().st_size
+    if size % RECORD:
+        raise ReadError(f"{path} is truncated: {size} bytes, no multiple of the {RECORD} of an SBET record")
+    if crs is None:
+        raise ReadError(
+            f"{path} gives longitudes and latitudes, and the survey states no coordinate reference system to place "
+            "them in; set read.crs"
+        )
+    records: NDArray[np.float64] = np.fromfile(path, dtype="<f8").reshape(-1, FIELDS)
+    degrees = np.column_stack([np.degrees(records[:, 2]), np.degrees(records[:, 1]), records[:, 3]])
+    xyz, _ = reproject(degrees, WGS84, crs, name=path)
+    return Trajectory.from_positions(xyz, records[:, 0], source=str(path))
+
+
+def in_weeks_of(trajectory: Trajectory, first: float, last: float) -> Trajectory:
+    """Shift a trajectory by whole GPS weeks, so that it covers times that count from elsewhere.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Times in seconds of the week.
+    first, last : float
+        Times of the points; above 604,800 they are taken for adjusted GPS seconds (minus 10^9), as LAS has them.
+
+    Returns
+    -------
+    Trajectory
+        The same path; the same times where they cover the points already or no shift makes them.
+    """
+    time = trajectory.time
+    if time is None or not np.isfinite([first, last]).all() or last <= WEEK or time[-1] > 2 * WEEK:
+        return trajectory
+    shift = np.floor((first + 1e9) / WEEK) * WEEK - 1e9
+    if time[0] + shift > last or time[-1] + shift < first:
+        return trajectory
+    return Trajectory.from_positions(trajectory.xyz, time + shift, source=trajectory.source)
+
+
+def coverage_note(trajectory: Trajectory, first: float, last: float) -> str:
+    """Say in a sentence that a trajectory does not cover the times of the points.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The path.
+    first, last : float
+        Times of the points.
+
+    Returns
+    -------
+    str
+        The sentence; empty if it does, or if either has no times.
+    """
+    time = trajectory.time
+    if time is None or not np.isfinite([first, last]).all() or (time[0] <= first and last <= time[-1]):
+        return ""
+    return (
+        f"the trajectory {Path(trajectory.source).name} covers {time[0]:.3f} to {time[-1]:.3f} s, "
+        f"the points have {first:.3f} to {last:.3f} s"
+    )

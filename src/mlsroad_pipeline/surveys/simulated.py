@@ -1,0 +1,293 @@
+"""A simulated survey written as a real one is delivered: LAZ, trajectory, images with calibration, and the truth."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as Picture
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.formats.las.layout import new_header, pack_records
+from mlsroad_pipeline.formats.las.writer import RecordWriter
+from mlsroad_pipeline.formats.options import WriteOptions
+from mlsroad_pipeline.simulation.cameras.cameras import Image
+from mlsroad_pipeline.simulation.parameters.known_scanners import scanner_system
+from mlsroad_pipeline.simulation.parameters.presets import OF_THE_SCANNER, PRESETS, SimulationParameters
+from mlsroad_pipeline.simulation.parameters.street_parameters import street_parameters
+from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces
+from mlsroad_pipeline.surveys.simulated_frames import FrameWriter
+
+POINTS, TRAJECTORY = "survey.laz", "trajectory.csv"
+
+LAYOUT = ("piece_length", "frames")
+"""Keys of a survey's configuration that say how it is laid out in files."""
+
+SCAN_ANGLE_STEP = 0.006
+"""Degrees per unit of the scan angle in LAS 1.4."""
+
+
+def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
+    """Read simulation parameters from configuration.
+
+    Parameters
+    ----------
+    config : mapping
+        ``preset``, and fields of `SimulationParameters` that differ from it; ``scanner`` is a name or a mapping, see
+        `scanner_system`. With another scanner than the preset's, the rates, noise, divergence and range are that
+        scanner's own where they are not given. ``street`` is the name of a kind of
+        street, or a mapping of ``kind`` and fields of `StreetParameters`.
+
+    Returns
+    -------
+    SimulationParameters
+        The parameters.
+
+    Raises
+    ------
+    ParameterError
+        If the preset or a field is unknown, or a value is outside its domain.
+    """
+    changes = {name: value for name, value in config.items() if name not in LAYOUT}
+    preset = changes.pop("preset", "demo")
+    if preset not in PRESETS:
+        raise ParameterError(f"simulation preset {preset!r} is unknown (presets: {', '.join(PRESETS)})")
+    known = {field.name for field in fields(SimulationParameters)}
+    unknown = sorted(set(changes) - known)
+    if unknown:
+        names = ", ".join(sorted(known | set(LAYOUT)))
+        raise ParameterError(f"unknown simulation parameters: {', '.join(unknown)} (known: {names})")
+    if "scanner" in changes:
+        changes["scanner"] = scanner_system(changes["scanner"])
+        if changes["scanner"] != PRESETS[preset].scanner:
+            changes = {**dict.fromkeys(OF_THE_SCANNER), **changes}
+    if "street" in changes:
+        changes["street"] = street_parameters(changes["street"])
+    return replace(PRESETS[preset], **changes)
+
+
+def survey_files(config: Mapping[str, Any]) -> SurveyFiles:
+    """Read from configuration how a survey is laid out in files.
+
+    Parameters
+    ----------
+    config : mapping
+        The same as for `simulation_parameters`; ``piece_length`` and ``frames`` are read.
+
+    Returns
+    -------
+    SurveyFiles
+        The layout.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its domain.
+    """
+    return SurveyFiles(**{name: config[name] for name in LAYOUT if name in config})
+
+
+@dataclass(frozen=True)
+class SurveyFiles:
+    """How a survey is laid out in files.
+
+    Parameters
+    ----------
+    piece_length : float, optional
+        Street per point file, metres; by default one file holds all. It does not bound the memory that writing takes,
+        which is small anyway.
+    frames : bool, default False
+        Whether each revolution of the first scanner is also written as a KITTI scan with SemanticKITTI labels; for
+        scanners that turn about an upright axis.
+
+    Raises
+    ------
+    ParameterError
+        If `piece_length` is not positive.
+    """
+
+    piece_length: float | None = None
+    frames: bool = False
+
+    def __post_init__(self) -> None:
+        if self.piece_length is not None:
+            check_positive(self.piece_length, "piece_length")
+
+    def names(self, parameters: SimulationParameters) -> list[str]:
+        """Return the names of the point files of a survey, in the order of time.
+
+        Parameters
+        ----------
+        parameters : SimulationParameters
+            What is surveyed.
+
+        Returns
+        -------
+        list of str
+            ``survey.laz``, or ``survey_000.laz`` and so on, every pass with its own.
+        """
+        if self.piece_length is None:
+            return [POINTS]
+        count = parameters.passes * int(np.ceil(parameters.length / self.piece_length))
+        return [f"survey_{k:03d}.laz" for k in range(count)]
+
+
+def write_simulated_survey(
+    *, parameters: SimulationParameters, folder: str, n_threads: int, files: SurveyFiles | None = None
+) -> dict[str, NDArray]:
+    """Simulate a survey and write it into a folder, which appears whole or not at all.
+
+    Points are written as they are made: a street of kilometres takes no more memory than one of some 200 m.
+
+    Parameters
+    ----------
+    parameters : SimulationParameters
+        What is surveyed, and how.
+    folder : str
+        The folder; an old one is replaced.
+    n_threads : int
+        Threads to use; the survey does not depend on it.
+    files : SurveyFiles, optional
+        How it is laid out; one point file and no frames by default.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``n_points`` and ``n_images``.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is wrong.
+    """
+    files = SurveyFiles() if files is None else files
+    target = Path(folder)
+    fresh = target.with_name(f".{target.name}.new")
+    shutil.rmtree(fresh, ignore_errors=True)
+    fresh.mkdir(parents=True)
+    pieces = SurveyPieces(parameters, n_threads=n_threads)
+    frames = FrameWriter(fresh / "frames", parameters, pieces) if files.frames else None
+    views: list[dict[str, Any]] = []
+    n_points = 0
+    with _PointFiles(fresh, files, parameters, pieces, n_threads) as points:
+        for cloud, images in pieces:
+            points.write(cloud)
+            n_points += len(cloud)
+            views += _write_images(images, fresh)
+            if frames is not None:
+                frames.write(cloud)
+    if frames is not None:
+        frames.close()
+    pieces.trajectory.to_csv(fresh / TRAJECTORY, index=False, float_format="%.6f")
+    pieces.objects.to_csv(fresh / "objects.csv", index=False, float_format="%.3f")
+    _write_calibration(views, fresh, pieces.origin)
+    if target.exists():
+        shutil.rmtree(target)
+    fresh.rename(target)
+    return {"n_points": np.array(n_points), "n_images": np.array(len(views))}
+
+
+class _PointFiles:
+    """The LAZ files of a survey, written one after the other; use it as a context manager."""
+
+    def __init__(
+        self, folder: Path, files: SurveyFiles, parameters: SimulationParameters, pieces: SurveyPieces, n_threads: int
+    ) -> None:
+        self._folder, self._pieces, self._files, self._parameters = folder, pieces, files, parameters
+        self._names = files.names(parameters)
+        self._options = WriteOptions(like="none")
+        self._n_threads = n_threads
+        self._current = -1
+        self._stream: BinaryIO | None = None
+        self._writer: RecordWriter | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._close()
+
+    def write(self, cloud: PointCloud) -> None:
+        """Append points; they go to the files that their times belong to."""
+        steps = np.round(cloud["scan_angle"] / SCAN_ANGLE_STEP).astype(np.int16)
+        cloud = cloud.with_columns(scan_angle=steps)
+        for number, part in self._parts(cloud):
+            if number != self._current:
+                self._open(number, part)
+            assert self._writer is not None
+            self._writer.write(pack_records(part, self._writer.header))
+
+    def _parts(self, cloud: PointCloud) -> Iterator[tuple[int, PointCloud]]:
+        if self._files.piece_length is None:
+            yield 0, cloud
+            return
+        owner = self._pieces.piece_of(cloud["gps_time"], self._files.piece_length)
+        for number in np.unique(owner):
+            yield int(number), cloud.select(np.flatnonzero(owner == number))
+
+    def _open(self, number: int, cloud: PointCloud) -> None:
+        self._close()
+        self._stream = (self._folder / self._names[number]).open("w+b")
+        header = new_header(cloud, self._options)
+        self._writer = RecordWriter(self._stream, header, compress=True, n_threads=self._n_threads)
+        self._current = number
+
+    def _close(self) -> None:
+        if self._stream is not None and self._writer is not None:
+            self._writer.close()
+            self._stream.close()
+            self._stream = self._writer = None
+
+
+def _write_images(images: Sequence[Image], folder: Path) -> list[dict[str, Any]]:
+    """Write pictures and their truth, and return what the calibration file says of each."""
+    if not images:
+        return []
+    for kind in ("images", "labels", "instances"):
+        (folder / kind).mkdir(exist_ok=True)
+    views = []
+    for image in images:
+        numbers, ranks = np.unique(image.instance, return_inverse=True)
+        if numbers[0] != 0:
+            numbers, ranks = np.concatenate([[0], numbers]), ranks + 1
+        Picture.fromarray(image.rgb).save(folder / "images" / f"{image.name}.png")
+        for kind, values in (("labels", image.label), ("instances", ranks.reshape(image.instance.shape))):
+            Picture.fromarray(values.astype(np.uint16)).save(folder / kind / f"{image.name}.png")
+        views.append(
+            {
+                "name": image.name,
+                "camera": str(image.camera),
+                "gps_time": float(image.time),
+                "K": np.asarray(image.K).tolist(),
+                "distortion": np.asarray(image.distortion).tolist(),
+                "R": np.asarray(image.R).tolist(),
+                "t": np.asarray(image.t).tolist(),
+                "width": int(image.width),
+                "height": int(image.height),
+                "instances": numbers[1:].tolist(),
+            }
+        )
+    return views
+
+
+def _write_calibration(views: list[dict[str, Any]], folder: Path, origin: NDArray[np.float64]) -> None:
+    """Write one calibration file; poses are in world coordinates minus the origin."""
+    if not views:
+        return
+    calibration = {
+        "origin": origin.tolist(),
+        "convention": "p_cam = R (p_world - origin) + t; pixel = K distort(p_cam / z); integers at pixel centres",
+        "distortion": "k1, k2, p1, p2, k3 (Brown and Conrady)",
+        "instances": "pixel value v > 0 of instances/NAME.png is the instance instances[v - 1] of that image",
+        "images": views,
+    }
+    (folder / "calibration.json").write_text(json.dumps(calibration, indent=1) + "\n", encoding="utf-8")

@@ -1,0 +1,69 @@
+"""Short stretches of a file's points, evenly spread over its time, from which the vehicle's path is estimated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud, concatenate
+from mlsroad_pipeline.formats.base import PointFormat
+from mlsroad_pipeline.formats.options import ReadOptions
+
+WINDOW_LENGTH = 0.1
+"""Seconds of points per window: twenty turns of a scanner with 200 lines per second, four of one with 40."""
+
+WINDOW_INTERVAL = 1.0
+"""Seconds between windows; between them the path is taken for straight."""
+
+MAX_WINDOWS = 1000
+"""The most windows of a file; longer files have them farther apart."""
+
+WINDOW_POINTS = 12_000
+"""The most points that are kept of a window."""
+
+
+def read_time_windows(
+    form: PointFormat, path: str, options: ReadOptions, *, sample: PointCloud, n_points: int
+) -> PointCloud | None:
+    """Read windows of a file whose points are stored in the order of their times.
+
+    Parameters
+    ----------
+    form : PointFormat
+        The file's format.
+    path : str
+        The file.
+    options : ReadOptions
+        How to read it.
+    sample : PointCloud
+        Points from the file's beginning to its end.
+    n_points : int
+        How many points it has.
+
+    Returns
+    -------
+    PointCloud or None
+        xyz, gps_time, `window` (int32) and, where the file has it, scanner; None where the file has no times, or all
+        are the same.
+
+    Raises
+    ------
+    ReadError
+        If the file is damaged.
+    """
+    if "gps_time" not in sample:
+        return None
+    first, last = np.nanmin(sample["gps_time"]), np.nanmax(sample["gps_time"])
+    if not last > first:
+        return None
+    n_windows = int(np.clip((last - first) / WINDOW_INTERVAL, 2, MAX_WINDOWS))
+    length = int(np.ceil(min(n_points * WINDOW_LENGTH / (last - first), n_points / n_windows)))
+    chosen = replace(options, only=tuple(name for name in ("gps_time", "scanner") if name in sample), coding=None)
+    windows = []
+    for number, start in enumerate(np.linspace(0, n_points - length, n_windows).astype(int)):
+        cloud = form.read(Path(path), chosen, start=int(start), stop=int(start) + length)
+        thin = cloud.select(np.arange(0, len(cloud), -(-len(cloud) // WINDOW_POINTS)))
+        windows.append(thin.with_columns(window=np.full(len(thin), number, dtype=np.int32)))
+    return concatenate(windows)

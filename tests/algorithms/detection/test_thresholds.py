@@ -1,0 +1,43 @@
+"""What the thresholds of the visual words are chosen on."""
+
+import numpy as np
+import pytest
+from tests.references_words import planted
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold
+from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetector
+from mlsroad_pipeline.algorithms.visual_words.queries import DetectorParameters
+
+
+def test_thresholds_stand_against_all_others_not_those_drawn_alone(rng):
+    """Others of the classes' own words are rare among those drawn, and as many as the examples in the scenes."""
+    counts, labels = planted(rng, 600)
+    twin = (labels == 0) & (rng.random(600) < 0.5)
+    truth = np.where(twin, -1, labels)  # half of the poles are something else that looks the same
+    few = DetectorParameters(max_others=4, size_share=0.0, profile_share=0.0, size_margin=0.0)
+    detector = VisualWordsDetector(["pole", "car"], parameters=few).fit(counts, truth, scenes=np.arange(600) % 6)
+    assert detector.f_scores_["pole"] < 0.8  # with the four that vote it would be near 1
+    assert detector.f_scores_["car"] > 0.95
+
+
+def test_objects_without_weight_vote_and_have_no_say_in_thresholds(rng):
+    counts, labels = planted(rng, 600)
+    scenes = np.arange(600) % 6
+    odd = scenes >= 4  # two scenes in which half of the poles are something else that looks the same
+    truth = np.where((labels == 0) & odd & (rng.random(600) < 0.5), -1, labels)
+    same = DetectorParameters(size_share=0.0, profile_share=0.0, size_margin=0.0)
+    known = {"scenes": scenes, "weights": np.where(odd, 0.0, 1.0)}
+    without = VisualWordsDetector(["pole", "car"], parameters=same).fit(counts, truth, **known)
+    counted = VisualWordsDetector(["pole", "car"], parameters=same).fit(counts, truth, scenes=scenes)
+    assert without.f_scores_["pole"] > 0.95 > counted.f_scores_["pole"]
+    for name in ("pole", "car"):  # thresholds alone differ
+        one, other = without.queries_[name], counted.queries_[name]
+        assert one.weights.tobytes() == other.weights.tobytes() and one.offset == other.offset
+    held = without.held_out_
+    rows = held.scenes < 4
+    for number, name in enumerate(("pole", "car")):  # the thresholds of the objects that count, and of no others
+        given = best_threshold(held.scores[rows, number], held.labels[rows] == number)
+        assert (without.f_scores_[name], without.queries_[name].threshold) == given
+    with pytest.raises(DataError, match="weights"):
+        VisualWordsDetector(["pole"]).fit(counts, truth, weights=np.ones(3))

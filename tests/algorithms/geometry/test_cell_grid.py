@@ -1,0 +1,60 @@
+"""The cell grid and its sort against NumPy and SciPy."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.geometry.cell_grid import bounding_box, build_cell_grids, radix_argsort, run_in_chunks
+
+UTM = np.array([451_234.5, 5_412_987.25, 312.0])
+
+
+def test_the_grid_holds_every_point_once_in_its_cell(rng):
+    xyz = rng.random((500, 3)) * 4 + UTM
+    (grid,) = build_cell_grids(xyz, cell_size=0.5, margin=2)
+    assert np.array_equal(np.sort(grid.order), np.arange(500))
+    assert np.all(np.diff(grid.keys) > 0)
+    assert np.all(np.abs(grid.local) <= 0.25 + 1e-6)
+    cell = np.repeat(np.arange(len(grid.keys)), np.diff(grid.starts))
+    assert np.allclose(grid.centres()[cell] + grid.local.T, xyz[grid.order], atol=1e-6)
+
+
+def test_clouds_of_one_call_share_their_cells(rng):
+    a, b = rng.random((50, 3)), rng.random((60, 3)) + 0.5
+    grid_a, grid_b = build_cell_grids(a, b, cell_size=0.25)
+    near = cKDTree(grid_a.centres()).query(grid_b.centres()[np.isin(grid_b.keys, grid_a.keys)])[0]
+    assert np.all(near < 1e-12)
+
+
+def test_the_radix_sort_is_stable(rng):
+    keys = rng.integers(0, 2**40, 3000)
+    keys[::3] = keys[0]
+    order, sorted_keys = radix_argsort(keys, 40)
+    assert np.array_equal(order, np.argsort(keys, kind="stable"))
+    assert np.array_equal(sorted_keys, np.sort(keys))
+    assert radix_argsort(np.zeros(4, np.int64), 0)[0].tolist() == [0, 1, 2, 3]
+
+
+def test_the_bounding_box_is_numpys(rng):
+    xyz = rng.normal(size=(100, 3)).astype(np.float32)
+    assert np.array_equal(bounding_box(xyz), np.array([xyz.min(axis=0), xyz.max(axis=0)], dtype=np.float64))
+
+
+def test_chunks_cover_all_items_in_order():
+    assert run_in_chunks(lambda a, b: (a, b), 5, n_threads=1) == [(0, 5)]
+    chunks = run_in_chunks(lambda a, b: list(range(a, b)), 100, n_threads=3)
+    assert list(itertools.chain(*chunks)) == list(range(100))
+    with pytest.raises(ParameterError, match="n_threads must be at least 1"):
+        run_in_chunks(lambda a, b: None, 5, n_threads=0)
+
+
+def test_bad_input_is_named():
+    with pytest.raises(DataError, match=r"too large for cells of 1e-06 m: are there outliers"):
+        build_cell_grids(np.array([[0.0, 0, 0], [1e4, 1e4, 1e4]]), cell_size=1e-6)
+    with pytest.raises(DataError, match="no points to sort"):
+        build_cell_grids(np.empty((0, 3)), cell_size=1.0)
+    with pytest.raises(ParameterError, match="cell_size must be"):
+        build_cell_grids(np.zeros((1, 3)), cell_size=0.0)

@@ -1,0 +1,39 @@
+"""Radix sort against NumPy's stable sort."""
+
+import numpy as np
+import pytest
+
+from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort, rank_integers
+
+
+@pytest.mark.parametrize("bits", [1, 10, 11, 12, 40, 62])
+def test_equals_stable_argsort(rng, bits):
+    keys = rng.integers(0, 2**bits, 5000)
+    keys[:500] = keys[500:1000]
+    before = keys.copy()
+    ordered, order = radix_argsort(keys, bits)
+    np.testing.assert_array_equal(order, np.argsort(keys, kind="stable"))
+    np.testing.assert_array_equal(ordered, np.sort(keys))
+    np.testing.assert_array_equal(keys, before)
+
+
+def test_nothing_to_sort():
+    ordered, order = radix_argsort(np.zeros(0, np.int64), 5)
+    assert len(ordered) == len(order) == 0
+
+
+@pytest.mark.parametrize("low, high", [(-5, 5), (0, 100_000), (-(2**60), 2**60), (7, 8)])
+@pytest.mark.parametrize("dtype", [np.int16, np.int64])
+def test_integers_are_ranked_as_numpy_does(rng, low, high, dtype):
+    limits = np.iinfo(dtype)
+    values = rng.integers(max(low, limits.min), min(high, limits.max), 3000).astype(dtype)
+    names, ranks = rank_integers(values)
+    expected, places = np.unique(values, return_inverse=True)
+    assert names.dtype == ranks.dtype == np.int64
+    np.testing.assert_array_equal(names, expected)
+    np.testing.assert_array_equal(ranks, places)
+
+
+def test_no_integers_have_no_ranks():
+    names, ranks = rank_integers(np.zeros(0, np.int32))
+    assert len(names) == len(ranks) == 0

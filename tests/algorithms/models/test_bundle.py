@@ -1,0 +1,162 @@
+"""Models as plain files."""
+
+import json
+import sys
+import types
+
+import numpy as np
+import pytest
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud, missing_attributes
+from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
+
+MODULE = "mlsroad_pipeline.algorithms.planted_labeller"
+METADATA = {"entry_point": f"{MODULE}:label", "classes": ["ground", "object"], "trained_on": "a street"}
+
+
+@pytest.fixture
+def bundle():
+    arrays = {
+        "threshold": np.array([0.5]),
+        "trees": np.arange(6, dtype=np.int16).reshape(2, 3),
+        "none": np.zeros((0, 4)),
+    }
+    return ModelBundle("planted", arrays, METADATA)
+
+
+@pytest.fixture
+def labeller(monkeypatch):
+    """Plant a module below the package whose function may be replaced."""
+    module = types.ModuleType(MODULE)
+    module.label = lambda cloud, bundle: (
+        (cloud.xyz[:, 2] > bundle.arrays["threshold"][0]).astype(int),
+        np.ones(len(cloud)),
+    )
+    monkeypatch.setitem(sys.modules, MODULE, module)
+    return module
+
+
+def test_files_give_back_the_model(bundle, tmp_path):
+    save_bundle(bundle, tmp_path / "new" / "folder")
+    back = load_bundle(tmp_path / "new" / "folder")
+    assert back.slug == "planted"
+    assert back.metadata == METADATA
+    assert sorted(back.arrays) == sorted(bundle.arrays)
+    for name, values in bundle.arrays.items():
+        assert back.arrays[name].dtype == values.dtype
+        np.testing.assert_array_equal(back.arrays[name], values)
+
+
+def test_the_same_model_gives_the_same_bytes(bundle, tmp_path):
+    again = ModelBundle("planted", dict(reversed(bundle.arrays.items())), METADATA)
+    for name, model in (("a", bundle), ("b", again)):
+        save_bundle(model, tmp_path / name)
+    for file in ("arrays.npz", "model.json"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_the_named_function_labels_the_cloud(bundle, labeller):
+    cloud = PointCloud(np.array([[0, 0, 0.0], [0, 0, 1.0]]))
+    labels, confidence = label_cloud(bundle, cloud)
+    assert labels.dtype == np.int16
+    assert confidence.dtype == np.float32
+    np.testing.assert_array_equal(labels, [0, 1])
+
+
+def test_a_model_of_another_version_of_the_package_says_what_is_missing(bundle, labeller):
+    cloud = PointCloud(np.zeros((1, 3)))
+    with pytest.raises(ParameterError, match=f"needs {MODULE}:gone, which this version lacks"):
+        label_cloud(ModelBundle("planted", {}, {**METADATA, "entry_point": f"{MODULE}:gone"}), cloud)
+    missing = "mlsroad_pipeline.algorithms.no_such_module:label"
+    with pytest.raises(ParameterError, match=f"needs {missing}"):
+        label_cloud(ModelBundle("planted", {}, {**METADATA, "entry_point": missing}), cloud)
+
+
+@pytest.mark.parametrize(
+    ("result", "message"),
+    [
+        ((np.zeros(3, int), np.zeros(3)), r"labels \(3,\) and confidences \(3,\) for the 2 points of street.laz"),
+        ((np.array([0, 2]), np.zeros(2)), r"labels 0..2 of 2 classes"),
+        ((np.array([-2, 0]), np.zeros(2)), r"labels -2..0 of 2 classes"),
+    ],
+)
+def test_wrong_results_of_a_model_are_named(bundle, labeller, result, message):
+    labeller.label = lambda cloud, model: result
+    with pytest.raises(DataError, match=message):
+        label_cloud(bundle, PointCloud(np.zeros((2, 3)), source="street.laz"))
+
+
+@pytest.mark.parametrize(
+    "entry_point",
+    [
+        None,
+        "os:system",
+        "mlsroad_pipeline.algorithms:label",
+        "mlsroad_pipeline.surveys.discovery:label",
+        "mlsroad_pipeline.algorithms.a:_private",
+        "mlsroad_pipeline.algorithms.a:label.__globals__",
+        "mlsroad_pipeline.algorithms..a:label",
+    ],
+)
+def test_only_functions_of_the_science_may_be_named(entry_point):
+    with pytest.raises(ParameterError, match="entry_point must be"):
+        ModelBundle("planted", {}, {**METADATA, "entry_point": entry_point})
+
+
+@pytest.mark.parametrize(
+    ("slug", "arrays", "metadata", "error", "message"),
+    [
+        ("Planted Model", {}, METADATA, ParameterError, "small letters, digits and _"),
+        ("planted", {}, {**METADATA, "classes": []}, ParameterError, "classes must be a list of names"),
+        ("planted", {"a": np.array([None])}, METADATA, DataError, "array 'a' holds Python objects"),
+        ("planted", {}, {**METADATA, "when": object()}, DataError, "metadata must be JSON values"),
+        ("planted", {}, {**METADATA, "oob": float("nan")}, DataError, "metadata must be JSON values"),
+    ],
+)
+def test_what_is_no_model_is_named(slug, arrays, metadata, error, message):
+    with pytest.raises(error, match=message):
+        ModelBundle(slug, arrays, metadata)
+
+
+def test_a_changed_byte_is_found_where_checksums_are_looked_at(bundle, tmp_path):
+    save_bundle(bundle, tmp_path)
+    content = bytearray((tmp_path / "arrays.npz").read_bytes())
+    at = content.index(np.arange(6, dtype=np.int16).tobytes())
+    content[at] ^= 1
+    (tmp_path / "arrays.npz").write_bytes(content)
+    with pytest.raises(ReadError, match=r"trees.npy"):
+        load_bundle(tmp_path)
+    assert load_bundle(tmp_path, check=False).arrays["trees"][0, 0] == 1
+
+
+def test_attributes_that_a_survey_lacks_are_told(bundle):
+    both = ModelBundle("planted", {}, {**METADATA, "attributes": ["rgb", "intensity"]})
+    assert missing_attributes(both, {"rgb", "gps_time"}) == ["intensity"]
+    assert missing_attributes(both, ["intensity", "rgb"]) == []
+    assert missing_attributes(bundle, []) == []
+
+
+def test_damaged_files_are_named(bundle, tmp_path):
+    with pytest.raises(ReadError, match=r"is no model: model.json is missing"):
+        load_bundle(tmp_path)
+    save_bundle(bundle, tmp_path)
+    arrays, content = (tmp_path / "arrays.npz").read_bytes(), json.loads((tmp_path / "model.json").read_text())
+    (tmp_path / "arrays.npz").write_bytes(arrays[: len(arrays) // 2])
+    with pytest.raises(ReadError, match="files are damaged"):
+        load_bundle(tmp_path)
+    np.savez(tmp_path / "arrays.npz", other=np.zeros(1))
+    with pytest.raises(ReadError, match=r"arrays \['other'\] where"):
+        load_bundle(tmp_path)
+    (tmp_path / "arrays.npz").write_bytes(arrays)
+    (tmp_path / "model.json").write_text(json.dumps({**content, "format": 2}))
+    with pytest.raises(ReadError, match="model format 2, this version reads 1"):
+        load_bundle(tmp_path)
+    (tmp_path / "model.json").write_text("{")
+    with pytest.raises(ReadError, match="files are damaged"):
+        load_bundle(tmp_path)
+    with pytest.raises(ReadError, match="files are damaged"):
+        np.savez(tmp_path / "arrays.npz", none=np.array([None]))
+        (tmp_path / "model.json").write_text(json.dumps(content))
+        load_bundle(tmp_path)

@@ -1,0 +1,52 @@
+"""Styles: well-formed, of the right symbols, and with expressions over fields that are there."""
+
+import re
+from xml.etree import ElementTree
+
+import pytest
+
+from mlsroad_pipeline.algorithms.inventory.rules import KINDS
+from mlsroad_pipeline.algorithms.inventory.table import FIELDS
+from mlsroad_pipeline.datasets.inventory.qgis_styles import COLOURS, LAYERS, qml
+
+SYMBOLS = {"vehicles": "fill", "footprints": "fill", "trajectory": "line"}
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_style_of_a_layer(layer):
+    text = qml(layer)
+    assert text.startswith("<!DOCTYPE qgis")
+    root = ElementTree.fromstring(text)
+    assert {symbol.get("type") for symbol in root.iter("symbol")} == {SYMBOLS.get(layer, "marker")}
+    expressions = [option.get("value") for option in root.iter("Option") if option.get("name") == "expression"]
+    expressions += [style.get("fieldName") for style in root.iter("text-style")]
+    named = {name for expression in expressions for name in re.findall(r'"(\w+)"', expression)}
+    assert named <= set(FIELDS)
+    assert (root.get("labelsEnabled") == "1") == (root.find("labeling") is not None)
+    if layer != "trajectory":
+        assert {alias.get("field"): alias.get("name") for alias in root.iter("alias")} == {
+            name: field.alias for name, field in FIELDS.items()
+        }
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_every_rule_has_a_symbol_and_a_line_in_the_legend(layer):
+    renderer = ElementTree.fromstring(qml(layer)).find("renderer-v2")
+    rules = list(renderer.iter("rule"))
+    assert [rule.get("symbol") for rule in rules] == [symbol.get("name") for symbol in renderer.iter("symbol")]
+    assert all(rule.get("label") for rule in rules)
+    assert len({rule.get("key") for rule in rules}) == len(rules)
+    named = {name for rule in rules for name in re.findall(r'"(\w+)"', rule.get("filter", ""))}
+    assert named <= set(FIELDS)
+
+
+def test_objects_are_told_apart_by_their_kind():
+    rules = ElementTree.fromstring(qml("objects")).iter("rule")
+    assert [rule.get("filter") for rule in rules] == [f"\"kind\" = '{kind}'" for kind in COLOURS]
+    assert set(COLOURS) == set(KINDS)
+
+
+@pytest.mark.parametrize("scaled", [True, False])
+def test_labels_wait_for_a_scale_where_there_is_one(scaled):
+    rendering = ElementTree.fromstring(qml("poles", scaled=scaled)).find("labeling/settings/rendering")
+    assert rendering.get("scaleVisibility") == str(int(scaled))

@@ -1,0 +1,54 @@
+"""Arrays mapped from NPZ files."""
+
+import zipfile
+
+import numpy as np
+import pytest
+
+from mlsroad_pipeline.execution.mapped_arrays import map_arrays
+
+ARRAYS = {
+    "float": np.linspace(0, 1, 1001),
+    "table": np.arange(12, dtype=np.int16).reshape(3, 4),
+    "columns": np.asfortranarray(np.arange(12.0).reshape(3, 4)),
+    "text": np.array(["a", "bcd"]),
+    "scalar": np.array(True),
+    "none": np.zeros((0, 3), np.float32),
+    "with.dot/and.slash": np.array([7], dtype=np.uint64),
+}
+
+
+@pytest.fixture
+def path(tmp_path):
+    np.savez(tmp_path / "arrays.npz", **ARRAYS)
+    return tmp_path / "arrays.npz"
+
+
+def test_arrays_are_those_that_numpy_reads(path):
+    found = map_arrays(path)
+    with np.load(path) as expected:
+        assert list(found) == expected.files
+        for name in expected.files:
+            assert found[name].dtype == expected[name].dtype and found[name].shape == expected[name].shape
+            np.testing.assert_array_equal(found[name], expected[name])
+
+
+def test_what_is_written_stays_here_and_a_replaced_file_stays_readable(path):
+    before = path.read_bytes()
+    found = map_arrays(path)
+    found["float"][:] = -1
+    assert path.read_bytes() == before
+    path.unlink()
+    np.testing.assert_array_equal(found["table"], ARRAYS["table"])
+
+
+def test_what_cannot_be_mapped_is_an_error(tmp_path, path):
+    np.savez_compressed(tmp_path / "small.npz", values=np.zeros(100))
+    with pytest.raises(ValueError, match=r"values.npy is compressed"):
+        map_arrays(tmp_path / "small.npz")
+    np.savez(tmp_path / "objects.npz", values=np.array([None]))
+    with pytest.raises(ValueError, match=r"values.npy holds Python objects"):
+        map_arrays(tmp_path / "objects.npz")
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(zipfile.BadZipFile):
+        map_arrays(path)

@@ -1,0 +1,72 @@
+"""What a module can reach is what it imports, at its head or inside functions, and so on."""
+
+import ast
+import subprocess
+import sys
+
+import pytest
+
+from mlsroad_pipeline.execution import source_reach
+from mlsroad_pipeline.execution.source_reach import PROJECT, all_sources, in_science, reachable_sources, source_of
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    """A project of eight files: a imports b inside a function, b a name from c, d by name what lies below it."""
+    files = {
+        "algorithms/__init__.py": "",
+        "algorithms/a.py": "def f():\n    from mlsroad_pipeline.algorithms.b import g\n    return g",
+        "algorithms/b.py": "from mlsroad_pipeline.algorithms import c\nimport numpy",
+        "algorithms/c.py": "import os",
+        "algorithms/own/__init__.py": "import mlsroad_pipeline.algorithms.c",
+        "algorithms/own/d.py": "import importlib\ndef h(n):\n    return importlib.import_module(n)",
+        "algorithms/own/e.py": "x = 1",
+        "algorithms/own/below/f.py": "from mlsroad_pipeline.algorithms.own.e import x",
+    }
+    for name, text in files.items():
+        file = tmp_path / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
+    monkeypatch.setattr(source_reach, "project_folder", lambda: tmp_path)
+    return tmp_path
+
+
+def reached(project, *names):
+    found = reachable_sources([f"{PROJECT}.algorithms.{name}" for name in names])
+    return [file.relative_to(project / "algorithms").as_posix() for file in found]
+
+
+def test_imports_are_followed_also_those_inside_functions(project):
+    assert reached(project, "a") == ["__init__.py", "a.py", "b.py", "c.py"]
+    assert reached(project, "c") == ["__init__.py", "c.py"]
+
+
+def test_the_package_of_a_module_is_imported_with_it(project):
+    assert reached(project, "own.e") == ["__init__.py", "c.py", "own/__init__.py", "own/e.py"]
+
+
+def test_who_imports_by_name_reaches_what_lies_beside_it_and_below(project):
+    assert reached(project, "own.d") == [
+        "__init__.py", "c.py", "own/__init__.py", "own/below/f.py", "own/d.py", "own/e.py",
+    ]  # fmt: skip
+
+
+def test_an_edited_source_is_read_again(project):
+    assert "b.py" not in reached(project, "c")
+    (project / "algorithms" / "c.py").write_text("from mlsroad_pipeline.algorithms import b")
+    assert "b.py" in reached(project, "c")
+
+
+def test_nothing_outside_counts(project):
+    assert reached(project, "no.such.module") == []
+    assert source_of("numpy") is None
+    assert len(all_sources()) == 8
+
+
+def test_what_a_running_program_imported_was_foreseen():
+    name = f"{PROJECT}.studies.yu2016.streets"
+    script = f"import sys, {name}; print([m for m in sys.modules if m.startswith({PROJECT!r})])"
+    printed = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    loaded = [module for module in ast.literal_eval(printed) if in_science(module)]
+    assert {source_of(module) for module in loaded} <= set(reachable_sources([name]))
+    assert len(reachable_sources([name])) < len(all_sources())

@@ -1,0 +1,34 @@
+"""What tests of the configuration share: its files, and the parameters and catalog that an environment makes of them."""
+
+import functools
+
+import yaml
+from helpers.wiring import REPOSITORY, session_of
+from kedro.framework.cli.utils import _split_params
+
+CONF = REPOSITORY / "conf"
+
+
+def base(group):
+    return yaml.safe_load((CONF / f"base/parameters_{group}.yml").read_text(encoding="utf-8"))[group]
+
+
+def context_of(project, env, **parameters):
+    with session_of(project, env=None if env == "base" else env, **parameters) as session:
+        return session.load_context()
+
+
+def parameters_of(project, env="base", **parameters):
+    return context_of(project, env, **parameters).params
+
+
+@functools.cache
+def configured(project, env):
+    """Return the catalog and the parameters of an environment as it stands; look, do not touch."""
+    context = context_of(project, env)
+    return context.catalog, context.params
+
+
+def from_command_line(text):
+    """Nest what `--params=` takes as Kedro does."""
+    return _split_params(None, None, text)

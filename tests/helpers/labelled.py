@@ -1,0 +1,37 @@
+"""What a labelled file must be: codes of the standard, confidences, and every point and attribute of the original."""
+
+import numpy as np
+import yaml
+from helpers.wiring import REPOSITORY
+
+N_POINTS = 9000
+UNCLASSIFIED, NOISE = 1, 7
+
+
+def scheme(name="road_inventory"):
+    configured = yaml.safe_load((REPOSITORY / "conf/base/parameters_classes.yml").read_text(encoding="utf-8"))
+    return configured["classes"]["schemes"][name]
+
+
+def asprs_codes():
+    return {spec["asprs"] for spec in scheme()["classes"].values()} | {UNCLASSIFIED, NOISE}
+
+
+def check_labels(las, n_points):
+    codes, confidence = np.asarray(las.classification), np.asarray(las["confidence"])
+    assert len(codes) == n_points
+    assert set(np.unique(codes).tolist()) <= asprs_codes()
+    assert confidence.dtype == np.float32 and confidence.min() >= 0 and confidence.max() <= 1
+    return codes, confidence
+
+
+def check_same_points(written, original):
+    """Every dimension of the original is in the result, in its place."""
+    for name in original.point_format.dimension_names:
+        if name in ("classification", "scan_angle_rank", "raw_classification"):
+            continue
+        assert np.array_equal(np.asarray(written[name]), np.asarray(original[name])), name
+    for axis in "XYZ":
+        assert np.array_equal(written[axis], original[axis])
+    assert np.array_equal(written.header.scales, original.header.scales)
+    assert np.array_equal(written.header.offsets, original.header.offsets)

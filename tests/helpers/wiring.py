@@ -1,0 +1,140 @@
+"""A copy of the project in a folder of its own, runs of it, and the surveys that the tests of the wiring need."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import os
+import re
+import shutil
+import tempfile
+import traceback
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import mlflow
+import pytest
+import yaml
+from filelock import FileLock
+from kedro.framework.session import KedroSession
+from kedro.framework.startup import bootstrap_project
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+SURVEYS = {"train": {"preset": "tiny", "seed": 7}, "test": {"preset": "tiny", "seed": 11}}
+TINY: dict[str, Any] = {
+    **yaml.safe_load((REPOSITORY / "conf/tiny.yml").read_text(encoding="utf-8")),
+    "execution": {"backend": "sequential"},
+}
+"""Parameters with which the whole comparison takes seconds."""
+
+
+@functools.cache
+def empty_store() -> bytes:
+    """Return an MLflow store without a run; making one takes as long as many a test."""
+    with tempfile.TemporaryDirectory() as folder:
+        uri = f"sqlite:///{folder}/mlflow.db"
+        mlflow.MlflowClient(tracking_uri=uri).search_experiments()
+        return Path(folder, "mlflow.db").read_bytes()
+
+
+def make_project(folder: Path, *, tiny: bool = True) -> Path:
+    """Copy configuration and layout of the project into a folder, with tiny surveys; the code stays where it is."""
+    shutil.copytree(REPOSITORY / "conf", folder / "conf", dirs_exist_ok=True)
+    if tiny:  # in place of the base's own: an environment could add surveys, but not take them away
+        changed = folder / "conf/base/parameters_simulation.yml"
+        simulation = {"enabled": True, "only": None, "surveys": SURVEYS}
+        changed.write_text(yaml.safe_dump({"simulation": simulation}), encoding="utf-8")
+        for name in ("methods", "studies"):
+            catalog = folder / f"conf/base/catalog_{name}.yml"
+            text, kind = catalog.read_text(encoding="utf-8"), "figure_dataset.FigureDataset\n"
+            small = text.replace(kind, f"{kind}  dpi: 50\n")  # drawing larger ones takes a sixth of a run
+            catalog.write_text(small, encoding="utf-8")
+    shutil.copy(REPOSITORY / "pyproject.toml", folder)
+    (folder / "mlflow.db").write_bytes(empty_store())
+    (folder / ".telemetry").write_text("consent: false\n", encoding="utf-8")
+    (folder / "src").mkdir(exist_ok=True)  # kedro asks for it; the package is imported from elsewhere
+    (folder / "conf" / "local").mkdir(exist_ok=True)
+    return folder
+
+
+def joined(*trees: Mapping[str, Any]) -> dict[str, Any]:
+    """Join nested parameters; later ones win."""
+    result: dict[str, Any] = {}
+    for tree in trees:
+        for key, value in tree.items():
+            old = result.get(key)
+            both = isinstance(old, Mapping) and isinstance(value, Mapping)
+            result[key] = joined(old, value) if both else value
+    return result
+
+
+@contextlib.contextmanager
+def session_of(project: Path, *, env: str | None = None, **parameters: Any) -> Iterator[KedroSession]:
+    """Open a session in a project's folder, and leave MLflow afterwards as it was."""
+    before = mlflow.get_tracking_uri()
+    bootstrap_project(project)
+    try:
+        with contextlib.chdir(project), KedroSession.create(project, env=env, runtime_params=parameters) as session:
+            yield session
+    finally:
+        while mlflow.active_run() is not None:
+            mlflow.end_run()
+        mlflow.set_tracking_uri(before)
+
+
+def run(
+    project: Path,
+    pipeline: str | None = None,
+    *,
+    env: str | None = None,
+    to_nodes: Sequence[str] | None = None,
+    **parameters: Any,
+) -> dict[str, Any]:
+    """Run a pipeline in a project's folder, as `kedro run` does, whole or up to some nodes."""
+    with session_of(project, env=env, **parameters) as session:
+        return session.run(pipeline_names=None if pipeline is None else [pipeline], to_nodes=to_nodes)
+
+
+def shared_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Run all methods, as `make run` does, on two tiny surveys, once for all tests and their processes; look, do not touch."""
+    base = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        base = base.parent
+    folder = base / "shared_run"
+    with FileLock(base / "shared_run.lock"):
+        if not (folder / "done").exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+            make_project(folder)
+            run(folder, "all_methods", **TINY)
+            (folder / "done").touch()
+    return folder
+
+
+def with_models(shared: Path, folder: Path) -> Path:
+    """Give a project of its own that knows the registered models of the shared run."""
+    folder.mkdir(exist_ok=True)
+    make_project(folder)
+    shutil.copy(shared / "mlflow.db", folder)
+    return folder
+
+
+def label(project: Path, survey: Path | str, output: Path | str, **changes: Any) -> Path:
+    """Label a survey as `kedro run --pipeline=label` does, and give the folder of the results."""
+    own = {key: changes.pop(key) for key in ("ingest", "execution") if key in changes}
+    parameters = {"label": {"survey": str(survey), "output": str(output), **changes}, **own}
+    run(project, "label", **joined(TINY, parameters))
+    return Path(output)
+
+
+def stage_counts(messages: Sequence[str]) -> dict[str, tuple[int, int]]:
+    """Read from the log how many scenes each stage computed and how many it found valid."""
+    pattern = re.compile(r"(\w+): \d+ scenes: (\d+) computed in [\d.]+ s, (\d+) already valid")
+    found = [match for match in map(pattern.fullmatch, messages) if match]
+    return {match[1]: (int(match[2]), int(match[3])) for match in found}
+
+
+def last_line(error: BaseException) -> str:
+    """Return what a user reads last when an error ends a command."""
+    return "".join(traceback.format_exception_only(error)).strip().splitlines()[-1]

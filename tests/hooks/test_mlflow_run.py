@@ -1,0 +1,307 @@
+"""What a tracked run records: one small Kedro project is run once, each behaviour is read from its store."""
+
+import json
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+from types import SimpleNamespace
+
+import mlflow
+import pytest
+import yaml
+from kedro_mlflow.config.kedro_mlflow_config import KedroMlflowConfig
+
+from mlsroad_pipeline.hooks.mlflow_run import MlflowDetailsHooks
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+FILES = {
+    "pyproject.toml": """
+        [tool.kedro]
+        package_name = "small_road"
+        project_name = "small"
+        kedro_init_version = "1.7.0"
+        source_dir = "src"
+    """,
+    ".telemetry": "consent: false",
+    "src/small_road/__init__.py": "",
+    "src/small_road/settings.py": """
+        from mlsroad_pipeline.hooks.mlflow_run import MlflowDetailsHooks
+
+        HOOKS = (MlflowDetailsHooks(),)
+        CONFIG_LOADER_ARGS = {
+            "base_env": "base", "default_run_env": "local",
+            "config_patterns": {"mlflow": ["mlflow*", "mlflow*/**", "**/mlflow*"]},
+        }
+    """,
+    "src/small_road/pipeline_registry.py": """
+        from dataclasses import dataclass
+
+        import numpy as np
+        from kedro.pipeline import Node, Pipeline
+        from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
+        from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+
+
+        @dataclass(frozen=True)
+        class Forest:
+            n_trees: int = 200
+            depth: int | None = None
+
+
+        @dataclass
+        class Source:
+            path: str
+
+
+        @dataclass
+        class Task:
+            inputs: dict
+
+
+        def tasks(files: list, execution: dict) -> dict:
+            return {"scene_00000": Task({"files": [Source(path) for path in files]})}
+
+
+        def evaluate(tasks, forest: Forest, execution: dict, n_workers: int, note: str):
+            assert forest == Forest(100) and execution["backend"] == "loky" and n_workers == 2 and len(note) == 7000
+            table = labelling_scores(np.array([[8, 2], [0, 0]]), method="demo", split="test", classes=["road", "car"])
+            return table, np.zeros((4, 4, 3), np.uint8), "<!DOCTYPE html><html></html>"
+
+
+        def train(forest: Forest):
+            metadata = {"entry_point": "mlsroad_pipeline.algorithms.demo:label", "classes": ["road", "car"]}
+            return ModelBundle("demo", {"n": np.array([forest.n_trees])}, metadata)
+
+
+        def fail(forest: Forest):
+            raise RuntimeError("planted")
+
+
+        def register_pipelines():
+            execution = ["params:execution", "params:execution.n_workers"]
+            good = Pipeline([
+                Node(tasks, ["params:files", "params:execution"], "tasks"),
+                Node(evaluate, ["tasks", "params:forest", *execution, "params:note"], ["scores", "picture", "report"]),
+                Node(train, "params:forest", "model"),
+            ])
+            silent = Pipeline([Node(train, "params:forest", "unregistered")])
+            return {"__default__": good, "bad": Pipeline([Node(fail, "params:forest", "nothing")]), "silent": silent}
+    """,
+    "conf/base/catalog.yml": """
+        scores:
+          type: mlsroad_pipeline.datasets.reports.scores_dataset.ScoresDataset
+          filepath: data/scores/demo.csv
+        picture:
+          type: mlsroad_pipeline.datasets.reports.figure_dataset.FigureDataset
+          filepath: data/demo_birds_eye.png
+        report:
+          type: mlsroad_pipeline.datasets.reports.html_report_dataset.HtmlReportDataset
+          filepath: data/report.html
+        model:
+          type: mlsroad_pipeline.datasets.models.model_registry_dataset.RegisteredModelDataset
+          name: mlsroad-demo
+    """,
+    "run.py": """
+        import sys
+        from pathlib import Path
+        from kedro.framework.session import KedroSession
+        from kedro.framework.startup import bootstrap_project
+
+        project = Path(__file__).parent
+        bootstrap_project(project)
+        for name in (["silent"], ["__default__"], ["bad"]):
+            with KedroSession.create(project_path=project) as session:
+                try:
+                    session.run(pipeline_names=name)
+                except RuntimeError as error:
+                    assert str(error) == "planted", error
+    """,
+}
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    root = tmp_path_factory.mktemp("project") / "small"
+    for name, text in FILES.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(textwrap.dedent(text))
+    config = yaml.safe_load((REPOSITORY / "conf" / "base" / "mlflow.yml").read_text())
+    config["tracking"]["disable_tracking"]["pipelines"] = ["silent"]
+    (root / "conf" / "local").mkdir()
+    (root / "conf" / "base" / "mlflow.yml").write_text(yaml.safe_dump(config))
+    raw = [root / "raw" / name for name in ("a.laz", "b.laz")]
+    raw[0].parent.mkdir()
+    for path in raw:
+        path.write_text(path.name)
+    parameters = {
+        "forest": {"n_trees": 100}, "files": [str(path) for path in raw], "unused": 1,
+        "execution": {"backend": "loky", "n_workers": 2}, "note": "x" * 7000,
+    }  # fmt: skip
+    (root / "conf" / "base" / "parameters.yml").write_text(yaml.safe_dump(parameters))
+    git = ["git", "-c", "user.name=a", "-c", "user.email=a@example.org", "-C", str(root)]
+    subprocess.run([*git, "init", "-q"], check=True)
+    subprocess.run([*git, "commit", "-q", "--allow-empty", "-m", "first"], check=True)
+    elsewhere = root.parent / "elsewhere"
+    elsewhere.mkdir()
+    environment = {"PYTHONPATH": str(REPOSITORY / "src"), "PATH": "/usr/bin:/bin", "HOME": str(root.parent)}
+    done = subprocess.run(
+        [sys.executable, str(root / "run.py")],
+        cwd=elsewhere,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-4000:]
+    assert list(elsewhere.iterdir()) == []
+    return root
+
+
+@pytest.fixture(scope="module")
+def client(project):
+    return mlflow.MlflowClient(f"sqlite:///{project / 'mlflow.db'}")
+
+
+@pytest.fixture(scope="module")
+def runs(client):
+    experiment = client.get_experiment_by_name("mlsroad")
+    found = client.search_runs([experiment.experiment_id])
+    return {run.info.run_name: run for run in found}, found
+
+
+@pytest.fixture(scope="module")
+def run(runs):
+    return runs[0]["__default__"]
+
+
+def artifact(run, *parts):
+    path = Path(run.info.artifact_uri.removeprefix("file://")).joinpath(*parts)
+    return path.read_text() if path.suffix != ".png" else path.read_bytes()
+
+
+def test_one_run_per_command_and_none_where_tracking_is_off(runs):
+    named, found = runs
+    assert len(found) == 2
+    assert {name: run.info.status for name, run in named.items()} == {"__default__": "FINISHED", "bad": "FAILED"}
+
+
+def test_every_parameter_is_recorded_flat_and_once(run, project):
+    note = run.data.params.pop("note")
+    assert run.data.params == {
+        "execution.backend": "loky",
+        "execution.n_workers": "2",
+        "files": str([str(project / "raw" / name) for name in ("a.laz", "b.laz")]),
+        "forest.n_trees": "100",
+        "forest.depth": "None",
+    }
+    assert len(note) == 6000
+    assert note.endswith("x…")
+
+
+def test_parameters_are_kept_in_full_beside(run):
+    assert json.loads(artifact(run, "parameters.json"))["note"] == "x" * 7000
+
+
+def test_scores_become_metrics_and_undefined_ones_are_left_out(run):
+    assert run.data.metrics["demo/test/recall/road"] == 0.8
+    assert run.data.metrics["demo/test/overall_accuracy/all"] == 0.8
+    assert run.data.metrics["demo/test/f1/car"] == 0.0
+    assert "demo/test/recall/car" not in run.data.metrics
+
+
+def test_figures_and_reports_become_artifacts(run, project):
+    assert artifact(run, "figures", "demo_birds_eye.png") == (project / "data" / "demo_birds_eye.png").read_bytes()
+    assert artifact(run, "reports", "report.html").startswith("<!DOCTYPE html>")
+
+
+def test_the_data_are_fingerprinted(run):
+    table = json.loads(artifact(run, "data_fingerprint.json"))
+    assert [entry["path"] for entry in table["files"]] == ["a.laz", "b.laz"]
+    assert run.data.tags["data.fingerprint"] == table["digest"]
+
+
+def test_the_commit_and_the_environment_are_recorded(run, project):
+    head = subprocess.run(["git", "-C", str(project), "rev-parse", "HEAD"], capture_output=True, text=True, check=True)
+    assert run.data.tags["git.commit"] == run.data.tags["mlflow.source.git.commit"] == head.stdout.strip()
+    assert run.data.tags["git.dirty"] == "true"
+    assert run.data.tags["python"].startswith("3.")
+    assert "numpy==" in artifact(run, "environment", "pip_freeze.txt")
+
+
+def test_a_model_is_registered_by_the_run_that_trained_it(run, client):
+    versions = client.search_model_versions("name='mlsroad-demo'")
+    assert [(version.version, version.run_id) for version in versions] == [(1, run.info.run_id)]
+
+
+def test_a_failed_run_keeps_its_parameters(runs):
+    assert runs[0]["bad"].data.params == {"forest.n_trees": "100", "forest.depth": "None"}
+
+
+def test_the_store_lies_in_the_project_wherever_the_command_starts(project):
+    assert (project / "mlflow.db").is_file()
+    assert (project / "mlartifacts").is_dir()
+
+
+def test_node_inputs_are_left_alone_while_nothing_is_tracked():
+    inputs = {"params:a": 1, "scores": 2}
+    MlflowDetailsHooks().before_node_run(inputs=inputs)
+    assert inputs == {"params:a": 1, "scores": 2}
+
+
+@pytest.mark.parametrize(
+    ("uri", "expected"),
+    [
+        ("sqlite:///mlflow.db", "sqlite:////project/mlflow.db"),
+        ("sqlite:///sub/mlflow.db", "sqlite:////project/sub/mlflow.db"),
+        ("sqlite:////tmp/mlflow.db", "sqlite:////tmp/mlflow.db"),
+        ("sqlite:///:memory:", "sqlite:///:memory:"),
+        ("https://host", "https://host"),
+        (None, None),
+    ],
+)
+def test_only_relative_databases_are_moved_below_the_project(uri, expected):
+    loader = SimpleNamespace(config_patterns={"mlflow": []})
+
+    class Loader(dict):
+        config_patterns = loader.config_patterns
+
+    context = SimpleNamespace(
+        config_loader=Loader(mlflow={"server": {"mlflow_tracking_uri": uri}}), project_path="/project"
+    )
+    MlflowDetailsHooks().after_context_created(context)
+    assert context.config_loader["mlflow"]["server"]["mlflow_tracking_uri"] == expected
+
+
+def test_a_project_without_configuration_is_left_alone():
+    context = SimpleNamespace(config_loader={}, project_path="/project")
+    MlflowDetailsHooks().after_context_created(context)
+    assert context.config_loader == {}
+
+
+def test_the_configuration_shown_is_the_whole_schema_and_explains_what_differs():
+    path = REPOSITORY / "conf" / "base" / "mlflow.yml"
+    shown = yaml.safe_load(path.read_text())
+    default = KedroMlflowConfig().model_dump()
+    assert KedroMlflowConfig.model_validate(shown).model_dump() == shown
+
+    def leaves(tree, prefix=""):
+        for key, value in tree.items():
+            if isinstance(value, dict) and value:
+                yield from leaves(value, f"{prefix}{key}.")
+            else:
+                yield f"{prefix}{key}", value
+
+    ours, theirs = dict(leaves(shown)), dict(leaves(default))
+    assert set(ours) == set(theirs)
+    differing = {key for key in ours if ours[key] != theirs[key]}
+    lines = path.read_text().splitlines()
+    for key in differing:
+        name = key.rsplit(".", 1)[-1]
+        row = next(
+            k
+            for k, line in enumerate(lines)
+            if line.strip().startswith(f"{name}:") and str(ours[key]).lower() in line.lower()
+        )
+        assert "#" in lines[row] or lines[row - 1].strip().startswith("#"), f"{key} differs without a reason"
+    assert "server.mlflow_tracking_uri" in differing

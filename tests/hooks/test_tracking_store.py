@@ -1,0 +1,58 @@
+"""A database of runs that cannot be used is named at once, with what to do."""
+
+import sqlite3
+from contextlib import closing
+
+import pytest
+
+from mlsroad_pipeline.hooks.mlflow_run import tracking_store
+from mlsroad_pipeline.hooks.tracking_store import TrackingStoreError, check_tracking_store
+
+
+@pytest.fixture
+def store(tmp_path):
+    path = tmp_path / "mlflow.db"
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("CREATE TABLE runs (id INTEGER)")
+    return path
+
+
+def test_a_store_that_works_is_left_as_it_is(store):
+    before = store.read_bytes()
+    check_tracking_store(f"sqlite:///{store}")
+    assert store.read_bytes() == before
+
+
+@pytest.mark.parametrize("uri", ["", "https://tracking.example.org", "sqlite:///:memory:"])
+def test_servers_are_not_asked(uri):
+    check_tracking_store(uri)
+
+
+def test_a_store_that_is_not_there_yet_is_not_made(tmp_path):
+    check_tracking_store(f"sqlite:///{tmp_path / 'mlflow.db'}")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_locked_store_is_named(store):
+    with closing(sqlite3.connect(store, isolation_level=None)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(TrackingStoreError, match=rf"{store}: database is locked: another program holds it"):
+            check_tracking_store(f"sqlite:///{store}", wait=0.1)
+    check_tracking_store(f"sqlite:///{store}", wait=0.1)
+
+
+def test_another_file_is_named(store):
+    store.write_bytes(b"no database at all, but long enough to be taken for one" * 50)
+    with pytest.raises(TrackingStoreError, match=rf"{store}: file is not a database: it is damaged"):
+        check_tracking_store(f"sqlite:///{store}")
+
+
+def test_a_store_that_cannot_be_written_is_named(store, monkeypatch):
+    class ReadOnly(sqlite3.Connection):
+        def execute(self, *arguments):
+            raise sqlite3.OperationalError("attempt to write a readonly database")
+
+    connect = sqlite3.connect
+    monkeypatch.setattr(tracking_store.sqlite3, "connect", lambda *a, **k: connect(*a, factory=ReadOnly, **k))
+    with pytest.raises(TrackingStoreError, match="readonly database: it cannot be written"):
+        check_tracking_store(f"sqlite:///{store}")

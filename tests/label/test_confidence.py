@@ -1,0 +1,50 @@
+"""Confidences of a labelled survey: counted by scene, judged for the whole."""
+
+import numpy as np
+import pytest
+
+from mlsroad_pipeline.label.confidence import confidence_table, confidence_warnings, count_confidences
+
+CLASSES = ["road", "tree", "sign", "wire"]
+
+
+def counts_of(label, confidence):
+    return count_confidences(np.asarray(label, np.int16), np.asarray(confidence, np.float32), len(CLASSES))
+
+
+def test_table_tells_the_medians_and_shares_that_numpy_finds(rng):
+    label, confidence = rng.integers(-1, 3, 20_000), rng.random(20_000).astype(np.float32)
+    halves = [counts_of(label[part], confidence[part]) for part in (slice(0, 7000), slice(7000, None))]
+    table = confidence_table(np.sum(halves, axis=0), CLASSES)
+    assert table["class"].tolist() == ["road", "tree", "sign", "all"]  # no point is a wire
+    for name, points, median, share in table.itertuples(index=False):
+        mine = confidence[label >= 0 if name == "all" else label == CLASSES.index(name)]
+        assert points == len(mine)
+        assert median == pytest.approx(np.median(mine), abs=0.011)
+        assert share == pytest.approx((mine < 0.5).mean(), abs=0.0006)
+
+
+def test_ends_of_the_scale_are_counted():
+    counts = counts_of([0, 0, 0, -1], [0.0, 1.0, 0.999, 1.0])
+    assert counts[0, 0] == 1 and counts[0, -1] == 2 and counts.sum() == 3
+
+
+@pytest.mark.parametrize(("n_low", "warned"), [(0, False), (1990, False), (2000, True), (10_000, True)])
+def test_a_fifth_of_unsure_points_is_told(n_low, warned):
+    confidence = np.where(np.arange(10_000) < n_low, 0.3, 0.9)
+    label = np.arange(10_000) % 2  # both classes alike, so that a class alone is told only where all are unsure
+    found = confidence_warnings(confidence_table(counts_of(label, confidence), CLASSES))
+    assert any("of the points have a confidence below 0.5" in text for text in found) == warned
+
+
+def test_a_class_that_is_mostly_unsure_is_named_unless_it_is_tiny():
+    label = np.repeat([0, 1, 2], [50_000, 1200, 900])
+    confidence = np.repeat([0.9, 0.4, 0.2], [50_000, 1200, 900])
+    (found,) = confidence_warnings(confidence_table(counts_of(label, confidence), CLASSES))
+    assert found == "Classes with a median confidence below 0.5: tree (0.41)."
+
+
+def test_a_survey_without_labelled_points_has_nothing_to_tell():
+    table = confidence_table(counts_of([-1, -1], [0, 0]), CLASSES)
+    assert table["points"].tolist() == [0]
+    assert confidence_warnings(table) == []

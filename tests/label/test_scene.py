@@ -1,0 +1,76 @@
+"""A scene labelled by a model of any method: all that is asked of it are an entry point, classes and a scheme."""
+
+import sys
+import types
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.label.scene import label_new_scene, object_rules, output_codes
+
+MODULE = "mlsroad_pipeline.algorithms.planted_for_labelling"
+SCHEME = ClassScheme.from_config(
+    "planted",
+    {
+        "classes": {
+            "ground": {"members": ["road"], "asprs": 11},
+            "pole": {"members": ["light_pole"], "asprs": 64},
+        },
+        "ignore": ["unlabelled"],
+    },
+)
+
+
+def label_by_height(cloud, bundle):
+    above = cloud.xyz[:, 2] > bundle.arrays["height"][0]
+    label = np.where(above, 1, 0)
+    label[cloud.xyz[:, 0] > 7] = -1
+    return label, np.where(above, 0.4, 0.9)
+
+
+def planted(monkeypatch, **metadata):
+    module = types.ModuleType(MODULE)
+    module.label_by_height = label_by_height
+    monkeypatch.setitem(sys.modules, MODULE, module)
+    given = {"entry_point": f"{MODULE}:label_by_height", "classes": list(SCHEME.classes), **metadata}
+    return ModelBundle("planted", {"height": np.array([0.3])}, given)
+
+
+def test_a_model_of_any_method_labels_a_scene_and_fills_the_inventory(monkeypatch, rng):
+    bundle = planted(monkeypatch, scheme=asdict(SCHEME))
+    flat = np.column_stack([rng.random((20_000, 2)) * 8, rng.random(20_000) * 0.02])
+    turn, z = rng.random(3000) * 2 * np.pi, rng.random(3000) * 4
+    post = np.column_stack([3 + 0.05 * np.cos(turn), 4 + 0.05 * np.sin(turn), z])
+    xyz = np.concatenate([flat, post]).astype(np.float32)
+    core = xyz[:, 0] < 7.5
+    columns = {"core": core, "file": np.zeros(len(xyz), np.int16), "row": np.arange(len(xyz), dtype=np.int64)}
+    codes = output_codes(bundle, "asprs", {})
+    found = label_new_scene(
+        PointCloud(xyz, columns),
+        bundle,
+        codes=codes,
+        rules=object_rules(bundle, {}),
+        ground=GroundParameters(),
+        name="s",
+    )
+    expected = np.where(xyz[:, 2] > np.float32(0.3), 64, 11)
+    expected[xyz[:, 0] > 7] = 1
+    assert np.array_equal(found["labels"]["code"], expected[core])
+    assert np.array_equal(found["labels"]["row"], np.flatnonzero(core))
+    n_none, n_pole = (expected[core] == 1).sum(), (expected[core] == 64).sum()
+    assert found["counts"]["counts"].tolist() == [core.sum() - n_none - n_pole, n_pole, n_none]
+    assert found["counts"]["confidences"].sum(axis=1).tolist() == [core.sum() - n_none - n_pole, n_pole]
+    assert found["counts"]["confidences"][1].argmax() == 40
+    (pole,) = found["objects"].to_dict("records")
+    assert pole["class"] == "pole" and pole["x"] == pytest.approx(3, abs=0.05) and pole["height"] > 3.5
+
+
+def test_a_model_without_a_scheme_is_named(monkeypatch):
+    with pytest.raises(ParameterError, match="model 'planted' has no class scheme in its metadata"):
+        output_codes(planted(monkeypatch), "asprs", {})

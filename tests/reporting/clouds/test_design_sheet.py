@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.reporting.clouds.design_sheet import design_sheet, photograph, scan_mesh
+from mlsroad_pipeline.simulation.model.design import Design
+from mlsroad_pipeline.simulation.model.meshes import Surface
+from mlsroad_pipeline.simulation.model.solids import box
+
+RED_BOX = box([1.0, 1.0, 2.0], [0, 0, 1.0], Surface(77, (0.6, 0.1, 0.1), 0.5))
+
+
+def _build(rng):
+    return box(rng.uniform(0.5, 1.0, 3), [0, 0, 0.5], Surface(77, (0.6, 0.1, 0.1), 0.5))
+
+
+def test_a_box_seen_from_the_front_is_a_rectangle():
+    picture = photograph(RED_BOX, size=(120, 100), span=2.5, azimuth=0.0, elevation=1e-6)
+    painted = (picture != 255).any(axis=2)
+    rows, columns = np.flatnonzero(painted.any(axis=1)), np.flatnonzero(painted.any(axis=0))
+    # 40 pixels to the metre; the foot is 3 % of the span above the lower edge.
+    assert len(rows) == 80 and len(columns) == 40
+    assert painted[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].all()
+    assert rows[-1] == 100 - 3 - 1
+    assert picture[painted][:, 0].mean() > picture[painted][:, 1].mean()
+
+
+def test_a_scan_lies_on_the_faces_that_the_van_sees():
+    xyz, rgb, face = scan_mesh(RED_BOX, spacing=0.05)
+    assert len(xyz) == len(rgb) == len(face) > 1000
+    assert (np.abs(xyz[:, 1] + 0.5) < 1e-4).mean() > 0.5
+    outside = np.abs(xyz - [0, 0, 1.0]) / [0.5, 0.5, 1.0]
+    np.testing.assert_allclose(outside.max(axis=1), 1.0, atol=1e-4)
+    corners = RED_BOX.vertices[RED_BOX.faces[face]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (normal[:, 1] > 0).mean() < 0.01  # the back is hidden but for its edges
+    np.testing.assert_allclose(((xyz - corners[:, 0]) * normal).sum(axis=1), 0, atol=1e-4)
+
+
+def test_sheets_show_every_individual_once():
+    designs = [Design(f"box_{k}", "other_object", _build, 1.0) for k in range(3)]
+    for style in ("photograph", "points", "labels"):
+        figure = design_sheet(designs, seeds=(1, 2), cell=(60, 50), style=style)
+        assert len(figure.axes) == 6
+        titles = [axes.get_title() for axes in figure.axes]
+        assert [title.startswith("box_") for title in titles] == [True, False] * 3
+        pictures = [axes.images[0].get_array() for axes in figure.axes]
+        assert all((picture != 255).any() for picture in pictures)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"style": "wire"}, "got 'wire'"), ({"designs": []}, "got 0 and 2"), ({"seeds": ()}, "got 1 and 0")],
+)
+def test_sheets_refuse_what_they_cannot_show(change, message):
+    arguments = {"designs": [Design("box", "other_object", _build, 1.0)], "seeds": (1, 2), "style": "points"} | change
+    with pytest.raises(ParameterError, match=message):
+        design_sheet(arguments.pop("designs"), **arguments)
+
+
+@pytest.mark.parametrize("name", ["distance", "spacing", "scanner_height"])
+def test_scans_need_positive_lengths(name):
+    with pytest.raises(ParameterError, match=name):
+        scan_mesh(RED_BOX, **{name: 0.0})
+    with pytest.raises(ParameterError, match="span"):
+        photograph(RED_BOX, span=-1.0)

@@ -1,0 +1,39 @@
+"""One small survey for all tests of the simulator."""
+
+from dataclasses import replace
+
+import pytest
+
+from mlsroad_pipeline.simulation import PRESETS, SurveyStream, simulate_survey
+
+PARAMETERS = replace(PRESETS["tiny"], seed=5)
+
+
+@pytest.fixture(scope="session")
+def parameters():
+    """Parameters of the survey."""
+    return PARAMETERS
+
+
+@pytest.fixture(scope="session")
+def survey():
+    """A simulated survey."""
+    return simulate_survey(PARAMETERS)
+
+
+@pytest.fixture(scope="session")
+def stream():
+    """The same survey, to be made piece by piece."""
+    return SurveyStream(PARAMETERS)
+
+
+@pytest.fixture(scope="session")
+def scene(stream):
+    """What rays can meet in its first block."""
+    return stream.scene(0)
+
+
+@pytest.fixture(scope="session")
+def photographs(stream, scene):
+    """Images of the first block and their depths."""
+    return stream.photograph(0, scene)
