@@ -44,7 +44,7 @@ def test_failures_are_told_together_after_the_others_have_finished(store, marks,
 def test_failure_names_the_survey_that_a_stored_cloud_came_from(store, tmp_path):
     store.save({"s": SceneTask(make_points, {}, {"n": 7, "seed": 1})})
     second = store_at(tmp_path / "second")
-    with pytest.raises(DatasetError, match=r"scene 's' \(survey\.laz\): ZeroDivisionError: no 7 \(references_store"):
+    with pytest.raises(DatasetError, match=r"scene 's' \(survey\.laz\): ZeroDivisionError: no 7 \(store"):
         second.save({"s": SceneTask(fail_on, {"cloud": store.load()["s"]})})
 
 

@@ -5,10 +5,10 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.recognition import cutting as recognition_objects
+from mlsroad_pipeline.algorithms.recognition import recogniser as recognisers
 from mlsroad_pipeline.algorithms.recognition.descriptor_machine import DescriptorParameters
 from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
-from mlsroad_pipeline.algorithms.recognition.object_set import cutting as recognition_objects
-from mlsroad_pipeline.algorithms.recognition.object_set import recogniser as recognisers
 from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.algorithms.stages import GroundParameters

@@ -9,9 +9,9 @@ import threading
 import pytest
 
 from mlsroad_pipeline.execution.settings import Execution
+from mlsroad_pipeline.hooks import command_hooks
 from mlsroad_pipeline.hooks.command_hooks import EarlyWorkersHooks
 from mlsroad_pipeline.hooks.early_workers import start_early, wanted
-from mlsroad_pipeline.hooks.mlflow_run import command_hooks
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from kedro.pipeline import Node, Pipeline
 from kedro.runner import SequentialRunner
 
 from mlsroad_pipeline.commands import summary
-from mlsroad_pipeline.hooks.mlflow_run import progress
+from mlsroad_pipeline.hooks import progress
 from mlsroad_pipeline.hooks.progress import KEY, MEASURED, ProgressHooks, in_words, time_left
 
 CLOCK = "mlsroad_pipeline.hooks.progress.time.perf_counter"

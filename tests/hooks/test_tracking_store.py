@@ -5,7 +5,7 @@ from contextlib import closing
 
 import pytest
 
-from mlsroad_pipeline.hooks.mlflow_run import tracking_store
+from mlsroad_pipeline.hooks import tracking_store
 from mlsroad_pipeline.hooks.tracking_store import TrackingStoreError, check_tracking_store
 
 

@@ -1,10 +1,10 @@
 """Kernels of the rival detectors against slow versions of them."""
 
 import numpy as np
+from helpers.planted import described, street
+from references.detectors import peak_of_circles
 from scipy.spatial import cKDTree
 from sklearn.tree import DecisionTreeClassifier
-from tests.references_detectors import peak_of_circles
-from tests.references_planted import described, street
 
 from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down._surfaces import nearest_images, spread_evenly
 from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.detector import overlaps

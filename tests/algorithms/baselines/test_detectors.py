@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.references_planted import (
+from helpers.planted import (
     FOREST,
     LABELS,
     METHODS,

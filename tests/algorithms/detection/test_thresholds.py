@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.references_words import planted
+from references.words import planted
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.references_accumulation import images, normalised
+from references.accumulation import images, normalised
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.accumulation_images import compute_images, join_objects

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.references_detectors import likeness_of_turn
+from references.detectors import likeness_of_turn
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.gaussian_image import align_gaussian_images, compute_gaussian_images

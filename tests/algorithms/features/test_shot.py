@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.references_shot import layers, shot
+from references.shot import layers, shot
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.layers import describe_layers

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.references_detectors import spin_image
+from references.detectors import spin_image
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.features.spin_image import compute_spin_images

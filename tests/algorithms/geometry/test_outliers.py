@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from references.basics import ground as references
+from references import ground as references
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.geometry.outliers import keep_inliers

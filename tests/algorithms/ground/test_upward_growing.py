@@ -2,7 +2,7 @@ import gzip
 
 import numpy as np
 import pytest
-from references.basics import ground as references
+from references import ground as references
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.ground.upward_growing import classify_ground

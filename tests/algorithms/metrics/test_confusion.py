@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from references.basics import evaluation as references
+from references import evaluation as references
 from sklearn import metrics as sk
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError

@@ -10,8 +10,8 @@ from mlsroad_pipeline.algorithms.baselines.max_margin_markov.training import Mar
 from mlsroad_pipeline.algorithms.baselines.max_margin_markov.training import train as train_network
 from mlsroad_pipeline.algorithms.baselines.patch_forest import classifier as patch_forest
 from mlsroad_pipeline.algorithms.baselines.patch_forest.classifier import PatchForestParameters
+from mlsroad_pipeline.algorithms.baselines.patch_svm import training as patch_svm_training
 from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import PatchSvmParameters
-from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import training as patch_svm_training
 from mlsroad_pipeline.algorithms.baselines.shape_based import labeller as shape_based
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud

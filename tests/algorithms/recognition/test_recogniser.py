@@ -10,9 +10,9 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud
+from mlsroad_pipeline.algorithms.recognition import cutting as recognition_objects
+from mlsroad_pipeline.algorithms.recognition import recogniser as recognisers
 from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
-from mlsroad_pipeline.algorithms.recognition.object_set import cutting as recognition_objects
-from mlsroad_pipeline.algorithms.recognition.object_set import recogniser as recognisers
 from mlsroad_pipeline.algorithms.recognition.scores import score_recognitions
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 

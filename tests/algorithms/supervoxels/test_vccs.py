@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from references.basics import vccs as reference
+from references import vccs as reference
 from scipy.sparse.csgraph import connected_components
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from references.basics import evaluation as references
+from references import evaluation as references
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.reporting.clouds.splatting import (
