@@ -16,16 +16,6 @@ _LAYER = re.compile(r"data/(\d\d_\w+?)(/|$)")
 def with_layers(catalog: Mapping[str, Any]) -> dict[str, Any]:
     """Tell `kedro viz` the layer of each entry, which is the first folder of its path below ``data``.
 
-    Parameters
-    ----------
-    catalog : mapping
-        Entries of a catalog.
-
-    Returns
-    -------
-    dict
-        The same entries; those with a path in a layer and without metadata of their own have the metadatum ``layer``.
-
     Examples
     --------
     >>> with_layers({"ground": {"filepath": "data/03_primary/ground.csv"}})["ground"]["metadata"]
@@ -59,18 +49,7 @@ class ParameterConfigLoader(OmegaConfigLoader):
         self._parameters: dict[str, Any] | None = None  # read once for the catalog and for the nodes
 
     def __getitem__(self, key: str) -> dict[str, Any]:
-        """Load the configuration of a kind.
-
-        Parameters
-        ----------
-        key : str
-            Such as ``"catalog"`` or ``"parameters"``.
-
-        Returns
-        -------
-        dict
-            The merged and resolved configuration.
-        """
+        """Load the configuration of a kind."""
         if key == "parameters":
             if self._parameters is None:
                 self._parameters = super().__getitem__(key)

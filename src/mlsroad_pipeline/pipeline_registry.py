@@ -14,11 +14,6 @@ def register_pipelines() -> dict[str, Pipeline]:
     """Return the pipelines; the default is a whole comparison on the environment's survey.
 
     Kedro imports only the pipelines that a command names, which keeps `label` from loading the simulator.
-
-    Returns
-    -------
-    dict of str to Pipeline
-        Name to pipeline.
     """
     pipelines = find_pipelines(raise_errors=True)
     if set(COMPARISON) <= set(pipelines):

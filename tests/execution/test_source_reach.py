@@ -45,9 +45,9 @@ def test_the_package_of_a_module_is_imported_with_it(project):
     assert reached(project, "own.e") == ["__init__.py", "c.py", "own/__init__.py", "own/e.py"]
 
 
-def test_who_imports_by_name_reaches_what_lies_beside_it_and_below(project):
+def test_a_module_that_imports_by_name_reaches_its_whole_package(project):
     assert reached(project, "own.d") == [
-        "__init__.py", "c.py", "own/__init__.py", "own/below/f.py", "own/d.py", "own/e.py",
+        "__init__.py", "a.py", "b.py", "c.py", "own/__init__.py", "own/below/f.py", "own/d.py", "own/e.py",
     ]  # fmt: skip
 
 

@@ -18,13 +18,7 @@ NEXT = (
 
 
 def main() -> int:
-    """Print the tables of scores, the report's path and what to try next.
-
-    Returns
-    -------
-    int
-        0, or 1 if there are no scores.
-    """
+    """Print the tables of scores, the report's path and what to try next."""
     found = [pd.read_csv(REPORTING / name) for name in TABLES if (REPORTING / name).is_file()]
     if not found:
         sys.stderr.write(f"{REPORTING / TABLES[0]} is not there: run `kedro run` first\n")

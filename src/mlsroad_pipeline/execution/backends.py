@@ -39,18 +39,6 @@ def run_jobs(jobs: Sequence[SceneJob], execution: Execution) -> Generator[Outcom
     Every job yields exactly one outcome, also if its worker dies. If the caller stops early, or is interrupted, the
     scenes in work are abandoned.
 
-    Parameters
-    ----------
-    jobs : sequence of SceneJob
-        The scenes.
-    execution : Execution
-        Where and how many at a time.
-
-    Yields
-    ------
-    Outcome
-        One per job.
-
     Raises
     ------
     ParameterError
@@ -130,13 +118,7 @@ class _Counted:
 
 
 def warm_workers(execution: Execution) -> None:
-    """Start the processes that stages run in, and let each load what `label` needs.
-
-    Parameters
-    ----------
-    execution : Execution
-        How many.
-    """
+    """Start the processes that stages run in, and let each load what `label` needs."""
     n_workers = max(execution.n_local_workers, 2)
     at_once = max(int(joblib.cpu_count()) - 1, 1)  # a core is left to this process, which has its own start to make
     with _pool_lock, tempfile.TemporaryDirectory(prefix="mlsroad-start-") as folder:

@@ -63,18 +63,6 @@ class SceneCollection(Mapping[str, StoredResult]):
     def part(self, name: str, *, mapped: bool = False) -> SceneCollection:
         """Return the same scenes with handles of one part of their results, so that a worker reads no more than it.
 
-        Parameters
-        ----------
-        name : str
-            The part.
-        mapped : bool, default False
-            Map arrays into memory instead of reading them, for functions that take some rows of each.
-
-        Returns
-        -------
-        SceneCollection
-            The scenes in the same order.
-
         Raises
         ------
         DataError
@@ -88,16 +76,6 @@ class SceneCollection(Mapping[str, StoredResult]):
 
     def load_all(self, part: str | None = None) -> dict[str, Any]:
         """Read all scenes, or one part of each, into memory: for small things such as tables of figures.
-
-        Parameters
-        ----------
-        part : str, optional
-            The part; None reads what the handles mean.
-
-        Returns
-        -------
-        dict of str to object
-            Scene to value.
 
         Raises
         ------

@@ -17,29 +17,12 @@ DIGEST_BYTES = 16
 
 
 def new_digest() -> hashlib.blake2b:
-    """Return the running digest that the stores use: BLAKE2b of 128 bits.
-
-    Returns
-    -------
-    hashlib.blake2b
-        Of no data yet.
-    """
+    """Return the running digest that the stores use: BLAKE2b of 128 bits."""
     return hashlib.blake2b(digest_size=DIGEST_BYTES)
 
 
 def digest_json(data: Any) -> str:
-    """Return the digest of plain data, hexadecimal.
-
-    Parameters
-    ----------
-    data : str, number, None, list or mapping of such
-        The data. The order of a mapping's entries counts.
-
-    Returns
-    -------
-    str
-        32 hexadecimal digits.
-    """
+    """Return the digest of plain data, hexadecimal."""
     digest = new_digest()
     digest.update(json.dumps(data, ensure_ascii=False, separators=(",", ":")).encode())
     return digest.hexdigest()
@@ -62,16 +45,6 @@ def digest_file(path: str) -> str:
 
     A file is read once as long as its size and its modification time (or whatever its file system offers instead,
     such as an ETag) stay as they are.
-
-    Parameters
-    ----------
-    path : str
-        A path, or any URL that fsspec understands.
-
-    Returns
-    -------
-    str
-        32 hexadecimal digits.
 
     Raises
     ------

@@ -71,18 +71,6 @@ class StoreFiles:
     def at(cls, url: str, options: Mapping[str, Any] | None = None) -> Self:
         """Return the storage at a path or URL.
 
-        Parameters
-        ----------
-        url : str
-            Path or URL; a relative path is taken from the current folder, once and for all.
-        options : mapping, optional
-            What the file system is opened with (credentials, endpoints).
-
-        Returns
-        -------
-        StoreFiles
-            The storage; nothing is read or made yet.
-
         Raises
         ------
         ValueError
@@ -133,13 +121,6 @@ class StoreFiles:
 
     def write_json(self, relative: str, data: Any) -> None:
         """Write plain data as a JSON file.
-
-        Parameters
-        ----------
-        relative : str
-            Path of the file in the folder.
-        data : object
-            What `json` can write.
 
         Raises
         ------

@@ -50,13 +50,7 @@ def _digests(files: Iterable[Path], folder: Path) -> list[list[str]]:
 
 @functools.lru_cache(maxsize=1)
 def package_versions() -> dict[str, str]:
-    """Return the installed version of each of `NUMERICAL_PACKAGES` (absent ones are left out), without importing them.
-
-    Returns
-    -------
-    dict of str to str
-        Package to version.
-    """
+    """Return the installed versions of `NUMERICAL_PACKAGES`, absent ones left out; imports none of them."""
     versions = {}
     for package in NUMERICAL_PACKAGES:
         try:
@@ -70,18 +64,8 @@ def describe_sources(module_names: Iterable[str]) -> list[Any]:
     """Return digests of all sources that functions of the named modules may reach inside this project.
 
     A function of `algorithms`, `simulation` or `studies` reaches what its module imports. A function of another package
-    can reach the whole library, since a model names the function that labels with it, and the modules of its own folder.
+    can reach the whole library, since a model names the function that labels with it, and its own folder.
     A function from outside the project counts with its own file.
-
-    Parameters
-    ----------
-    module_names : iterable of str
-        Modules of the functions and of the types of what they are given, imported already.
-
-    Returns
-    -------
-    list
-        Plain data for `digest_json`.
     """
     names, project = sorted(set(module_names)), project_folder()
     outside = [name for name in names if not in_science(name)]
@@ -101,16 +85,6 @@ def describe_sources(module_names: Iterable[str]) -> list[Any]:
 
 def qualified_name(function: Callable[..., Any]) -> str:
     """Return `module:name` of a function that a worker can import.
-
-    Parameters
-    ----------
-    function : callable
-        A function or class at the top level of a module (a static method of such a class is fine too).
-
-    Returns
-    -------
-    str
-        Module and qualified name.
 
     Raises
     ------
@@ -147,22 +121,6 @@ class Fingerprinter:
     ) -> str:
         """Return the fingerprint of a call.
 
-        Parameters
-        ----------
-        function : callable
-            What is called.
-        inputs : mapping of str to object
-            Keyword arguments that are read from storage; see `describe` for what they may be.
-        parameters : mapping of str to object
-            The other keyword arguments.
-        validator : callable, optional
-            A check that the result has to pass.
-
-        Returns
-        -------
-        str
-            32 hexadecimal digits.
-
         Raises
         ------
         ParameterError
@@ -187,17 +145,6 @@ class Fingerprinter:
 
         Numbers of NumPy count as Python's, tuples as lists, paths as strings; the order of a mapping counts, because
         it may have a meaning (labels follow the order of a class scheme).
-
-        Parameters
-        ----------
-        value : object
-            Plain values, NumPy scalars and arrays, dataclasses, enumerations, paths, sets, functions, containers of
-            such, `Fingerprinted` objects, and anything else that can be pickled (estimators).
-
-        Returns
-        -------
-        object
-            Plain data for `digest_json`.
 
         Raises
         ------

@@ -17,17 +17,6 @@ _LOCAL_HEADER = struct.Struct("<26xHH")
 def map_arrays(path: str | Path) -> dict[str, NDArray]:
     """Map the arrays of an NPZ file into memory.
 
-    Parameters
-    ----------
-    path : str or Path
-        A file that `numpy.savez` wrote, uncompressed.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The arrays. They are writable, but what is written stays in this process. The file may be replaced or deleted
-        meanwhile; it must not be changed in place.
-
     Raises
     ------
     ValueError

@@ -70,16 +70,6 @@ class Record:
     def fingerprint(self, part: str | None = None) -> str:
         """Return the fingerprint of the stored content.
 
-        Parameters
-        ----------
-        part : str, optional
-            Name of one part; None takes all.
-
-        Returns
-        -------
-        str
-            32 hexadecimal digits.
-
         Raises
         ------
         DataError

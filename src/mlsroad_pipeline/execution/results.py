@@ -40,34 +40,12 @@ _SAMPLE = 4096
 
 
 def is_valid_name(name: object) -> bool:
-    """Tell whether a scene or a part may bear a name: letters, digits, `_`, `.` and `-`, no dot in front.
-
-    Parameters
-    ----------
-    name : object
-        The name.
-
-    Returns
-    -------
-    bool
-        Whether it is a string of that form.
-    """
+    """Tell whether a scene or a part may bear a name: letters, digits, `_`, `.` and `-`, no dot in front."""
     return isinstance(name, str) and _NAME.fullmatch(name) is not None
 
 
 def kind_of(value: object) -> str | None:
-    """Return the kind of file that holds a value.
-
-    Parameters
-    ----------
-    value : object
-        A result or a part of one.
-
-    Returns
-    -------
-    str or None
-        `POINTS`, `ARRAYS`, `TABLE`, or None if no single file can hold the value.
-    """
+    """Return the kind of file that holds a value."""
     pandas = sys.modules.get("pandas")  # a value can only be a table if somebody has imported pandas
     if isinstance(value, PointCloud):
         return POINTS
@@ -84,16 +62,6 @@ def _is_csr(value: object) -> bool:
 
 def split_parts(result: object) -> dict[str, tuple[str, Any]]:
     """Divide a result into parts, one file each.
-
-    Parameters
-    ----------
-    result : PointCloud, DataFrame, mapping of str to ndarray or csr_array, or mapping of part name to those
-        What a scene's function returned.
-
-    Returns
-    -------
-    dict of str to (str, object)
-        Part name to kind (one of `POINTS`, `ARRAYS`, `TABLE`) and value; a result without parts is the part `SINGLE`.
 
     Raises
     ------
@@ -125,15 +93,6 @@ def _type_name(value: object) -> str:
 def write_part(kind: str, value: Any, stream: BinaryIO | RawIOBase) -> None:
     """Write a value to a stream.
 
-    Parameters
-    ----------
-    kind : {"points", "arrays", "table"}
-        What `split_parts` says.
-    value : PointCloud, mapping or DataFrame
-        The value.
-    stream : binary file
-        Open for writing; it is only ever appended to.
-
     Raises
     ------
     DataError
@@ -148,22 +107,7 @@ def write_part(kind: str, value: Any, stream: BinaryIO | RawIOBase) -> None:
 
 
 def read_part(kind: str, source: str | BinaryIO, *, mapped: bool = False) -> Any:
-    """Read back what `write_part` wrote.
-
-    Parameters
-    ----------
-    kind : {"points", "arrays", "table"}
-        What the record of the part says.
-    source : str or binary file
-        A local path, or the content.
-    mapped : bool, default False
-        Map arrays of a local file into memory, read-only, instead of reading them.
-
-    Returns
-    -------
-    PointCloud, dict or DataFrame
-        The value; its arrays are writable unless they are mapped.
-    """
+    """Read back what `write_part` wrote."""
     if kind == POINTS:
         return _read_points(source)
     return _read_arrays(source, mapped=mapped) if kind == ARRAYS else _read_table(source)

@@ -68,16 +68,6 @@ class Execution:
     def from_config(cls, config: Mapping[str, Any] | None) -> Execution:
         """Build the settings from a catalog entry.
 
-        Parameters
-        ----------
-        config : mapping or None
-            Keyword arguments of this class; None takes all defaults.
-
-        Returns
-        -------
-        Execution
-            The settings.
-
         Raises
         ------
         ParameterError

@@ -54,20 +54,7 @@ class SharedValue:
 
 
 def share_values(tasks: Sequence[SceneTask], files: StoreFiles) -> list[SceneTask]:
-    """Write large parameters that several tasks have in common to files, and let the tasks refer to those.
-
-    Parameters
-    ----------
-    tasks : sequence of SceneTask
-        The tasks; parameters are in common if they are one object.
-    files : StoreFiles
-        Where workers can read.
-
-    Returns
-    -------
-    list of SceneTask
-        The same tasks in the same order.
-    """
+    """Write large parameters that several tasks have in common to files, and let the tasks refer to those."""
     values = {id(value): value for task in tasks for value in task.parameters.values()}
     uses = Counter(id(value) for task in tasks for value in task.parameters.values())
     shared: dict[int, SharedValue] = {}
@@ -90,16 +77,5 @@ def share_values(tasks: Sequence[SceneTask], files: StoreFiles) -> list[SceneTas
 
 
 def load_shared(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace what stands for shared values by the values.
-
-    Parameters
-    ----------
-    parameters : mapping of str to object
-        A task's parameters, as `share_values` left them.
-
-    Returns
-    -------
-    dict of str to object
-        The parameters for the function.
-    """
+    """Replace what stands for shared values by the values."""
     return {name: v.load() if isinstance(v, SharedValue) else v for name, v in parameters.items()}

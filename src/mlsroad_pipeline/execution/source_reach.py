@@ -17,30 +17,14 @@ LIBRARY = (*SCIENCE, "formats", "execution", "surveys", "datasets", "reporting",
 
 @functools.cache
 def project_folder() -> Path:
-    """Return where the project's sources lie.
-
-    Returns
-    -------
-    Path
-        The folder of the package.
-    """
+    """Return where the project's sources lie."""
     return Path(__file__).parents[1]
 
 
 def reachable_sources(module_names: Iterable[str]) -> list[Path]:
     """Find the sources of `SCIENCE` that modules can reach through their imports, also those inside functions.
 
-    A module that imports by name can reach all modules of its folder and below.
-
-    Parameters
-    ----------
-    module_names : iterable of str
-        Modules of `SCIENCE`.
-
-    Returns
-    -------
-    list of Path
-        Source files, ascending.
+    A module that imports by name can reach its whole package: all of `algorithms`, for instance.
     """
     waiting, found = list(module_names), set[Path]()
     seen: set[str] = set()
@@ -58,13 +42,7 @@ def reachable_sources(module_names: Iterable[str]) -> list[Path]:
 
 
 def all_sources() -> list[Path]:
-    """Return all sources of `LIBRARY`.
-
-    Returns
-    -------
-    list of Path
-        Source files, ascending.
-    """
+    """Return all sources of `LIBRARY`."""
     return sorted(file for package in LIBRARY for file in (project_folder() / package).rglob("*.py"))
 
 
@@ -75,18 +53,7 @@ def in_science(module_name: str) -> bool:
 
 
 def source_of(module_name: str) -> Path | None:
-    """Return the source file of a module of `SCIENCE`.
-
-    Parameters
-    ----------
-    module_name : str
-        Its full name; that of something which a module defines has no file.
-
-    Returns
-    -------
-    Path or None
-        The file.
-    """
+    """Return the source file of a module of `SCIENCE`."""
     if not in_science(module_name):
         return None
     place = project_folder().joinpath(*module_name.split(".")[1:])
@@ -113,7 +80,8 @@ def _parsed_imports(file: Path, _modified: int, _size: int) -> list[str]:
             names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
         by_name |= "import_module" in (getattr(node, "id", None), getattr(node, "attr", None))
     if by_name:
-        names += [_module_name(other) for other in file.parent.rglob("*.py")]
+        package = file.relative_to(project_folder()).parts[0]
+        names += [_module_name(other) for other in (project_folder() / package).rglob("*.py")]
     return [*names, *_packages(_module_name(file))]
 
 

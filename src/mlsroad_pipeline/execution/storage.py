@@ -58,22 +58,7 @@ class SceneStorage(StoreFiles):
             return None
 
     def is_intact(self, key: str, record: Record, *, checksums: bool) -> bool:
-        """Tell whether a scene's files are as its record says.
-
-        Parameters
-        ----------
-        key : str
-            The scene.
-        record : Record
-            Its record.
-        checksums : bool
-            Whether to read the files and compare their checksums too; else only their sizes are.
-
-        Returns
-        -------
-        bool
-            False if a file is missing or differs.
-        """
+        """Tell whether a scene's files are as its record says."""
         filesystem, root = self.opened()
         for part in record.parts:
             path = f"{root}/{key}/{part.file}"
@@ -90,22 +75,6 @@ class SceneStorage(StoreFiles):
 
     def commit(self, key: str, task: str, result: Any, *, token: str) -> Record:
         """Store a result: the old record goes first, the new one comes last.
-
-        Parameters
-        ----------
-        key : str
-            The scene.
-        task : str
-            Fingerprint of the task that gave the result.
-        result : object
-            See `scene_results.split_parts`.
-        token : str
-            The run's, from `begin`.
-
-        Returns
-        -------
-        Record
-            What was stored.
 
         Raises
         ------
@@ -131,22 +100,6 @@ class SceneStorage(StoreFiles):
 
     def load(self, key: str, *, fingerprint: str, part: str | None = None, mapped: bool = False) -> Any:
         """Read a result, or one part of it.
-
-        Parameters
-        ----------
-        key : str
-            The scene.
-        fingerprint : str
-            What `Record.fingerprint` gave when the handle was made.
-        part : str, optional
-            The part; None reads all.
-        mapped : bool, default False
-            Map the arrays of local files into memory, read-only, instead of reading them.
-
-        Returns
-        -------
-        PointCloud, dict or DataFrame
-            The value, or a dict of the parts' values.
 
         Raises
         ------
@@ -205,13 +158,6 @@ class SceneStorage(StoreFiles):
 
     def finish(self, records: Mapping[str, Record], *, token: str) -> None:
         """Remove what belongs to no scene of this run, and write the manifest.
-
-        Parameters
-        ----------
-        records : mapping of str to Record
-            The record of every scene.
-        token : str
-            The run's, from `begin`.
 
         Raises
         ------

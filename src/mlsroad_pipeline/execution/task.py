@@ -118,11 +118,6 @@ class StoredResult:
     def load(self) -> Any:
         """Read the result from storage.
 
-        Returns
-        -------
-        PointCloud, dict of arrays, DataFrame, or dict of part name to those
-            The result.
-
         Raises
         ------
         ReadError
@@ -216,22 +211,6 @@ def scene_tasks(
 ) -> dict[str, SceneTask]:
     """Name the same work for each scene.
 
-    Parameters
-    ----------
-    scenes : iterable of str
-        The scenes.
-    function : callable
-        See `SceneTask`.
-    inputs : mapping of str to mapping or SourceFile
-        Keyword of the function to a store, of which each scene takes its own result, or to a file that all scenes take.
-    parameters : mapping of str to object, optional
-        The other keywords of the function, the same for all scenes.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene.
-
     Raises
     ------
     ParameterError
@@ -248,18 +227,7 @@ def scene_tasks(
 
 
 def load_inputs(value: Any) -> Any:
-    """Replace handles by what they stand for, inside lists, tuples and mappings too.
-
-    Parameters
-    ----------
-    value : object
-        An input of a task, or the mapping of all.
-
-    Returns
-    -------
-    object
-        The value with every `StoredResult` loaded and every `SourceFile` turned into its path.
-    """
+    """Replace handles by what they stand for, inside lists, tuples and mappings too."""
     if isinstance(value, StoredResult | SourceFile | Deferred):
         return value.load()
     if isinstance(value, Mapping):

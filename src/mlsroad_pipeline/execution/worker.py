@@ -87,16 +87,6 @@ class Outcome:
 def find_validator(name: str) -> Callable[[Any], object]:
     """Return the function that a dotted name means.
 
-    Parameters
-    ----------
-    name : str
-        Such as ``package.module.function``.
-
-    Returns
-    -------
-    callable
-        The function; it is given a result and raises if the result is wrong.
-
     Raises
     ------
     ParameterError
@@ -113,18 +103,7 @@ def find_validator(name: str) -> Callable[[Any], object]:
 
 
 def run_scene(job: SceneJob) -> Outcome:
-    """Load a scene's inputs, call its function, check and store what it returns; this is what runs in a worker.
-
-    Parameters
-    ----------
-    job : SceneJob
-        The task, and where its result goes.
-
-    Returns
-    -------
-    Outcome
-        The record of what was stored, or why nothing was.
-    """
+    """Load a scene's inputs, call its function, check and store what it returns; this is what runs in a worker."""
     start = time.perf_counter()
     sources = job.task.sources()
     try:
@@ -154,18 +133,7 @@ def _settle() -> None:
 
 
 def warm_up(turn: str) -> str:
-    """Load the libraries and compiled kernels that labelling a scene takes; runs in a process of loky.
-
-    Parameters
-    ----------
-    turn : str
-        A file, made if it is not there: workers with the same one do this one after the other.
-
-    Returns
-    -------
-    str
-        The same.
-    """
+    """Load the libraries and compiled kernels that labelling a scene takes; runs in a process of loky."""
     _settle()
     with Path(turn).open("w") as stream, _one_inner_thread(for_good=True):
         fcntl.flock(stream, fcntl.LOCK_EX)
@@ -195,18 +163,7 @@ def _keep_worker() -> None:
 
 
 def describe_error(error: BaseException) -> str:
-    """Return an error's type and message, and its place in the code unless its message is meant to be enough.
-
-    Parameters
-    ----------
-    error : BaseException
-        The error.
-
-    Returns
-    -------
-    str
-        One line, if the message is one.
-    """
+    """Return an error's type and message, and its place in the code unless its message is meant to be enough."""
     text = f"{type(error).__name__}: {error}"
     frames = traceback.extract_tb(error.__traceback__)
     if isinstance(error, MlsRoadError) or not frames:

@@ -40,23 +40,7 @@ class DataFingerprint:
 
 
 def fingerprint_files(paths: Sequence[str | Path]) -> DataFingerprint:
-    """Hash the files of a survey.
-
-    Parameters
-    ----------
-    paths : sequence of str or Path
-        Local files, in any order.
-
-    Returns
-    -------
-    DataFingerprint
-        Independent of the order and of where the survey's root lies.
-
-    Raises
-    ------
-    ReadError
-        If a file cannot be read.
-    """
+    """Hash the files of a survey."""
     absolute = sorted({os.path.abspath(path) for path in paths})
     folders = [os.path.dirname(path) for path in absolute]
     root = os.path.commonpath(folders) if folders else ""
@@ -72,19 +56,7 @@ def fingerprint_files(paths: Sequence[str | Path]) -> DataFingerprint:
 
 
 def source_files(tasks: Any) -> list[str]:
-    """Find the raw files among the inputs of tasks.
-
-    Parameters
-    ----------
-    tasks : any
-        What a node returns. Looked through: mappings whose values have `inputs`; among these, everything that has a
-        `path`, also inside lists, tuples and mappings. Anything else has no raw files.
-
-    Returns
-    -------
-    list of str
-        Their paths, sorted, each once.
-    """
+    """Find the raw files among the inputs of tasks."""
     found: set[str] = set()
     if isinstance(tasks, Mapping):
         waiting = [task.inputs for task in tasks.values() if isinstance(getattr(task, "inputs", None), Mapping)]

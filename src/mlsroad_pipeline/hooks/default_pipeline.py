@@ -22,18 +22,7 @@ class DefaultPipelineHooks:
 
     @hook_impl(trylast=True)
     def after_context_created(self, context: KedroContext) -> None:
-        """Exchange the default; another environment of the same process gets the comparison back.
-
-        Parameters
-        ----------
-        context : KedroContext
-            The context of the environment.
-
-        Raises
-        ------
-        ParameterError
-            If there is no such pipeline.
-        """
+        """Exchange the default; another environment of the same process gets the comparison back."""
         if "__default__" not in pipelines:  # a pipeline was named
             return
         name = context.config_loader["parameters"].get(KEY)

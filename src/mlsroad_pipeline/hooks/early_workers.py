@@ -18,19 +18,7 @@ _SETTING = re.compile(r"execution\.(backend|n_workers)=(\w+)")
 
 
 def wanted(arguments: Sequence[str]) -> Execution | None:
-    """Tell from a command line whether workers for `label` will be needed, and how many.
-
-    Parameters
-    ----------
-    arguments : sequence of str
-        The process's arguments, the program first.
-
-    Returns
-    -------
-    Execution or None
-        How they are started; None for other commands and other backends. What only a configuration file says is not
-        seen: joblib then adds workers, or ends those that are too many.
-    """
+    """Tell from a command line whether workers for `label` will be needed, and how many."""
     # /usr/bin/kedro, "python -m kedro" or mlsroad_pipeline/__main__.py
     program = set(re.split(r"[\s/\\]+", arguments[0])) if arguments else set()
     if "mlsroad_pipeline" not in program and not ("kedro" in program and "run" in arguments):
@@ -47,16 +35,6 @@ def start_early(arguments: Sequence[str]) -> threading.Thread | None:
     """Start the workers of `label` if a command line asks for it; they warm up while this process goes on.
 
     Until `end_start` is called, unused objects are not looked for.
-
-    Parameters
-    ----------
-    arguments : sequence of str
-        The process's arguments, the program first.
-
-    Returns
-    -------
-    Thread or None
-        The thread that waits for them, None where nothing is started. The first stage waits for it.
     """
     execution = wanted(arguments)
     if execution is None:
@@ -77,13 +55,7 @@ def end_start() -> None:
 
 
 def end_workers(thread: threading.Thread) -> None:
-    """End the workers at once: asked to end on their own they take half a second, in which a command would wait.
-
-    Parameters
-    ----------
-    thread : Thread
-        What `start_early` gave.
-    """
+    """End the workers at once: asked to end on their own they take half a second, in which a command would wait."""
     from joblib.externals.loky import get_reusable_executor  # noqa: PLC0415  this module is loaded before all others
 
     thread.join()

@@ -59,18 +59,7 @@ class MlflowDetailsHooks:
 
     @hook_impl(tryfirst=True)
     def after_context_created(self, context: KedroContext) -> None:
-        """Put a relative SQLite store below the project, wherever the command was started, and see that it can be used.
-
-        Parameters
-        ----------
-        context : KedroContext
-            The context, before kedro-mlflow reads its configuration.
-
-        Raises
-        ------
-        TrackingStoreError
-            If the store is locked, cannot be written or is no database.
-        """
+        """Resolve a relative SQLite store against the project folder and check that it can be used."""
         loader = context.config_loader
         if "mlflow" not in getattr(loader, "config_patterns", {}):
             return
@@ -88,17 +77,7 @@ class MlflowDetailsHooks:
 
     @hook_impl(trylast=True)
     def before_pipeline_run(self, run_params: dict[str, Any], pipeline: Pipeline, catalog: CatalogProtocol) -> None:
-        """Find the run that kedro-mlflow has opened, and record what is known before any node.
-
-        Parameters
-        ----------
-        run_params : dict
-            Kedro's record of the command.
-        pipeline : Pipeline
-            What is going to run.
-        catalog : CatalogProtocol
-            Where its inputs come from.
-        """
+        """Find the run that kedro-mlflow has opened, and record what is known before any node."""
         run = mlflow.active_run()
         self._run_id = run.info.run_id if run else None
         self._catalog = catalog
@@ -114,29 +93,14 @@ class MlflowDetailsHooks:
 
     @hook_impl(tryfirst=True)
     def before_node_run(self, inputs: dict[str, Any]) -> None:
-        """Keep kedro-mlflow from recording parameters again, node by node and dataclasses as one string.
-
-        Parameters
-        ----------
-        inputs : dict
-            The node's inputs: a copy that Kedro makes for hooks alone, so that taking entries out reaches
-            kedro-mlflow and not the node.
-        """
+        """Keep kedro-mlflow from recording parameters again, node by node and dataclasses as one string."""
         if self._run_id is not None:
             for name in [name for name in inputs if _is_parameter(name)]:
                 del inputs[name]
 
     @hook_impl
     def after_dataset_saved(self, dataset_name: str, data: Any) -> None:
-        """Record saved scores and series as metrics, figures and reports as artifacts, and note raw files of tasks.
-
-        Parameters
-        ----------
-        dataset_name : str
-            Name in the catalog.
-        data : any
-            What was saved.
-        """
+        """Record saved scores and series as metrics, figures and reports as artifacts, and note raw files of tasks."""
         if self._run_id is None or self._catalog is None:
             return
         self._sources.update(source_files(data))
@@ -166,15 +130,7 @@ class MlflowDetailsHooks:
         self._run_id, self._catalog, self._sources = None, None, set()
 
     def log_parameters(self, pipeline: Pipeline, catalog: CatalogProtocol) -> None:
-        """Record every parameter of the pipeline under its dotted name, and all in full as `parameters.json`.
-
-        Parameters
-        ----------
-        pipeline : Pipeline
-            What is going to run.
-        catalog : CatalogProtocol
-            Holds the parameters.
-        """
+        """Record every parameter of the pipeline under its dotted name, and all in full as `parameters.json`."""
         given: dict[str, Any] = {}
         for name in sorted(filter(_is_parameter, pipeline.inputs())):
             value = catalog.load(name)
@@ -190,13 +146,7 @@ class MlflowDetailsHooks:
         client.log_text(self._run_id, json.dumps(flat, indent=2, ensure_ascii=False), "parameters.json")
 
     def log_code_and_environment(self, project: Path) -> None:
-        """Record the commit and whether files differ from it, Python, the platform and all distributions.
-
-        Parameters
-        ----------
-        project : Path
-            The project's folder.
-        """
+        """Record the commit and whether files differ from it, Python, the platform and all distributions."""
         tags, frozen = environment()
         tags |= git_state(project)
         if "git.commit" in tags:
@@ -206,28 +156,14 @@ class MlflowDetailsHooks:
         client.log_text(self._run_id, "\n".join(frozen) + "\n", "environment/pip_freeze.txt")
 
     def log_scores(self, dataset: ScoresDataset) -> None:
-        """Record every defined figure as the metric ``<slug>/<split>/<metric>/<class>``.
-
-        Parameters
-        ----------
-        dataset : ScoresDataset
-            The table as it was written.
-        """
+        """Record every defined figure as the metric ``<slug>/<split>/<metric>/<class>``."""
         now = int(time.time() * 1000)
         metrics = [Metric(name, value, now, 0) for name, value in scores_to_metrics(dataset.load()).items()]
         for batch in _batches(metrics):
             mlflow.MlflowClient().log_batch(self._run_id, metrics=batch)
 
     def log_series(self, dataset: MetricSeriesDataset, slug: str) -> None:
-        """Record every column of figures as the metric ``<slug>/<column>``, step by step.
-
-        Parameters
-        ----------
-        dataset : MetricSeriesDataset
-            The table as it was written.
-        slug : str
-            The method's slug.
-        """
+        """Record every column of figures as the metric ``<slug>/<column>``, step by step."""
         now, table = int(time.time() * 1000), dataset.load()
         steps = table.iloc[:, 0].astype(int).tolist()
         metrics = [
@@ -239,28 +175,14 @@ class MlflowDetailsHooks:
             mlflow.MlflowClient().log_batch(self._run_id, metrics=batch)
 
     def log_file(self, dataset: ReportFileDataset, folder: str) -> None:
-        """Record a file as an artifact.
-
-        Parameters
-        ----------
-        dataset : ReportFileDataset
-            The file as it was written.
-        folder : str
-            The folder among the run's artifacts.
-        """
+        """Record a file as an artifact."""
         with tempfile.TemporaryDirectory() as temporary:
             path = Path(temporary) / dataset.filename
             path.write_bytes(dataset.read_bytes())
             mlflow.MlflowClient().log_artifact(self._run_id, str(path), folder)
 
     def log_fingerprint(self, paths: list[str]) -> None:
-        """Record the raw files: one digest as a tag, and each file's in `data_fingerprint.json`.
-
-        Parameters
-        ----------
-        paths : list of str
-            Local files.
-        """
+        """Record the raw files: one digest as a tag, and each file's in `data_fingerprint.json`."""
         fingerprint = fingerprint_files(paths)
         client = mlflow.MlflowClient()
         client.set_tag(self._run_id, "data.fingerprint", fingerprint.digest)

@@ -7,17 +7,7 @@ from kedro.io import CatalogProtocol
 
 
 def save_rows(catalog: CatalogProtocol, key: str, table: pd.DataFrame) -> None:
-    """Save the rows of the nodes that ran; nodes that did not run keep theirs.
-
-    Parameters
-    ----------
-    catalog : CatalogProtocol
-        Holds the table, if an earlier run saved one.
-    key : str
-        Its name in the catalog.
-    table : DataFrame
-        New rows, with a column ``node``.
-    """
+    """Save the rows of the nodes that ran; nodes that did not run keep theirs."""
     if catalog.exists(key):
         before = catalog.load(key)
         table = pd.concat([before[~before["node"].isin(table["node"])], table], ignore_index=True)

@@ -27,18 +27,7 @@ INTERVAL = 5.0
 
 
 def in_words(seconds: float) -> str:
-    """Return a duration as people say it.
-
-    Parameters
-    ----------
-    seconds : float
-        Not negative, s.
-
-    Returns
-    -------
-    str
-        Such as ``"42 s"`` or ``"3 min 5 s"``.
-    """
+    """Return a duration as people say it."""
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
@@ -48,18 +37,6 @@ def time_left(done: float, ahead: float, spent: float) -> float:
 
     What is ahead is stretched by how much slower or faster the run has been than expected so far. Early on, when little
     has been seen, the expectation counts for more.
-
-    Parameters
-    ----------
-    done, ahead : float
-        Expected seconds of the nodes that have ended, and of all others.
-    spent : float
-        Seconds since the run began.
-
-    Returns
-    -------
-    float
-        s.
     """
     trust = 10.0  # s of expectation that the pace so far is weighed against
     pace = (spent + trust) / (done + trust)
@@ -85,15 +62,7 @@ class ProgressHooks:
 
     @hook_impl
     def before_pipeline_run(self, pipeline: Pipeline, catalog: CatalogProtocol) -> None:
-        """Read what the nodes took the last time.
-
-        Parameters
-        ----------
-        pipeline : Pipeline
-            What is going to run.
-        catalog : CatalogProtocol
-            Holds the table ``node_seconds``.
-        """
+        """Read what the nodes took the last time."""
         self._catalog = None
         if len(pipeline.nodes) < MIN_NODES or KEY not in catalog:
             return
@@ -108,13 +77,7 @@ class ProgressHooks:
 
     @hook_impl
     def before_dataset_loaded(self, node: Node) -> None:
-        """Note the node whose first input is loaded, and end the one before it.
-
-        Parameters
-        ----------
-        node : Node
-            The node.
-        """
+        """Note the node whose first input is loaded, and end the one before it."""
         if self._catalog is not None and node.name != self._node:
             self._turn_to(node.name)
 
@@ -128,18 +91,7 @@ class ProgressHooks:
             logger.info("%s; next: %s", self.line(now - self._began), name.replace("_", " "))
 
     def line(self, spent: float) -> str:
-        """Return the state of the run in words.
-
-        Parameters
-        ----------
-        spent : float
-            Seconds since the run began.
-
-        Returns
-        -------
-        str
-            Such as ``"12 of 81 steps, 41 s, about 3 min 5 s left"``.
-        """
+        """Return the state of the run in words."""
         said = f"{len(self._seconds)} of {len(self._expected)} steps, {in_words(spent)}"
         if not self._known:
             return said

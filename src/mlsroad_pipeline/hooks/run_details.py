@@ -34,17 +34,6 @@ def _children(value: Any) -> dict[str, Any] | None:
 def flatten_parameters(parameters: Mapping[str, Any]) -> dict[str, str]:
     """Give every single parameter a dotted name.
 
-    Parameters
-    ----------
-    parameters : mapping of str to any
-        Parameters; values may be mappings, dataclasses, pydantic models, and lists of these.
-
-    Returns
-    -------
-    dict of str to str
-        Names that MLflow takes (other characters become ``_``) to the written values. Lists of plain values stay one
-        parameter; an empty mapping is ``{}``.
-
     Examples
     --------
     >>> flatten_parameters({"forest": {"n_trees": 200, "classes": ["a", "b"]}, "seed": 1})
@@ -75,18 +64,7 @@ def _written(value: Any) -> str:
 
 
 def git_state(folder: Path) -> dict[str, str]:
-    """Return the commit of the code and whether files differ from it.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder of the working copy.
-
-    Returns
-    -------
-    dict of str to str
-        ``git.commit`` and ``git.dirty`` (``"true"`` or ``"false"``); empty where there is no git or no commit.
-    """
+    """Return the commit of the code and whether files differ from it."""
     answers = []
     for arguments in (["rev-parse", "HEAD"], ["status", "--porcelain"]):
         try:
@@ -107,15 +85,7 @@ def _name_and_version(found: Distribution) -> tuple[str, str]:
 
 
 def environment() -> tuple[dict[str, str], list[str]]:
-    """Return what the code runs on.
-
-    Returns
-    -------
-    tags : dict of str to str
-        ``python`` and ``platform``.
-    frozen : list of str
-        Installed distributions as ``name==version``, sorted, as ``pip freeze`` writes them.
-    """
+    """Return what the code runs on."""
     names = dict(map(_name_and_version, distributions()))
     frozen = sorted((f"{name}=={version}" for name, version in names.items() if name), key=str.lower)
     return {"python": platform.python_version(), "platform": platform.platform()}, frozen

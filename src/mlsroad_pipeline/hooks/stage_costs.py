@@ -65,26 +65,12 @@ class StageCostsHooks:
 
     @hook_impl
     def after_context_created(self, context: KedroContext) -> None:
-        """Read from the configuration whether to measure.
-
-        Parameters
-        ----------
-        context : KedroContext
-            The context.
-        """
+        """Read from the configuration whether to measure."""
         self._interval = context.config_loader["parameters"].get(KEY)
 
     @hook_impl
     def before_pipeline_run(self, pipeline: Pipeline, catalog: CatalogProtocol) -> None:
-        """Begin to look at the memory.
-
-        Parameters
-        ----------
-        pipeline : Pipeline
-            What is going to run; one that reads the table is not measured.
-        catalog : CatalogProtocol
-            Takes the table.
-        """
+        """Begin to look at the memory."""
         if self._interval is None or KEY in pipeline.inputs():
             return
         self._catalog, self._rows = catalog, {}
@@ -98,35 +84,17 @@ class StageCostsHooks:
 
     @hook_impl
     def before_dataset_loaded(self, node: Node) -> None:
-        """Begin the node whose first input is loaded.
-
-        Parameters
-        ----------
-        node : Node
-            The node.
-        """
+        """Begin the node whose first input is loaded."""
         self._note(node)
 
     @hook_impl
     def after_node_run(self, node: Node) -> None:
-        """Note what a node took.
-
-        Parameters
-        ----------
-        node : Node
-            The node.
-        """
+        """Note what a node took."""
         self._note(node)
 
     @hook_impl
     def after_dataset_saved(self, node: Node) -> None:
-        """Note what a node took with an output: tasks of scenes run when their table is saved.
-
-        Parameters
-        ----------
-        node : Node
-            The node.
-        """
+        """Note what a node took with an output: tasks of scenes run when their table is saved."""
         self._note(node)
 
     def _note(self, node: Node) -> None:

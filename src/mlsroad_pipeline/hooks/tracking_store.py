@@ -25,20 +25,7 @@ class TrackingStoreError(MlsRoadError):
 
 
 def check_tracking_store(uri: str, *, wait: float = WAIT) -> None:
-    """Raise an error where an SQLite store of MLflow is locked, read-only or no database; servers are not asked.
-
-    Parameters
-    ----------
-    uri : str
-        The address that MLflow is given.
-    wait : float, default WAIT
-        Seconds to wait for a lock of another program.
-
-    Raises
-    ------
-    TrackingStoreError
-        If the database cannot be written.
-    """
+    """Raise an error where an SQLite store of MLflow is locked, read-only or no database; servers are not asked."""
     match = _SQLITE.fullmatch(uri)
     if match is None:
         return

@@ -25,22 +25,7 @@ FEW = 1000
 def count_confidences(
     label: NDArray[np.integer], confidence: NDArray[np.floating], n_classes: int
 ) -> NDArray[np.int64]:
-    """Count the confidences of each class.
-
-    Parameters
-    ----------
-    label : ndarray of int, shape (n,)
-        Labels; points below 0 are left out.
-    confidence : ndarray of float, shape (n,)
-        Confidences, 0 to 1.
-    n_classes : int
-        Number of classes.
-
-    Returns
-    -------
-    ndarray of int64, shape (n_classes, N_BINS)
-        Points per class and bin; histograms of scenes add up to that of the survey.
-    """
+    """Count the confidences of each class."""
     bins = np.minimum((confidence * np.float32(N_BINS)).astype(np.int32), N_BINS - 1)
     cells = label.astype(np.int32) * N_BINS + bins
     counts = np.bincount(cells[label >= 0], minlength=n_classes * N_BINS)
@@ -48,21 +33,7 @@ def count_confidences(
 
 
 def confidence_table(counts: NDArray[np.int64], classes: Sequence[str]) -> pd.DataFrame:
-    """Tell the median confidence and the share of points of low confidence, per class and overall.
-
-    Parameters
-    ----------
-    counts : ndarray of int64, shape (n_classes, N_BINS)
-        What `count_confidences` gave, summed over the scenes.
-    classes : sequence of str
-        Names of the classes.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``class``, ``points``, ``median_confidence`` (the middle of its bin) and ``share_below_0.5``; the last
-        row, ``all``, holds all points. Classes without points are left out.
-    """
+    """Tell the median confidence and the share of points of low confidence, per class and overall."""
     rows = [(name, row) for name, row in zip(classes, counts, strict=True) if row.any()]
     rows.append(("all", counts.sum(axis=0)))
     n_low = round(LOW * N_BINS)
@@ -85,19 +56,7 @@ def _median(row: NDArray[np.int64]) -> float:
 
 
 def confidence_warnings(table: pd.DataFrame) -> list[str]:
-    """Warn of a survey, or of classes, that the model is not sure of.
-
-    Parameters
-    ----------
-    table : DataFrame
-        What `confidence_table` gave.
-
-    Returns
-    -------
-    list of str
-        A sentence where at least a fifth of all points, and one where half of a class of 1,000 points and more, have a
-        confidence below 0.5.
-    """
+    """Warn of a survey, or of classes, that the model is not sure of."""
     share = f"share_below_{LOW}"
     found = []
     whole = table[table["class"] == "all"].iloc[0]

@@ -53,22 +53,7 @@ class ThroughImages:
         self.seen: NDArray[np.bool_] | None = None
 
     def __call__(self, cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.integer], NDArray[np.floating]]:
-        """Return a label and a confidence for every point.
-
-        Parameters
-        ----------
-        cloud : PointCloud
-            The scene.
-        bundle : ModelBundle
-            A model of ``image_labels`` or ``fusion``.
-
-        Returns
-        -------
-        labels : ndarray of shape (n,), int
-            Classes; -1 where there is none.
-        confidence : ndarray of shape (n,), float
-            Their probabilities.
-        """
+        """Return a label and a confidence for every point."""
         if bundle.slug != FUSION:
             found = self._images(cloud, bundle, self._cameras)
             return found["label"], found["confidence"]
@@ -92,24 +77,7 @@ class ThroughImages:
 def points_around(
     pieces: Sequence[Mapping[str, NDArray]], span: SceneSpan, reach: int, origin: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """Take the points before and behind a scene and its buffers.
-
-    Parameters
-    ----------
-    pieces : sequence of mapping
-        Stored pieces that hold them.
-    span : SceneSpan
-        The scene's bins.
-    reach : int
-        How many bins beyond the core.
-    origin : ndarray of shape (3,), float64
-        The scene's.
-
-    Returns
-    -------
-    ndarray of shape (m, 3), float32
-        Relative to the origin, metres; at most `MOST_AROUND` points, evenly taken from all.
-    """
+    """Take the points before and behind a scene and its buffers."""
     before, behind = (span.first - reach, span.buffer_first), (span.buffer_stop, span.stop + reach)
     parts = [PiecedCloud.from_arrays(piece).between(*side) for piece in pieces for side in (before, behind)]
     every = -(-sum(map(len, parts)) // MOST_AROUND) or 1
@@ -135,42 +103,7 @@ def label_pieces_through_images(
     name: str,
     source: str,
 ) -> dict[str, Any]:
-    """Assemble a scene of a new survey and label it with a model that looks at images.
-
-    Parameters
-    ----------
-    pieces : sequence of mapping
-        Stored pieces that hold bins of the scene.
-    around : sequence of mapping
-        Stored pieces that hold bins before and behind it.
-    pictures : sequence of str
-        The images that may show it.
-    model : str
-        The model's folder.
-    views : sequence of (str, str, Camera)
-        Name, camera's name and camera of each picture.
-    cameras : sequence of str
-        Names of the survey's cameras; none for a drive without images.
-    origin : ndarray of shape (3,), float64
-        What the poses are relative to, world metres.
-    reach : int
-        How many bins before and behind the core are looked at for points that hide its own.
-    span, outliers, codes, rules, ground, name, source
-        As for `label_work.label_pieces`.
-
-    Returns
-    -------
-    dict
-        What `label_new_scene` gives; ``counts`` also has ``seen``, the number of core points that are in an image,
-        where the drive has images.
-
-    Raises
-    ------
-    DataError
-        If the pieces do not fit together.
-    ReadError
-        If a picture cannot be read or does not fit its camera.
-    """
+    """Assemble a scene of a new survey and label it with a model that looks at images."""
     scene = join_pieces(pieces, span, outliers, source)
     posed = [
         (group, camera.shifted(scene.origin - origin), partial(read_picture, path, camera, image))

@@ -48,30 +48,7 @@ class LabelImages:
 
 
 def images_to_label(plan: SurveyPlan, bundle: ModelBundle, name: str | None) -> LabelImages:
-    """Find the images of a survey, and look whether all pictures are there.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    bundle : ModelBundle
-        The model; of a method that needs points alone no images are looked for.
-    name : str or None
-        Name of the file of cameras in the folder of the points, or its path; None means a survey without images.
-
-    Returns
-    -------
-    LabelImages
-        Drives to their images, if need be none: the fusion then falls back on the labels of its features, which is
-        said in the log.
-
-    Raises
-    ------
-    ReadError
-        If a picture is missing or has another size than its camera, or a model that labels by images alone finds none.
-    DataError
-        If the fusion was not learned with the survey's cameras.
-    """
+    """Find the images of a survey, and look whether all pictures are there."""
     if bundle.slug not in NEED_IMAGES:
         return LabelImages({})
     found, without = {}, []
@@ -123,26 +100,7 @@ def _check_cameras(cameras: Sequence[str], bundle: ModelBundle) -> None:
 def views_of_scene(
     span: SceneSpan, images: SurveyImages, corridor: Corridor, *, bin_length: float, reach: float
 ) -> tuple[PosedImage, ...]:
-    """Choose the images that may show a scene.
-
-    Parameters
-    ----------
-    span : SceneSpan
-        The scene's bins.
-    images : SurveyImages
-        The images of its drive.
-    corridor : Trajectory, MainAxis or None
-        What the drive was cut along; None chooses all images.
-    bin_length : float
-        Length of a bin, metres.
-    reach : float
-        Farthest camera before or behind the core, metres along the corridor.
-
-    Returns
-    -------
-    tuple of PosedImage
-        In the order of time; their poses are relative to the origin of `images`.
-    """
+    """Choose the images that may show a scene."""
     if corridor is None or len(images) == 0:
         return tuple(images)
     centres: NDArray[np.float64] = np.array([image.camera.centre for image in images])

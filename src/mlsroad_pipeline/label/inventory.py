@@ -20,20 +20,7 @@ OBJECTS = "inventory"
 
 
 def scenes_of(drive: str, results: SceneCollection) -> list[str]:
-    """Return the keys of a drive's scenes.
-
-    Parameters
-    ----------
-    drive : str
-        Name of the drive in the stores.
-    results : SceneCollection
-        The scenes of all drives.
-
-    Returns
-    -------
-    list of str
-        In the order of the collection.
-    """
+    """Return the keys of a drive's scenes."""
     return [key for key in results if key.rpartition(".")[0] == drive]
 
 
@@ -44,26 +31,7 @@ def objects_task(
     rules: Mapping[str, ObjectRule],
     bundle: ModelBundle,
 ) -> SceneTask:
-    """Plan the work that joins the objects of all scenes of a survey.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    corridors : SceneCollection
-        Their trajectories.
-    results : SceneCollection
-        What the scenes found.
-    rules : mapping of str to ObjectRule
-        The rules that the objects were found with.
-    bundle : ModelBundle
-        The model, whose method and version stand beside each object.
-
-    Returns
-    -------
-    SceneTask
-        It gives the table of the objects.
-    """
+    """Plan the work that joins the objects of all scenes of a survey."""
     drives = {drive: scenes_of(drive, results) for drive in plan.drives()}
     parts = {
         name: {drive: Deferred(tuple(found[key] for key in keys)) for drive, keys in drives.items()}
@@ -80,25 +48,7 @@ def objects_task(
 
 
 def survey_crs(plan: SurveyPlan, files: SceneCollection) -> str | None:
-    """Return the coordinate reference system of a survey.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    files : SceneCollection
-        Their samples.
-
-    Returns
-    -------
-    str or None
-        As WKT; None where the files have none.
-
-    Raises
-    ------
-    DataError
-        If the files have different ones: one map cannot hold them.
-    """
+    """Return the coordinate reference system of a survey."""
     samples = files.part("sample")
     systems = {file.source.name: samples[file.key].load().crs for file in plan.files}
     one, crs = next(iter(systems.items()))
@@ -111,29 +61,7 @@ def survey_crs(plan: SurveyPlan, files: SceneCollection) -> str | None:
 def inventory_of(
     plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, written: SceneCollection
 ) -> RoadInventory:
-    """Return the inventory of a survey.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    files : SceneCollection
-        Their samples, for the coordinate reference system.
-    corridors : SceneCollection
-        Their trajectories.
-    written : SceneCollection
-        What was written, the table of the objects among it.
-
-    Returns
-    -------
-    RoadInventory
-        The objects, the coordinate reference system, and the trajectory of a survey with one drive.
-
-    Raises
-    ------
-    DataError
-        If the files have different coordinate reference systems.
-    """
+    """Return the inventory of a survey."""
     drives = list(plan.drives())
     corridor = corridor_from_arrays(corridors[drives[0]].load()) if len(drives) == 1 else None
     trajectory = corridor if isinstance(corridor, Trajectory) else None

@@ -101,31 +101,7 @@ def _had_classes(file: PlannedFile, classes: Mapping[str, Mapping[str, NDArray]]
 def planned_outputs(
     plan: SurveyPlan, pieces: SceneCollection, results: SceneCollection, folder: str, **copies: bool
 ) -> list[PlannedOutput]:
-    """Plan what is written where; subfolders are mirrored.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    pieces : SceneCollection
-        Their ranges, which know whether there were classes.
-    results : SceneCollection
-        What the scenes found.
-    folder : str
-        The folder for the results.
-    **copies : bool
-        Which copies are written, too: `copc`, `coloured_ply`.
-
-    Returns
-    -------
-    list of PlannedOutput
-        One per file.
-
-    Raises
-    ------
-    ParameterError
-        If two files would be written to the same place.
-    """
+    """Plan what is written where; subfolders are mirrored."""
     spans = results.load_all("spans")
     labels = results.part("labels")
     classes = pieces.load_all("classes")
@@ -172,28 +148,7 @@ def label_report_sections(
     written: Mapping[str, Mapping[str, NDArray]],
     objects: pd.DataFrame,
 ) -> list[Section]:
-    """Compose the report of a labelled survey.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    parameters : LabelParameters
-        What was asked for.
-    quality : DataFrame
-        The quality of each file.
-    counts : mapping of str to mapping
-        Points per class of each scene, and their confidences.
-    written : mapping of str to mapping
-        The files that were written.
-    objects : DataFrame
-        The inventory.
-
-    Returns
-    -------
-    list of Section
-        The parts of the page.
-    """
+    """Compose the report of a labelled survey."""
     scheme = bundle_scheme(bundle)
     total = np.sum([found["counts"] for found in counts.values()], axis=0)
     sureness = confidence_table(np.sum([found["confidences"] for found in counts.values()], axis=0), scheme.classes)
@@ -233,20 +188,7 @@ def _seen_by_cameras(bundle: ModelBundle, counts: Mapping[str, Mapping[str, NDAr
 
 
 def image_warnings(bundle: ModelBundle, counts: Mapping[str, Mapping[str, NDArray]]) -> list[str]:
-    """Say which drives were labelled without images by a method that looks at images.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    counts : mapping of str to mapping
-        Counts of each scene; ``seen`` is there where its drive has images.
-
-    Returns
-    -------
-    list of str
-        A sentence where there are such drives.
-    """
+    """Say which drives were labelled without images by a method that looks at images."""
     without = list(dict.fromkeys(key.rpartition(".")[0] for key, found in counts.items() if "seen" not in found))
     if bundle.slug not in NEED_IMAGES or not without:
         return []
@@ -255,20 +197,7 @@ def image_warnings(bundle: ModelBundle, counts: Mapping[str, Mapping[str, NDArra
 
 
 def attribute_warnings(bundle: ModelBundle, quality: pd.DataFrame) -> list[str]:
-    """Say which files lack what the model was trained with.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    quality : DataFrame
-        The quality of each file.
-
-    Returns
-    -------
-    list of str
-        One sentence per file that lacks something.
-    """
+    """Say which files lack what the model was trained with."""
     found = []
     for row in quality.to_dict("records"):
         have = [str(name).removeprefix("has_") for name, value in row.items() if str(name).startswith("has_") and value]

@@ -35,38 +35,7 @@ def label_new_scene(
     name: str,
     labeller: Labeller | None = None,
 ) -> dict[str, Any]:
-    """Label the points of a scene and find the objects among them.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        Core and buffers, with the columns `core`, `file` and `row`.
-    bundle : ModelBundle
-        The model.
-    codes : ndarray of uint8, shape (C,)
-        LAS code of each of the model's classes.
-    rules : mapping of str to ObjectRule
-        What makes an object of which class.
-    ground : GroundParameters
-        The ground filter, for models that do not bring their own.
-    name : str
-        The scene's name.
-    labeller : callable, optional
-        What labels the points instead of the model's own function, for models that need more than points.
-
-    Returns
-    -------
-    dict
-        ``labels``: `file`, `row`, `code` and `confidence` of the core points, ordered by (file, row); ``spans``: file,
-        first and last row of each file in the core; ``counts``: core points per class, the last without one, and their
-        confidences as `count_confidences` gives them;
-        ``objects`` and ``fragments``: see `SceneObjects`.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite.
-    """
+    """Label the points of a scene and find the objects among them."""
     stored = bundle.metadata.get("parameters", {}).get("ground")
     found_ground = find_ground(scene, ground if stored is None else GroundParameters(**stored))
     label, confidence = label_cloud(bundle, scene.with_columns(**found_ground), labeller=labeller)
@@ -120,45 +89,14 @@ def _objects(
 
 
 def object_rules(bundle: ModelBundle, changes: Mapping[str, Any]) -> dict[str, ObjectRule]:
-    """Return what makes an object of which of a model's classes.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    changes : mapping
-        Changes of the defaults, by kind or class.
-
-    Returns
-    -------
-    dict of str to ObjectRule
-        The rules, by class.
-
-    Raises
-    ------
-    ParameterError
-        If a change names no kind, class or field.
-    """
+    """Return what makes an object of which of a model's classes."""
     return rules_for_scheme(bundle_scheme(bundle), changes=changes)
 
 
 def join_inventories(
     drives: Sequence[tuple[Sequence[SceneObjects], Trajectory | None]], rules: Mapping[str, ObjectRule]
 ) -> pd.DataFrame:
-    """Make one inventory from what the scenes of several drives found.
-
-    Parameters
-    ----------
-    drives : sequence of (scenes, Trajectory or None)
-        Per drive, what its scenes know and its trajectory.
-    rules : mapping of str to ObjectRule
-        The rules that the objects were found with.
-
-    Returns
-    -------
-    DataFrame
-        Columns of `OBJECT_FIELDS`; objects are numbered through.
-    """
+    """Make one inventory from what the scenes of several drives found."""
     tables: list[pd.DataFrame] = []
     last = 0
     for scenes, trajectory in drives:
@@ -173,27 +111,7 @@ def join_inventories(
 
 
 def output_codes(bundle: ModelBundle, scheme: str, schemes: Mapping[str, Any]) -> NDArray[np.uint8]:
-    """Return the LAS code that each of a model's classes is written as.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-    scheme : str
-        ``"asprs"``, or a class scheme that the model's classes nest in.
-    schemes : mapping
-        The configured schemes.
-
-    Returns
-    -------
-    ndarray of uint8, shape (C,)
-        The codes.
-
-    Raises
-    ------
-    ParameterError
-        If the scheme is not configured or the model's classes do not nest in it.
-    """
+    """Return the LAS code that each of a model's classes is written as."""
     trained = bundle_scheme(bundle)
     if scheme == "asprs":
         return trained.codes()

@@ -31,30 +31,7 @@ def label_tasks(
     ingest: IngestParameters,
     fixed: Mapping[str, Any],
 ) -> dict[str, SceneTask]:
-    """Name the work that labels each scene.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    pieces : SceneCollection
-        Their ranges, cut.
-    corridors : SceneCollection
-        What each drive was cut along.
-    model : SourceFile
-        The model's folder.
-    images : LabelImages
-        The images of each drive.
-    ingest : IngestParameters
-        How the survey is cut.
-    fixed : mapping
-        Parameters that all scenes share.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene.
-    """
+    """Name the work that labels each scene."""
     bins, points = pieces.load_all("bins"), pieces.part("points", mapped=True)
     through_images = open_model(model.path).slug in NEED_IMAGES
     tasks = {}

@@ -29,13 +29,7 @@ STAGES = (ingest_work.read_and_cut, label_work.label_pieces, label_work.write_fi
 
 
 def small_street() -> PointCloud:
-    """Return 10 m of a flat street with a post on it, in the types that readers give.
-
-    Returns
-    -------
-    PointCloud
-        Some 1,700 points with colour, intensity and time.
-    """
+    """Return 10 m of a flat street with a post on it, in the types that readers give."""
     x, y = np.meshgrid(np.arange(0.0, 10.0, 0.25), np.arange(0.0, 10.0, 0.25))
     ground = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
     post = np.column_stack([np.full((100, 2), 5.0), np.linspace(0.1, 4.0, 100)])

@@ -42,39 +42,7 @@ def label_pieces(
     name: str,
     source: str,
 ) -> dict[str, Any]:
-    """Assemble a scene of a new survey and label it.
-
-    Parameters
-    ----------
-    pieces : sequence of mapping
-        Stored pieces that hold bins of the scene.
-    model : str
-        The model's folder.
-    span : SceneSpan
-        The scene's bins.
-    outliers : OutlierParameters
-        The statistical outlier filter.
-    codes : ndarray of uint8, shape (C,)
-        LAS code of each class.
-    rules : mapping of str to ObjectRule
-        What makes an object.
-    ground : GroundParameters
-        The ground filter.
-    name : str
-        The scene's name.
-    source : str
-        What messages call it.
-
-    Returns
-    -------
-    dict
-        What `label_new_scene` gives.
-
-    Raises
-    ------
-    DataError
-        If the pieces do not fit together.
-    """
+    """Assemble a scene of a new survey and label it."""
     scene = join_pieces(pieces, span, outliers, source)
     return label_new_scene(scene, open_model(model), codes=codes, rules=rules, ground=ground, name=name)
 
@@ -112,25 +80,7 @@ class SceneLabels:
         return self._loaded[number]
 
     def __call__(self, start: int, stop: int) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Return codes and confidences of rows `start` to `stop`.
-
-        Parameters
-        ----------
-        start, stop : int
-            The rows.
-
-        Returns
-        -------
-        codes : ndarray of uint8, shape (stop - start,)
-            LAS codes.
-        confidence : ndarray of float32, shape (stop - start,)
-            Confidences.
-
-        Raises
-        ------
-        DataError
-            If a row is in no scene.
-        """
+        """Return codes and confidences of rows `start` to `stop`."""
         codes = np.zeros(stop - start, dtype=np.uint8)
         confidence = np.zeros(stop - start, dtype=np.float32)
         n_found = 0
@@ -160,43 +110,7 @@ def write_file(
     copc: bool = False,
     coloured_ply: bool = False,
 ) -> dict[str, NDArray]:
-    """Write a file of a survey with the labels of its points.
-
-    Parameters
-    ----------
-    path : str
-        The file.
-    scenes : sequence of StoredResult
-        The part ``labels`` of the scenes that hold its points.
-    rows : ndarray of int64, shape (m, 2)
-        First and last row of the file in each of them.
-    file : int
-        The file's number.
-    target : str
-        The LAZ file to write.
-    options : ReadOptions
-        How the file is read.
-    n_threads : int
-        Threads for decompressing and compressing.
-    had_classes : bool or None
-        Whether a LAS file has classes other than 0, where that is known.
-    copc : bool, default False
-        Whether a cloud-optimised copy is written beside the LAZ.
-    coloured_ply : bool, default False
-        Whether a PLY in the colours of the classes is written beside the LAZ.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``files``: what was written.
-
-    Raises
-    ------
-    ReadError
-        If the file is damaged.
-    DataError
-        If a point has no label.
-    """
+    """Write a file of a survey with the labels of its points."""
     Path(target).parent.mkdir(parents=True, exist_ok=True)
     labels = SceneLabels(scenes, rows, file, path)
     written = write_labelled(path, target, labels, options=options, n_threads=n_threads, had_classes=had_classes)
@@ -240,24 +154,7 @@ def join_objects(
     method: str,
     model_version: str,
 ) -> pd.DataFrame:
-    """Join the objects that the scenes of a survey found.
-
-    Parameters
-    ----------
-    corridors : mapping of str to mapping
-        What each drive was cut along.
-    objects, fragments : mapping of str to sequence of StoredResult
-        Per drive, the whole objects of its scenes and what their borders cut.
-    rules : mapping of str to ObjectRule
-        The rules that the objects were found with.
-    method, model_version : str
-        The model, whose names stand beside each object.
-
-    Returns
-    -------
-    DataFrame
-        Columns of `OBJECT_FIELDS`; objects are numbered through.
-    """
+    """Join the objects that the scenes of a survey found."""
     drives = []
     for drive, arrays in corridors.items():
         corridor = corridor_from_arrays(arrays)

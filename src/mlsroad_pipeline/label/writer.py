@@ -71,45 +71,6 @@ def write_labelled(
 
     The same input gives the same bytes, whatever the number of threads. Points are streamed; files appear whole or not
     at all.
-
-    Parameters
-    ----------
-    source_path : str or Path
-        The survey.
-    target_path : str or Path
-        The LAZ file to write.
-    labels_of : callable
-        ``labels_of(start, stop)`` returns codes (uint8) and confidences (float32) of rows `start` to `stop`; called
-        once per range, in order.
-    options : ReadOptions, optional
-        How to read formats other than LAS.
-    n_threads : int, default 1
-        Above one, LAZ is decompressed and compressed in parallel.
-    chunk_size : int, default 1_000_000
-        Points at a time. More takes more memory (about 150 bytes a point); below 50,000, the size of a chunk in LAZ,
-        the threads have nothing to share. Multiples of 50,000 let most of a LAZ file of point format 6 to 8 be copied
-        as it is (see `las_layers`), which takes a third of the time.
-    progress : callable, optional
-        Called with the number of points after each range.
-    native : bool, default True
-        Whether other formats are written in their own format too.
-    had_classes : bool, optional
-        Whether a LAS file has classes other than 0; None looks through the file, which reads it twice where it has
-        none.
-
-    Returns
-    -------
-    list of Path
-        The files written, the LAZ first.
-
-    Raises
-    ------
-    ReadError
-        If the survey cannot be read.
-    DataError
-        If a file to write is the survey itself, or if `labels_of` returns another number of labels than asked for.
-    ParameterError
-        If the target is not named ``.laz`` or `chunk_size` is below 1.
     """
     source, target = Path(source_path), Path(target_path)
     options = options or ReadOptions()

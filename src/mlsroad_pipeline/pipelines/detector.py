@@ -30,28 +30,7 @@ def detector_pipeline(
     train: Callable[..., ModelBundle],
     parts: str = "parts",
 ) -> Pipeline:
-    """Return the pipeline of a detector: objects to a model, and to detections in the scenes it was not trained on.
-
-    Parameters
-    ----------
-    slug : str
-        The method.
-    parameters : type
-        Dataclass of its parameters, which are checked before any node runs.
-    describe : callable
-        Describes the objects of a scene: ``scene``, ``objects``, ``parameters``.
-    described_by : str
-        The field of the parameters that `describe` takes.
-    train : callable
-        Trains a model, see `object_detector_training.Trainer`.
-    parts : str, default "parts"
-        Name of the store of described objects.
-
-    Returns
-    -------
-    Pipeline
-        ``scenes``, ``objects`` and ``object_classes`` to ``<slug>.model`` and ``<slug>.detections``.
-    """
+    """Return the pipeline of a detector: objects to a model, and to detections in the scenes it was not trained on."""
 
     def describe_objects(scenes: SceneCollection, objects: SceneCollection, parameters: Any) -> dict[str, SceneTask]:
         given = {"parameters": getattr(parameters, described_by)}

@@ -23,47 +23,12 @@ _DETECT = {
 def label_prepared_patches(
     scene: PointCloud, patches: Mapping[str, NDArray], model: str, *, classifier: type[PatchClassifier]
 ) -> dict[str, NDArray]:
-    """Label a scene of a comparison with a stored model of a method that labels patches.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    patches : mapping
-        What `build_patches` gave.
-    model : str
-        The model's folder.
-    classifier : type
-        The method's class.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``label`` int16 (n,) and ``confidence`` float32 (n,).
-
-    Raises
-    ------
-    DataError
-        If the model needs other patches.
-    """
+    """Label a scene of a comparison with a stored model of a method that labels patches."""
     return label_patch_scene(scene, patches, open_model(model), classifier)
 
 
 def detect_described_objects(parts: Mapping[str, NDArray], model: str) -> dict[str, NDArray]:
-    """Detect the objects of a scene of a comparison with a stored model.
-
-    Parameters
-    ----------
-    parts : mapping
-        The objects as the model's method describes them.
-    model : str
-        The model's folder.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``label`` int16 and ``score`` float32 of each object, and ``scores`` of every class.
-    """
+    """Detect the objects of a scene of a comparison with a stored model."""
     bundle = open_model(model)
     return _DETECT[bundle.slug](parts, bundle)
 
@@ -71,25 +36,5 @@ def detect_described_objects(parts: Mapping[str, NDArray], model: str) -> dict[s
 def label_prepared_objects(
     scene: PointCloud, ground: Mapping[str, NDArray], patches: Mapping[str, NDArray], model: str
 ) -> dict[str, NDArray]:
-    """Label the objects of a scene of a comparison with a stored model of shape-based recognition.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    ground, patches : mapping
-        What the stages before gave.
-    model : str
-        The model's folder.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``label`` int16 (n,), -1 for ground and outliers, and ``confidence`` float32 (n,).
-
-    Raises
-    ------
-    DataError
-        If the model needs other patches.
-    """
+    """Label the objects of a scene of a comparison with a stored model of shape-based recognition."""
     return label_objects(scene, ground, patches, open_model(model))

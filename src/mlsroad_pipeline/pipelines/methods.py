@@ -69,20 +69,7 @@ EVERYTHING = (
 
 
 def fix_arguments(function: Callable[..., Any], **given: Any) -> Callable[..., Any]:
-    """Fix arguments of a node's function, which keeps its name in Kedro's messages.
-
-    Parameters
-    ----------
-    function : callable
-        The function.
-    **given : object
-        The arguments.
-
-    Returns
-    -------
-    callable
-        The function of its other arguments.
-    """
+    """Fix arguments of a node's function, which keeps its name in Kedro's messages."""
     return update_wrapper(partial(function, **given), function)
 
 
@@ -90,15 +77,5 @@ def joined(parts: Mapping[str, Pipeline]) -> Pipeline:
     """Join pipelines, and tag the nodes of each with its name.
 
     By the tags `kedro viz` shows a stage or a method by itself, and ``kedro run --tags=patch_graph`` runs it.
-
-    Parameters
-    ----------
-    parts : mapping of str to Pipeline
-        Name to pipeline.
-
-    Returns
-    -------
-    Pipeline
-        All of them.
     """
     return sum((Pipeline(part, tags=name) for name, part in parts.items()), Pipeline([]))

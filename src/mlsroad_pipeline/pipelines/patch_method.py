@@ -46,13 +46,7 @@ class TrainingScenes:
     trained_on: Mapping[str, Any]
 
     def load(self) -> PatchTraining:
-        """Read the patches of all training scenes.
-
-        Returns
-        -------
-        PatchTraining
-            What the methods learn from.
-        """
+        """Read the patches of all training scenes."""
         joined = join_training_scenes({key: self.patches[key].load() for key in self.labels}, self.labels.load_all())
         return PatchTraining(*joined, self.stages, self.scheme, self.trained_on, number_surveys(self.labels))
 
@@ -65,39 +59,14 @@ def gather_training(
     survey: SurveyParameters,
     classes: Mapping[str, Any],
 ) -> TrainingScenes:
-    """Name what the methods that label patches learn from.
-
-    Parameters
-    ----------
-    patches, patch_labels : SceneCollection
-        Patches of all scenes, and the classes of those of the training scenes.
-    ground : GroundParameters
-        How the ground was found.
-    sizes : PatchParameters
-        How patches were cut and described.
-    survey : SurveyParameters
-        Names the training files and the class scheme.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    TrainingScenes
-        The scenes; nothing is read yet.
-    """
+    """Name what the methods that label patches learn from."""
     trained_on = {"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(patch_labels)}
     scheme = find_scheme(classes["schemes"], survey.scheme)
     return TrainingScenes(patches, patch_labels, PatchStages(ground, sizes), scheme, trained_on)
 
 
 def gathering() -> Node:
-    """Return the node that names the training scenes; the pipelines of all methods share it.
-
-    Returns
-    -------
-    Node
-        ``patches`` and ``patch_labels`` to ``patch_training``.
-    """
+    """Return the node that names the training scenes; the pipelines of all methods share it."""
     inputs = ["patches", "patch_labels", *(f"params:{name}" for name in ("ground_removal", "patches", "survey"))]
     return Node(
         gather_training, inputs=[*inputs, "params:classes"], outputs="patch_training", name="gather_patch_training"
@@ -107,20 +76,7 @@ def gathering() -> Node:
 def training_node(
     train: Callable[..., ModelBundle], parameters: type
 ) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
-    """Return the node that trains a method on patches.
-
-    Parameters
-    ----------
-    train : callable
-        Trains a model on a `PatchTraining`: ``parameters``, ``n_threads``.
-    parameters : type
-        Dataclass of the method's parameters, which are checked before any node runs.
-
-    Returns
-    -------
-    callable
-        `TrainingScenes` and parameters to the model, for the workers and for the registry.
-    """
+    """Return the node that trains a method on patches."""
 
     def train_method(training: TrainingScenes, parameters: Any) -> tuple[ModelBundle, ModelBundle]:
         bundle = train(training.load(), parameters=parameters, n_threads=cpu_count())
@@ -139,25 +95,7 @@ def patch_pipeline(
     more_inputs: Sequence[str] = (),
     more_outputs: Sequence[str] = (),
 ) -> Pipeline:
-    """Wire a method that labels patches.
-
-    Parameters
-    ----------
-    slug : str
-        The method's slug.
-    train : callable
-        The node that trains: takes `TrainingScenes`, the method's parameters and `more_inputs`; returns the model, for
-        the workers and for the registry, and `more_outputs`. Where there are no more of both, `training_node` makes it.
-    classifier : type
-        The method's class.
-    more_inputs, more_outputs : sequence of str, optional
-        Names of datasets.
-
-    Returns
-    -------
-    Pipeline
-        ``scenes``, ``patches`` and ``patch_labels`` to ``<slug>.model`` and ``<slug>.labels``.
-    """
+    """Wire a method that labels patches."""
 
     def label_scenes(scenes: SceneCollection, patches: SceneCollection, model: SourceFile) -> dict[str, SceneTask]:
         inputs = {"scene": scenes, "patches": patches, "model": model}

@@ -19,22 +19,7 @@ from mlsroad_pipeline.surveys.simulated import simulation_parameters
 def street_tasks(
     make: Callable[..., Any], surveys: Mapping[str, Mapping[str, Any]], ground: GroundParameters
 ) -> dict[str, SceneTask]:
-    """Name the work that simulates each street.
-
-    Parameters
-    ----------
-    make : callable
-        Makes a street: ``simulation``, ``ground``.
-    surveys : mapping of str to mapping
-        Name of a street to what `simulation_parameters` takes.
-    ground : GroundParameters
-        How its ground is found.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per street.
-    """
+    """Name the work that simulates each street."""
     return {
         key: SceneTask(make, parameters={"simulation": simulation_parameters(survey), "ground": ground})
         for key, survey in surveys.items()
@@ -42,20 +27,7 @@ def street_tasks(
 
 
 def entries(study: str, names: Sequence[str]) -> list[str]:
-    """Return names in the catalog.
-
-    Parameters
-    ----------
-    study : str
-        The study.
-    names : sequence of str
-        What it makes.
-
-    Returns
-    -------
-    list of str
-        ``<study>.<name>`` of each.
-    """
+    """Return names in the catalog."""
     return [f"{study}.{name}" for name in names]
 
 
@@ -68,28 +40,7 @@ def report_node(
     write: Callable[[Any, Any, Sequence[Figure]], list[Section]],
     title: str,
 ) -> Node:
-    """Return the node that draws the figures of a study and writes its report.
-
-    Parameters
-    ----------
-    study : str
-        The study, which begins the names in the catalog.
-    tables : type
-        Its tables.
-    figures : sequence of str
-        Names of its figures.
-    draw : callable
-        Tables to figures, in the order of their names.
-    write : callable
-        Plan, tables and figures to the sections of the report.
-    title : str
-        Heading of the report.
-
-    Returns
-    -------
-    Node
-        ``<study>.plan`` and the tables to the figures and ``<study>.report``.
-    """
+    """Return the node that draws the figures of a study and writes its report."""
 
     def report_study(plan: Any, *given: pd.DataFrame) -> tuple[Figure | str, ...]:
         found = tables(*given)

@@ -52,26 +52,7 @@ def comparison_sections(
     *,
     tasks: Sequence[str],
 ) -> list[Section]:
-    """Compose the report.
-
-    Parameters
-    ----------
-    facts : mapping
-        What was run.
-    tables : mapping of str to DataFrame
-        The overall figures of each task, under the names of `TASK_TITLES`, and the tables of `STAGE_TITLES`.
-    scores : mapping of str to DataFrame
-        Slug to its scores.
-    figures : mapping of str to mapping
-        Slug to its figures, under the names of `CAPTIONS`.
-    tasks : sequence of str
-        The tasks, in the order of the page.
-
-    Returns
-    -------
-    list of Section
-        The parts of the page.
-    """
+    """Compose the report."""
     sections: list[Section] = [FactsSection("What was run", facts)]
     for task in tasks:
         title, note = TASK_TITLES[task]
@@ -84,19 +65,7 @@ def comparison_sections(
 
 
 def per_class(scores: pd.DataFrame) -> pd.DataFrame:
-    """Put the scores of each class in a row.
-
-    Parameters
-    ----------
-    scores : DataFrame
-        The table of scores of a method.
-
-    Returns
-    -------
-    DataFrame
-        One row per split and class that occurs, one column per metric; where the table is of several methods, a row for
-        each of them.
-    """
+    """Put the scores of each class in a row."""
     rows = scores[(scores["class"] != "all") & (scores["support"] > 0)]
     index = [*(["method"] if rows["method"].nunique() > 1 else []), "split", "class", "support"]
     wide = rows.set_index([*index, "metric"])["value"].unstack("metric", sort=False)

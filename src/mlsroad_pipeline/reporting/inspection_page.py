@@ -33,20 +33,7 @@ MANY = 4
 
 
 def survey_warnings(files: Sequence[FileInspection], unread: Mapping[str, str]) -> pd.DataFrame:
-    """List what a user should know.
-
-    Parameters
-    ----------
-    files : sequence of FileInspection
-        What was found in each file.
-    unread : mapping of str to str
-        Files that could not be read, and why.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``file`` and ``warning``.
-    """
+    """List what a user should know."""
     found = [(name, f"cannot be read: {reason}") for name, reason in unread.items()]
     found += _gathered([(file.name, warning) for file in files for warning in file.warnings], len(files))
     systems = {file.info.crs: file.name for file in reversed(files)}
@@ -79,38 +66,12 @@ def _gathered(found: Sequence[tuple[str, str]], n_files: int) -> list[tuple[str,
 
 
 def crs_label(crs: str | None) -> str:
-    """Return the beginning of a CRS for a message.
-
-    Parameters
-    ----------
-    crs : str or None
-        WKT.
-
-    Returns
-    -------
-    str
-        Its name, or "none".
-    """
+    """Return the beginning of a CRS for a message."""
     return "none" if crs is None else crs.partition('"')[2].partition('"')[0] or crs[:40]
 
 
 def survey_facts(survey: str, files: Sequence[FileInspection], warnings: pd.DataFrame) -> dict[str, Any]:
-    """Return all figures of a survey as plain data.
-
-    Parameters
-    ----------
-    survey : str
-        Its root.
-    files : sequence of FileInspection
-        What was found in each file.
-    warnings : DataFrame
-        Its warnings.
-
-    Returns
-    -------
-    dict
-        ``survey``, ``n_points``, ``files`` and ``warnings``, for JSON.
-    """
+    """Return all figures of a survey as plain data."""
     return {
         "survey": survey,
         "n_points": sum(file.facts["n_points"] for file in files),
@@ -120,22 +81,7 @@ def survey_facts(survey: str, files: Sequence[FileInspection], warnings: pd.Data
 
 
 def survey_page(survey: str, files: Sequence[FileInspection], warnings: pd.DataFrame) -> str:
-    """Return the report as an HTML page.
-
-    Parameters
-    ----------
-    survey : str
-        The survey's root.
-    files : sequence of FileInspection
-        What was found in each file.
-    warnings : DataFrame
-        Its warnings.
-
-    Returns
-    -------
-    str
-        The page, which loads nothing from elsewhere.
-    """
+    """Return the report as an HTML page."""
     facts = [file.facts for file in files]
     systems = sorted({fact["crs_name"] or "none" for fact in facts})
     summary = {

@@ -16,26 +16,7 @@ from mlsroad_pipeline.reporting.figures.style import SERIES, empty_figure, tidy_
 def draw_panels(
     count: int, *, rows: int = 1, width: float = 4.2, height: float = 3.8, sharey: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with panels side by side.
-
-    Parameters
-    ----------
-    count : int
-        Number of panels of a row.
-    rows : int, default 1
-        Number of rows.
-    width, height : float
-        Of a panel, inches.
-    sharey : bool, default False
-        Whether the panels have one vertical axis.
-
-    Returns
-    -------
-    figure : Figure
-        The figure.
-    panels : list of Axes
-        Its panels, tidied, row by row.
-    """
+    """Return a figure with panels side by side."""
     figure = empty_figure(width * count, height * rows)
     panels: list[Axes] = figure.subplots(rows, count, sharey=sharey, squeeze=False).ravel().tolist()
     for axes in panels:
@@ -46,19 +27,7 @@ def draw_panels(
 def name_axes(
     axes: Axes, *, x: str = "", y: str = "", title: str = "", unit_range: str = "", lowest: float = 0.0
 ) -> None:
-    """Name the axes of a panel.
-
-    Parameters
-    ----------
-    axes : Axes
-        The panel.
-    x, y, title : str, default ""
-        What stands at the axes and above; nothing where empty.
-    unit_range : str, default ""
-        The axes, of ``x`` and ``y``, that end at 1.
-    lowest : float, default 0
-        Where they begin.
-    """
+    """Name the axes of a panel."""
     axes.set_xlabel(x, fontsize=9, color=INK)
     axes.set_ylabel(y, fontsize=9, color=INK)
     axes.set_title(title, fontsize=9, color=INK)
@@ -76,19 +45,7 @@ def draw_bars(
     spread: Mapping[str, ArrayLike] | None = None,
     paper: Mapping[str, ArrayLike] | None = None,
 ) -> None:
-    """Draw one bar per series in each group, with whiskers of its spread and a diamond where the paper has it.
-
-    Parameters
-    ----------
-    axes : Axes
-        The panel.
-    groups : sequence of str, length g
-        What stands below the groups.
-    values : mapping of str to array-like of shape (g,)
-        Series to heights; NaN has no bar.
-    spread, paper : mapping of str to array-like of shape (g,), optional
-        Series to half lengths of whiskers, and to the paper's figures; NaN is left out.
-    """
+    """Draw one bar per series in each group, with whiskers of its spread and a diamond where the paper has it."""
     pitch = 0.8 / max(len(values), 1)
     for k, (name, heights) in enumerate(values.items()):
         places = np.arange(len(groups)) + (k - (len(values) - 1) / 2) * pitch
@@ -112,19 +69,7 @@ def _style(k: int) -> str:
 
 
 def draw_lines(axes: Axes, x: ArrayLike, series: Mapping[str, ArrayLike], *, bold: Sequence[str] = ()) -> None:
-    """Draw one line with dots per series.
-
-    Parameters
-    ----------
-    axes : Axes
-        The panel.
-    x : array-like of shape (n,)
-        Where.
-    series : mapping of str to array-like of shape (n,)
-        Name to values.
-    bold : sequence of str, default ()
-        Series that stand out, such as means.
-    """
+    """Draw one line with dots per series."""
     for k, (name, values) in enumerate(series.items()):
         width, colour = (2.2, INK) if name in bold else (1.2, SERIES[k % len(SERIES)])
         axes.plot(x, values, _style(k), marker="o", markersize=3, label=name, linewidth=width, color=colour)
@@ -132,15 +77,7 @@ def draw_lines(axes: Axes, x: ArrayLike, series: Mapping[str, ArrayLike], *, bol
 
 
 def draw_curves(axes: Axes, curves: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> None:
-    """Draw one curve per series, precision against recall for one.
-
-    Parameters
-    ----------
-    axes : Axes
-        The panel.
-    curves : mapping of str to (x, y)
-        Name to the curve.
-    """
+    """Draw one curve per series, precision against recall for one."""
     for k, (name, (x, y)) in enumerate(curves.items()):
         axes.plot(x, y, _style(k), color=SERIES[k % len(SERIES)], label=name, linewidth=1.3)
     if curves:
@@ -148,16 +85,6 @@ def draw_curves(axes: Axes, curves: Mapping[str, tuple[ArrayLike, ArrayLike]]) -
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
-    """Put the legend of a panel below the figure.
-
-    Parameters
-    ----------
-    figure : Figure
-        The figure.
-    axes : Axes
-        The panel whose series it names.
-    columns : int
-        Entries side by side.
-    """
+    """Put the legend of a panel below the figure."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower left", ncols=columns, frameon=False, fontsize=8, labelcolor=INK)

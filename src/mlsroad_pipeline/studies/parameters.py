@@ -12,29 +12,7 @@ Scale = TypeVar("Scale")
 
 
 def chosen_scale(kind: type[Scale], study: str, name: str, scales: Mapping[str, Any]) -> Scale:
-    """Return a scale of a study by its name.
-
-    Parameters
-    ----------
-    kind : type
-        Dataclass of the scale; every field must be given.
-    study : str
-        Name of the study, for messages.
-    name : str
-        Name of the scale.
-    scales : mapping of str to mapping
-        Name to the fields.
-
-    Returns
-    -------
-    dataclass
-        The scale, checked.
-
-    Raises
-    ------
-    ParameterError
-        If there is none of that name, or a field is unknown or missing.
-    """
+    """Return a scale of a study by its name."""
     if name not in scales:
         raise ParameterError(f"{study}.scale {name!r} is unknown (scales: {', '.join(scales)})")
     given = dict(scales[name])
@@ -46,23 +24,6 @@ def chosen_scale(kind: type[Scale], study: str, name: str, scales: Mapping[str, 
 
 def changed(parameters: Any, changes: Mapping[str, Any]) -> Any:
     """Change fields of a parameter dataclass, nested ones field by field.
-
-    Parameters
-    ----------
-    parameters : dataclass
-        The parameters.
-    changes : mapping
-        Field to its new value; a mapping changes fields of a nested dataclass.
-
-    Returns
-    -------
-    dataclass
-        The changed parameters.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such field, or a value is outside its domain.
 
     Examples
     --------

@@ -20,22 +20,7 @@ Value = TypeVar("Value")
 
 
 def timed(function: Callable[..., Value], *given: Any, **options: Any) -> tuple[Value, float]:
-    """Call a function and take its time.
-
-    Parameters
-    ----------
-    function : callable
-        What is called.
-    *given, **options : any
-        What it is given.
-
-    Returns
-    -------
-    value : any
-        What it gave.
-    seconds : float
-        Processor seconds of this process, all threads together.
-    """
+    """Call a function and take its time."""
     start = time.process_time()
     found = function(*given, **options)
     return found, time.process_time() - start
@@ -51,22 +36,6 @@ def make_street(
     """Simulate a survey, find its ground and leave out what lies before its start and behind its end.
 
     Rays reach far beyond both ends, where no scene of the paper has points.
-
-    Parameters
-    ----------
-    simulation : SimulationParameters
-        The survey.
-    ground : GroundParameters
-        The ground filter.
-    columns : sequence of str, default ("rgb", "label")
-        What is kept of the survey.
-    reach : float, default infinite
-        Points farther from the track than this are left out, metres.
-
-    Returns
-    -------
-    PointCloud
-        Points with these columns, `ground` and `height`.
     """
     source = f"street of seed {simulation.seed}"
     survey = simulate_survey(simulation, n_threads=1)
@@ -76,28 +45,7 @@ def make_street(
 def cut_street(
     survey: Survey, *, ground: GroundParameters, columns: Sequence[str], source: str, reach: float = np.inf
 ) -> tuple[PointCloud, NDArray[np.float64]]:
-    """Find the ground of a survey and leave out what lies before its start and behind its end.
-
-    Parameters
-    ----------
-    survey : Survey
-        The survey.
-    ground : GroundParameters
-        The ground filter.
-    columns : sequence of str
-        What is kept of the survey.
-    source : str
-        What messages call it.
-    reach : float, default infinite
-        Points farther from the track than this are left out, metres.
-
-    Returns
-    -------
-    cloud : PointCloud
-        Points with these columns, `ground` and `height`.
-    station : ndarray of shape (n,), float64
-        How far along the track each point is, metres.
-    """
+    """Find the ground of a survey and leave out what lies before its start and behind its end."""
     cloud = survey.cloud
     found = find_ground(cloud, ground)
     kept = {name: cloud[name] for name in columns}
@@ -109,18 +57,7 @@ def cut_street(
 
 
 def survey_path(survey: Survey) -> Trajectory:
-    """Return the track of a simulated survey, the first pass: all passes drive the same way along the same street.
-
-    Parameters
-    ----------
-    survey : Survey
-        The survey.
-
-    Returns
-    -------
-    Trajectory
-        The track.
-    """
+    """Return the track of a simulated survey, the first pass: all passes drive the same way along the same street."""
     time = survey.trajectory["gps_time"].to_numpy()
     # Stations that went on through the second pass would say nothing about where along the street a place is.
     first = survey.trajectory[np.cumsum(np.diff(time, prepend=time[0]) > 0.5 * PAUSE) == 0]

@@ -27,24 +27,7 @@ class Tables:
 
 
 def paired_interval(differences: NDArray[np.floating], confidence: float = 0.95) -> tuple[float, float, float, int]:
-    """Return the mean of paired differences and its interval after Student.
-
-    Parameters
-    ----------
-    differences : ndarray of float
-        One difference per street or repetition; undefined ones are left out.
-    confidence : float, default 0.95
-        Of the interval.
-
-    Returns
-    -------
-    mean : float
-        The mean; NaN without a defined difference.
-    low, high : float
-        The interval; NaN for fewer than two.
-    n : int
-        Number of defined differences.
-    """
+    """Return the mean of paired differences and its interval after Student."""
     known = np.asarray(differences, dtype=np.float64)
     known = known[np.isfinite(known)]
     n = len(known)
@@ -56,22 +39,7 @@ def paired_interval(differences: NDArray[np.floating], confidence: float = 0.95)
 
 
 def mean_and_spread(rows: pd.DataFrame, by: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
-    """Average columns over streets, with their spread.
-
-    Parameters
-    ----------
-    rows : DataFrame
-        One row per street.
-    by : sequence of str
-        Columns that name a group.
-    columns : sequence of str
-        Columns that are averaged.
-
-    Returns
-    -------
-    DataFrame
-        The group, and ``<column>`` and ``<column>_spread`` of each.
-    """
+    """Average columns over streets, with their spread."""
     groups = rows.groupby(list(by), sort=False)[list(columns)]
     spread: Callable[[str], str] = "{}_spread".format
     return groups.mean().join(groups.std().rename(columns=spread)).reset_index()

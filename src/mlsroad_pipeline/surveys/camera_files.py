@@ -39,20 +39,6 @@ def read_images(
       for the vehicle's axes, and `trajectory` its poses.
     - a folder or its ``calib.txt`` in KITTI's forms, see `read_kitti`.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file, or KITTI's folder.
-    images : str or Path, optional
-        Folder of the pictures; ``images`` beside the file by default. A name may lack the picture's suffix.
-    trajectory : str or Path, optional
-        Table of the vehicle's poses; see `read_poses`. Read where an image has no pose of its own.
-
-    Returns
-    -------
-    SurveyImages
-        The images in the order of time; none of the pictures is opened but KITTI's first.
-
     Raises
     ------
     ReadError
@@ -85,19 +71,6 @@ def read_images(
 def read_poses(path: str | Path, *, max_gap: float = 1.0) -> PoseTrack:
     """Read time-stamped poses of a vehicle from a table.
 
-    Parameters
-    ----------
-    path : str or Path
-        CSV with the columns ``gps_time, x, y, z`` (world metres) and either ``roll, pitch, heading`` (radians; see
-        `PoseTrack.from_angles`) or ``qw, qx, qy, qz`` (from the vehicle's axes to the world's).
-    max_gap : float, default 1.0
-        Longest time between two poses that is bridged, seconds.
-
-    Returns
-    -------
-    PoseTrack
-        The poses.
-
     Raises
     ------
     ReadError
@@ -118,21 +91,6 @@ def read_poses(path: str | Path, *, max_gap: float = 1.0) -> PoseTrack:
 
 def read_kitti(folder: str | Path, *, camera: int = 2) -> SurveyImages:
     """Read one camera of a KITTI sequence.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Has ``calib.txt`` (``P0`` to ``P3`` and either ``Tr`` of the odometry sequences or ``R0_rect`` and
-        ``Tr_velo_to_cam`` of the object frames), ``image_2`` or another number with the pictures, and for sequences
-        ``poses.txt`` (camera 0 to the first frame's camera 0) and ``times.txt``. Without poses each image refers to its
-        own scan; with them all refer to the scanner's frame at the first one.
-    camera : int, default 2
-        Number of the camera.
-
-    Returns
-    -------
-    SurveyImages
-        The images. KITTI's pixel coordinates are taken as they are: integers are pixel centres.
 
     Raises
     ------

@@ -13,19 +13,6 @@ from mlsroad_pipeline.formats.registry import format_of_name, known_extensions
 def find_surveys(root: str | Path, patterns: str | Sequence[str] | None = None) -> list[Path]:
     """List the point cloud files of a survey.
 
-    Parameters
-    ----------
-    root : str or Path
-        A file, a folder (searched with its subfolders), or a glob (``**`` goes into subfolders).
-    patterns : str or sequence of str, optional
-        Globs below the folder; None takes every file with a known extension.
-
-    Returns
-    -------
-    list of Path
-        The files, sorted, each once. Of what a folder or a glob holds, files without a known extension are left out
-        (calibration, trajectories, labels); hidden ones too. A file given by name is taken as it is.
-
     Raises
     ------
     ReadError
@@ -67,18 +54,6 @@ def _hidden(path: Path, root: Path) -> bool:
 
 def resolve_splits(root: str | Path, splits: Mapping[str, str | Sequence[str]]) -> dict[str, list[Path]]:
     """List the files of each split.
-
-    Parameters
-    ----------
-    root : str or Path
-        The survey's folder.
-    splits : mapping of str to str or sequence of str
-        Split name to globs below the folder; a single one may be given as a string.
-
-    Returns
-    -------
-    dict of str to list of Path
-        Split name to its files, sorted.
 
     Raises
     ------

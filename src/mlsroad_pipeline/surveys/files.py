@@ -72,16 +72,6 @@ class Survey:
         Tables of text beside files of another format are taken for what surveys are delivered with (trajectories, lists
         of objects, calibrations): they are left out, and the log names them. A glob or the file itself reads them.
 
-        Parameters
-        ----------
-        trajectory : str, optional
-            Name of the trajectory's file in the folder of the points, which is then no point file itself.
-
-        Returns
-        -------
-        list of SurveyFile
-            Sorted by path.
-
         Raises
         ------
         ReadError
@@ -96,18 +86,6 @@ class Survey:
         self, splits: Mapping[str, tuple[Sequence[str], SplitPart]], *, trajectory: str | None = None
     ) -> dict[str, list[SurveyFile]]:
         """List the files of each split.
-
-        Parameters
-        ----------
-        splits : mapping of str to (globs, SplitPart)
-            Split name to globs below the root and the part of those files, as `split_config` reads them.
-        trajectory : str, optional
-            Name of the trajectory's file in the folder of the points.
-
-        Returns
-        -------
-        dict of str to list of SurveyFile
-            Each sorted by path.
 
         Raises
         ------
@@ -172,20 +150,6 @@ def files_to_label(survey: Survey, output: str, *, trajectory: str | None = None
     """List the files of a survey whose results go to a folder.
 
     The folder may lie inside the survey's: what an earlier run has written there is no part of the survey.
-
-    Parameters
-    ----------
-    survey : Survey
-        The survey.
-    output : str
-        The folder for the results.
-    trajectory : str, optional
-        Name of the trajectory's file in the folder of the points.
-
-    Returns
-    -------
-    list of SurveyFile
-        Sorted by path.
 
     Raises
     ------

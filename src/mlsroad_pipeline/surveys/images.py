@@ -44,11 +44,6 @@ class PosedImage:
     def load(self) -> NDArray[np.uint8]:
         """Read the picture.
 
-        Returns
-        -------
-        ndarray of shape (height, width, 3), uint8
-            Red, green and blue.
-
         Raises
         ------
         ReadError
@@ -70,16 +65,6 @@ class PosedImage:
     def load_labels(self, folder: str) -> NDArray[np.uint8]:
         """Read the label image that lies beside the pictures.
 
-        Parameters
-        ----------
-        folder : str
-            Name of its folder, beside that of the pictures; the file's name is the same.
-
-        Returns
-        -------
-        ndarray of shape (height, width), uint8
-            Taxonomy codes.
-
         Raises
         ------
         ReadError
@@ -93,20 +78,6 @@ class PosedImage:
 
 def read_picture(path: str | Path, camera: Camera, name: str) -> NDArray[np.uint8]:
     """Read a picture.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    camera : Camera
-        Its camera, for the size.
-    name : str
-        What messages call the image.
-
-    Returns
-    -------
-    ndarray of shape (height, width, 3), uint8
-        Red, green and blue.
 
     Raises
     ------
@@ -171,18 +142,7 @@ class SurveyImages(Sequence[PosedImage]):
         return tuple(sorted({image.group for image in self.images}))
 
     def relative_to(self, origin: ArrayLike) -> SurveyImages:
-        """Return the images with cameras for points relative to another origin.
-
-        Parameters
-        ----------
-        origin : array-like of shape (3,)
-            World coordinates of the points' zero, metres, such as `PointCloud.origin`.
-
-        Returns
-        -------
-        SurveyImages
-            The same images.
-        """
+        """Return the images with cameras for points relative to another origin."""
         zero = np.asarray(origin, dtype=np.float64)
         moved = tuple(
             PosedImage(i.name, i.group, i.time, i.camera.shifted(zero - self.origin), i.path) for i in self.images

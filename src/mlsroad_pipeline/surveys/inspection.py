@@ -98,22 +98,6 @@ def inspect_survey(
 ) -> tuple[list[FileInspection], dict[str, str]]:
     """Look through all files of a survey; one that cannot be read does not hide the others.
 
-    Parameters
-    ----------
-    parameters : InspectParameters
-        The trajectory's name and the longest step in time.
-    root : str
-        A file, a folder or a glob.
-    read : mapping
-        Arguments of `ReadOptions`.
-
-    Returns
-    -------
-    files : list of FileInspection
-        What was found, in the order of the names.
-    unread : dict of str to str
-        Files that could not be read, and why.
-
     Raises
     ------
     ReadError
@@ -138,24 +122,6 @@ def inspect_file(
     path: str, name: str, *, options: ReadOptions, max_gap: float, trajectory: str | None = None
 ) -> FileInspection:
     """Look through one file.
-
-    Parameters
-    ----------
-    path : str
-        The file.
-    name : str
-        What the report calls it.
-    options : ReadOptions
-        How to read it.
-    max_gap : float
-        The longest step in time that is no gap, seconds.
-    trajectory : str, optional
-        Its trajectory, whose times are compared with those of the points.
-
-    Returns
-    -------
-    FileInspection
-        What was found.
 
     Raises
     ------

@@ -19,18 +19,6 @@ from mlsroad_pipeline.formats.sydney import object_class
 def find_folds(root: str | Path, pattern: str) -> dict[str, Path]:
     """Find the lists of the folds.
 
-    Parameters
-    ----------
-    root : str or Path
-        Folder of the dataset.
-    pattern : str
-        Glob below it, such as ``folds/fold*.txt``.
-
-    Returns
-    -------
-    dict of str to Path
-        Name of the fold, which is that of its list, to the list.
-
     Raises
     ------
     ReadError
@@ -44,16 +32,6 @@ def find_folds(root: str | Path, pattern: str) -> dict[str, Path]:
 
 def listed_files(path: Path) -> list[Path]:
     """Return the files that a list names, which lie beside it or in a folder next to the list's.
-
-    Parameters
-    ----------
-    path : Path
-        A text file with one name a line.
-
-    Returns
-    -------
-    list of Path
-        The files in the order of the list.
 
     Raises
     ------
@@ -75,20 +53,6 @@ def listed_files(path: Path) -> list[Path]:
 
 def read_fold(path: str, files: Sequence[str], *, scheme: ClassScheme) -> dict[str, NDArray]:
     """Read the objects of a fold; the class of each is the first part of its file's name.
-
-    Parameters
-    ----------
-    path : str
-        The list of the fold.
-    files : sequence of str
-        The files that it names.
-    scheme : ClassScheme
-        The classes.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The arrays of an `ObjectSet`.
 
     Raises
     ------

@@ -72,16 +72,6 @@ class SurveyParameters:
     def options(self, codings: Mapping[str, Mapping[int, str] | None]) -> ReadOptions:
         """Return how the files are read.
 
-        Parameters
-        ----------
-        codings : mapping
-            The codings of the configuration.
-
-        Returns
-        -------
-        ReadOptions
-            The options, with the coding.
-
         Raises
         ------
         ParameterError

@@ -73,36 +73,12 @@ class SurveyPlan:
 
 
 def trajectory_beside(files: Sequence[PlannedFile]) -> str | None:
-    """Return the trajectory's file of a drive, None where there is none.
-
-    Parameters
-    ----------
-    files : sequence of PlannedFile
-        The drive.
-
-    Returns
-    -------
-    str or None
-        Its path.
-    """
+    """Return the trajectory's file of a drive, None where there is none."""
     return next((file.source.trajectory for file in files if file.source.trajectory), None)
 
 
 def estimated_drives(plan: SurveyPlan, ingest: IngestParameters) -> set[str]:
-    """Name the drives whose path is to be estimated from the points.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    ingest : IngestParameters
-        How they are cut.
-
-    Returns
-    -------
-    set of str
-        Drives without a trajectory's file, where cuts go along one.
-    """
+    """Name the drives whose path is to be estimated from the points."""
     if ingest.cut != "along" or not ingest.estimate_trajectory:
         return set()
     return {drive for drive, files in plan.drives().items() if trajectory_beside(files) is None}
@@ -123,24 +99,6 @@ def plan_survey(
     ingest: IngestParameters,
 ) -> SurveyPlan:
     """Name the files of a run.
-
-    Parameters
-    ----------
-    splits : mapping of str to list of SurveyFile
-        The files of each split.
-    parts : mapping of str to SplitPart
-        The part of them that the split takes.
-    options : ReadOptions
-        How they are read.
-    labels : bool
-        Whether their labels are read.
-    ingest : IngestParameters
-        Whether files are cut together or one by one.
-
-    Returns
-    -------
-    SurveyPlan
-        The plan.
 
     Raises
     ------
@@ -166,20 +124,6 @@ def plan_survey(
 def plan_comparison(parameters: SurveyParameters, ingest: IngestParameters, codings: Any) -> SurveyPlan:
     """Name the files of a comparison, by split.
 
-    Parameters
-    ----------
-    parameters : SurveyParameters
-        The survey's root, its splits, its labels and how it is read.
-    ingest : IngestParameters
-        How it is cut.
-    codings : mapping
-        The codings of the configuration.
-
-    Returns
-    -------
-    SurveyPlan
-        The plan.
-
     Raises
     ------
     ParameterError
@@ -196,18 +140,6 @@ def plan_comparison(parameters: SurveyParameters, ingest: IngestParameters, codi
 
 def plan_labelling(parameters: LabelParameters, ingest: IngestParameters) -> SurveyPlan:
     """Name the files of a survey to label.
-
-    Parameters
-    ----------
-    parameters : LabelParameters
-        The survey and the folder for the results.
-    ingest : IngestParameters
-        How it is cut.
-
-    Returns
-    -------
-    SurveyPlan
-        The plan; its only split is ``survey``.
 
     Raises
     ------
@@ -236,20 +168,7 @@ def held_out_keys(keys: Iterable[str]) -> list[str]:
 
 
 def middle_scenes(keys: Sequence[str], *, n_scenes: int = 3) -> list[str]:
-    """Choose neighbouring scenes for a picture.
-
-    Parameters
-    ----------
-    keys : sequence of str
-        Names of scenes in their order.
-    n_scenes : int, default 3
-        How many are wanted.
-
-    Returns
-    -------
-    list of str
-        Up to that many scenes of one drive of the last split, from its middle.
-    """
+    """Choose neighbouring scenes for a picture."""
     drive = keys[-1].rpartition(".")[0]
     mine = [key for key in keys if key.rpartition(".")[0] == drive]
     first = max(0, (len(mine) - n_scenes) // 2)

@@ -59,18 +59,7 @@ def _scene_options(path: str, options: ReadOptions, *, labels: bool, constant: S
 
 
 def constant_columns(sample: PointCloud) -> list[str]:
-    """Find the columns of a sample that tell nothing.
-
-    Parameters
-    ----------
-    sample : PointCloud
-        Points spread over a file.
-
-    Returns
-    -------
-    list of str
-        Out of `TELLING_COLUMNS`, those with one value in all of two points or more.
-    """
+    """Find the columns of a sample that tell nothing."""
     return [
         name
         for name in TELLING_COLUMNS
@@ -80,24 +69,6 @@ def constant_columns(sample: PointCloud) -> list[str]:
 
 def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: bool) -> dict[str, Any]:
     """Count a file's points and take a sample of them.
-
-    Parameters
-    ----------
-    path : str
-        The file.
-    options : ReadOptions
-        How to read it.
-    labels : bool
-        Whether its labels are read too.
-    windows : bool
-        Whether a trajectory is to be estimated from the points.
-
-    Returns
-    -------
-    dict
-        ``info``: number of points and `constant_columns`; ``sample``: a PointCloud of up to 4,096 points spread over
-        the file; ``windows``: a PointCloud of stretches of it, without points where none are wanted or the file has no
-        times.
 
     Raises
     ------
@@ -124,22 +95,6 @@ def find_corridor(
     samples: Sequence[PointCloud], windows: Sequence[PointCloud], *, trajectory: str | None, along: bool
 ) -> dict[str, NDArray]:
     """Find what the files of one drive are cut along.
-
-    Parameters
-    ----------
-    samples : sequence of PointCloud
-        Samples of the files.
-    windows : sequence of PointCloud
-        Stretches of them, for a trajectory estimated from the points.
-    trajectory : str or None
-        The trajectory's file.
-    along : bool
-        False where each file is a scene of its own.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The corridor, for `corridor_from_arrays`, and `note`, a sentence for the log, where it was not simply read.
 
     Raises
     ------
@@ -197,39 +152,6 @@ def read_and_cut(
     constant: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Read a range of a file's rows, look at their quality and sort them into the corridor's bins.
-
-    Parameters
-    ----------
-    path : str
-        The file.
-    corridor : dict of str to ndarray
-        What the survey is cut along, from `find_corridor`.
-    options : ReadOptions
-        How to read the file.
-    labels : bool
-        Whether labels are read.
-    along : bool
-        False where each file is one bin.
-    part : SplitPart
-        The part of the file that the split takes.
-    start, stop : int
-        The rows.
-    n_total : int
-        Points of the whole file.
-    file : int
-        Number of the file in its split.
-    bin_length : float
-        Length of a bin, metres.
-    time_gap : float
-        Seconds without a point that count as a gap.
-    constant : sequence of str, default ()
-        Columns that the file is taken not to have, see `constant_columns`.
-
-    Returns
-    -------
-    dict
-        ``points`` and ``bins`` as `cut_points` gives them, ``quality``: what `inspect_chunk` found,
-        ``classes``: whether one of the rows of a LAS file has another class than 0, empty where that was not read.
 
     Raises
     ------

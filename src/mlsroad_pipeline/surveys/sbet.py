@@ -19,18 +19,7 @@ PROBED = 64
 
 
 def is_sbet(path: Path) -> bool:
-    """Tell whether a file holds SBET records: plausible times, latitudes and longitudes in radians.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file.
-
-    Returns
-    -------
-    bool
-        False for text.
-    """
+    """Tell whether a file holds SBET records: plausible times, latitudes and longitudes in radians."""
     if path.stat().st_size < RECORD:
         return False
     records = np.fromfile(path, dtype="<f8", count=PROBED * FIELDS)
@@ -44,18 +33,6 @@ def is_sbet(path: Path) -> bool:
 
 def read_sbet(path: Path, *, crs: str | None) -> Trajectory:
     """Read an SBET file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    crs : str or None
-        Coordinate reference system of the survey, as WKT, which the positions are turned into.
-
-    Returns
-    -------
-    Trajectory
-        Positions in the survey's system; times are seconds of the GPS week as a rule.
 
     Raises
     ------
@@ -79,20 +56,7 @@ def read_sbet(path: Path, *, crs: str | None) -> Trajectory:
 
 
 def in_weeks_of(trajectory: Trajectory, first: float, last: float) -> Trajectory:
-    """Shift a trajectory by whole GPS weeks, so that it covers times that count from elsewhere.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        Times in seconds of the week.
-    first, last : float
-        Times of the points; above 604,800 they are taken for adjusted GPS seconds (minus 10^9), as LAS has them.
-
-    Returns
-    -------
-    Trajectory
-        The same path; the same times where they cover the points already or no shift makes them.
-    """
+    """Shift a trajectory by whole GPS weeks, so that it covers times that count from elsewhere."""
     time = trajectory.time
     if time is None or not np.isfinite([first, last]).all() or last <= WEEK or time[-1] > 2 * WEEK:
         return trajectory
@@ -103,20 +67,7 @@ def in_weeks_of(trajectory: Trajectory, first: float, last: float) -> Trajectory
 
 
 def coverage_note(trajectory: Trajectory, first: float, last: float) -> str:
-    """Say in a sentence that a trajectory does not cover the times of the points.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The path.
-    first, last : float
-        Times of the points.
-
-    Returns
-    -------
-    str
-        The sentence; empty if it does, or if either has no times.
-    """
+    """Say in a sentence that a trajectory does not cover the times of the points."""
     time = trajectory.time
     if time is None or not np.isfinite([first, last]).all() or (time[0] <= first and last <= time[-1]):
         return ""

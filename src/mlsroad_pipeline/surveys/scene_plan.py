@@ -45,20 +45,7 @@ class RangeOfRows:
         return f"{self.file.key}.{self.start:012d}"
 
     def parameters(self, plan: SurveyPlan, ingest: IngestParameters) -> dict[str, Any]:
-        """Return the parameters of `ingest_work.read_and_cut`.
-
-        Parameters
-        ----------
-        plan : SurveyPlan
-            Options and labels of the survey's files.
-        ingest : IngestParameters
-            How it is cut.
-
-        Returns
-        -------
-        dict of str to object
-            Keyword arguments, the inputs left out.
-        """
+        """Return the parameters of `ingest_work.read_and_cut`."""
         return {
             "options": plan.options,
             "labels": plan.labels,
@@ -77,22 +64,7 @@ class RangeOfRows:
 def cut_ranges(
     plan: SurveyPlan, info: Mapping[str, Mapping[str, NDArray]], ingest: IngestParameters
 ) -> list[RangeOfRows]:
-    """Divide the files of a survey into ranges of rows.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    info : mapping of str to mapping
-        Per file, its number of points and the columns that are constant.
-    ingest : IngestParameters
-        Points per range.
-
-    Returns
-    -------
-    list of RangeOfRows
-        In the order of the files.
-    """
+    """Divide the files of a survey into ranges of rows."""
     ranges = []
     for file in plan.files:
         n_points = int(info[file.key]["n_points"][0])
@@ -127,24 +99,7 @@ class PlannedScene:
 def plan_drive(
     drive: str, plan: SurveyPlan, bins: Mapping[str, Mapping[str, NDArray]], ingest: IngestParameters
 ) -> list[PlannedScene]:
-    """Plan the scenes of a drive from the bins of its ranges.
-
-    Parameters
-    ----------
-    drive : str
-        The drive.
-    plan : SurveyPlan
-        The files.
-    bins : mapping of str to mapping
-        Per range, its occupied bins and their numbers of points.
-    ingest : IngestParameters
-        Lengths and limits.
-
-    Returns
-    -------
-    list of PlannedScene
-        In the order of the corridor.
-    """
+    """Plan the scenes of a drive from the bins of its ranges."""
     files = {file.key: file.source.name for file in plan.files if file.drive == drive}
     mine = {key: part for key, part in bins.items() if key.rpartition(".")[0] in files}
     histogram: dict[int, int] = {}
@@ -172,20 +127,7 @@ def _planned(key: str, span: SceneSpan, pieces: tuple[str, ...], files: Mapping[
 
 
 def pieces_between(first: int, stop: int, bins: Mapping[str, Mapping[str, NDArray]]) -> tuple[str, ...]:
-    """Name the ranges that hold points of some bins.
-
-    Parameters
-    ----------
-    first, stop : int
-        The first bin, and the one after the last.
-    bins : mapping of str to mapping
-        Per range, its occupied bins, ascending.
-
-    Returns
-    -------
-    tuple of str
-        The ranges in their order.
-    """
+    """Name the ranges that hold points of some bins."""
 
     def holds(numbers: NDArray) -> bool:
         low, high = np.searchsorted(numbers, [first, stop])

@@ -39,19 +39,6 @@ SCAN_ANGLE_STEP = 0.006
 def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
     """Read simulation parameters from configuration.
 
-    Parameters
-    ----------
-    config : mapping
-        ``preset``, and fields of `SimulationParameters` that differ from it; ``scanner`` is a name or a mapping, see
-        `scanner_system`. With another scanner than the preset's, the rates, noise, divergence and range are that
-        scanner's own where they are not given. ``street`` is the name of a kind of
-        street, or a mapping of ``kind`` and fields of `StreetParameters`.
-
-    Returns
-    -------
-    SimulationParameters
-        The parameters.
-
     Raises
     ------
     ParameterError
@@ -77,16 +64,6 @@ def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
 
 def survey_files(config: Mapping[str, Any]) -> SurveyFiles:
     """Read from configuration how a survey is laid out in files.
-
-    Parameters
-    ----------
-    config : mapping
-        The same as for `simulation_parameters`; ``piece_length`` and ``frames`` are read.
-
-    Returns
-    -------
-    SurveyFiles
-        The layout.
 
     Raises
     ------
@@ -123,18 +100,7 @@ class SurveyFiles:
             check_positive(self.piece_length, "piece_length")
 
     def names(self, parameters: SimulationParameters) -> list[str]:
-        """Return the names of the point files of a survey, in the order of time.
-
-        Parameters
-        ----------
-        parameters : SimulationParameters
-            What is surveyed.
-
-        Returns
-        -------
-        list of str
-            ``survey.laz``, or ``survey_000.laz`` and so on, every pass with its own.
-        """
+        """Return the names of the point files of a survey, in the order of time."""
         if self.piece_length is None:
             return [POINTS]
         count = parameters.passes * int(np.ceil(parameters.length / self.piece_length))
@@ -147,22 +113,6 @@ def write_simulated_survey(
     """Simulate a survey and write it into a folder, which appears whole or not at all.
 
     Points are written as they are made: a street of kilometres takes no more memory than one of some 200 m.
-
-    Parameters
-    ----------
-    parameters : SimulationParameters
-        What is surveyed, and how.
-    folder : str
-        The folder; an old one is replaced.
-    n_threads : int
-        Threads to use; the survey does not depend on it.
-    files : SurveyFiles, optional
-        How it is laid out; one point file and no frames by default.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``n_points`` and ``n_images``.
 
     Raises
     ------

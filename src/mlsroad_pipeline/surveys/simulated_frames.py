@@ -45,13 +45,7 @@ _MOVING = {10: 252, 11: 253, 31: 253, 30: 254, 13: 257, 18: 258, 20: 259}
 
 
 def semantic_kitti_codes() -> NDArray[np.uint16]:
-    """Return the SemanticKITTI code of each taxonomy code.
-
-    Returns
-    -------
-    ndarray of shape (256,), uint16
-        0 for what is unlabelled; what SemanticKITTI has no class for is 99, other-object.
-    """
+    """Return the SemanticKITTI code of each taxonomy code."""
     table = np.zeros(256, dtype=np.uint16)
     table[[code for code in TAXONOMY.values() if code]] = _OTHER_OBJECT
     for code, names in _CODES.items():
@@ -94,13 +88,7 @@ class FrameWriter:
         self._times: list[float] = []
 
     def write(self, cloud: PointCloud) -> None:
-        """Append points in the order of time; a frame is written when the next one begins.
-
-        Parameters
-        ----------
-        cloud : PointCloud
-            Points of the survey.
-        """
+        """Append points in the order of time; a frame is written when the next one begins."""
         cloud = cloud.select(np.flatnonzero(cloud["scanner"] == 0))
         number, local = self._pieces.pass_of(cloud["gps_time"])
         revolution = np.floor(local * self._device.profile_rate + 0.5).astype(np.int64)

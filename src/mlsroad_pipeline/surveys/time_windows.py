@@ -29,25 +29,6 @@ def read_time_windows(
 ) -> PointCloud | None:
     """Read windows of a file whose points are stored in the order of their times.
 
-    Parameters
-    ----------
-    form : PointFormat
-        The file's format.
-    path : str
-        The file.
-    options : ReadOptions
-        How to read it.
-    sample : PointCloud
-        Points from the file's beginning to its end.
-    n_points : int
-        How many points it has.
-
-    Returns
-    -------
-    PointCloud or None
-        xyz, gps_time, `window` (int32) and, where the file has it, scanner; None where the file has no times, or all
-        are the same.
-
     Raises
     ------
     ReadError

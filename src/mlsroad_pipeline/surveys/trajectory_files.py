@@ -29,21 +29,6 @@ def read_trajectory(path: str | Path, *, columns: Sequence[str] | None = None, c
     comments. A first line of names is recognised, in any case and with units in brackets or after the name
     (``Easting[m]``); without one the columns are ``time x y z``, and roll, pitch, heading or anything else may follow.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    columns : sequence of str, optional
-        What the file's columns are, from the left: ``time``, ``x``, ``y`` and ``z``, and any other word for what is not
-        wanted. ``time`` may be missing: the rows are then in the order of travel. Replaces the line of names.
-    crs : str, optional
-        Coordinate reference system of the survey as WKT: SBET needs it, text is taken to be in it.
-
-    Returns
-    -------
-    Trajectory
-        Sorted by time, cleaned.
-
     Raises
     ------
     ReadError
@@ -115,15 +100,7 @@ def _numbers(source: Path, number: int, words: Sequence[str], wanted: dict[str, 
 
 
 def write_trajectory(trajectory: Trajectory, path: str | Path) -> None:
-    """Write a trajectory as CSV that `read_trajectory` reads back to the millimetre and the microsecond.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        The path.
-    path : str or Path
-        The file; its folder must exist.
-    """
+    """Write a trajectory as CSV that `read_trajectory` reads back to the millimetre and the microsecond."""
     table = pd.DataFrame(trajectory.xyz, columns=["x", "y", "z"]).round(4)
     if trajectory.time is not None:
         table.insert(0, "time", np.round(trajectory.time, 7))

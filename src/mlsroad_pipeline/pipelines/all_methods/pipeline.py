@@ -10,19 +10,7 @@ from mlsroad_pipeline.pipelines.report.pipeline import report_on_everything
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: a survey with images to the scores of every method, and one page of them.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        The default comparison, `recognition`, `image_labels` and `fusion`. The fusion learns on the first scenes of
-        each test street, and is scored on the others.
-    """
+    """Return the pipeline: a survey with images to the scores of every method, and one page of them."""
     parts = {name: import_module(f"mlsroad_pipeline.pipelines.{name}").create_pipeline() for name in EVERYTHING}
     images = Node(
         compare_methods,

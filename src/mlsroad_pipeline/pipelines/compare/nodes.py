@@ -6,16 +6,5 @@ from mlsroad_pipeline.algorithms.metrics.scores import summary
 
 
 def compare_methods(*scores: pd.DataFrame) -> pd.DataFrame:
-    """Put the overall figures of all methods into one table.
-
-    Parameters
-    ----------
-    *scores : DataFrame
-        The scores of each method.
-
-    Returns
-    -------
-    DataFrame
-        One row per method and split.
-    """
+    """Put the overall figures of all methods into one table."""
     return summary(pd.concat(scores, ignore_index=True)).reset_index()

@@ -7,18 +7,7 @@ from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: scores of every method to one table.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``<slug>.scores`` of every labeller to ``comparison``, of every detector to ``detection_comparison``.
-    """
+    """Return the pipeline: scores of every method to one table."""
     return Pipeline(
         [
             Node(

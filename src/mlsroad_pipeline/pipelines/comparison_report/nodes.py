@@ -19,22 +19,7 @@ PICTURED = (*LABELLERS, IMAGE_LABELLER)
 
 
 def compare_over_streets(costs: pd.DataFrame, survey: SurveyParameters, *parts: Any) -> tuple[Any, ...]:
-    """Compare the methods of every task.
-
-    Parameters
-    ----------
-    costs : DataFrame
-        What each node of the comparison took.
-    survey : SurveyParameters
-        What was compared on.
-    *parts : DataFrame or ndarray
-        The scores of all methods, then the pictures of the labellers, then the curves of the detectors.
-
-    Returns
-    -------
-    tuple
-        The means of each task as tables of scores, their overviews, classes and differences, the costs, and the report.
-    """
+    """Compare the methods of every task."""
     slugs = [slug for methods in METHODS for slug in methods]
     scores = dict(zip(slugs, parts, strict=False))
     pictures = list(parts[len(slugs) :])

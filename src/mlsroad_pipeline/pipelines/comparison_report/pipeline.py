@@ -8,19 +8,7 @@ from mlsroad_pipeline.studies.comparison.tables import TASKS
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: what `kedro run --env=compare` has left behind to one page.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``<slug>.scores`` and figures of every method and ``stage_costs`` to the tables ``all_methods.*`` and
-        ``all_methods.report``.
-    """
+    """Return the pipeline: what `kedro run --env=compare` has left behind to one page."""
     parts = [f"{slug}.scores" for methods in METHODS for slug in methods]
     parts += [f"{slug}.birds_eye_figure" for slug in PICTURED]
     parts += [f"{slug}.precision_recall_figure" for slug in DETECTORS]

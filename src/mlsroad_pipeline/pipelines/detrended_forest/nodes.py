@@ -28,22 +28,7 @@ def take_training_rows(
     survey: SurveyParameters,
     classes: Mapping[str, Any],
 ) -> dict[str, SceneTask]:
-    """Name the work that takes the labelled supervoxels of each training scene.
-
-    Parameters
-    ----------
-    scenes, supervoxels, features : SceneCollection
-        The scenes and what the stages before gave.
-    survey : SurveyParameters
-        Names the class scheme.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene of the split ``train``.
-    """
+    """Name the work that takes the labelled supervoxels of each training scene."""
     scheme = find_scheme(classes["schemes"], survey.scheme)
     inputs = {"scene": scenes, "supervoxels": supervoxels, "features": features}
     return scene_tasks(training_keys(scenes), training_rows, inputs, {"scheme": scheme})
@@ -58,32 +43,7 @@ def train_forest(
     survey: SurveyParameters,
     classes: Mapping[str, Any],
 ) -> tuple[ModelBundle, ModelBundle, Figure, Figure]:
-    """Train the forest.
-
-    Parameters
-    ----------
-    rows : SceneCollection
-        Labelled supervoxels of the training scenes.
-    parameters : ForestParameters
-        Parameters of the forest.
-    ground : GroundParameters
-        How the ground was found.
-    supervoxels : SupervoxelParameters
-        How the scenes were partitioned.
-    features : FeatureParameters
-        Which features were computed.
-    survey : SurveyParameters
-        Names the training files and the class scheme.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    model, registered : ModelBundle
-        The model, for the workers and for the registry.
-    importances, out_of_bag : Figure
-        Feature importances, and the out-of-bag error against the number of trees.
-    """
+    """Train the forest."""
     bundle, classifier = fit(
         list(rows.load_all().values()),
         parameters=parameters,
@@ -98,19 +58,6 @@ def train_forest(
 def label_scenes(
     scenes: SceneCollection, supervoxels: SceneCollection, features: SceneCollection, model: SourceFile
 ) -> dict[str, SceneTask]:
-    """Name the work that labels each scene that the model was not trained on.
-
-    Parameters
-    ----------
-    scenes, supervoxels, features : SceneCollection
-        The scenes and what the stages before gave.
-    model : SourceFile
-        The model's folder.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene of the other splits.
-    """
+    """Name the work that labels each scene that the model was not trained on."""
     inputs = {"scene": scenes, "supervoxels": supervoxels, "features": features, "model": model}
     return scene_tasks(held_out_keys(scenes), label_prepared_scene, inputs)

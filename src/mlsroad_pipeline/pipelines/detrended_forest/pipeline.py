@@ -6,19 +6,7 @@ from mlsroad_pipeline.pipelines.detrended_forest.nodes import label_scenes, take
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: features to a model, and to labels of the scenes that it was not trained on.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``scenes``, ``supervoxels`` and ``supervoxel_features`` to ``detrended_forest.model`` and
-        ``detrended_forest.labels``.
-    """
+    """Return the pipeline: features to a model, and to labels of the scenes that it was not trained on."""
     return Pipeline(
         [
             Node(

@@ -15,25 +15,5 @@ from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
 def label_prepared_scene(
     scene: PointCloud, supervoxels: Mapping[str, Any], features: Mapping[str, NDArray], model: str
 ) -> dict[str, NDArray]:
-    """Label a scene of a comparison with a stored model.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    supervoxels, features : mapping
-        What the stages before gave.
-    model : str
-        The model's folder.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``label`` int16 (n,) and ``confidence`` float32 (n,).
-
-    Raises
-    ------
-    DataError
-        If the scene lacks features that the model needs.
-    """
+    """Label a scene of a comparison with a stored model."""
     return label_scene(scene, supervoxels, features, open_model(model))

@@ -47,52 +47,14 @@ def _schemes(survey: SurveyParameters, classes: Mapping[str, Any]) -> dict[str, 
 def count_points(
     scenes: SceneCollection, labels: SceneCollection, survey: SurveyParameters, classes: Mapping[str, Any]
 ) -> dict[str, SceneTask]:
-    """Name the work that counts each labelled scene's points by true and predicted class.
-
-    Parameters
-    ----------
-    scenes : SceneCollection
-        The scenes.
-    labels : SceneCollection
-        What a method made of the scenes that it was not trained on.
-    survey : SurveyParameters
-        Names the class schemes.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per labelled scene.
-    """
+    """Name the work that counts each labelled scene's points by true and predicted class."""
     return scene_tasks(labels, count_scene, {"scene": scenes, "labels": labels}, _schemes(survey, classes))
 
 
 def score_method(
     counts: SceneCollection, model: SourceFile, survey: SurveyParameters, classes: Mapping[str, Any], *, method: str
 ) -> tuple[pd.DataFrame, Figure, Figure]:
-    """Score a method and draw its figures.
-
-    Parameters
-    ----------
-    counts : SceneCollection
-        Confusion matrices of scenes.
-    model : SourceFile
-        The model's folder; it may say that there are classes that it does not give.
-    survey : SurveyParameters
-        Names the class schemes.
-    classes : mapping
-        The class schemes.
-    method : str
-        The method's slug.
-
-    Returns
-    -------
-    scores : DataFrame
-        The table of scores.
-    confusion, bars : Figure
-        The confusion matrix of the last split, and its scores per class.
-    """
+    """Score a method and draw its figures."""
     schemes = _schemes(survey, classes)
     scheme = schemes["scored"]
     matrices = sum_by_split(counts.load_all())
@@ -109,24 +71,7 @@ def picture_labels(
     *,
     method: str,
 ) -> tuple[Figure, Figure]:
-    """Draw truth, prediction and errors of some scenes.
-
-    Parameters
-    ----------
-    scenes, labels : SceneCollection
-        The scenes and their labels.
-    survey : SurveyParameters
-        Names the class schemes.
-    classes : mapping
-        The class schemes.
-    method : str
-        The method's slug.
-
-    Returns
-    -------
-    birds_eye, perspective : Figure
-        The pictures.
-    """
+    """Draw truth, prediction and errors of some scenes."""
     chosen = middle_scenes(list(labels))
     figures = scene_figures(
         [scenes[key].load() for key in chosen],
@@ -145,26 +90,7 @@ def count_seen_points(
     *,
     answers: Mapping[str, str],
 ) -> dict[str, SceneTask]:
-    """Name the work that counts each scene's points, all of them and those that cameras see.
-
-    Parameters
-    ----------
-    scenes : SceneCollection
-        The scenes.
-    labels : SceneCollection
-        What a method that uses images made of the scenes that it was not trained on.
-    survey : SurveyParameters
-        Names the class schemes.
-    classes : mapping
-        The class schemes.
-    answers : mapping of str to str
-        Method to the name of its labels.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per labelled scene.
-    """
+    """Name the work that counts each scene's points, all of them and those that cameras see."""
     fixed = {"answers": answers, **_schemes(survey, classes)}
     return scene_tasks(labels, count_seen_scene, {"scene": scenes, "labels": labels}, fixed)
 
@@ -172,28 +98,7 @@ def count_seen_points(
 def score_seen_points(
     counts: SceneCollection, survey: SurveyParameters, classes: Mapping[str, Any], *, method: str, suffix: str
 ) -> tuple[pd.DataFrame, Figure, Figure]:
-    """Score a method that uses images, over all points and over those that cameras see.
-
-    Parameters
-    ----------
-    counts : SceneCollection
-        Confusion matrices of scenes.
-    survey : SurveyParameters
-        Names the class schemes.
-    classes : mapping
-        The class schemes.
-    method : str
-        The method's slug, whose figures are drawn.
-    suffix : str
-        What is appended to the names of the splits.
-
-    Returns
-    -------
-    scores : DataFrame
-        The table of scores.
-    confusion, bars : Figure
-        The confusion matrix of the last split over all points, and its scores per class.
-    """
+    """Score a method that uses images, over all points and over those that cameras see."""
     scheme = _schemes(survey, classes)["scored"]
     table, matrices = seen_scores_table(counts.load_all(), scheme=scheme, suffix=suffix)
     mine = table[table["method"] == method]
@@ -209,24 +114,7 @@ def count_detections(
     detection: DetectionParameters,
     classes: Mapping[str, Any],
 ) -> dict[str, SceneTask]:
-    """Name the work that compares each scene's detections with its reference objects.
-
-    Parameters
-    ----------
-    scenes, objects : SceneCollection
-        The scenes and their objects.
-    detections : SceneCollection
-        What a method made of the scenes that it was not trained on.
-    detection : DetectionParameters
-        The wanted classes, and when a detection is right.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene with detections.
-    """
+    """Name the work that compares each scene's detections with its reference objects."""
     parameters = {"scheme": find_scheme(classes["schemes"], detection.scheme), "parameters": detection}
     inputs = {"scene": scenes, "objects": objects, "detections": detections}
     return scene_tasks(detections, count_detections_of_scene, inputs, parameters)
@@ -235,24 +123,7 @@ def count_detections(
 def score_detector(
     counted: SceneCollection, detection: DetectionParameters, *, method: str
 ) -> tuple[pd.DataFrame, Figure]:
-    """Score a detector and draw its precision-recall curves.
-
-    Parameters
-    ----------
-    counted : SceneCollection
-        Detections of scenes, compared.
-    detection : DetectionParameters
-        The wanted classes.
-    method : str
-        The method's slug.
-
-    Returns
-    -------
-    scores : DataFrame
-        The table of scores.
-    curves : Figure
-        Precision against recall of the last split, per class.
-    """
+    """Score a detector and draw its precision-recall curves."""
     found = counted.load_all()
     split = list(found)[-1].partition(".")[0]
     curves = detection_curves(found, split=split, classes=detection.classes)
@@ -269,26 +140,7 @@ def picture_detections(
     *,
     method: str,
 ) -> Figure:
-    """Draw the right, missed and false detections of some scenes.
-
-    Parameters
-    ----------
-    scenes, objects : SceneCollection
-        The scenes and their objects.
-    detections : SceneCollection
-        What a method made of the scenes that it was not trained on.
-    detection : DetectionParameters
-        The wanted classes, and when a detection is right.
-    classes : mapping
-        The class schemes.
-    method : str
-        The method's slug.
-
-    Returns
-    -------
-    Figure
-        The picture.
-    """
+    """Draw the right, missed and false detections of some scenes."""
     chosen = middle_scenes(list(detections))
     return detection_figure(
         *([found[key].load() for key in chosen] for found in (scenes, objects, detections)),

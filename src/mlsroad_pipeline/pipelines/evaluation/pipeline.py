@@ -46,22 +46,7 @@ def _picturing(slug: str) -> Node:
 
 
 def evaluate_seen(slug: str, answers: Mapping[str, str], *, suffix: str = "") -> list[Node]:
-    """Return the nodes that score a method which uses images, over all points and over those that cameras see.
-
-    Parameters
-    ----------
-    slug : str
-        The method's slug.
-    answers : mapping of str to str
-        Methods that are scored to the names of their labels in ``<slug>.labels``; `slug` is one of them.
-    suffix : str, default ""
-        What is appended to the names of the splits.
-
-    Returns
-    -------
-    list of Node
-        ``scenes`` and ``<slug>.labels`` to scores and figures.
-    """
+    """Return the nodes that score a method which uses images, over all points and over those that cameras see."""
     configured = ["params:survey", "params:classes"]
     return [
         Node(
@@ -104,18 +89,6 @@ def _nodes_of_detector(slug: str) -> list[Node]:
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: labels of every method to its scores and figures.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``scenes`` and ``<slug>.labels`` of every labeller to its scores and figures; ``scenes``, ``objects`` and
-        ``<slug>.detections`` of every detector likewise.
-    """
+    """Return the pipeline: labels of every method to its scores and figures."""
     labellers = [node for slug in LABELLERS for node in _nodes_of(slug)]
     return Pipeline([*labellers, *(node for slug in DETECTORS for node in _nodes_of_detector(slug))])

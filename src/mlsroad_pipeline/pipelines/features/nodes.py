@@ -8,23 +8,6 @@ from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
 def describe_supervoxels_of_scenes(
     scenes: SceneCollection, ground: SceneCollection, supervoxels: SceneCollection, parameters: FeatureParameters
 ) -> dict[str, SceneTask]:
-    """Name the work that computes the features of each scene's supervoxels.
-
-    Parameters
-    ----------
-    scenes : SceneCollection
-        The scenes.
-    ground : SceneCollection
-        Ground masks and heights, keyed like the scenes.
-    supervoxels : SceneCollection
-        Supervoxels, keyed like the scenes.
-    parameters : FeatureParameters
-        Which features, and whether they are detrended.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene.
-    """
+    """Name the work that computes the features of each scene's supervoxels."""
     inputs = {"scene": scenes, "ground": ground, "supervoxels": supervoxels}
     return scene_tasks(scenes, describe_supervoxels, inputs, {"parameters": parameters})

@@ -6,18 +6,7 @@ from mlsroad_pipeline.pipelines.features.nodes import describe_supervoxels_of_sc
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: scenes, ground and supervoxels to features.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``scenes``, ``ground`` and ``supervoxels`` to ``supervoxel_features``.
-    """
+    """Return the pipeline: scenes, ground and supervoxels to features."""
     return Pipeline(
         [
             Node(

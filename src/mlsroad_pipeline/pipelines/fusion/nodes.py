@@ -24,26 +24,7 @@ def take_test_set_1(
     survey: SurveyParameters,
     classes: Mapping[str, Any],
 ) -> dict[str, SceneTask]:
-    """Name the work that takes what is learned from each scene of test set 1.
-
-    Parameters
-    ----------
-    scenes : SceneCollection
-        The scenes.
-    features, images : SceneCollection
-        What the two methods made of them.
-    parameters : FusionParameters
-        How scenes are divided.
-    survey : SurveyParameters
-        Names the class scheme.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene of test set 1.
-    """
+    """Name the work that takes what is learned from each scene of test set 1."""
     scheme = find_scheme(classes["schemes"], survey.scheme)
     first, _ = divide_scenes(list(images), parameters.share)
     inputs = {"scene": scenes, "features": features, "images": images}
@@ -58,26 +39,7 @@ def learn_fusion(
     survey: SurveyParameters,
     classes: Mapping[str, Any],
 ) -> tuple[ModelBundle, ModelBundle]:
-    """Learn preferences and weights.
-
-    Parameters
-    ----------
-    answers : SceneCollection
-        What both methods say of the scenes of test set 1, and the truth.
-    features, images : SourceFile
-        Folders of the models of the two methods; the fusion takes them along, so that it can label a new survey.
-    parameters : FusionParameters
-        How.
-    survey : SurveyParameters
-        Names the class scheme.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    model, registered : ModelBundle
-        The model, for the workers and for the registry.
-    """
+    """Learn preferences and weights."""
     members = {"detrended_forest": open_model(features.path), "image_labels": open_model(images.path)}
     learned = fit(
         list(answers.load_all().values()),
@@ -93,21 +55,6 @@ def learn_fusion(
 def fuse_scenes(
     features: SceneCollection, images: SceneCollection, model: SourceFile, parameters: FusionParameters
 ) -> dict[str, SceneTask]:
-    """Name the work that fuses the labels of each scene of test set 2.
-
-    Parameters
-    ----------
-    features, images : SceneCollection
-        What the two methods made of the scenes.
-    model : SourceFile
-        The model's folder.
-    parameters : FusionParameters
-        How scenes are divided.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene of test set 2.
-    """
+    """Name the work that fuses the labels of each scene of test set 2."""
     _, second = divide_scenes(list(images), parameters.share)
     return scene_tasks(second, fuse_labelled_scene, {"features": features, "images": images, "model": model})

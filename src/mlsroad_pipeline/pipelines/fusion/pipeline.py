@@ -19,17 +19,6 @@ def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: labels of both methods to a model, learned on test set 1, and scores on test set 2.
 
     Like `image_labels`, without which it cannot run, it is no part of the comparison.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``detrended_forest.labels`` and ``image_labels.labels`` to ``fusion.model``, ``fusion.labels`` and
-        ``fusion.scores``.
     """
     own, configured = f"params:{SLUG}", ["params:survey", "params:classes"]
     both = ["detrended_forest.labels", "image_labels.labels"]

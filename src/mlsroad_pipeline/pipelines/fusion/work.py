@@ -13,23 +13,5 @@ from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
 def fuse_labelled_scene(
     features: Mapping[str, NDArray], images: Mapping[str, NDArray], model: str
 ) -> dict[str, NDArray]:
-    """Fuse the labels of a scene.
-
-    Parameters
-    ----------
-    features, images : mapping
-        What the two methods made of the scene.
-    model : str
-        The model's folder.
-
-    Returns
-    -------
-    dict of str to ndarray
-        What `fuse_scene` gives.
-
-    Raises
-    ------
-    DataError
-        If there are other cameras than on test set 1.
-    """
+    """Fuse the labels of a scene."""
     return fuse_scene(features, images, open_model(model))

@@ -9,52 +9,15 @@ from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
 
 
 def find_ground_of_scenes(scenes: SceneCollection, parameters: GroundParameters) -> dict[str, SceneTask]:
-    """Name the work that tells each scene's ground points and heights above the ground.
-
-    Parameters
-    ----------
-    scenes : SceneCollection
-        The scenes.
-    parameters : GroundParameters
-        Parameters of the ground filter.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene.
-    """
+    """Name the work that tells each scene's ground points and heights above the ground."""
     return scene_tasks(scenes, find_ground, {"scene": scenes}, {"parameters": parameters})
 
 
 def count_ground_of_scenes(scenes: SceneCollection, ground: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that holds each scene's ground against its labels.
-
-    Parameters
-    ----------
-    scenes : SceneCollection
-        The scenes.
-    ground : SceneCollection
-        Ground masks, keyed like the scenes.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene.
-    """
+    """Name the work that holds each scene's ground against its labels."""
     return scene_tasks(scenes, count_ground_points, {"scene": scenes, "ground": ground})
 
 
 def score_ground_removal(counts: SceneCollection) -> pd.DataFrame:
-    """Score the ground filter per split.
-
-    Parameters
-    ----------
-    counts : SceneCollection
-        Counts of the scenes.
-
-    Returns
-    -------
-    DataFrame
-        Type I, type II and total error and kappa.
-    """
+    """Score the ground filter per split."""
     return ground_table(counts.load_all())

@@ -10,18 +10,7 @@ from mlsroad_pipeline.pipelines.ground_removal.nodes import (
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: scenes to ground masks and heights.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``scenes`` to ``ground`` and ``ground_scores``.
-    """
+    """Return the pipeline: scenes to ground masks and heights."""
     return Pipeline(
         [
             Node(

@@ -31,31 +31,7 @@ def find_images(
     ingest: IngestParameters,
     classes: Mapping[str, Any],
 ) -> dict[str, DriveImages]:
-    """Find the images of each drive.
-
-    Parameters
-    ----------
-    scenes : SceneCollection
-        The scenes; only that they are there counts.
-    parameters : ImageLabelsParameters
-        Name of the file of cameras.
-    survey : SurveyParameters
-        Names the files.
-    ingest : IngestParameters
-        How they were cut.
-    classes : mapping
-        The class schemes and codings.
-
-    Returns
-    -------
-    dict of str to DriveImages
-        Drive to its images.
-
-    Raises
-    ------
-    ReadError
-        If the training drives have no images.
-    """
+    """Find the images of each drive."""
     del scenes
     return images_of_drives(plan_comparison(survey, ingest, classes["codings"]), parameters.calibration)
 
@@ -66,26 +42,7 @@ def train_network(
     survey: SurveyParameters,
     classes: Mapping[str, Any],
 ) -> tuple[ModelBundle, ModelBundle, pd.DataFrame]:
-    """Train the network on the images of the training drives.
-
-    Parameters
-    ----------
-    drives : mapping of str to DriveImages
-        Drive to its images.
-    parameters : ImageLabelsParameters
-        How.
-    survey : SurveyParameters
-        Names the training files and the class scheme.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    model, registered : ModelBundle
-        The model, for the workers and for the registry.
-    losses : DataFrame
-        Loss of every step.
-    """
+    """Train the network on the images of the training drives."""
     scheme = find_scheme(classes["schemes"], survey.scheme)
     trained_on = {"survey": survey.root, "splits": str(survey.splits.get("train"))}
     model, losses = train_on_drives(drives, parameters, scheme, trained_on)
@@ -95,24 +52,7 @@ def train_network(
 def label_scenes(
     scenes: SceneCollection, drives: Mapping[str, DriveImages], model: SourceFile, parameters: ImageLabelsParameters
 ) -> dict[str, SceneTask]:
-    """Name the work that labels each scene that the network was not trained on.
-
-    Parameters
-    ----------
-    scenes : SceneCollection
-        The scenes.
-    drives : mapping of str to DriveImages
-        Drive to its images.
-    model : SourceFile
-        The model's folder.
-    parameters : ImageLabelsParameters
-        Which images are looked at.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene of the other splits.
-    """
+    """Name the work that labels each scene that the network was not trained on."""
     tasks = {}
     for key in held_out_keys(scenes):
         images = drives.get(key.rpartition(".")[0])

@@ -12,16 +12,6 @@ def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: scenes and images to a model, labels of the scenes that it was not trained on, and scores.
 
     It is no part of the comparison: only surveys with images have it, and training a network takes minutes.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``scenes`` to ``image_labels.model``, ``image_labels.labels`` and ``image_labels.scores``.
     """
     own, configured = f"params:{SLUG}", ["params:survey", "params:classes"]
     return Pipeline(

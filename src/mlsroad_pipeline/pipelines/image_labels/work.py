@@ -49,25 +49,7 @@ class DriveImages:
 
 
 def images_of_drives(plan: SurveyPlan, calibration: str) -> dict[str, DriveImages]:
-    """Find the images of each drive of a survey.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    calibration : str
-        Name of the file of cameras and poses beside the points.
-
-    Returns
-    -------
-    dict of str to DriveImages
-        Drive to images; drives without are left out, with a warning.
-
-    Raises
-    ------
-    ReadError
-        If no drive has images, or none that the methods learn from.
-    """
+    """Find the images of each drive of a survey."""
     found, without = {}, []
     for drive, files in plan.drives().items():
         path = Path(files[0].source.path).parent / calibration
@@ -128,31 +110,7 @@ def label_scene_through_images(
     scene: PointCloud, around: Sequence[PointCloud], model: str, calibration: str | None, pictures: str | None, *,
     reach: float,
 ) -> dict[str, NDArray]:  # fmt: skip
-    """Label a scene of a comparison with a stored model.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    around : sequence of PointCloud
-        The scenes beside it.
-    model : str
-        The model's folder.
-    calibration, pictures : str or None
-        The drive's file of cameras and poses, and the folder of its pictures; None where it has no images.
-    reach : float
-        Farthest camera from the scene's points along the ground whose images are looked at, metres.
-
-    Returns
-    -------
-    dict of str to ndarray
-        What `labeller.label_scene` gives.
-
-    Raises
-    ------
-    ReadError
-        If a picture is missing or does not fit its camera.
-    """
+    """Label a scene of a comparison with a stored model."""
     from mlsroad_pipeline.algorithms.image_labels import labeller  # noqa: PLC0415  it imports torch
 
     images = SurveyImages(()) if calibration is None else read_images(calibration, images=pictures)
@@ -167,20 +125,7 @@ def label_scene_through_images(
 
 
 def scenes_beside(key: str, keys: Iterable[str]) -> list[str]:
-    """Name the scenes before and after a scene on its drive.
-
-    Parameters
-    ----------
-    key : str
-        The scene.
-    keys : iterable of str
-        All scenes, in the order of the road.
-
-    Returns
-    -------
-    list of str
-        None, one or two scenes.
-    """
+    """Name the scenes before and after a scene on its drive."""
     drive = [name for name in keys if name.rpartition(".")[0] == key.rpartition(".")[0]]
     place = drive.index(key)
     return [*drive[max(place - 1, 0) : place], *drive[place + 1 : place + 2]]
@@ -192,31 +137,7 @@ def train_on_drives(
     scheme: ClassScheme,
     trained_on: Mapping[str, Any],
 ) -> tuple[ModelBundle, list[float]]:
-    """Train a network on the images of the training drives.
-
-    Parameters
-    ----------
-    drives : mapping of str to DriveImages
-        All drives; their cameras are those of the survey.
-    parameters : ImageLabelsParameters
-        How.
-    scheme : ClassScheme
-        The classes.
-    trained_on : mapping
-        What the model's metadata say of the training data; JSON values.
-
-    Returns
-    -------
-    bundle : ModelBundle
-        The model.
-    losses : list of float
-        Loss of every step.
-
-    Raises
-    ------
-    ReadError
-        If a picture or its labels are missing or do not fit their camera.
-    """
+    """Train a network on the images of the training drives."""
     from mlsroad_pipeline.algorithms.image_labels import labeller  # noqa: PLC0415  it imports torch
 
     chosen = [drives[drive] for drive in training_keys(drives)]

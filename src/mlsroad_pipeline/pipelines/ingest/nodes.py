@@ -23,43 +23,13 @@ logger = logging.getLogger(__name__)
 def plan_files(
     parameters: SurveyParameters, ingest: IngestParameters, classes: Mapping[str, Any], ready: Any
 ) -> SurveyPlan:
-    """Name the files of each split.
-
-    Parameters
-    ----------
-    parameters : SurveyParameters
-        The survey's root, its splits, its labels and how it is read.
-    ingest : IngestParameters
-        How it is cut.
-    classes : mapping
-        The class schemes and codings.
-    ready : object
-        The simulated surveys, where the environment simulates; only that they are there counts.
-
-    Returns
-    -------
-    SurveyPlan
-        The plan.
-    """
+    """Name the files of each split."""
     del ready
     return plan_comparison(parameters, ingest, classes["codings"])
 
 
 def describe_files(plan: SurveyPlan, ingest: IngestParameters) -> dict[str, SceneTask]:
-    """Name the work that counts and samples each file's points.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    ingest : IngestParameters
-        How the survey is cut.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per file.
-    """
+    """Name the work that counts and samples each file's points."""
     estimated = estimated_drives(plan, ingest)
     return {
         f.key: SceneTask(
@@ -72,22 +42,7 @@ def describe_files(plan: SurveyPlan, ingest: IngestParameters) -> dict[str, Scen
 
 
 def find_corridors(plan: SurveyPlan, files: SceneCollection, ingest: IngestParameters) -> dict[str, SceneTask]:
-    """Name the work that finds what each drive is cut along.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    files : SceneCollection
-        Their samples.
-    ingest : IngestParameters
-        How the survey is cut.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per drive.
-    """
+    """Name the work that finds what each drive is cut along."""
     samples, windows = files.part("sample"), files.part("windows")
     tasks = {}
     for drive, members in plan.drives().items():
@@ -104,24 +59,7 @@ def find_corridors(plan: SurveyPlan, files: SceneCollection, ingest: IngestParam
 def cut_files(
     plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, ingest: IngestParameters
 ) -> dict[str, SceneTask]:
-    """Name the work that reads each range of rows and sorts it into bins.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    files : SceneCollection
-        Their numbers of points and constant columns.
-    corridors : SceneCollection
-        What each drive is cut along.
-    ingest : IngestParameters
-        How the survey is cut.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per range.
-    """
+    """Name the work that reads each range of rows and sorts it into bins."""
     for drive, corridor in corridors.load_all().items():
         if "note" in corridor:
             logger.info("%s: %s", drive, corridor["note"])
@@ -140,22 +78,7 @@ def cut_files(
 
 
 def assemble_scenes(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestParameters) -> dict[str, SceneTask]:
-    """Name the work that joins pieces into scenes.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    pieces : SceneCollection
-        Their ranges, cut.
-    ingest : IngestParameters
-        How the survey is cut.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene, named ``<split>.<folder>.scene_<number>``.
-    """
+    """Name the work that joins pieces into scenes."""
     bins, points = pieces.load_all("bins"), pieces.part("points", mapped=True)
     return {
         scene.key: SceneTask(
@@ -169,18 +92,5 @@ def assemble_scenes(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestPar
 
 
 def report_quality(plan: SurveyPlan, pieces: SceneCollection) -> pd.DataFrame:
-    """Report the quality of each file.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    pieces : SceneCollection
-        Their ranges, inspected.
-
-    Returns
-    -------
-    DataFrame
-        One row per file.
-    """
+    """Report the quality of each file."""
     return quality_table({f.source.name: f.key for f in plan.files}, pieces.load_all("quality"))

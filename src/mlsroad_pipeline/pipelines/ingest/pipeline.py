@@ -13,18 +13,7 @@ from mlsroad_pipeline.pipelines.ingest.nodes import (
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: a survey to scenes and its quality report.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        The files below the survey's root to ``scenes`` and ``survey_quality``; simulated ones are waited for.
-    """
+    """Return the pipeline: a survey to scenes and its quality report."""
     return (
         Pipeline(
             [

@@ -13,20 +13,7 @@ logger = logging.getLogger(__name__)
 
 
 def inspect_files(parameters: InspectParameters, survey: SurveyParameters) -> tuple[dict[str, Any], str, pd.DataFrame]:
-    """Look through the files of a survey, log what is wrong with each, and report.
-
-    Parameters
-    ----------
-    parameters : InspectParameters
-        The survey to inspect.
-    survey : SurveyParameters
-        The survey of the comparison, inspected where no other is named.
-
-    Returns
-    -------
-    tuple of dict, str and DataFrame
-        All figures as plain data, the page, and the warnings (columns ``file`` and ``warning``).
-    """
+    """Look through the files of a survey, log what is wrong with each, and report."""
     root = parameters.survey or str(survey.root)
     files, unread = inspect_survey(parameters, root=root, read=parameters.read if parameters.survey else survey.read)
     warnings = survey_warnings(files, unread)

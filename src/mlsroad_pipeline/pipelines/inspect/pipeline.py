@@ -6,18 +6,7 @@ from mlsroad_pipeline.pipelines.inspect.nodes import inspect_files
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: a survey's files to a report on their quality, and to warnings.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``inspect.survey`` to ``inspection``, ``inspection_report`` and ``survey_warnings``.
-    """
+    """Return the pipeline: a survey's files to a report on their quality, and to warnings."""
     return Pipeline(
         [
             Node(

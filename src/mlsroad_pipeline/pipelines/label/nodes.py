@@ -30,36 +30,12 @@ logger = logging.getLogger(__name__)
 
 
 def plan_label_files(parameters: LabelParameters, ingest: IngestParameters) -> SurveyPlan:
-    """List the files of the survey.
-
-    Parameters
-    ----------
-    parameters : LabelParameters
-        The survey and the folder for the results.
-    ingest : IngestParameters
-        How it is cut.
-
-    Returns
-    -------
-    SurveyPlan
-        The files.
-    """
+    """List the files of the survey."""
     return plan_labelling(parameters, ingest)
 
 
 def take_model(registered: ModelBundle) -> ModelBundle:
-    """Take the registered model and say what it was trained on.
-
-    Parameters
-    ----------
-    registered : ModelBundle
-        The model from the registry.
-
-    Returns
-    -------
-    ModelBundle
-        The same, for the workers.
-    """
+    """Take the registered model and say what it was trained on."""
     told = registered.metadata
     logger.info("Labelling with %s, trained on %s", told.get("registered", registered.slug), told.get("trained_on"))
     return registered
@@ -70,22 +46,7 @@ def _quality(plan: SurveyPlan, pieces: SceneCollection) -> pd.DataFrame:
 
 
 def find_label_images(plan: SurveyPlan, model: SourceFile, parameters: LabelParameters) -> LabelImages:
-    """Find the images of the survey, where the model looks at any.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    model : SourceFile
-        The model's folder.
-    parameters : LabelParameters
-        Name of the file of cameras.
-
-    Returns
-    -------
-    LabelImages
-        The images of each drive.
-    """
+    """Find the images of the survey, where the model looks at any."""
     return images_to_label(plan, open_model(model.path), parameters.images)
 
 
@@ -100,34 +61,7 @@ def label_new_scenes(
     ground: GroundParameters,
     classes: Mapping[str, Any],
 ) -> dict[str, SceneTask]:
-    """Name the work that labels each scene.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    pieces : SceneCollection
-        Their ranges, cut.
-    corridors : SceneCollection
-        Their trajectories.
-    model : SourceFile
-        The model's folder.
-    images : LabelImages
-        The images of each drive, where the model looks at any.
-    parameters : LabelParameters
-        Codes and rules of objects.
-    ingest : IngestParameters
-        How the survey is cut.
-    ground : GroundParameters
-        The ground filter, for the heights of objects.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene.
-    """
+    """Name the work that labels each scene."""
     bundle = open_model(model.path)
     for warning in attribute_warnings(bundle, _quality(plan, pieces)):
         logger.warning(warning)
@@ -149,30 +83,7 @@ def write_labelled_files(
     model: SourceFile,
     parameters: LabelParameters,
 ) -> dict[str, SceneTask]:
-    """Name the work that writes each file with its labels, and the work that joins the objects meanwhile.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    files : SceneCollection
-        Their samples, for the coordinate reference system.
-    corridors : SceneCollection
-        Their trajectories.
-    pieces : SceneCollection
-        Their ranges, which know whether there were classes.
-    results : SceneCollection
-        Labels and objects of all scenes.
-    model : SourceFile
-        The model's folder.
-    parameters : LabelParameters
-        The folder for the results, and rules of objects.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per file, and one for the table of the objects.
-    """
+    """Name the work that writes each file with its labels, and the work that joins the objects meanwhile."""
     survey_crs(plan, files)  # an inventory needs a single one: that is better known before hours of writing
     bundle = open_model(model.path)
     rules = object_rules(bundle, parameters.inventory)
@@ -192,24 +103,7 @@ def write_labelled_files(
 def make_inventory(
     plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, written: SceneCollection
 ) -> tuple[RoadInventory, RoadInventory]:
-    """Put the objects on the map.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    files : SceneCollection
-        Their samples, for the coordinate reference system.
-    corridors : SceneCollection
-        Their trajectories.
-    written : SceneCollection
-        What was written, the table of the objects among it.
-
-    Returns
-    -------
-    inventory, inventory_table : RoadInventory
-        The inventory, for the GeoPackage and the GeoParquet file.
-    """
+    """Put the objects on the map."""
     found = inventory_of(plan, files, corridors, written)
     return found, found
 
@@ -223,30 +117,7 @@ def write_report(
     model: SourceFile,
     parameters: LabelParameters,
 ) -> str:
-    """Put what was found on one page.
-
-    Parameters
-    ----------
-    plan : SurveyPlan
-        The files.
-    pieces : SceneCollection
-        Their quality.
-    results : SceneCollection
-        What the scenes found.
-    written : SceneCollection
-        The files that were written.
-    inventory : RoadInventory
-        The objects.
-    model : SourceFile
-        The model's folder.
-    parameters : LabelParameters
-        What was asked for.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Put what was found on one page."""
     quality = _quality(plan, pieces)
     sections = label_report_sections(
         open_model(model.path), parameters, quality, results.load_all("counts"), written.load_all(), inventory.objects

@@ -106,16 +106,5 @@ def _reporting() -> list[Node]:
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: a survey to a labelled survey, an inventory and a report.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``label_registered_model`` and the files of ``params:label`` to labelled files, inventory and report.
-    """
+    """Return the pipeline: a survey to a labelled survey, an inventory and a report."""
     return Pipeline([*_ingest(), *_labelling(), *_reporting()])

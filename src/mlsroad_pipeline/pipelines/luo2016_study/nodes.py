@@ -37,26 +37,7 @@ def plan_study(
     graph: PatchGraphParameters,
     refinement: GridParameters,
 ) -> StudyPlan:
-    """Plan the runs.
-
-    Parameters
-    ----------
-    study : StudyParameters
-        What is run.
-    classes : mapping
-        The class schemes.
-    ground : GroundParameters
-        How the ground is found.
-    sizes : PatchParameters
-        How patches are cut and described.
-    svm, forest, shapes, network, graph, refinement : dataclass
-        Parameters of the methods in the order of `METHODS`.
-
-    Returns
-    -------
-    StudyPlan
-        The plan.
-    """
+    """Plan the runs."""
     scheme = find_scheme(classes["schemes"], study.scheme)
     given = dict(zip(METHODS, (svm, forest, shapes, network, graph, refinement), strict=True))
     return luo2016_plan.plan_study(study, scheme=scheme, ground=ground, sizes=sizes, methods=given)
@@ -71,37 +52,13 @@ def _cut(seed: int, patch_size: float) -> str:
 
 
 def make_streets(plan: StudyPlan) -> dict[str, SceneTask]:
-    """Name the work that simulates each street.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per street.
-    """
+    """Name the work that simulates each street."""
     surveys = {_street(seed): survey for seed, survey in plan.surveys().items()}
     return street_tasks(make_street, surveys, plan.ground)
 
 
 def cut_streets(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that cuts each street into patches, in every size that it is used in.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    streets : SceneCollection
-        The streets.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per street and size.
-    """
+    """Name the work that cuts each street into patches, in every size that it is used in."""
     runs = [*plan.tuning_runs(), *plan.all_runs(plan.parameters).values()]
     wanted = {_cut(seed, run.sizes.patch_size): (seed, run.sizes) for run in runs for seed in (*run.train, *run.test)}
     return {
@@ -137,61 +94,18 @@ def _task(plan: StudyPlan, run: StudyRun, streets: SceneCollection, cut: SceneCo
 
 
 def try_settings(plan: StudyPlan, streets: SceneCollection, cut: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that tries the settings of each method on training streets.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    streets, cut : SceneCollection
-        The streets and their patches.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per method and setting.
-    """
+    """Name the work that tries the settings of each method on training streets."""
     return {run.key: _task(plan, run, streets, cut) for run in plan.tuning_runs()}
 
 
 def run_methods(
     plan: StudyPlan, streets: SceneCollection, cut: SceneCollection, tried: SceneCollection
 ) -> dict[str, SceneTask]:
-    """Name the work that trains each method on each repetition, and the settings of the sensitivity figures.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    streets, cut : SceneCollection
-        The streets and their patches.
-    tried : SceneCollection
-        What came of the settings.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per run.
-    """
+    """Name the work that trains each method on each repetition, and the settings of the sensitivity figures."""
     parameters = plan.tuned(tried.load_all())
     return {key: _task(plan, run, streets, cut) for key, run in plan.all_runs(parameters).items()}
 
 
 def tabulate_study(plan: StudyPlan, tried: SceneCollection, runs: SceneCollection) -> tuple[Any, ...]:
-    """Make the tables of the study.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    tried : SceneCollection
-        What came of the settings.
-    runs : SceneCollection
-        What came of the runs.
-
-    Returns
-    -------
-    tuple of DataFrame
-        The tables of `StudyTables` in their order.
-    """
+    """Make the tables of the study."""
     return study_tables(plan, tried.load_all(), runs.load_all()).as_tuple()

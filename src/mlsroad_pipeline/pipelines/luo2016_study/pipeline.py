@@ -20,18 +20,7 @@ FIGURES = ("methods_figure", "patch_size_figure", "search_radius_figure")
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: parameters to streets, runs, tables, figures and a report.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        Parameters to ``luo2016_study.*``.
-    """
+    """Return the pipeline: parameters to streets, runs, tables, figures and a report."""
     own = [f"params:{name}" for name in (STUDY, "classes", "ground_removal", "patches", *METHODS)]
     plan, streets, cut, tried, runs = entries(STUDY, ("plan", "streets", "patches", "tried", "runs"))
     tables = entries(STUDY, StudyTables.names())

@@ -34,24 +34,7 @@ def plan_study(
     shot: DescriptorParameters,
     pointnet: PointNetParameters,
 ) -> StudyPlan:
-    """Plan the runs.
-
-    Parameters
-    ----------
-    study : StudyParameters
-        What is run.
-    sets : SimulatedObjectsParameters
-        The simulated sets.
-    classes : mapping
-        The class schemes.
-    jointnet, printed, hierarchy, spin, shot, pointnet : dataclass
-        Parameters of the methods; sub-networks take those of JointNet.
-
-    Returns
-    -------
-    StudyPlan
-        The plan.
-    """
+    """Plan the runs."""
     methods: dict[str, Any] = {JOINTNET: jointnet, PRINTED: printed, **dict.fromkeys(VIEW_OF, jointnet)}
     methods |= dict(zip(RIVALS, (hierarchy, spin, shot, pointnet), strict=True))
     names = tuple(sets.chosen_sets())
@@ -63,18 +46,7 @@ def plan_study(
 
 
 def read_folds(plan: StudyPlan) -> dict[str, SceneTask]:
-    """Name the work that reads the folds of the Sydney Urban Objects.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per fold; none without them.
-    """
+    """Name the work that reads the folds of the Sydney Urban Objects."""
     return {
         f"{SYDNEY}.{name}": SceneTask(
             read_fold,
@@ -86,18 +58,7 @@ def read_folds(plan: StudyPlan) -> dict[str, SceneTask]:
 
 
 def measure_networks(plan: StudyPlan) -> dict[str, SceneTask]:
-    """Name the work that measures size, memory and time of each network.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per network.
-    """
+    """Name the work that measures size, memory and time of each network."""
     n_classes = len(plan.schemes[plan.sets[0]])
     return {
         method: SceneTask(
@@ -112,20 +73,7 @@ def measure_networks(plan: StudyPlan) -> dict[str, SceneTask]:
 
 
 def run_methods(plan: StudyPlan, sets: SceneCollection, folds: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that trains each method and lets it recognise objects.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    sets, folds : SceneCollection
-        The simulated sets, and the folds of the Sydney Urban Objects.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per run.
-    """
+    """Name the work that trains each method and lets it recognise objects."""
 
     def task(run: StudyRun) -> SceneTask:
         store = folds if run.dataset == SYDNEY else sets
@@ -150,19 +98,6 @@ def run_methods(plan: StudyPlan, sets: SceneCollection, folds: SceneCollection) 
 
 
 def tabulate_study(plan: StudyPlan, runs: SceneCollection, networks: SceneCollection) -> tuple[Any, ...]:
-    """Make the tables of the study.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    runs, networks : SceneCollection
-        What came of the runs, and the measured networks.
-
-    Returns
-    -------
-    tuple of DataFrame
-        The fields of `StudyTables` in their order.
-    """
+    """Make the tables of the study."""
     results, facts = runs.part("results").load_all(), runs.part("facts").load_all()
     return study_tables(plan, results, facts, networks.load_all()).as_tuple()

@@ -19,18 +19,7 @@ STUDY = "luo2019_study"
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: parameters to simulated sets, runs, tables, figures and a report.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        Parameters to ``simulated_objects.*`` and ``luo2019_study.*``.
-    """
+    """Return the pipeline: parameters to simulated sets, runs, tables, figures and a report."""
     given = [f"params:{name}" for name in (STUDY, "simulated_objects", "classes", JOINTNET, PRINTED, *RIVALS)]
     plan, folds, networks, runs = entries(STUDY, ["plan", "folds", "networks", "runs"])
     tables = entries(STUDY, StudyTables.names())

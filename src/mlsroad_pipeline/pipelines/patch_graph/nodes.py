@@ -16,24 +16,7 @@ from mlsroad_pipeline.reporting.figures.training import objective_figure
 def train_patch_graph(
     training: TrainingScenes, parameters: PatchGraphParameters
 ) -> tuple[ModelBundle, ModelBundle, pd.DataFrame, Figure]:
-    """Build the match graph.
-
-    Parameters
-    ----------
-    training : TrainingScenes
-        The training scenes.
-    parameters : PatchGraphParameters
-        Parameters of the graph.
-
-    Returns
-    -------
-    model, registered : ModelBundle
-        The model, for the workers and for the registry.
-    objective : DataFrame
-        Equation 1 after every iteration.
-    figure : Figure
-        The same as a curve.
-    """
+    """Build the match graph."""
     bundle = train(training.load(), parameters=parameters, n_threads=cpu_count())
     objective = pd.DataFrame({"objective": bundle.arrays["objective"]}).rename_axis("iteration").reset_index()
     return bundle, bundle, objective, objective_figure(bundle.arrays["objective"], title="Patch match graph")

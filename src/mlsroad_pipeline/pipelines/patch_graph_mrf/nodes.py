@@ -16,24 +16,7 @@ from mlsroad_pipeline.pipelines.patch_method import TrainingScenes
 def fit_refinement(
     training: TrainingScenes, parameters: GridParameters, graph: SourceFile, graph_parameters: PatchGraphParameters
 ) -> tuple[ModelBundle, ModelBundle]:
-    """Choose the parameters of the field by cross-validation.
-
-    Parameters
-    ----------
-    training : TrainingScenes
-        The training scenes.
-    parameters : GridParameters
-        What to choose from.
-    graph : SourceFile
-        The model of label transfer.
-    graph_parameters : PatchGraphParameters
-        Parameters of the graph.
-
-    Returns
-    -------
-    model, registered : ModelBundle
-        The model, for the workers and for the registry.
-    """
+    """Choose the parameters of the field by cross-validation."""
     bundle = train_refinement(
         training.load(),
         open_model(graph.load()),

@@ -17,43 +17,13 @@ from mlsroad_pipeline.surveys.plan import training_keys
 def extract_patches_of_scenes(
     scenes: SceneCollection, ground: SceneCollection, parameters: PatchParameters
 ) -> dict[str, SceneTask]:
-    """Name the work that cuts each scene into patches.
-
-    Parameters
-    ----------
-    scenes : SceneCollection
-        The scenes.
-    ground : SceneCollection
-        Ground masks and heights, keyed like the scenes.
-    parameters : PatchParameters
-        Sizes and radii.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene.
-    """
+    """Name the work that cuts each scene into patches."""
     return scene_tasks(scenes, build_patches, {"scene": scenes, "ground": ground}, {"parameters": parameters})
 
 
 def label_patches_of_scenes(
     scenes: SceneCollection, patches: SceneCollection, survey: SurveyParameters, classes: Mapping[str, Any]
 ) -> dict[str, SceneTask]:
-    """Name the work that gives the patches of each training scene their classes.
-
-    Parameters
-    ----------
-    scenes, patches : SceneCollection
-        The scenes and their patches.
-    survey : SurveyParameters
-        Names the class scheme.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene of the split ``train``.
-    """
+    """Name the work that gives the patches of each training scene their classes."""
     scheme = find_scheme(classes["schemes"], survey.scheme)
     return scene_tasks(training_keys(scenes), label_patches, {"scene": scenes, "patches": patches}, {"scheme": scheme})

@@ -6,18 +6,7 @@ from mlsroad_pipeline.pipelines.patches.nodes import extract_patches_of_scenes, 
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: scenes and ground to patches, and to the classes of those of the training scenes.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``scenes`` and ``ground`` to ``patches`` and ``patch_labels``.
-    """
+    """Return the pipeline: scenes and ground to patches, and to the classes of those of the training scenes."""
     return Pipeline(
         [
             Node(

@@ -28,22 +28,7 @@ from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
 def cut_objects_of_scenes(
     scenes: SceneCollection, objects: SceneCollection, recognition: RecognitionParameters, classes: Mapping[str, Any]
 ) -> dict[str, SceneTask]:
-    """Name the work that cuts the objects out of each scene.
-
-    Parameters
-    ----------
-    scenes, objects : SceneCollection
-        The scenes and their objects.
-    recognition : RecognitionParameters
-        Which objects.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene.
-    """
+    """Name the work that cuts the objects out of each scene."""
     parameters = {"scheme": find_scheme(classes["schemes"], recognition.scheme), "parameters": recognition}
     return scene_tasks(scenes, cut_objects, {"scene": scenes, "objects": objects}, parameters)
 
@@ -51,22 +36,7 @@ def cut_objects_of_scenes(
 def read_object_folds(
     survey: SurveyParameters, recognition: RecognitionParameters, classes: Mapping[str, Any]
 ) -> dict[str, SceneTask]:
-    """Name the work that reads the objects of each fold.
-
-    Parameters
-    ----------
-    survey : SurveyParameters
-        Its root.
-    recognition : RecognitionParameters
-        Where the lists of the folds lie.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per fold.
-    """
+    """Name the work that reads the objects of each fold."""
     survey.check_root()
     scheme = find_scheme(classes["schemes"], recognition.scheme)
     return {
@@ -80,18 +50,7 @@ def read_object_folds(
 
 
 def training_node(slug: str) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
-    """Return the node that trains a method.
-
-    Parameters
-    ----------
-    slug : str
-        The method.
-
-    Returns
-    -------
-    callable
-        Learns from the training scenes, or from all folds, and returns the model, for the workers and for the registry.
-    """
+    """Return the node that trains a method."""
 
     def train_method(
         sets: SceneCollection,
@@ -128,28 +87,7 @@ def recognise_sets(
     *,
     method: str,
 ) -> dict[str, SceneTask]:
-    """Name the work that recognises the objects of each scene that the model was not trained on, or of each fold.
-
-    Parameters
-    ----------
-    sets : SceneCollection
-        The objects.
-    model : SourceFile
-        The model's folder.
-    parameters : dataclass
-        Parameters of the method: of each fold, a model of its own is trained on the others.
-    recognition : RecognitionParameters
-        Which objects.
-    classes : mapping
-        The class schemes.
-    method : str
-        The method's slug.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene or fold.
-    """
+    """Name the work that recognises the objects of each scene that the model was not trained on, or of each fold."""
     if not recognition.folds:
         return scene_tasks(held_out_keys(sets), recognise_with_model, {"objects": sets, "model": model})
     fixed = {
@@ -176,26 +114,7 @@ def score_recogniser(
     *,
     method: str,
 ) -> tuple[pd.DataFrame, Figure]:
-    """Score a method on the objects that it was not trained on.
-
-    Parameters
-    ----------
-    sets, recognitions : SceneCollection
-        The objects, and what the method made of them.
-    recognition : RecognitionParameters
-        Names the class scheme.
-    classes : mapping
-        The class schemes.
-    method : str
-        The method's slug.
-
-    Returns
-    -------
-    scores : DataFrame
-        The table of scores.
-    confusion : Figure
-        The confusion matrix of the last split.
-    """
+    """Score a method on the objects that it was not trained on."""
     truth = {key: sets[key].load()["label"] for key in recognitions}
     scheme = find_scheme(classes["schemes"], recognition.scheme)
     scores, matrices = score_recognitions(

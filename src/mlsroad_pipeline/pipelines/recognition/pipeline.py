@@ -19,18 +19,7 @@ PARAMETERS = {"hssi_net": "jointnet", "vqai_net": "jointnet", "vaai_net": "joint
 
 
 def recogniser_pipeline(slug: str) -> Pipeline:
-    """Return the pipeline of one recogniser.
-
-    Parameters
-    ----------
-    slug : str
-        The method.
-
-    Returns
-    -------
-    Pipeline
-        ``object_sets`` to ``<slug>.model`` and ``<slug>.recognitions`` of the objects that it was not trained on.
-    """
+    """Return the pipeline of one recogniser."""
     own, configured = f"params:{PARAMETERS.get(slug, slug)}", ["params:recognition"]
     stages = ["params:ground_removal", "params:segmentation", "params:survey", "params:classes"]
     return Pipeline(
@@ -86,18 +75,7 @@ def read_folds() -> Pipeline:
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: scenes and their objects to sets of objects, and these to the scores of all recognisers.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``scenes`` and ``objects`` to ``object_sets``, ``<slug>.scores`` and ``recognition_comparison``.
-    """
+    """Return the pipeline: scenes and their objects to sets of objects, and these to the scores of all recognisers."""
     cut = Node(
         cut_objects_of_scenes,
         inputs=["scenes", "objects", "params:recognition", "params:classes"],

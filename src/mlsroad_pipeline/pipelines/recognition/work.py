@@ -11,18 +11,5 @@ from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
 
 
 def recognise_with_model(objects: Mapping[str, NDArray], model: str) -> dict[str, NDArray]:
-    """Recognise the objects of a scene with a stored model.
-
-    Parameters
-    ----------
-    objects : mapping
-        Arrays of an `ObjectSet`.
-    model : str
-        The model's folder.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``label`` int16, ``score`` float32 and ``scores`` of every class.
-    """
+    """Recognise the objects of a scene with a stored model."""
     return recognise_objects(objects, open_model(model))

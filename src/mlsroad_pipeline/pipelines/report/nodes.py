@@ -17,26 +17,7 @@ def write_report(
     figures: Mapping[str, Sequence[str]],
     names: Sequence[str],
 ) -> str:
-    """Put scores and figures of all methods on one page.
-
-    Parameters
-    ----------
-    survey : SurveyParameters
-        What was compared on.
-    *parts : DataFrame or ndarray
-        The tables of the tasks and of the stages, and the scores and figures of the methods.
-    tasks : sequence of str
-        Names of the tables of the tasks.
-    figures : mapping of str to sequence of str
-        Method to the names of its figures.
-    names : sequence of str
-        What each of `parts` is.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Put scores and figures of all methods on one page."""
     given = dict(zip(names, parts, strict=True))
     methods = {slug: {name: given[f"{slug}.{name}_figure"] for name in mine} for slug, mine in figures.items()}
     scores = {slug: given[f"{slug}.scores"] for slug in figures}

@@ -36,27 +36,10 @@ def _report(*tasks: str) -> Pipeline:
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: scores and figures of every labeller and detector to one page.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``<slug>.scores`` and figures of these methods and the tables of the stages to ``report``.
-    """
+    """Return the pipeline: scores and figures of every labeller and detector to one page."""
     return _report("comparison", "detection_comparison")
 
 
 def report_on_everything() -> Pipeline:
-    """Return the pipeline that has the recognisers and the methods that need images on the page too.
-
-    Returns
-    -------
-    Pipeline
-        ``<slug>.scores`` and figures of every method and the tables of the stages to ``report``.
-    """
+    """Return the pipeline that has the recognisers and the methods that need images on the page too."""
     return _report(*TASKS)

@@ -23,42 +23,14 @@ from mlsroad_pipeline.surveys.plan import training_keys
 def segment_scenes(
     scenes: SceneCollection, ground: SceneCollection, parameters: SegmentationParameters
 ) -> dict[str, SceneTask]:
-    """Name the work that segments each scene's off-ground points.
-
-    Parameters
-    ----------
-    scenes, ground : SceneCollection
-        The scenes and their ground.
-    parameters : SegmentationParameters
-        The method and its parameters.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene.
-    """
+    """Name the work that segments each scene's off-ground points."""
     return scene_tasks(scenes, segment_scene, {"scene": scenes, "ground": ground}, {"parameters": parameters})
 
 
 def name_objects_of_scenes(
     scenes: SceneCollection, objects: SceneCollection, detection: DetectionParameters, classes: Mapping[str, Any]
 ) -> dict[str, SceneTask]:
-    """Name the work that gives the objects of each training scene their classes.
-
-    Parameters
-    ----------
-    scenes, objects : SceneCollection
-        The scenes and their objects.
-    detection : DetectionParameters
-        The wanted classes.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene of the split ``train``.
-    """
+    """Name the work that gives the objects of each training scene their classes."""
     parameters = {"scheme": find_scheme(classes["schemes"], detection.scheme), "parameters": detection}
     return scene_tasks(training_keys(scenes), object_classes, {"scene": scenes, "objects": objects}, parameters)
 
@@ -66,37 +38,11 @@ def name_objects_of_scenes(
 def measure_segmentation_of_scenes(
     scenes: SceneCollection, objects: SceneCollection, detection: DetectionParameters, classes: Mapping[str, Any]
 ) -> dict[str, SceneTask]:
-    """Name the work that compares each scene's objects with its reference instances.
-
-    Parameters
-    ----------
-    scenes, objects : SceneCollection
-        The scenes and their objects.
-    detection : DetectionParameters
-        The class scheme and the smallest reference object.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene.
-    """
+    """Name the work that compares each scene's objects with its reference instances."""
     parameters = {"scheme": find_scheme(classes["schemes"], detection.scheme), "min_points": detection.min_points}
     return scene_tasks(scenes, measure_segmentation, {"scene": scenes, "objects": objects}, parameters)
 
 
 def score_segmentation(measured: SceneCollection) -> pd.DataFrame:
-    """Score the segmentation per split.
-
-    Parameters
-    ----------
-    measured : SceneCollection
-        Scores of the scenes.
-
-    Returns
-    -------
-    DataFrame
-        Coverage, precision and recall, over- and under-segmentation.
-    """
+    """Score the segmentation per split."""
     return segmentation_table(measured.load_all())

@@ -11,18 +11,7 @@ from mlsroad_pipeline.pipelines.segmentation.nodes import (
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: scenes and their ground to objects.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``scenes`` and ``ground`` to ``objects``, ``object_classes`` of the training scenes and ``segmentation_scores``.
-    """
+    """Return the pipeline: scenes and their ground to objects."""
     configured = ["params:detection", "params:classes"]
     return Pipeline(
         [

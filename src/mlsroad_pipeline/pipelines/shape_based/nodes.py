@@ -18,22 +18,7 @@ def take_training_objects(
     training: TrainingScenes,
     parameters: ShapeParameters,
 ) -> dict[str, SceneTask]:
-    """Name the work that cuts the objects out of each training scene.
-
-    Parameters
-    ----------
-    scenes, ground, patches : SceneCollection
-        The scenes and what the stages before gave.
-    training : TrainingScenes
-        Names the class scheme.
-    parameters : ShapeParameters
-        How objects are located and cut.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene of the split ``train``.
-    """
+    """Name the work that cuts the objects out of each training scene."""
     inputs = {"scene": scenes, "ground": ground, "patches": patches}
     fixed = {"scheme": training.scheme, "parameters": parameters}
     return scene_tasks(training_keys(scenes), training_objects, inputs, fixed)
@@ -42,22 +27,7 @@ def take_training_objects(
 def train_shape_based(
     training: TrainingScenes, parameters: ShapeParameters, objects: SceneCollection
 ) -> tuple[ModelBundle, ModelBundle]:
-    """Train the forest that classifies objects.
-
-    Parameters
-    ----------
-    training : TrainingScenes
-        The training scenes.
-    parameters : ShapeParameters
-        Parameters of the method.
-    objects : SceneCollection
-        Objects of the training scenes with their classes.
-
-    Returns
-    -------
-    model, registered : ModelBundle
-        The model, for the workers and for the registry.
-    """
+    """Train the forest that classifies objects."""
     bundle = fit(
         list(objects.load_all().values()),
         parameters=parameters,
@@ -71,19 +41,6 @@ def train_shape_based(
 def label_scenes_by_shape(
     scenes: SceneCollection, ground: SceneCollection, patches: SceneCollection, model: SourceFile
 ) -> dict[str, SceneTask]:
-    """Name the work that labels the objects of each scene that the model was not trained on.
-
-    Parameters
-    ----------
-    scenes, ground, patches : SceneCollection
-        The scenes and what the stages before gave.
-    model : SourceFile
-        The model's folder.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene of the other splits.
-    """
+    """Name the work that labels the objects of each scene that the model was not trained on."""
     inputs = {"scene": scenes, "ground": ground, "patches": patches, "model": model}
     return scene_tasks(held_out_keys(scenes), label_prepared_objects, inputs)

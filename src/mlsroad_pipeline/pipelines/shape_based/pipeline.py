@@ -7,18 +7,7 @@ from mlsroad_pipeline.pipelines.shape_based.nodes import label_scenes_by_shape, 
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: objects to a model, and to labels of the scenes that it was not trained on.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``scenes``, ``ground``, ``patches`` and ``patch_labels`` to ``shape_based.model`` and ``shape_based.labels``.
-    """
+    """Return the pipeline: objects to a model, and to labels of the scenes that it was not trained on."""
     return Pipeline(
         [
             gathering(),

@@ -21,26 +21,7 @@ THREADS = 2
 
 
 def simulate_surveys(simulation: Mapping[str, Any], survey: SurveyParameters) -> dict[str, SceneTask]:
-    """Name the work that simulates each survey.
-
-    Parameters
-    ----------
-    simulation : mapping
-        ``enabled``; ``surveys``: folder below the root to preset and differences from it, or to None for no such
-        survey; ``only``: the name of the one that is wanted, or None for all.
-    survey : SurveyParameters
-        The root.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per survey; none where the environment brings its own.
-
-    Raises
-    ------
-    ParameterError
-        If ``only`` names no survey, or a survey's configuration is wrong.
-    """
+    """Name the work that simulates each survey."""
     if not simulation["enabled"]:
         return {}
     if simulation["only"] not in (None, *simulation["surveys"]):

@@ -6,18 +6,7 @@ from mlsroad_pipeline.pipelines.simulate.nodes import simulate_surveys
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: parameters to surveys below the root.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``params:simulation`` to ``simulated_surveys``.
-    """
+    """Return the pipeline: parameters to surveys below the root."""
     return Pipeline(
         [
             Node(

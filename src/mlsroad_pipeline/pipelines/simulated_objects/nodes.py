@@ -24,22 +24,7 @@ def cut_streets(
     segmentation: SegmentationParameters,
     classes: Mapping[str, Any],
 ) -> dict[str, SceneTask]:
-    """Name the work that simulates each street and cuts its objects out.
-
-    Parameters
-    ----------
-    parameters : SimulatedObjectsParameters
-        The sets.
-    ground, segmentation : dataclass
-        Parameters of the stages.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per street.
-    """
+    """Name the work that simulates each street and cuts its objects out."""
     return {
         f"{name}.seed_{seed}": SceneTask(
             cut_street,
@@ -61,22 +46,7 @@ def cut_streets(
 def draw_splits(
     parameters: SimulatedObjectsParameters, streets: SceneCollection, classes: Mapping[str, Any]
 ) -> dict[str, SceneTask]:
-    """Name the work that draws the objects of each split of each set.
-
-    Parameters
-    ----------
-    parameters : SimulatedObjectsParameters
-        The sets.
-    streets : SceneCollection
-        The objects of each street.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        ``<set>.<split>`` to task.
-    """
+    """Name the work that draws the objects of each split of each set."""
     return {
         f"{name}.{split}": SceneTask(
             draw_split,
@@ -94,22 +64,7 @@ def draw_splits(
 def tabulate_sets(
     parameters: SimulatedObjectsParameters, sets: SceneCollection, classes: Mapping[str, Any]
 ) -> pd.DataFrame:
-    """Tell what the sets are made of.
-
-    Parameters
-    ----------
-    parameters : SimulatedObjectsParameters
-        The sets.
-    sets : SceneCollection
-        Their objects.
-    classes : mapping
-        The class schemes.
-
-    Returns
-    -------
-    DataFrame
-        What `composition_table` gives.
-    """
+    """Tell what the sets are made of."""
     schemes = {name: find_scheme(classes["schemes"], name) for name in parameters.chosen_sets()}
     wanted = {
         f"{name}.{split}": limits

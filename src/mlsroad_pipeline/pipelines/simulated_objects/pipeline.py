@@ -6,18 +6,7 @@ from mlsroad_pipeline.pipelines.simulated_objects.nodes import cut_streets, draw
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: parameters to ``simulated_objects.streets``, ``.sets`` and ``.composition``.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        Parameters to ``simulated_objects.*``.
-    """
+    """Return the pipeline: parameters to ``simulated_objects.streets``, ``.sets`` and ``.composition``."""
     own, classes = "params:simulated_objects", "params:classes"
     streets, sets, composition = (f"simulated_objects.{name}" for name in ("streets", "sets", "composition"))
     stages = ["params:ground_removal", "params:segmentation"]

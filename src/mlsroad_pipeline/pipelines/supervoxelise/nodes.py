@@ -9,52 +9,15 @@ from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
 
 
 def supervoxelise_scenes(scenes: SceneCollection, parameters: SupervoxelParameters) -> dict[str, SceneTask]:
-    """Name the work that partitions each scene into supervoxels.
-
-    Parameters
-    ----------
-    scenes : SceneCollection
-        The scenes.
-    parameters : SupervoxelParameters
-        Parameters of VCCS.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene.
-    """
+    """Name the work that partitions each scene into supervoxels."""
     return scene_tasks(scenes, build_supervoxels, {"scene": scenes}, {"parameters": parameters})
 
 
 def measure_supervoxels_of_scenes(scenes: SceneCollection, supervoxels: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that measures each scene's partition against its labels.
-
-    Parameters
-    ----------
-    scenes : SceneCollection
-        The scenes.
-    supervoxels : SceneCollection
-        Supervoxels, keyed like the scenes.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per scene.
-    """
+    """Name the work that measures each scene's partition against its labels."""
     return scene_tasks(scenes, measure_supervoxels, {"scene": scenes, "supervoxels": supervoxels})
 
 
 def score_supervoxels(measured: SceneCollection) -> pd.DataFrame:
-    """Score the partition per split.
-
-    Parameters
-    ----------
-    measured : SceneCollection
-        Scores of the scenes.
-
-    Returns
-    -------
-    DataFrame
-        Boundary recall, under-segmentation error and accuracy ceiling.
-    """
+    """Score the partition per split."""
     return supervoxel_table(measured.load_all())

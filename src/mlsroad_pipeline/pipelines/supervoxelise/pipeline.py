@@ -10,18 +10,7 @@ from mlsroad_pipeline.pipelines.supervoxelise.nodes import (
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: scenes to supervoxels.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        ``scenes`` to ``supervoxels`` and ``supervoxel_quality``.
-    """
+    """Return the pipeline: scenes to supervoxels."""
     return Pipeline(
         [
             Node(

@@ -38,58 +38,21 @@ def plan_study(
     images: ImageLabelsParameters,
     fusion: FusionParameters,
 ) -> StudyPlan:
-    """Plan the runs.
-
-    Parameters
-    ----------
-    study : StudyParameters
-        What is run.
-    classes : mapping
-        The class schemes.
-    ground, supervoxels, features, forest, images, fusion : dataclass
-        Parameters of the stages and methods.
-
-    Returns
-    -------
-    StudyPlan
-        The plan.
-    """
+    """Plan the runs."""
     scheme = find_scheme(classes["schemes"], "tomic2019")
     length = simulation_parameters(study.chosen_scale().survey).length
     return make_plan(study, scheme, ground, supervoxels, features, forest, images, fusion.pool, length=length)
 
 
 def make_surveys(plan: StudyPlan) -> dict[str, SceneTask]:
-    """Name the work that simulates the surveys that are divided.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per survey.
-    """
+    """Name the work that simulates the surveys that are divided."""
     scale = plan.study.chosen_scale()
     surveys = {street_key(seed): {**scale.survey, "seed": seed} for seed in scale.seeds}
     return street_tasks(tomic2019_runs.make_survey, surveys, plan.ground)
 
 
 def make_photographs(plan: StudyPlan) -> dict[str, SceneTask]:
-    """Name the work that simulates the images that the network learns from.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per street.
-    """
+    """Name the work that simulates the images that the network learns from."""
     scale = plan.study.chosen_scale()
     kinds = cycle(scale.photographs)
     surveys = {
@@ -99,20 +62,7 @@ def make_photographs(plan: StudyPlan) -> dict[str, SceneTask]:
 
 
 def train_network(plan: StudyPlan, photographs: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that trains the network.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    photographs : SceneCollection
-        Images of other streets.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task.
-    """
+    """Name the work that trains the network."""
     images = photographs.part("images")
     return {
         NETWORK: SceneTask(
@@ -124,20 +74,7 @@ def train_network(plan: StudyPlan, photographs: SceneCollection) -> dict[str, Sc
 
 
 def label_by_features(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that trains each forest on half of a survey and labels the other half of one.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    streets : SceneCollection
-        The surveys.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per forest and survey.
-    """
+    """Name the work that trains each forest on half of a survey and labels the other half of one."""
     points = streets.part("points")
     return {
         f"{name}.{street}": SceneTask(
@@ -151,20 +88,7 @@ def label_by_features(plan: StudyPlan, streets: SceneCollection) -> dict[str, Sc
 
 
 def label_by_images(plan: StudyPlan, streets: SceneCollection, networks: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that labels half of each survey through its images.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    streets, networks : SceneCollection
-        The surveys, and the network.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per survey.
-    """
+    """Name the work that labels half of each survey through its images."""
     points, images = streets.part("points"), streets.part("images")
     weights = networks.part("weights")[NETWORK]
     return {
@@ -180,20 +104,7 @@ def label_by_images(plan: StudyPlan, streets: SceneCollection, networks: SceneCo
 def fuse_surveys(
     plan: StudyPlan, streets: SceneCollection, features: SceneCollection, images: SceneCollection
 ) -> dict[str, SceneTask]:
-    """Name the work that fuses the labels of each forest and survey with those of the images.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    streets, features, images : SceneCollection
-        The surveys, and what both methods say.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per forest and survey.
-    """
+    """Name the work that fuses the labels of each forest and survey with those of the images."""
     points, first, second = streets.part("points"), features.part("labels"), images.part("labels")
     return {
         f"{name}.{street}": SceneTask(
@@ -209,20 +120,7 @@ def fuse_surveys(
 def tabulate_study(
     plan: StudyPlan, features: SceneCollection, images: SceneCollection, runs: SceneCollection
 ) -> tuple[Any, ...]:
-    """Make the tables of the study.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    features, images, runs : SceneCollection
-        What came of both methods and of the fusion.
-
-    Returns
-    -------
-    tuple of DataFrame
-        The tables of `StudyTables` in their order.
-    """
+    """Make the tables of the study."""
     return study_tables(
         plan,
         runs.part("results").load_all(),
@@ -232,20 +130,7 @@ def tabulate_study(
 
 
 def draw_study(plan: StudyPlan, *given: Any) -> tuple[Figure | str, ...]:
-    """Draw the figures of the study, the paper's of its first survey, and write its report.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    *given : SceneCollection or DataFrame
-        The surveys, what came of both methods and of the fusion, and the tables of `StudyTables`.
-
-    Returns
-    -------
-    tuple of Figure and str
-        The figures in the order of `CAPTIONS`, and the report.
-    """
+    """Draw the figures of the study, the paper's of its first survey, and write its report."""
     streets, features, images, runs = given[:4]
     tables, street = StudyTables(*given[4:]), plan.streets[0]
     key = f"{PRINTED}.{street}"

@@ -21,18 +21,7 @@ STUDY = "tomic2019_study"
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: parameters to surveys, labels, fusions, tables, figures and a report.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        Parameters to ``tomic2019_study.*``.
-    """
+    """Return the pipeline: parameters to surveys, labels, fusions, tables, figures and a report."""
     stages = (
         STUDY, "classes", "ground_removal", "supervoxelise", "features", "detrended_forest", "image_labels", "fusion"
     )  # fmt: skip

@@ -43,24 +43,7 @@ def plan_study(
     descriptors: BottomUpTopDownParameters,
     words: VisualWordsParameters,
 ) -> StudyPlan:
-    """Plan the runs.
-
-    Parameters
-    ----------
-    study : StudyParameters
-        What is run.
-    classes : mapping
-        The class schemes.
-    ground, segmentation, detection : dataclass
-        Parameters of the stages.
-    forest, matching, descriptors, words : dataclass
-        Parameters of the detectors in the order of `DETECTORS`.
-
-    Returns
-    -------
-    StudyPlan
-        The plan.
-    """
+    """Plan the runs."""
     scale = study.chosen_scale()
     given = zip(DETECTORS, (forest, matching, descriptors, words), strict=True)
     methods = {slug: changed(parameters, scale.methods.get(slug, {})) for slug, parameters in given}
@@ -69,18 +52,7 @@ def plan_study(
 
 
 def make_surveys(plan: StudyPlan) -> dict[str, SceneTask]:
-    """Name the work that simulates each street.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per street.
-    """
+    """Name the work that simulates each street."""
     surveys = {
         street_key(name, seed): given.street(seed)
         for name, given in plan.scale.surveys.items()
@@ -105,38 +77,12 @@ def _segment(plan: StudyPlan, streets: SceneCollection, method: str, splits: Seq
 
 
 def segment_surveys(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that segments all streets by the method that detectors build on.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    streets : SceneCollection
-        The streets.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per street.
-    """
+    """Name the work that segments all streets by the method that detectors build on."""
     return _segment(plan, streets, CUT, ("train", "test"))
 
 
 def compare_segmentations(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that segments the test streets by the methods that it is compared with.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    streets : SceneCollection
-        The streets.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per method and street.
-    """
+    """Name the work that segments the test streets by the methods that it is compared with."""
     tasks: dict[str, SceneTask] = {}
     for method in SEGMENTATIONS:
         if method != CUT:
@@ -160,20 +106,7 @@ def _described(plan: StudyPlan) -> dict[str, tuple[str, Any, list[str]]]:
 
 
 def describe_surveys(plan: StudyPlan, streets: SceneCollection, segmented: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that describes the objects of each street as each detector and setting does.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    streets, segmented : SceneCollection
-        The streets and their objects.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per detector or setting and street.
-    """
+    """Name the work that describes the objects of each street as each detector and setting does."""
     points, objects = streets.part("points"), segmented.part("objects")
     tasks = {}
     for name, (method, parameters, surveys) in _described(plan).items():
@@ -244,20 +177,7 @@ def _run(
 
 
 def run_detectors(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that trains each detector and detects in the test streets of the surveys that it learned from.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    *stores : SceneCollection
-        The streets, their objects and these described.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per model.
-    """
+    """Name the work that trains each detector and detects in the test streets of the surveys that it learned from."""
     return {
         f"{slug}.{'_'.join(surveys)}": _run(plan, slug, surveys, stores, slug, plan.methods[slug])
         for slug in DETECTORS
@@ -266,20 +186,7 @@ def run_detectors(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneT
 
 
 def run_settings(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that trains the visual words of each setting of Figure 12 on the first survey.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    *stores : SceneCollection
-        The streets, their objects and these described.
-
-    Returns
-    -------
-    dict of str to SceneTask
-        One task per setting; settings that are the same are run once.
-    """
+    """Name the work that trains the visual words of each setting of Figure 12 on the first survey."""
     survey, own = next(iter(plan.scale.surveys)), _runs_of_settings(plan)
     return {
         _safe(name): _run(plan, described, [survey], stores, WORDS, parameters)
@@ -289,21 +196,7 @@ def run_settings(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTa
 
 
 def tabulate_study(plan: StudyPlan, *stores: SceneCollection) -> tuple[Any, ...]:
-    """Make the tables of the study.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    *stores : SceneCollection
-        The streets, their objects, these described, what came of the detectors and of the settings, and the objects of
-        the other segmentations.
-
-    Returns
-    -------
-    tuple of DataFrame
-        The tables of `StudyTables` in their order.
-    """
+    """Make the tables of the study."""
     streets, segmented, described, runs, variants, compared = stores
     found = variants.load_all()
     scores = {**compared.part("scores").load_all(), **segmented.part("scores").load_all()}

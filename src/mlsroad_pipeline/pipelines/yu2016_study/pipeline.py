@@ -22,18 +22,7 @@ FIGURES = ("segmentation_figure", "figure_12_figure")
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: parameters to streets, objects, detections, tables, figures and a report.
-
-    Parameters
-    ----------
-    **_ : object
-        Not used; Kedro lets callers of any pipeline give keyword arguments.
-
-    Returns
-    -------
-    Pipeline
-        Parameters to ``yu2016_study.*``.
-    """
+    """Return the pipeline: parameters to streets, objects, detections, tables, figures and a report."""
     stages = (STUDY, "classes", "ground_removal", "segmentation", "detection", *DETECTORS)
     names = ("plan", "streets", "objects", "described", "runs", "settings", "compared")
     plan, streets, objects, described, runs, settings, compared = entries(STUDY, names)

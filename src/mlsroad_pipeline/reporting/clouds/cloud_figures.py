@@ -90,26 +90,6 @@ def labelling_pictures(
 ) -> dict[str, NDArray[np.uint8]]:
     """Paint truth, prediction and errors of one cloud; what each pixel shows is found once.
 
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points, metres, in the frame of the view's centre.
-    view : View
-        Where from, and how large.
-    classes : ClassScheme or tuple of str
-        The classes of the labels; they fix the colours.
-    truth, predicted : array-like of int, shape (n,), optional
-        Labels, -1 for none. With both, the errors are painted too.
-    splat_metres : float, default 0.05
-        Side of a point's square, metres.
-    oversampling : int, default 2
-        The pictures are painted this many times larger and averaged down.
-
-    Returns
-    -------
-    dict of str to ndarray of uint8, shape (height, width, 3)
-        ``"truth"``, ``"prediction"`` and ``"errors"``, as far as given.
-
     Raises
     ------
     DataError
@@ -134,24 +114,6 @@ def detection_pictures(
     xyz: ArrayLike, view: View, *, classes: ClassScheme | tuple[str, ...], truth: ArrayLike, outcomes: ArrayLike
 ) -> dict[str, NDArray[np.uint8]]:
     """Paint what was looked for in a cloud, and what of it was found.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points, metres, in the frame of the view's centre.
-    view : View
-        Where from, and how large.
-    classes : ClassScheme or tuple of str
-        The classes of the labels; they fix the colours.
-    truth : array-like of int, shape (n,)
-        Class of the wanted object that a point belongs to, -1 for none.
-    outcomes : array-like of int, shape (n,)
-        0 right, 1 missed, 2 false, -1 for none.
-
-    Returns
-    -------
-    dict of str to ndarray of uint8, shape (height, width, 3)
-        ``"truth"`` and ``"detections"``.
 
     Raises
     ------
@@ -194,25 +156,6 @@ def cloud_figure(
     title: str = "",
 ) -> Figure:
     """Lay pictures of one view out with a legend and, where the view has one scale, a scale bar.
-
-    Parameters
-    ----------
-    pictures : mapping of str to ndarray of uint8, shape (height, width, 3)
-        Panel title to picture, such as the result of `labelling_pictures`. Wide pictures are stacked, others stand
-        side by side.
-    view : View
-        The view that they were painted in.
-    classes : ClassScheme or tuple of str
-        The classes, for the legend.
-    present : array-like of int, optional
-        The labels that the legend names; None names all classes.
-    title : str, default ""
-        Heading of the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure of its own, on the Agg canvas.
 
     Raises
     ------

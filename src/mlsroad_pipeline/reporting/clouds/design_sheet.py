@@ -70,24 +70,6 @@ def photograph(
 ) -> NDArray[np.uint8]:  # fmt: skip
     """Paint a mesh in the sun, seen in parallel projection with its foot near the lower edge.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        What is painted, metres.
-    size : tuple of int, default (240, 240)
-        Width and height of the picture, pixels.
-    span : float, optional
-        What the picture's height shows, metres; without it the whole mesh fits.
-    azimuth : float, default -0.6
-        Direction in which the viewer stands, radians counter-clockwise from -y.
-    elevation : float, default 0.2
-        How far the viewer looks down, radians.
-
-    Returns
-    -------
-    ndarray of uint8, shape (height, width, 3)
-        The picture on white.
-
     Raises
     ------
     ParameterError
@@ -120,28 +102,6 @@ def scan_mesh(
     mesh: Mesh, *, distance: float = 6.0, spacing: float = 0.03, scanner_height: float = 2.3, slant: float = 0.785
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.int64]]:
     """Scan a mesh as a van does that passes along x, with one scanner ahead and one behind askew.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        What is scanned, metres.
-    distance : float, default 6.0
-        From the track, on the side of -y, to the origin, metres.
-    spacing : float, default 0.03
-        Of the profiles along the track, and of the pulses at `distance`, metres.
-    scanner_height : float, default 2.3
-        Above z = 0, metres.
-    slant : float, default 0.785
-        Angle between the two profile planes and the plane across the track, radians; both signs are scanned.
-
-    Returns
-    -------
-    xyz : ndarray of shape (n, 3), float64
-        Places of the first returns, free of noise, metres.
-    rgb : ndarray of uint8, shape (n, 3)
-        Their colours in the sun.
-    face : ndarray of shape (n,), int64
-        The faces that they lie on.
 
     Raises
     ------
@@ -192,24 +152,6 @@ def design_sheet(
     style: str = "photograph", azimuth: float = -0.6, elevation: float = 0.2,
 ) -> Figure:  # fmt: skip
     """Lay out several individuals of every design, one row per design.
-
-    Parameters
-    ----------
-    designs : sequence of Design
-        What is shown.
-    seeds : sequence of int, default (1, 2, 3, 4)
-        One individual each.
-    cell : tuple of int, default (220, 220)
-        Width and height of a picture, pixels.
-    style : {"photograph", "points", "labels"}, default "photograph"
-        Faces in the sun, or scanned points in their colours or in those of their classes.
-    azimuth, elevation : float
-        See `photograph`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure on the Agg canvas; every picture says its individual's height and width.
 
     Raises
     ------

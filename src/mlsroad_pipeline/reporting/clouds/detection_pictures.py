@@ -32,28 +32,6 @@ def detection_outcomes(
 
     Detections are matched as `detection.count_detections_of_scene` matches them.
 
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene, with `label`.
-    objects : mapping
-        What `segment_scene` gave.
-    detections : mapping
-        ``label`` and ``score`` of each object.
-    scheme : ClassScheme
-        The classes.
-    parameters : DetectionParameters
-        The wanted classes, the least IoU and the smallest reference.
-
-    Returns
-    -------
-    truth : ndarray of int16, shape (n,)
-        Place in `parameters.classes` of the reference object that the point belongs to, -1 where nobody looks for its
-        object.
-    outcomes : ndarray of int8, shape (n,)
-        `RIGHT` in a detection that is right, `FALSE` in one that is not, `MISSED` in a reference object without a right
-        detection, -1 elsewhere. Detections are drawn over what was missed.
-
     Raises
     ------
     MissingColumnError
@@ -95,26 +73,7 @@ def detection_figure(
     parameters: DetectionParameters,
     title: str,
 ) -> Figure:
-    """Draw neighbouring scenes from the side: what is looked for, and what of it was found, missed or taken wrongly.
-
-    Parameters
-    ----------
-    scenes : sequence of PointCloud
-        The scenes; their core points are drawn.
-    objects, detections : sequence of mapping
-        Their objects, and what a method made of them.
-    scheme : ClassScheme
-        The classes.
-    parameters : DetectionParameters
-        The wanted classes, the least IoU and the smallest reference.
-    title : str
-        Heading.
-
-    Returns
-    -------
-    Figure
-        The panels ``truth`` and ``detections``.
-    """
+    """Draw neighbouring scenes from the side: what is looked for, and what of it was found, missed or taken wrongly."""
     origin = scenes[0].origin
     xyz = np.concatenate([scene.moved_to(origin).xyz[scene["core"]] for scene in scenes])
     told = [

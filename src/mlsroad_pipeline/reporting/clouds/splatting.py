@@ -18,24 +18,6 @@ def nearest_points(
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Find the point that each pixel of a view shows.
 
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points, metres, in the frame of the view's centre.
-    view : View
-        The view; square splats are painted at its resolution.
-    splat_metres : float, default 0.05
-        Side of a point's square, metres; larger closes more gaps and thickens thin things.
-    largest_splat : int, default 7
-        The most pixels that a splat's side may have; bounds the work for points close to the viewer.
-
-    Returns
-    -------
-    index : ndarray of int64, shape (height, width)
-        Row of the nearest point, of equally near ones the first; -1 where nothing is seen.
-    depth : ndarray of float32, shape (height, width)
-        Distance along the direction of sight, metres; infinite where nothing is seen.
-
     Raises
     ------
     DataError
@@ -70,22 +52,6 @@ def close_gaps(
     Scanners sample far surfaces sparsely: the background, or what stands behind, shows through. A pixel is taken for
     a gap if in three of the four pairs of opposite sectors around it there is something nearer.
 
-    Parameters
-    ----------
-    index : ndarray of int64, shape (height, width)
-        Rows of the points seen, -1 where nothing is.
-    depth : ndarray of float32, shape (height, width)
-        Their distances, metres; infinite where nothing is seen.
-    reach : int, default 4
-        Half the width of the widest gap to close, pixels; larger closes more and swallows fine structure.
-    step : float, default 0.4
-        How far a surface must stand in front of what shows through it, metres.
-
-    Returns
-    -------
-    index, depth : ndarray
-        New arrays with the gaps closed.
-
     Raises
     ------
     ParameterError
@@ -114,20 +80,6 @@ def depth_shading(depth: NDArray[np.float32], view: View, *, strength: float = 1
 
     Edges in depth are darkened on their far side, which separates things without normals or lamps (Boucheny 2009,
     "Visualisation scientifique de grands volumes de données: pour une approche perceptive", chapter 4).
-
-    Parameters
-    ----------
-    depth : ndarray of float32, shape (height, width)
-        Distances, metres; infinite where nothing is seen.
-    view : View
-        The view that they were seen in.
-    strength : float, default 1.0
-        0 leaves everything as it is; larger is darker.
-
-    Returns
-    -------
-    ndarray of float32, shape (height, width)
-        Factors in [0, 1]; 1 where nothing is seen.
 
     Raises
     ------
@@ -158,26 +110,7 @@ def shaded_picture(
     background: tuple[int, int, int] = (255, 255, 255),
     oversampling: int = 1,
 ) -> NDArray[np.uint8]:
-    """Colour the points that the pixels show, and average the picture down.
-
-    Parameters
-    ----------
-    index : ndarray of int64, shape (k * height, k * width)
-        Rows of the points seen, -1 where nothing is.
-    shade : ndarray of float32, shape (k * height, k * width)
-        Brightness of each pixel, 0 to 1.
-    colours : ndarray of uint8, shape (n, 3)
-        Red, green and blue of each point.
-    background : tuple of int, default (255, 255, 255)
-        Colour where nothing is seen.
-    oversampling : int, default 1
-        k: how many pixels along each side become one.
-
-    Returns
-    -------
-    ndarray of uint8, shape (height, width, 3)
-        The picture.
-    """
+    """Colour the points that the pixels show, and average the picture down."""
     rows, columns = (side // oversampling for side in index.shape)
     picture = np.empty((rows, columns, 3), dtype=np.uint8)
     compose(index, shade, colours, np.asarray(background, dtype=np.float32), oversampling, picture)
@@ -197,32 +130,6 @@ def render_points(
     oversampling: int = 2,
 ) -> NDArray[np.uint8]:
     """Paint a picture of coloured points.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points, metres, in the frame of the view's centre.
-    colours : array-like of uint8, shape (n, 3)
-        Red, green and blue of each point.
-    view : View
-        Where from, and how large; see `birds_eye_view`, `oblique_view` and `look_at`.
-    splat_metres : float, default 0.05
-        Side of a point's square, metres; larger closes more gaps and thickens thin things.
-    largest_splat : int, default 7
-        The most pixels of the enlarged picture that a splat's side may have.
-    gap : int, default 3
-        Half the width of the gaps to close, pixels of the picture; see `close_gaps`; 0 closes none.
-    shading : float, default 1.0
-        Strength of the eye-dome lighting; 0 gives flat colours.
-    background : tuple of int, default (255, 255, 255)
-        Colour where nothing is seen.
-    oversampling : int, default 2
-        The picture is painted this many times larger and averaged down, which smooths edges.
-
-    Returns
-    -------
-    ndarray of uint8, shape (height, width, 3)
-        The picture. The same input gives the same bytes.
 
     Raises
     ------

@@ -40,18 +40,7 @@ class View:
     perspective: bool
 
     def enlarged(self, factor: int) -> View:
-        """Return the same view with more pixels.
-
-        Parameters
-        ----------
-        factor : int
-            How many times as many along each side.
-
-        Returns
-        -------
-        View
-            The enlarged view.
-        """
+        """Return the same view with more pixels."""
         width, height = self.size
         return View(
             self.rotation, self.centre, self.scale * factor, (width * factor, height * factor), self.perspective
@@ -60,16 +49,6 @@ class View:
 
 def check_size(size: tuple[int, int]) -> tuple[int, int]:
     """Return a picture's size, or say what is wrong with it.
-
-    Parameters
-    ----------
-    size : tuple of int
-        Width and height, pixels.
-
-    Returns
-    -------
-    tuple of int
-        The size.
 
     Raises
     ------
@@ -89,16 +68,6 @@ def _sample(xyz: NDArray[np.floating]) -> NDArray[np.float64]:
 
 def main_azimuth(xyz: ArrayLike) -> float:
     """Return the horizontal direction along which the points extend most.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points, metres.
-
-    Returns
-    -------
-    float
-        Degrees counter-clockwise from the x axis, in [-90, 90); 0 where no direction stands out.
 
     Raises
     ------
@@ -133,26 +102,6 @@ def birds_eye_view(
 ) -> View:
     """Look straight down at a whole cloud.
 
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points, metres, z up.
-    width : int, default 1600
-        Width of the picture, pixels.
-    height : int, optional
-        Its height, pixels; None takes what the points need, between a quarter of the width and the width.
-    azimuth : float, optional
-        Direction that runs to the right, degrees counter-clockwise from the x axis; None takes the main direction of
-        the points, so that a street fills a wide picture; 0 puts north (y) on top.
-    trim : float, default 0.0
-        Share of the points at each side that may fall outside the picture, so that stray returns far away do not
-        make all else small; 0 shows every point.
-
-    Returns
-    -------
-    View
-        An orthographic view; depth 0 is the highest point.
-
     Raises
     ------
     DataError
@@ -180,20 +129,6 @@ def look_at(
     eye: ArrayLike, target: ArrayLike, *, size: tuple[int, int] = (1600, 900), field_of_view: float = 50.0
 ) -> View:
     """Look from one place to another with perspective, the picture's top upwards.
-
-    Parameters
-    ----------
-    eye, target : array-like of shape (3,)
-        The viewer's place and the place at the picture's centre, metres.
-    size : tuple of int, default (1600, 900)
-        Width and height, pixels.
-    field_of_view : float, default 50.0
-        Horizontal angle of the picture, degrees; larger shows more and bends perspective more.
-
-    Returns
-    -------
-    View
-        The view.
 
     Raises
     ------
@@ -225,26 +160,6 @@ def oblique_view(
     field_of_view: float = 50.0,
 ) -> View:
     """Look down at a stretch of the street in perspective.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points, metres, z up.
-    size : tuple of int, default (1600, 900)
-        Width and height, pixels.
-    azimuth : float, optional
-        Direction of sight, degrees counter-clockwise from the x axis; None looks 35 degrees off the main direction.
-    elevation : float, default 32.0
-        How far the viewer stands above the horizon, degrees; larger is more like a map.
-    length : float, default 70.0
-        Metres of street to show around the median point; larger shows more and smaller things.
-    field_of_view : float, default 50.0
-        Horizontal angle of the picture, degrees.
-
-    Returns
-    -------
-    View
-        A perspective view.
 
     Raises
     ------

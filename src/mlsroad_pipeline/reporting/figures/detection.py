@@ -14,20 +14,7 @@ Curve = tuple[NDArray, NDArray, NDArray]
 
 
 def precision_recall_figure(curves: Mapping[str, Curve], *, title: str) -> Figure:
-    """Draw precision against recall as the threshold on the score falls.
-
-    Parameters
-    ----------
-    curves : mapping of str to (threshold, precision, recall)
-        What is compared, each falling in its threshold.
-    title : str
-        Heading.
-
-    Returns
-    -------
-    Figure
-        One curve each; the last point of a curve is marked.
-    """
+    """Draw precision against recall as the threshold on the score falls."""
     figure = empty_figure(5.2, 4.2)
     axes = figure.add_subplot()
     for number, (name, (_, precision, recall)) in enumerate(curves.items()):

@@ -10,18 +10,7 @@ from mlsroad_pipeline.reporting.figures.training import importance_figure, oob_f
 
 
 def forest_figures(classifier: DetrendedForestClassifier) -> tuple[Figure, Figure]:
-    """Draw the feature importances and the out-of-bag error of a forest.
-
-    Parameters
-    ----------
-    classifier : DetrendedForestClassifier
-        A trained forest.
-
-    Returns
-    -------
-    importances, out_of_bag : Figure
-        Feature importances, and the out-of-bag error against the number of trees.
-    """
+    """Draw the feature importances and the out-of-bag error of a forest."""
     found = classifier.feature_importances_
     curve = classifier.oob_error_curve_
     return (

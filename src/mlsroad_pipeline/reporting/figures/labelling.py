@@ -26,24 +26,7 @@ def scene_figures(
     scored: ClassScheme,
     title: str,
 ) -> dict[str, Figure]:
-    """Draw truth, prediction and errors of neighbouring scenes from above and from the side.
-
-    Parameters
-    ----------
-    scenes : sequence of PointCloud
-        The scenes; their core points are drawn.
-    labels : sequence of mapping
-        Their labels.
-    trained, scored : ClassScheme
-        The schemes of the labels and of the colours.
-    title : str
-        Heading.
-
-    Returns
-    -------
-    dict of str to Figure
-        ``birds_eye`` and ``perspective``.
-    """
+    """Draw truth, prediction and errors of neighbouring scenes from above and from the side."""
     origin = scenes[0].origin
     xyz = np.concatenate([scene.moved_to(origin).xyz[scene["core"]] for scene in scenes])
     truth = np.concatenate([scored.encode(s["label"][s["core"]], source=s.source) for s in scenes])
@@ -66,24 +49,7 @@ def scene_figures(
 def score_figures(
     matrices: Mapping[str, NDArray[np.int64]], table: pd.DataFrame, *, method: str, scheme: ClassScheme
 ) -> tuple[Figure, Figure]:
-    """Draw the confusion matrix and the scores per class of the last split.
-
-    Parameters
-    ----------
-    matrices : mapping of str to ndarray
-        Split to confusion matrix.
-    table : DataFrame
-        The table of scores.
-    method : str
-        The method's slug.
-    scheme : ClassScheme
-        The scheme of the matrices.
-
-    Returns
-    -------
-    confusion, bars : Figure
-        The figures.
-    """
+    """Draw the confusion matrix and the scores per class of the last split."""
     split = list(matrices)[-1]
     title = f"{method}, split {split}"
     return (

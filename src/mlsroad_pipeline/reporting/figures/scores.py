@@ -30,16 +30,6 @@ def _per_cent(share: float) -> str:
 def short_count(count: int) -> str:
     """Write a count in at most four characters and a unit.
 
-    Parameters
-    ----------
-    count : int
-        A number of points.
-
-    Returns
-    -------
-    str
-        Such as ``"950"``, ``"12.3k"`` or ``"4.1M"``.
-
     Examples
     --------
     >>> [short_count(n) for n in (950, 12_345, 999_960, 4_100_000, 250_000_000)]
@@ -56,20 +46,6 @@ def short_count(count: int) -> str:
 
 def confusion_figure(matrix: NDArray[np.integer], *, classes: Sequence[str], title: str = "") -> Figure:
     """Draw a confusion matrix: shares of each true class as colour and per cent, with the counts.
-
-    Parameters
-    ----------
-    matrix : ndarray of int, shape (C, C + 1) or (C, C)
-        A matrix of `confusion_matrix`. The column of unlabelled points is drawn only where it holds any.
-    classes : sequence of str, length C
-        Class names in label order.
-    title : str, default ""
-        Heading of the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure of its own. Rows of classes without points are empty.
 
     Raises
     ------
@@ -114,20 +90,6 @@ def confusion_figure(matrix: NDArray[np.integer], *, classes: Sequence[str], tit
 
 def class_bars_figure(frame: pd.DataFrame, *, split: str, title: str = "") -> Figure:
     """Draw precision, recall, F1 and IoU per class, one bar per method.
-
-    Parameters
-    ----------
-    frame : DataFrame
-        A table of scores of one or more methods.
-    split : str
-        The split to show.
-    title : str, default ""
-        Heading of the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure of its own; an undefined value is a dash instead of a bar.
 
     Raises
     ------

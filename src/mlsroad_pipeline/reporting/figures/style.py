@@ -18,31 +18,14 @@ SERIES = ("#1f4e96", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#7f
 
 
 def empty_figure(width: float, height: float) -> Figure:
-    """Return an empty figure on the Agg canvas, outside pyplot's global state.
-
-    Parameters
-    ----------
-    width, height : float
-        Inches.
-
-    Returns
-    -------
-    Figure
-        The figure.
-    """
+    """Return an empty figure on the Agg canvas, outside pyplot's global state."""
     figure = Figure(figsize=(width, height), dpi=_DPI, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def tidy_axes(axes: Axes) -> None:
-    """Leave only the lines that are read.
-
-    Parameters
-    ----------
-    axes : Axes
-        Axes to simplify.
-    """
+    """Leave only the lines that are read."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color("#9aa0aa")
     axes.tick_params(which="both", colors=INK, labelsize=8, length=3, color="#9aa0aa")
@@ -50,16 +33,5 @@ def tidy_axes(axes: Axes) -> None:
 
 
 def shown_names(names: Sequence[str]) -> list[str]:
-    """Write names as a reader wants them.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names with underscores.
-
-    Returns
-    -------
-    list of str
-        The same with spaces.
-    """
+    """Write names as a reader wants them."""
     return [name.replace("_", " ") for name in names]

@@ -17,20 +17,7 @@ EMPTY = "#10141a"
 
 
 def survey_map_figure(survey: SurveyMap, *, title: str = "") -> Figure:
-    """Draw a survey's density and its greatest heights side by side.
-
-    Parameters
-    ----------
-    survey : SurveyMap
-        The counted cells.
-    title : str, default ""
-        A line above.
-
-    Returns
-    -------
-    Figure
-        Two maps with north up and metres from the south-west corner along the axes.
-    """
+    """Draw a survey's density and its greatest heights side by side."""
     rows, columns = survey.shape
     side_by_side = rows >= columns / 3
     figure = empty_figure(11.0, 5.2 if side_by_side else 6.5)

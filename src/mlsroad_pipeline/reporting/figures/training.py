@@ -24,24 +24,6 @@ def importance_figure(
 ) -> Figure:
     """Draw the largest feature importances as horizontal bars.
 
-    Parameters
-    ----------
-    importances : array-like of float, shape (f,)
-        Importance of each feature.
-    names : sequence of str, length f
-        Feature names.
-    deviations : array-like of float, shape (f,), optional
-        Standard deviation over the trees, drawn as whiskers.
-    largest : int, default 25
-        How many features to show.
-    title : str, default ""
-        Heading of the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure of its own, the most important feature on top.
-
     Raises
     ------
     DataError
@@ -73,22 +55,6 @@ def importance_figure(
 def oob_figure(n_trees: ArrayLike, errors: ArrayLike, *, chosen: int | None = None, title: str = "") -> Figure:
     """Draw the out-of-bag error over the number of trees.
 
-    Parameters
-    ----------
-    n_trees : array-like of int, shape (m,)
-        Numbers of trees.
-    errors : array-like of float, shape (m,)
-        Out-of-bag error of each, 0 to 1.
-    chosen : int, optional
-        The number that was chosen, marked by a line.
-    title : str, default ""
-        Heading of the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure of its own.
-
     Raises
     ------
     DataError
@@ -115,18 +81,6 @@ def oob_figure(n_trees: ArrayLike, errors: ArrayLike, *, chosen: int | None = No
 
 def objective_figure(values: ArrayLike, *, title: str = "") -> Figure:
     """Draw an objective over the iterations of its minimisation.
-
-    Parameters
-    ----------
-    values : array-like of float, shape (m,)
-        The objective at the start and after every iteration, above 0.
-    title : str, default ""
-        Heading of the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A figure of its own.
 
     Raises
     ------

@@ -19,18 +19,7 @@ if TYPE_CHECKING:  # who has a figure has loaded matplotlib; a report without on
 
 
 def cell(value: Any) -> str:
-    """Write a value for people: four significant digits, thousands apart, a dash for what is undefined.
-
-    Parameters
-    ----------
-    value : any
-        A number, a text or nothing.
-
-    Returns
-    -------
-    str
-        Escaped text; numbers of a thousand and more have two decimals, so that coordinates stay useful.
-    """
+    """Write a value for people: four significant digits, thousands apart, a dash for what is undefined."""
     if value is None or value is pd.NaT or (isinstance(value, float | np.floating) and np.isnan(value)):
         return "–"
     if isinstance(value, bool | np.bool_):
@@ -44,18 +33,7 @@ def cell(value: Any) -> str:
 
 
 def table_html(frame: pd.DataFrame) -> str:
-    """Turn a table into HTML.
-
-    Parameters
-    ----------
-    frame : DataFrame
-        The table; a named index becomes its first columns.
-
-    Returns
-    -------
-    str
-        A `table` element; numbers to the right, undefined values as dashes, text escaped.
-    """
+    """Turn a table into HTML."""
     table = frame.reset_index() if any(name is not None for name in frame.index.names) else frame
     numeric = [pd.api.types.is_numeric_dtype(dtype) for dtype in table.dtypes]
     style = [' class="number"' if number else "" for number in numeric]
@@ -70,33 +48,12 @@ def table_html(frame: pd.DataFrame) -> str:
 
 
 def note(text: str) -> str:
-    """Return a paragraph, or nothing for no text.
-
-    Parameters
-    ----------
-    text : str
-        Plain text.
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Return a paragraph, or nothing for no text."""
     return f"<p>{escape(text)}</p>" if text else ""
 
 
 def data_uri(figure: Figure | NDArray[np.uint8]) -> str:
     """Turn a figure or a picture into an address that holds it: WebP in base64.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure or ndarray of uint8, shape (height, width, 3)
-        What to embed.
-
-    Returns
-    -------
-    str
-        ``data:image/webp;base64,...``; the same figure gives the same text.
 
     Raises
     ------
@@ -113,18 +70,7 @@ def data_uri(figure: Figure | NDArray[np.uint8]) -> str:
 
 
 def figure_pixels(figure: Figure) -> NDArray[np.uint8]:
-    """Draw a figure into an array.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        A figure on an Agg canvas.
-
-    Returns
-    -------
-    ndarray of uint8, shape (height, width, 3)
-        Its pixels at its own resolution.
-    """
+    """Draw a figure into an array."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="raw")
     width, height = figure.canvas.get_width_height()

@@ -44,21 +44,6 @@ class Section(Protocol):
 def build_report(sections: Sequence[Section], *, title: str = "Survey report", subtitle: str = "") -> str:
     """Put sections together to one HTML page with its style and pictures inside.
 
-    Parameters
-    ----------
-    sections : sequence of Section
-        The parts in order: `FactsSection`, `TableSection`, `FiguresSection`, `DistributionSection`,
-        `InventorySection`, `WarningsSection`, or anything with a `title` and a `body()`.
-    title : str, default "Survey report"
-        Heading and window title.
-    subtitle : str, default ""
-        A line below the heading, such as the name of the survey.
-
-    Returns
-    -------
-    str
-        An HTML document that loads nothing from elsewhere.
-
     Examples
     --------
     >>> page = build_report([WarningsSection("Warnings", ["no colour in <a.laz>"])])

@@ -54,47 +54,14 @@ class TaskTables:
 
 
 def compare_task(scores: pd.DataFrame, task: Task) -> TaskTables:
-    """Compare the methods of one task.
-
-    Parameters
-    ----------
-    scores : DataFrame
-        The scores of all its methods.
-    task : Task
-        The task.
-
-    Returns
-    -------
-    TaskTables
-        Tables and the figure.
-
-    Raises
-    ------
-    DataError
-        If the table is no table of scores, or no test street is common to all methods.
-    """
+    """Compare the methods of one task."""
     found = overview(scores, task)
     figure = streets_figure(scores, task, found["method"].tolist())
     return TaskTables(task, found, class_table(scores, task), paired_differences(scores, task), figure)
 
 
 def streets_figure(scores: pd.DataFrame, task: Task, methods: Sequence[str]) -> Figure:
-    """Draw the first metric of a task: a dot per street, lines that join a street's dots, a bar at the mean.
-
-    Parameters
-    ----------
-    scores : DataFrame
-        The scores of all methods.
-    task : Task
-        The task.
-    methods : sequence of str
-        In the order of the columns.
-
-    Returns
-    -------
-    Figure
-        The figure.
-    """
+    """Draw the first metric of a task: a dot per street, lines that join a street's dots, a bar at the mean."""
     metric = task.metrics[0]
     rows = scores[(scores["class"] == ALL) & (scores["metric"] == metric)]
     wide = rows.pivot(index="method", columns="split", values="value").reindex(list(methods))
@@ -110,20 +77,7 @@ def streets_figure(scores: pd.DataFrame, task: Task, methods: Sequence[str]) -> 
 
 
 def costs_table(costs: pd.DataFrame, methods: Sequence[str]) -> pd.DataFrame:
-    """Add up what each method and each shared stage took.
-
-    Parameters
-    ----------
-    costs : DataFrame
-        Columns `node`, `makes` (its first output), `seconds`, `cpu_seconds`, `peak_gib`.
-    methods : sequence of str
-        Slugs; what a method's node makes begins with its slug. All other nodes are stages of their own.
-
-    Returns
-    -------
-    DataFrame
-        Columns `method` (or stage), `seconds`, `cpu_seconds` (sums) and `peak_gib` (the largest), the dearest first.
-    """
+    """Add up what each method and each shared stage took."""
     maker = costs["makes"].fillna("").str.partition(".")[0]
     owner = maker.where(maker.isin(methods), costs["node"])
     grouped = costs.assign(method=owner).groupby("method", sort=False)
@@ -137,24 +91,7 @@ def comparison_sections(
     costs: pd.DataFrame,
     pictures: Mapping[str, Mapping[str, NDArray[np.uint8]]],
 ) -> list[Section]:
-    """Compose the page.
-
-    Parameters
-    ----------
-    facts : mapping
-        What was run.
-    tasks : sequence of TaskTables
-        The tasks.
-    costs : DataFrame
-        What `costs_table` gives.
-    pictures : mapping of str to mapping of str to ndarray
-        Heading to caption to picture.
-
-    Returns
-    -------
-    list of Section
-        The parts of the page.
-    """
+    """Compose the page."""
     sections: list[Section] = [FactsSection("What was run", facts)]
     for found in tasks:
         name, metric = found.task.name, found.task.metrics[0].replace("_", " ")

@@ -46,23 +46,7 @@ TASKS = (
 
 
 def common_test_streets(scores: pd.DataFrame) -> list[str]:
-    """Return the test streets that all methods of a table were scored on.
-
-    Parameters
-    ----------
-    scores : DataFrame
-        A table of scores.
-
-    Returns
-    -------
-    list of str
-        Splits whose names begin with ``test``, in order of appearance.
-
-    Raises
-    ------
-    DataError
-        If there is none.
-    """
+    """Return the test streets that all methods of a table were scored on."""
     by_method = scores.groupby("method", sort=False)["split"].agg(set)
     common = set.intersection(*by_method) if len(by_method) else set()
     found = [split for split in dict.fromkeys(scores["split"]) if split in common and split.startswith("test")]
@@ -80,26 +64,7 @@ def _overall(scores: pd.DataFrame, metric: str) -> pd.DataFrame:
 
 
 def overview(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
-    """Average the overall figures of each method over the test streets.
-
-    Parameters
-    ----------
-    scores : DataFrame
-        The scores of all methods of the task.
-    task : Task
-        The task.
-
-    Returns
-    -------
-    DataFrame
-        Columns `method`, `streets`, and per metric its mean and ``<metric>_spread``, the standard deviation over the
-        streets (NaN for one); the best first.
-
-    Raises
-    ------
-    DataError
-        If the table is no table of scores, or no test street is common to all methods.
-    """
+    """Average the overall figures of each method over the test streets."""
     table = check_scores(scores)
     columns: dict[str, pd.Series] = {}
     for metric in task.metrics:
@@ -111,25 +76,7 @@ def overview(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
 
 
 def class_table(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
-    """Average the figure of each class over the test streets that hold the class.
-
-    Parameters
-    ----------
-    scores : DataFrame
-        The scores of all methods of the task.
-    task : Task
-        The task.
-
-    Returns
-    -------
-    DataFrame
-        Columns `method`, and one per class with support on some street; NaN for what a method cannot give.
-
-    Raises
-    ------
-    DataError
-        If the table is no table of scores, or no test street is common to all methods.
-    """
+    """Average the figure of each class over the test streets that hold the class."""
     table = check_scores(scores)
     chosen = table[table["split"].isin(common_test_streets(table)) & (table["metric"] == task.class_metric)]
     rows = chosen[(chosen["class"] != ALL) & (chosen["support"] > 0)]
@@ -139,27 +86,7 @@ def class_table(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
 
 
 def paired_differences(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
-    """Compare the best method with every other one, street by street.
-
-    Parameters
-    ----------
-    scores : DataFrame
-        The scores of all methods of the task.
-    task : Task
-        The task; its first metric is compared.
-
-    Returns
-    -------
-    DataFrame
-        Columns `best`, `other`, `difference` (best minus other, mean over the streets), `low` and `high` (95 % interval
-        after Student), `p` (paired t-test, two-sided, after Holm for as many comparisons as rows), `ahead` (streets
-        where the best is ahead) and `streets`. NaN where fewer than two streets tell, or all differences are alike.
-
-    Raises
-    ------
-    DataError
-        If the table is no table of scores, or no test street is common to all methods.
-    """
+    """Compare the best method with every other one, street by street."""
     table = check_scores(scores)
     ordered = overview(table, task)["method"].tolist()
     wide = _overall(table, task.metrics[0])
@@ -191,23 +118,7 @@ def _holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def mean_scores(scores: pd.DataFrame) -> pd.DataFrame:
-    """Average every figure of every method over the test streets.
-
-    Parameters
-    ----------
-    scores : DataFrame
-        The scores of all methods of a task.
-
-    Returns
-    -------
-    DataFrame
-        A table of scores of the split `MEAN`: means over the streets where the figure is defined, supports summed.
-
-    Raises
-    ------
-    DataError
-        If the table is no table of scores, or no test street is common to all methods.
-    """
+    """Average every figure of every method over the test streets."""
     table = check_scores(scores)
     rows = table[table["split"].isin(common_test_streets(table))]
     grouped = rows.groupby(["method", "class", "metric"], sort=False)
@@ -216,16 +127,5 @@ def mean_scores(scores: pd.DataFrame) -> pd.DataFrame:
 
 
 def of_methods(scores: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Join the tables of scores of several methods.
-
-    Parameters
-    ----------
-    scores : sequence of DataFrame
-        One per method; at least one.
-
-    Returns
-    -------
-    DataFrame
-        All rows.
-    """
+    """Join the tables of scores of several methods."""
     return check_scores(pd.concat(scores, ignore_index=True))

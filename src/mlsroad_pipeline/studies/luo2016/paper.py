@@ -56,13 +56,7 @@ HOURS = {
 
 
 def paper_scores() -> pd.DataFrame:
-    """Return Table III with precision and recall by their usual definitions.
-
-    Returns
-    -------
-    DataFrame
-        Columns `method`, `class`, `metric` and `paper`; NaN where the paper has a dash.
-    """
+    """Return Table III with precision and recall by their usual definitions."""
     printed = {"precision": _PRECISION, "recall": _RECALL, "f1": _F1}
     rows = [
         (method, name, metric, float("nan") if value is None else value)

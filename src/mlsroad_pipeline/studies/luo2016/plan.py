@@ -99,13 +99,7 @@ class StudyPlan:
         return changed(self.sizes, {"patch_size": patch_size, "voxel_size": patch_size * ratio})
 
     def tuning_runs(self) -> list[StudyRun]:
-        """Return the runs that settings are chosen by: half of the first training streets for each half.
-
-        Returns
-        -------
-        list of StudyRun
-            One per method and setting; none where there is nothing to choose.
-        """
+        """Return the runs that settings are chosen by: half of the first training streets for each half."""
         streets = tuple(self.scale.repetitions[0]["train"])
         half = len(streets) // 2
         return [
@@ -118,18 +112,7 @@ class StudyPlan:
         ]  # fmt: skip
 
     def tuned(self, tried: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-        """Return the parameters of all methods with the best setting of each.
-
-        Parameters
-        ----------
-        tried : mapping of str to mapping
-            Key of a tuning run to what `train_and_score` gave.
-
-        Returns
-        -------
-        dict of str to dataclass
-            Slug to parameters; of equally good settings the first.
-        """
+        """Return the parameters of all methods with the best setting of each."""
         best = dict(self.parameters)
         scores: dict[str, float] = {}
         for run in self.tuning_runs():
@@ -139,38 +122,14 @@ class StudyPlan:
         return best
 
     def tuning_score(self, run: StudyRun, matrices: Mapping[str, NDArray[np.int64]]) -> float:
-        """Return the mean F1 of a tuning run over the classes that the method's kind can give.
-
-        Parameters
-        ----------
-        run : StudyRun
-            The run.
-        matrices : mapping of str to ndarray
-            Its confusion matrices, one per street.
-
-        Returns
-        -------
-        float
-            The mean F1, of shape-based recognition over five classes, of the others over seven.
-        """
+        """Return the mean F1 of a tuning run over the classes that the method's kind can give."""
         total = matrices[run.method].sum(axis=0)
         found = repetition_scores({"": {run.method: total}}, classes=self.scheme.classes)
         wanted = "mean of five" if run.method == "shape_based" else "mean of seven"
         return float(found.set_index(["class", "metric"])["value"][wanted, "f1"])
 
     def comparison_runs(self, parameters: Mapping[str, Any]) -> list[StudyRun]:
-        """Return the runs of Table III.
-
-        Parameters
-        ----------
-        parameters : mapping of str to dataclass
-            Slug to parameters.
-
-        Returns
-        -------
-        list of StudyRun
-            One per repetition and trained method.
-        """
+        """Return the runs of Table III."""
         return [
             self._run(number, method, parameters) for number in range(len(self.scale.repetitions)) for method in RUNS
         ]
@@ -195,18 +154,7 @@ class StudyPlan:
         }
 
     def all_runs(self, parameters: Mapping[str, Any]) -> dict[str, StudyRun]:
-        """Return every run once, by its key.
-
-        Parameters
-        ----------
-        parameters : mapping of str to dataclass
-            Slug to parameters.
-
-        Returns
-        -------
-        dict of str to StudyRun
-            The runs.
-        """
+        """Return every run once, by its key."""
         runs = [
             *self.comparison_runs(parameters),
             *self.size_runs(parameters).values(),
@@ -241,31 +189,7 @@ def plan_study(
     sizes: PatchParameters,
     methods: Mapping[str, Any],
 ) -> StudyPlan:
-    """Plan the study.
-
-    Parameters
-    ----------
-    study : StudyParameters
-        What is run.
-    scheme : ClassScheme
-        The classes.
-    ground : GroundParameters
-        The ground filter.
-    sizes : PatchParameters
-        The patches.
-    methods : mapping of str to dataclass
-        Slug to the parameters of each of the six methods.
-
-    Returns
-    -------
-    StudyPlan
-        The plan.
-
-    Raises
-    ------
-    ParameterError
-        If the scale changes a parameter that a method does not have.
-    """
+    """Plan the study."""
     changes = study.chosen_scale().methods
     parameters = {slug: changed(methods[slug], changes.get(slug, {})) for slug in METHODS}
     return StudyPlan(study, scheme, ground, sizes, parameters)

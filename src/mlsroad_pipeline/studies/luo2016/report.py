@@ -32,20 +32,7 @@ __all__ = ["StudyTables", "study_figures", "study_sections", "wide_table"]
 
 
 def wide_table(table: pd.DataFrame, metric: str) -> pd.DataFrame:
-    """Write Table III for people: a row per method, "mean (paper)" per class, and "± spread" of means over classes.
-
-    Parameters
-    ----------
-    table : DataFrame
-        What `table_three` gave.
-    metric : str
-        ``precision``, ``recall`` or ``f1``.
-
-    Returns
-    -------
-    DataFrame
-        Column `method`, then the classes and the means over classes; a dash for what a method cannot give.
-    """
+    """Write Table III for people: a row per method, "mean (paper)" per class, and "± spread" of means over classes."""
     chosen = table[table["metric"] == metric]
     spread = chosen["spread"].where(chosen["class"].isin(MEANS))  # ten columns with spreads are wider than a page
     rows = zip(chosen["mean"], spread, chosen["paper"], strict=True)
@@ -61,18 +48,7 @@ def _cell(mean: float, spread: float, paper: float) -> str:
 
 
 def study_figures(tables: StudyTables) -> tuple[Figure, Figure, Figure]:
-    """Draw the figures of the study.
-
-    Parameters
-    ----------
-    tables : StudyTables
-        The tables.
-
-    Returns
-    -------
-    methods, patch_size, search_radius : Figure
-        F1 of the methods, ours and the paper's; Figures 7 and 8; Figures 9, 10 and 11.
-    """
+    """Draw the figures of the study."""
     size = _lines(tables.patch_size, "Patch size L, m", ("train_seconds",), FIGURE_7)
     radius = _lines(tables.search_radius, "Local search radius, m", ("train_seconds", "objective"), FIGURE_9)
     return _methods(tables.table_3), size, radius
@@ -125,22 +101,7 @@ def _listed(values: Mapping[str, Any]) -> str:
 
 
 def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figure]) -> list[Section]:
-    """Put the study together for a report.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    tables : StudyTables
-        The tables.
-    figures : sequence of Figure
-        What `study_figures` drew.
-
-    Returns
-    -------
-    list of Section
-        What was run, Table III, intervals, sensitivity, times, tuning.
-    """
+    """Put the study together for a report."""
     scale = plan.scale
     facts = {
         "scale": plan.study.scale,

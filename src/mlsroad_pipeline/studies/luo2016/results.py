@@ -59,22 +59,7 @@ class StudyTables(Tables):
 
 
 def study_tables(plan: StudyPlan, tried: Results, results: Results) -> StudyTables:
-    """Make the tables.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    tried : mapping
-        Results of the tuning runs.
-    results : mapping
-        Results of all other runs.
-
-    Returns
-    -------
-    StudyTables
-        The tables.
-    """
+    """Make the tables."""
     parameters = plan.tuned(tried)
     classes = plan.scheme.classes
     matrices: dict[str, dict[str, NDArray[np.int64]]] = {}
@@ -118,22 +103,7 @@ def _sensitivity(runs: Mapping[float, StudyRun], results: Results, classes: Sequ
 def scores_frame(
     found: pd.DataFrame, matrices: Mapping[str, Mapping[str, NDArray[np.int64]]], classes: Sequence[str]
 ) -> pd.DataFrame:
-    """Turn the scores of the repetitions into a table of scores.
-
-    Parameters
-    ----------
-    found : DataFrame
-        What `repetition_scores` gave.
-    matrices : mapping of str to mapping
-        What it was made of.
-    classes : sequence of str
-        Class names in label order.
-
-    Returns
-    -------
-    DataFrame
-        The table. The split is the repetition; `mean_f1` of class ``all`` is over the seven classes.
-    """
+    """Turn the scores of the repetitions into a table of scores."""
     support = {
         (repetition, method): dict(zip(classes, matrix.sum(axis=1).tolist(), strict=True))
         for repetition, methods in matrices.items()
@@ -151,20 +121,7 @@ def scores_frame(
 
 
 def by_step(table: pd.DataFrame, name: str) -> pd.DataFrame:
-    """Turn a table of `sensitivity_table` into figures by step.
-
-    Parameters
-    ----------
-    table : DataFrame
-        The table.
-    name : str
-        The parameter, which begins the names of the figures.
-
-    Returns
-    -------
-    DataFrame
-        ``millimetres``, then the means over classes, the time and the objective; what is undefined is left out.
-    """
+    """Turn a table of `sensitivity_table` into figures by step."""
     steps = (1000 * table["value"]).round().astype(np.int64)
     kept = table[[*MEANS, "train_seconds", "objective"]].astype(np.float64).dropna(axis="columns")
     kept.columns = [f"{name}_{str(column).replace(' ', '_')}" for column in kept.columns]

@@ -36,22 +36,7 @@ Street = Mapping[str, Any]
 
 
 def cut_patches(points: PointCloud, *, sizes: PatchParameters, scheme: ClassScheme) -> dict[str, dict[str, NDArray]]:
-    """Cut a street into patches and give them their classes.
-
-    Parameters
-    ----------
-    points : PointCloud
-        What `make_street` gave.
-    sizes : PatchParameters
-        Sizes and radii.
-    scheme : ClassScheme
-        The classes.
-
-    Returns
-    -------
-    dict of str to dict
-        ``patches`` and ``labels``, as `build_patches` and `label_patches` give them.
-    """
+    """Cut a street into patches and give them their classes."""
     patches = build_patches(points, {"height": points["height"]}, sizes)
     return {"patches": patches, "labels": label_patches(points, patches, scheme)}
 
@@ -87,28 +72,7 @@ def train_and_score(
     stages: PatchStages,
     scheme: ClassScheme,
 ) -> dict[str, Any]:
-    """Train a method and score it at full resolution.
-
-    Parameters
-    ----------
-    train, test : mapping of str to mapping
-        Streets to learn from and to label.
-    method : str
-        One of `RUNS`; ``patch_graph`` gives its refinement too.
-    parameters : mapping of str to dataclass
-        Slug to the parameters of the method; for ``patch_graph`` those of its refinement too.
-    stages : PatchStages
-        How the streets were prepared.
-    scheme : ClassScheme
-        The classes.
-
-    Returns
-    -------
-    dict
-        ``matrices``: method to confusion matrices of the test streets in their order, int64 (t, C, C + 1). ``facts``: a
-        table of one row per method with `train_seconds` and `label_seconds` of processor time, the latter of all test
-        streets, and what the method tells of its training.
-    """
+    """Train a method and score it at full resolution."""
     tally = _Tally(scheme)
     if method == shape_based.SLUG:
         _run_objects(tally, train, test, parameters[method], stages)

@@ -24,29 +24,7 @@ Matrices = Mapping[str, Mapping[str, NDArray[np.int64]]]
 def repetition_scores(
     matrices: Matrices, *, classes: Sequence[str], given: Mapping[str, Sequence[str]] | None = None
 ) -> pd.DataFrame:
-    """Score every method of every repetition per class, and take the means over classes.
-
-    Parameters
-    ----------
-    matrices : mapping of str to mapping
-        Repetition to method to confusion matrix of shape (C, C + 1).
-    classes : sequence of str, length C
-        Class names in label order; those of the paper are scored.
-    given : mapping of str to sequence of str, optional
-        Method to the classes that it can give; methods that are not named give all.
-
-    Returns
-    -------
-    DataFrame
-        Columns `repetition`, `method`, `class`, `metric`, `value`; `class` also takes the names in `MEANS`. NaN where a
-        class has no points, is never predicted (precision), or cannot be given. A mean is over the classes with
-        points, and NaN for a method that cannot give one of its classes.
-
-    Raises
-    ------
-    DataError
-        If a class of the paper is not among `classes`.
-    """
+    """Score every method of every repetition per class, and take the means over classes."""
     missing = [name for name in CLASSES if name not in classes]
     if missing:
         raise DataError(f"the scheme lacks the classes {', '.join(missing)} of luo2016")
@@ -69,19 +47,7 @@ def repetition_scores(
 
 
 def table_three(found: pd.DataFrame) -> pd.DataFrame:
-    """Average the repetitions and set the paper's Table III beside them.
-
-    Parameters
-    ----------
-    found : DataFrame
-        What `repetition_scores` gave.
-
-    Returns
-    -------
-    DataFrame
-        Columns `method`, `class`, `metric`, `mean`, `spread` (standard deviation over the repetitions, NaN for one),
-        `repetitions` (those with a defined value) and `paper`. Means of the paper are over the same classes.
-    """
+    """Average the repetitions and set the paper's Table III beside them."""
     grouped = found.groupby(["method", "class", "metric"], sort=False)["value"]
     table = grouped.agg(mean="mean", spread="std", repetitions="count").reset_index()
     paper = paper_scores()
@@ -99,28 +65,7 @@ def table_three(found: pd.DataFrame) -> pd.DataFrame:
 def paired_differences(
     found: pd.DataFrame, *, reference: str = "patch_graph_mrf", confidence: float = 0.95
 ) -> pd.DataFrame:
-    """Compare the mean F1 of every method with that of a reference, repetition by repetition.
-
-    Parameters
-    ----------
-    found : DataFrame
-        What `repetition_scores` gave.
-    reference : str, default "patch_graph_mrf"
-        The method that the others are compared with.
-    confidence : float, default 0.95
-        Of the intervals, which are Student's for the mean of paired differences.
-
-    Returns
-    -------
-    DataFrame
-        Columns `method`, `mean_over` (a name of `MEANS`), `difference` (method minus reference), `low`, `high` and
-        `repetitions`. The interval of fewer than two repetitions is NaN; a mean that a method lacks is left out.
-
-    Raises
-    ------
-    DataError
-        If the reference was not scored.
-    """
+    """Compare the mean F1 of every method with that of a reference, repetition by repetition."""
     if reference not in set(found["method"]):
         raise DataError(f"{reference} was not scored (methods: {', '.join(sorted(set(found['method'])))})")
     rows = []
@@ -137,23 +82,7 @@ def paired_differences(
 def sensitivity_table(
     matrices: Mapping[float, Matrices], facts: Mapping[float, pd.DataFrame], *, classes: Sequence[str]
 ) -> pd.DataFrame:
-    """Score a method at every value of a parameter.
-
-    Parameters
-    ----------
-    matrices : mapping of float to mapping
-        Value to repetition to method to confusion matrix; one method only.
-    facts : mapping of float to DataFrame
-        Value to one row per repetition with `train_seconds` and `objective`.
-    classes : sequence of str
-        Class names in label order.
-
-    Returns
-    -------
-    DataFrame
-        One row per value, ascending: `value`, the F1 of each class and of the means over classes, averaged over the
-        repetitions, then `train_seconds` and `objective`, averaged likewise.
-    """
+    """Score a method at every value of a parameter."""
     rows = []
     for value in sorted(matrices):
         found = repetition_scores(matrices[value], classes=classes)
@@ -164,18 +93,7 @@ def sensitivity_table(
 
 
 def times_table(facts: pd.DataFrame) -> pd.DataFrame:
-    """Average the processor time of every method over the repetitions.
-
-    Parameters
-    ----------
-    facts : DataFrame
-        One row per training and method with `method`, `train_seconds` and `label_seconds`.
-
-    Returns
-    -------
-    DataFrame
-        Columns `method`, `train_seconds`, `label_seconds` (of one street) and `trainings`.
-    """
+    """Average the processor time of every method over the repetitions."""
     grouped = facts.groupby("method", sort=False)
     table = grouped[["train_seconds", "label_seconds"]].mean()
     return table.assign(trainings=grouped.size()).reset_index()

@@ -22,23 +22,7 @@ POINTS = 1000
 
 
 def measure_network(*, parameters: Any, n_classes: int, n_iterations: int = 20) -> dict[str, NDArray]:
-    """Measure one network, on one thread of the processor, with a batch of random objects.
-
-    Parameters
-    ----------
-    parameters : JointNetParameters or PointNetParameters
-        The network's; its batch size is taken.
-    n_classes : int
-        Classes.
-    n_iterations : int, default 20
-        Operations that are averaged (luo2019: 1000).
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``weight_bytes`` of one network; ``memory_bytes`` of a training step: weights, gradients, momenta and what is
-        kept for the backward operation; ``forward_ms`` and ``backward_ms`` of one batch, processor time.
-    """
+    """Measure one network, on one thread of the processor, with a batch of random objects."""
     with reproducible(0):
         network, run = _pointnet(parameters, n_classes) if isinstance(parameters, PointNetParameters) else _jointnet(
             parameters, n_classes

@@ -46,26 +46,13 @@ _TIMES = ("model_mb", "memory_mb", "backward_ms", "forward_ms", "hdr9_s", "smd6_
 
 
 def table_one() -> pd.DataFrame:
-    """Return Table 1.
-
-    Returns
-    -------
-    DataFrame
-        Columns `method`, and with the prefix ``paper_`` size and memory in MB, times of one backward and one forward
-        operation in milliseconds and of the recognition of both test sets in seconds.
-    """
+    """Return Table 1."""
     rows = [(method, *values) for method, values in _TABLE_1.items()]
     return pd.DataFrame(rows, columns=["method", *(f"paper_{name}" for name in _TIMES)])
 
 
 def table_two() -> pd.DataFrame:
-    """Return Table 2.
-
-    Returns
-    -------
-    DataFrame
-        Columns `set`, `method`, `paper_precision`, `paper_recall`, `paper_f1`, as shares.
-    """
+    """Return Table 2."""
     rows = [
         (name, method, *(figure / 100 for figure in figures))
         for method, each in _TABLE_2.items()
@@ -75,23 +62,11 @@ def table_two() -> pd.DataFrame:
 
 
 def table_three() -> pd.DataFrame:
-    """Return Table 3: the F1 score on the Sydney Urban Objects, mean over four folds.
-
-    Returns
-    -------
-    DataFrame
-        Columns `method`, `paper`.
-    """
+    """Return Table 3: the F1 score on the Sydney Urban Objects, mean over four folds."""
     return pd.DataFrame(list(_TABLE_3.items()), columns=["method", "paper"])
 
 
 def table_four() -> pd.DataFrame:
-    """Return Table 4.
-
-    Returns
-    -------
-    DataFrame
-        Columns `method`, `paper_dimension`, and those of Table 1; empty where the paper has no figure.
-    """
+    """Return Table 4."""
     rows = [(method, *values) for method, values in _TABLE_4.items()]
     return pd.DataFrame(rows, columns=["method", "paper_dimension", *(f"paper_{name}" for name in _TIMES)])

@@ -102,18 +102,7 @@ class StudyScale:
         return found
 
     def size_settings(self, sizes: Sequence[int]) -> dict[str, list[int]]:
-        """Return the settings of Figure 7.
-
-        Parameters
-        ----------
-        sizes : sequence of int
-            The sizes of HSSI, VQAI and VAAI that the others keep.
-
-        Returns
-        -------
-        dict of str to list of int
-            ``<view>=<size>`` to the three sizes.
-        """
+        """Return the settings of Figure 7."""
         return {
             f"{view}={size}": [size if k == i else int(kept) for k, kept in enumerate(sizes)]
             for i, view in enumerate(VIEWS)
@@ -157,20 +146,7 @@ class StudyParameters:
 
 
 def seeded(parameters: Any, seed: int) -> Any:
-    """Return a method's parameters with another seed.
-
-    Parameters
-    ----------
-    parameters : dataclass
-        The parameters, with a field `seed` or, of JointNet, `training`.
-    seed : int
-        The seed.
-
-    Returns
-    -------
-    dataclass
-        The same with that seed.
-    """
+    """Return a method's parameters with another seed."""
     if hasattr(parameters, "training"):
         return replace(parameters, training=replace(parameters.training, seed=seed))
     return replace(parameters, seed=seed)

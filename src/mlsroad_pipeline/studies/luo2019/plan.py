@@ -115,18 +115,7 @@ class StudyPlan:
         return {run.key: run for run in found}
 
     def of_group(self, group: str) -> list[StudyRun]:
-        """Return the runs of a group.
-
-        Parameters
-        ----------
-        group : str
-            `MAIN`, `SIZE` or `TRAINING`.
-
-        Returns
-        -------
-        list of StudyRun
-            The runs in their order.
-        """
+        """Return the runs of a group."""
         return [run for run in self.runs().values() if run.group == group]
 
     def _settings(self, method: str, seed: int) -> tuple[Any, ...]:

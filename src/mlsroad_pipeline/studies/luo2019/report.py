@@ -47,18 +47,7 @@ CAPTIONS = {
 
 
 def study_figures(tables: StudyTables) -> tuple[Figure, ...]:
-    """Draw the figures of the study.
-
-    Parameters
-    ----------
-    tables : StudyTables
-        The tables.
-
-    Returns
-    -------
-    tuple of Figure
-        Figures 7, 9, 10, 11, 12, 13 and 14.
-    """
+    """Draw the figures of the study."""
     return (
         _figure_7(tables.curves[tables.curves["figure"] == 7]),
         _figure_9(tables.sub_networks),
@@ -171,22 +160,7 @@ def _figure_14(curves: pd.DataFrame) -> Figure:
 
 
 def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figure]) -> list[Section]:
-    """Put the study together for a report.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    tables : StudyTables
-        The tables.
-    figures : sequence of Figure
-        What `study_figures` drew.
-
-    Returns
-    -------
-    list of Section
-        What was run, figures, tables.
-    """
+    """Put the study together for a report."""
     scale = plan.scale
     facts = {
         "scale": plan.study.scale,

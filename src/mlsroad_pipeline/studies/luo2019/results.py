@@ -100,22 +100,7 @@ class _Found:
 
 
 def study_tables(plan: StudyPlan, results: Results, facts: Results, networks: Results) -> StudyTables:
-    """Make the tables.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    results, facts : mapping
-        What `train_and_recognise` gave, by run.
-    networks : mapping
-        What `measure_network` gave, by method.
-
-    Returns
-    -------
-    StudyTables
-        The tables.
-    """
+    """Make the tables."""
     made = _Tables(plan, results, facts, networks)
     efficiency = made.efficiency()
     sub_networks, confusions = made.sub_networks()

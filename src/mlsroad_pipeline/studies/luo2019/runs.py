@@ -16,22 +16,7 @@ from mlsroad_pipeline.algorithms.recognition.recogniser import make_recogniser, 
 
 
 def disturb_objects(objects: ObjectSet, disturbance: Disturbance, seed: int) -> ObjectSet:
-    """Disturb each object of a set.
-
-    Parameters
-    ----------
-    objects : ObjectSet
-        The objects.
-    disturbance : Disturbance
-        How much.
-    seed : int
-        Seed; every object has draws of its own.
-
-    Returns
-    -------
-    ObjectSet
-        The disturbed objects; the same set where nothing is disturbed.
-    """
+    """Disturb each object of a set."""
     if disturbance == Disturbance() or not len(objects):
         return objects
     seeds = np.random.SeedSequence(seed).generate_state(len(objects), np.uint64)
@@ -45,22 +30,7 @@ def disturb_objects(objects: ObjectSet, disturbance: Disturbance, seed: int) -> 
 
 
 def mislabel(objects: ObjectSet, share: float, seed: int) -> ObjectSet:
-    """Give some objects a wrong class.
-
-    Parameters
-    ----------
-    objects : ObjectSet
-        The objects.
-    share : float
-        Share of them that is wrong; any other class of the set is as likely.
-    seed : int
-        Seed of the draw.
-
-    Returns
-    -------
-    ObjectSet
-        The set with these classes.
-    """
+    """Give some objects a wrong class."""
     rng = np.random.default_rng(seed)
     rows = rng.choice(len(objects), round(share * len(objects)), replace=False)
     classes, own = np.unique(objects.label, return_inverse=True)
@@ -82,39 +52,7 @@ def train_and_recognise(
     n_classes: int,
     seed: int,
 ) -> dict[str, dict[str, NDArray]]:
-    """Train a recogniser and let it recognise test objects under every disturbance.
-
-    Parameters
-    ----------
-    train : mapping of str to mapping
-        Sets to learn from, arrays of `ObjectSet`.
-    test : mapping
-        What is recognised, with ``street`` of each object where they come of streets.
-    validation : mapping, optional
-        What a setting is chosen by, where there are several.
-    method : str
-        The recogniser.
-    settings : sequence of dataclass
-        Its parameters to choose from.
-    conditions : mapping of str to Disturbance
-        How test objects are disturbed.
-    disturbance : Disturbance
-        How training objects are disturbed.
-    wrong_labels : float
-        Share of the training objects that get a wrong class.
-    n_classes : int
-        Classes of the scheme.
-    seed : int
-        Seed of the disturbances.
-
-    Returns
-    -------
-    dict
-        ``results``: ``scores`` float32 (conditions, objects, classes), in the order of the conditions, ``label`` and
-        ``street`` of each object, ``seconds`` (conditions); ``facts``: ``train_seconds``, ``model_bytes``, ``objects``
-        that were learned, ``dimension`` (of descriptors, else 0), ``tried`` (accuracy of each setting on the validation
-        objects, NaN for one alone) and ``chosen``.
-    """
+    """Train a recogniser and let it recognise test objects under every disturbance."""
     learned = ObjectSet.join([ObjectSet.from_arrays(train[key]) for key in sorted(train)])
     learned = mislabel(disturb_objects(learned, disturbance, seed + 1), wrong_labels, seed + 2)
     fitted, tried, seconds = [], [], []
@@ -158,20 +96,7 @@ def _accuracy(recogniser: Any, objects: ObjectSet, n_classes: int) -> float:
 
 
 def measure_network(*, parameters: Any, n_classes: int) -> dict[str, NDArray]:
-    """Measure one network as `luo2019_efficiency.measure_network` does; PyTorch is imported here alone.
-
-    Parameters
-    ----------
-    parameters : JointNetParameters or PointNetParameters
-        The network's.
-    n_classes : int
-        Classes.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Its size, memory and times.
-    """
+    """Measure one network as `luo2019_efficiency.measure_network` does; PyTorch is imported here alone."""
     module = importlib.import_module("mlsroad_pipeline.studies.luo2019.efficiency")
     found: dict[str, NDArray] = module.measure_network(parameters=parameters, n_classes=n_classes)
     return found

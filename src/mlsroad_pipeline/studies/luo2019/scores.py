@@ -23,18 +23,6 @@ def precision_recall(
 
     Equations 14 and 15, averaged over the classes that occur. A class that no object is taken for has no precision and
     is left out of its mean.
-
-    Parameters
-    ----------
-    scores : ndarray of float, shape (n, k)
-        Probability of each class.
-    label : ndarray of int, shape (n,)
-        Class of each object.
-
-    Returns
-    -------
-    threshold, precision, recall : ndarray of float64
-        The curve, thresholds rising; empty without objects, shorter where nothing is taken for any class.
     """
     if not len(label):
         return np.zeros(0), np.zeros(0), np.zeros(0)
@@ -51,40 +39,14 @@ def precision_recall(
 
 
 def area_under(precision: NDArray[np.float64], recall: NDArray[np.float64]) -> float:
-    """Return the area under a curve of rising recall, by steps.
-
-    Parameters
-    ----------
-    precision, recall : ndarray of float64
-        The curve.
-
-    Returns
-    -------
-    float
-        The area; NaN for no curve.
-    """
+    """Return the area under a curve of rising recall, by steps."""
     return float(np.diff(recall, prepend=0.0) @ precision) if len(recall) else float("nan")
 
 
 def street_confusions(
     label: NDArray[np.integer], predicted: NDArray[np.integer], street: NDArray[np.integer], n_classes: int
 ) -> dict[int, NDArray[np.int64]]:
-    """Count classes street by street.
-
-    Parameters
-    ----------
-    label, predicted : ndarray of int, shape (n,)
-        True and recognised class of each object.
-    street : ndarray of int, shape (n,)
-        Its street.
-    n_classes : int
-        Classes.
-
-    Returns
-    -------
-    dict of int to ndarray of int64, shape (n_classes, n_classes)
-        Street to counts, rows are true classes.
-    """
+    """Count classes street by street."""
     return {
         int(s): confusion_matrix(label[street == s], predicted[street == s], n_classes)[:, :n_classes]
         for s in np.unique(street)
@@ -92,18 +54,7 @@ def street_confusions(
 
 
 def mean_f1(matrices: NDArray[np.number]) -> NDArray[np.float64]:
-    """Return the mean F1 over the classes that have objects, of many confusion matrices at once.
-
-    Parameters
-    ----------
-    matrices : ndarray, shape (..., k, k)
-        Counts, rows are true classes.
-
-    Returns
-    -------
-    ndarray of float64, shape (...)
-        The means; NaN for an empty matrix.
-    """
+    """Return the mean F1 over the classes that have objects, of many confusion matrices at once."""
     counts = np.asarray(matrices, dtype=np.float64)
     hits = np.diagonal(counts, axis1=-2, axis2=-1)
     support, named = counts.sum(axis=-1), counts.sum(axis=-2)
@@ -113,18 +64,7 @@ def mean_f1(matrices: NDArray[np.number]) -> NDArray[np.float64]:
 
 
 def mean_figures(matrix: NDArray[np.integer]) -> dict[str, float]:
-    """Return means over the classes that have objects, and the accuracy (equations 14 to 17).
-
-    Parameters
-    ----------
-    matrix : ndarray of int, shape (k, k)
-        Counts, rows are true classes.
-
-    Returns
-    -------
-    dict of str to float
-        ``precision`` (0 for a class that nothing was taken for), ``recall``, ``f1``, ``accuracy``, as shares.
-    """
+    """Return means over the classes that have objects, and the accuracy (equations 14 to 17)."""
     counts = np.asarray(matrix, dtype=np.float64)
     hits, support, named = np.diagonal(counts), counts.sum(axis=1), counts.sum(axis=0)
     seen = support > 0
@@ -150,22 +90,6 @@ def paired_interval(
 
     Streets are drawn with replacement, the same ones for both methods, and the matrices of the drawn ones summed: an
     object's neighbours on its street are no evidence of their own.
-
-    Parameters
-    ----------
-    first, second : sequence of ndarray of int, shape (k, k)
-        Counts of each street, in the same order.
-    seed : int
-        Seed of the draws.
-    n_draws : int, default `N_DRAWS`
-        How often streets are drawn.
-    confidence : float, default 0.95
-        Of the interval.
-
-    Returns
-    -------
-    difference, low, high : float
-        Mean F1 of the first minus that of the second, and the interval between quantiles of the draws.
     """
     one, two = np.stack(first).astype(np.float64), np.stack(second).astype(np.float64)
     n = len(one)

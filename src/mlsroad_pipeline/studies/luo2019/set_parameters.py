@@ -57,14 +57,7 @@ class ObjectSetParameters:
             raise ParameterError("simulated_objects: the seeds of the streets follow from first_seed")
 
     def seeds_of_splits(self) -> dict[str, list[int]]:
-        """Share the streets out.
-
-        Returns
-        -------
-        dict of str to list of int
-            Split to the seeds of its streets, 70, 10 and 20 per cent of them, at least one each. Streets are as
-            different from their neighbours in this order as from any other.
-        """
+        """Share the streets out."""
         counts = {name: max(round(share * self.streets), 1) for name, share in luo2019_paper.SPLITS.items()}
         counts["train"] = self.streets - counts["validation"] - counts["test"]
         bounds = np.cumsum([self.first_seed, *counts.values()])
@@ -154,18 +147,7 @@ class SimulatedObjectsParameters:
         self.chosen_sets()
 
     def chosen_sets(self) -> dict[str, ObjectSetParameters]:
-        """Return the sets that are made.
-
-        Returns
-        -------
-        dict of str to ObjectSetParameters
-            Name of the set to its parameters.
-
-        Raises
-        ------
-        ParameterError
-            If a set or a field is unknown, or a field is missing.
-        """
+        """Return the sets that are made."""
         known = sorted(entry.name for entry in fields(ObjectSetParameters))
         found = {}
         for name, given in self.scales[self.scale].items():

@@ -34,28 +34,7 @@ def cut_street(
     wanted: Sequence[str],
     parameters: CutParameters,
 ) -> dict[str, NDArray]:
-    """Simulate a street, segment it, and name its objects by the truth of their points.
-
-    Parameters
-    ----------
-    simulation : SimulationParameters
-        The survey.
-    ground : GroundParameters
-        The ground filter.
-    segmentation : SegmentationParameters
-        The segmentation, unless objects are cut by hand.
-    scheme : ClassScheme
-        The classes.
-    wanted : sequence of str
-        Classes that are kept.
-    parameters : CutParameters
-        Which objects.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The arrays of an `ObjectSet`, and ``street`` int64: the seed, for each object.
-    """
+    """Simulate a street, segment it, and name its objects by the truth of their points."""
     columns = ("intensity", "gps_time", "scanner", "label", "instance")
     street = make_street(simulation=simulation, ground=ground, columns=columns, reach=parameters.reach)
     whole = street.with_columns(core=np.ones(len(street), dtype=np.bool_))
@@ -91,24 +70,6 @@ def name_segments(
     """Name segments by the instance that most of their points belong to.
 
     A gantry is a gantry with the signs that hang on it, which have a class of their own but not an instance.
-
-    Parameters
-    ----------
-    instances : ndarray of int, shape (n,)
-        Instance of each point, 0 for none.
-    classes : ndarray of int16, shape (instances + 1,)
-        Class of each instance.
-    segments : ndarray of int, shape (n,)
-        Segment of each point, -1 for none.
-    purity : float
-        Share of a segment's points that must be of instances of its class.
-    completeness : float
-        Share of its instance's points that it must hold.
-
-    Returns
-    -------
-    ndarray of int16
-        Class of each segment; -1 for what is mixed, a piece, or of no instance.
     """
     label = np.full(int(segments.max(initial=-1)) + 1, IGNORE, dtype=np.int16)
     pairs = find_overlaps(instances, segments)
@@ -128,22 +89,7 @@ def name_segments(
 
 
 def thin(objects: ObjectSet, max_points: int, seed: int) -> ObjectSet:
-    """Draw points of large objects.
-
-    Parameters
-    ----------
-    objects : ObjectSet
-        The objects.
-    max_points : int
-        Most points of an object.
-    seed : int
-        Seed of the draw.
-
-    Returns
-    -------
-    ObjectSet
-        The objects with at most so many points, in their order.
-    """
+    """Draw points of large objects."""
     rng = np.random.default_rng(seed)
     counts = np.diff(objects.indptr)
     rows = [
@@ -159,23 +105,7 @@ def thin(objects: ObjectSet, max_points: int, seed: int) -> ObjectSet:
 def draw_split(
     streets: Mapping[str, Mapping[str, NDArray]], *, limits: Mapping[int, int], seed: int
 ) -> dict[str, NDArray]:
-    """Join the objects of a split's streets and draw as many of each class as the set shall have.
-
-    Parameters
-    ----------
-    streets : mapping of str to mapping
-        Street to what `cut_street` gave.
-    limits : mapping of int to int
-        Class to the most objects of it.
-    seed : int
-        Seed of the draw.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The arrays of an `ObjectSet`, ``street`` of each object, and ``found`` int64 (classes): objects of each class
-        before the draw.
-    """
+    """Join the objects of a split's streets and draw as many of each class as the set shall have."""
     joined = ObjectSet.join([ObjectSet.from_arrays(streets[key]) for key in sorted(streets)])
     street = np.concatenate([streets[key]["street"] for key in sorted(streets)])
     rng = np.random.default_rng(seed)
@@ -186,22 +116,7 @@ def draw_split(
 
 
 def wanted_objects(name: str, parameters: ObjectSetParameters, scheme: ClassScheme) -> dict[str, dict[int, int]]:
-    """Return how many objects of each class every split shall have.
-
-    Parameters
-    ----------
-    name : str
-        The set.
-    parameters : ObjectSetParameters
-        Its share of the paper's objects.
-    scheme : ClassScheme
-        Its classes.
-
-    Returns
-    -------
-    dict of str to dict
-        Split to class to number, at least 1.
-    """
+    """Return how many objects of each class every split shall have."""
     return {
         split: {
             scheme.classes.index(c): max(round(parameters.share * share * n), 1)
@@ -216,23 +131,7 @@ def composition_table(
     wanted: Mapping[str, Mapping[int, int]],
     schemes: Mapping[str, ClassScheme],
 ) -> pd.DataFrame:
-    """Tell what the sets are made of.
-
-    Parameters
-    ----------
-    sets : mapping of str to mapping
-        ``<set>.<split>`` to what `draw_split` gave.
-    wanted : mapping of str to mapping
-        The same to class to the number that was wanted.
-    schemes : mapping of str to ClassScheme
-        Set to its classes.
-
-    Returns
-    -------
-    DataFrame
-        Columns `set`, `split`, `class`, `streets`, `paper` (objects of the class in the paper's set as a whole),
-        `wanted`, `found` in the streets, `objects` that were taken, `median_points`.
-    """
+    """Tell what the sets are made of."""
     rows = []
     for key, found in sets.items():
         name, _, split = key.partition(".")

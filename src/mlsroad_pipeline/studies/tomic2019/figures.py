@@ -38,28 +38,7 @@ def study_figures(
     pixels: Arrays,
     answers: Arrays,
 ) -> tuple[Figure, ...]:
-    """Draw the figures.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    tables : StudyTables
-        The tables.
-    points, images : PointCloud and mapping
-        A survey, see `make_survey`.
-    features, through_images : mapping
-        What method 1 as printed and the images say of its test half.
-    pixels : mapping
-        The segmented image, see `label_by_images`.
-    answers : mapping
-        Labels of test set 2, see `FusionStudy`.
-
-    Returns
-    -------
-    tuple of Figure
-        F1 of the classes, and Figures 10 to 13.
-    """
+    """Draw the figures."""
     station = points["station"]
     half, first, second = (plan.division.rows(station, part) for part in ("test", "test1", "test2"))
     truth = plan.scheme.encode(points["label"], source=points.source)

@@ -52,14 +52,7 @@ _SCORED = {FEATURES: _TABLE_3, IMAGES: _TABLE_4, FUSION: _TABLE_5}
 
 
 def table_one() -> pd.DataFrame:
-    """Return Table 1 in the classes of points and in categories.
-
-    Returns
-    -------
-    DataFrame
-        Columns `kind` (class or category), `name`, `paper` and `paper_classes`, Cityscapes' classes that become the
-        class with their IoU; `paper` is their mean, and the class ``mean`` has that of all 19.
-    """
+    """Return Table 1 in the classes of points and in categories."""
     rows: list[tuple[str, str, float, str]] = []
     iou = dict(zip(CITYSCAPES, _CITYSCAPES_IOU, strict=True))
     for name in (*CLASSES, SKY):
@@ -73,30 +66,12 @@ def table_one() -> pd.DataFrame:
 
 
 def table_two() -> pd.DataFrame:
-    """Return Table 2.
-
-    Returns
-    -------
-    DataFrame
-        Columns `class`, `paper_features` and `paper_images`: F1 on test set 1.
-    """
+    """Return Table 2."""
     return pd.DataFrame({"class": CLASSES, "paper_features": _TABLE_2[0], "paper_images": _TABLE_2[1]})
 
 
 def table_of_scores(method: str) -> pd.DataFrame:
-    """Return Table 3, 4 or 5.
-
-    Parameters
-    ----------
-    method : str
-        `FEATURES`, `IMAGES` or `FUSION`.
-
-    Returns
-    -------
-    DataFrame
-        Columns `class`, `metric` and `paper`; the class ``all`` has ``overall_accuracy``, ``kappa`` and ``mean_f1``,
-        the mean over the classes that have an F1.
-    """
+    """Return Table 3, 4 or 5."""
     *each, overall = _SCORED[method]
     metrics = ("precision", "recall", "iou", "f1")
     rows = [

@@ -57,25 +57,7 @@ class Division:
             )
 
     def rows(self, station: NDArray[np.floating], part: Part) -> NDArray[np.int64]:
-        """Return the points of a part.
-
-        Parameters
-        ----------
-        station : ndarray of shape (n,), float
-            How far along the road points are, metres.
-        part : {"train", "test", "test1", "test2"}
-            The part; ``test`` is both test sets and the gap between them.
-
-        Returns
-        -------
-        ndarray of int64
-            Rows in their order.
-
-        Raises
-        ------
-        DataError
-            If there is no point.
-        """
+        """Return the points of a part."""
         half, quarter, margin = self.length / 2, 0.75 * self.length, self.gap / 2
         low, high = {
             "train": (-np.inf, half - margin),
@@ -111,18 +93,7 @@ class ForestVariant:
     names: Sequence[str] | None = None
 
     def chosen_features(self, names: Sequence[str]) -> NDArray[np.int64]:
-        """Return the columns of the features that it has.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Names of all features.
-
-        Returns
-        -------
-        ndarray of int64
-            The columns.
-        """
+        """Return the columns of the features that it has."""
         if self.names is None:
             return np.arange(len(names))
         return np.flatnonzero([name.removesuffix("_detrended") in self.names for name in names])

@@ -68,36 +68,14 @@ class StudyPlan:
         return [street_key(seed) for seed in self.study.chosen_scale().seeds]
 
     def training_street(self, street: str) -> str:
-        """Return the survey whose first half trains the feature-based method that labels a survey.
-
-        Parameters
-        ----------
-        street : str
-            The survey that is labelled.
-
-        Returns
-        -------
-        str
-            The next of `streets`, or the survey itself; see `StudyScale`.
-        """
+        """Return the survey whose first half trains the feature-based method that labels a survey."""
         if self.study.chosen_scale().train_on == "same":
             return street
         return self.streets[(self.streets.index(street) + 1) % len(self.streets)]
 
 
 def street_key(seed: int) -> str:
-    """Return the name of a street.
-
-    Parameters
-    ----------
-    seed : int
-        Its seed.
-
-    Returns
-    -------
-    str
-        The name.
-    """
+    """Return the name of a street."""
     return f"seed_{seed}"
 
 
@@ -113,29 +91,7 @@ def make_plan(
     *,
     length: float,
 ) -> StudyPlan:
-    """Put the study together, with what its scale changes.
-
-    Parameters
-    ----------
-    study : StudyParameters
-        What is run.
-    scheme : ClassScheme
-        The classes.
-    ground, supervoxels, features, forest, images, pool : dataclass
-        Parameters of the stages and methods.
-    length : float
-        Of the surveys, metres.
-
-    Returns
-    -------
-    StudyPlan
-        The plan.
-
-    Raises
-    ------
-    ParameterError
-        If a change has no field, or a value is outside its domain.
-    """
+    """Put the study together, with what its scale changes."""
     scale = study.chosen_scale()
     own = changed(forest, scale.methods.get("detrended_forest", {}))
     stages = StageParameters(ground, supervoxels, features)
@@ -159,29 +115,7 @@ def fuse_survey(
     scheme: ClassScheme,
     pool: PoolParameters,
 ) -> dict[str, Any]:
-    """Fuse what both methods say of a survey.
-
-    Parameters
-    ----------
-    points : PointCloud
-        The survey, see `make_survey`.
-    features : mapping
-        ``labels`` of `train_and_label`.
-    images : mapping
-        ``labels`` of `label_by_images`.
-    division : Division
-        Where it is cut.
-    scheme : ClassScheme
-        The classes.
-    pool : PoolParameters
-        Of the probabilistic fusion.
-
-    Returns
-    -------
-    dict
-        ``answers``: labels of test set 2, see `FusionStudy`; ``results``: all else that `FusionStudy` holds, and
-        ``cameras``.
-    """
+    """Fuse what both methods say of a survey."""
     half = division.rows(points["station"], "test")
     truth = scheme.encode(points["label"], source=points.source)
 

@@ -21,22 +21,7 @@ CAPTIONS = {
 
 
 def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figure]) -> list[Section]:
-    """Put the study together for a report.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    tables : StudyTables
-        The tables.
-    figures : sequence of Figure
-        In the order of `CAPTIONS`.
-
-    Returns
-    -------
-    list of Section
-        What was run, figures, Tables 1 to 5, overall figures, gains, cameras, redundancy, forests.
-    """
+    """Put the study together for a report."""
     scale, division = plan.study.chosen_scale(), plan.division
     facts = {
         "scale": plan.study.scale,

@@ -72,20 +72,7 @@ class StudyTables(Tables):
 
 
 def answer_name(answer: str, forest: str) -> str:
-    """Return what a labelling is called in the tables.
-
-    Parameters
-    ----------
-    answer : str
-        One of `ANSWERS`.
-    forest : str
-        Which method 1 it builds on.
-
-    Returns
-    -------
-    str
-        Such as ``fusion.printed_forest``; images stand alone.
-    """
+    """Return what a labelling is called in the tables."""
     return {FEATURES: forest, IMAGES: "image_labels"}.get(answer, f"{answer}.{forest}")
 
 
@@ -96,24 +83,7 @@ def _answers(plan: StudyPlan) -> list[tuple[str, str]]:
 
 
 def study_tables(plan: StudyPlan, runs: Results, pixels: Results, forests: Results) -> StudyTables:
-    """Make the tables.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    runs : mapping
-        ``results`` of `fuse_survey`, by forest and survey.
-    pixels : mapping
-        ``pixels`` of `label_by_images`, by survey.
-    forests : mapping
-        ``facts`` of `train_and_label`, by forest and survey.
-
-    Returns
-    -------
-    StudyTables
-        The tables.
-    """
+    """Make the tables."""
     each = pd.concat(
         [
             labelling_scores(

@@ -46,21 +46,7 @@ Arrays = Mapping[str, NDArray]
 
 
 def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -> dict[str, Any]:
-    """Simulate a survey with images.
-
-    Parameters
-    ----------
-    simulation : SimulationParameters
-        The survey.
-    ground : GroundParameters
-        The ground filter.
-
-    Returns
-    -------
-    dict
-        ``points``: a cloud with `ground`, `height` and `station`, metres along the track; ``images``, see
-        `pack_images`.
-    """
+    """Simulate a survey with images."""
     survey = simulate_survey(simulation, n_threads=1)
     source = f"street of seed {simulation.seed}"
     cloud, station = cut_street(survey, ground=ground, columns=COLUMNS, source=source)
@@ -69,38 +55,13 @@ def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -
 
 
 def make_photographs(*, simulation: SimulationParameters, ground: GroundParameters) -> dict[str, Any]:
-    """Simulate a survey of which only the images are kept.
-
-    Parameters
-    ----------
-    simulation : SimulationParameters
-        The survey.
-    ground : GroundParameters
-        Not used: streets are made alike.
-
-    Returns
-    -------
-    dict
-        ``images``, see `pack_images`.
-    """
+    """Simulate a survey of which only the images are kept."""
     del ground
     return {"images": pack_images(simulate_survey(simulation, n_threads=1))}
 
 
 def pack_images(survey: Survey) -> dict[str, NDArray]:
-    """Return the images of a survey as arrays.
-
-    Parameters
-    ----------
-    survey : Survey
-        The survey.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``rgb`` uint8 (m, height, width, 3), ``label`` uint8 (m, height, width), ``camera`` str (m,), ``K``,
-        ``distortion``, ``R``, ``t`` of each, and ``station`` (m,), metres along the track.
-    """
+    """Return the images of a survey as arrays."""
     images = survey.images
     packed = {
         name: np.stack([getattr(image, name) for image in images])
@@ -114,22 +75,7 @@ def pack_images(survey: Survey) -> dict[str, NDArray]:
 def train_network(
     photographs: Mapping[str, Arrays], *, parameters: ImageLabelsParameters, scheme: ClassScheme
 ) -> dict[str, Any]:
-    """Train the network on streets that no survey shows.
-
-    Parameters
-    ----------
-    photographs : mapping of str to mapping
-        Street to what `pack_images` gave.
-    parameters : ImageLabelsParameters
-        How.
-    scheme : ClassScheme
-        The classes of points.
-
-    Returns
-    -------
-    dict
-        ``weights``: arrays of the network; ``facts``: ``seconds``, ``images`` and the last ``loss``.
-    """
+    """Train the network on streets that no survey shows."""
     samples = [
         (rgb, encode_label_image(label, scheme))
         for images in photographs.values()
@@ -145,25 +91,7 @@ def train_network(
 def train_and_label(
     points: PointCloud, training: PointCloud, *, variant: ForestVariant, division: Division, scheme: ClassScheme
 ) -> dict[str, Any]:
-    """Train a forest on the training half of a survey and let it label the test half of another, or of the same.
-
-    Parameters
-    ----------
-    points, training : PointCloud
-        The survey that is labelled and the one that is learned from, see `make_survey`.
-    variant : ForestVariant
-        Which features, and the forest.
-    division : Division
-        Where the survey is cut.
-    scheme : ClassScheme
-        The classes.
-
-    Returns
-    -------
-    dict
-        ``labels``: ``probabilities`` float16 (n, classes) of the test half; ``facts``: ``supervoxels`` trained on,
-        ``features``, ``out_of_bag`` accuracy and ``seconds``.
-    """
+    """Train a forest on the training half of a survey and let it label the test half of another, or of the same."""
 
     def known(cloud: PointCloud, part: Part) -> PointCloud:
         kept = {name: column for name, column in cloud.columns.items() if name in variant.columns}
@@ -208,28 +136,7 @@ def label_by_images(
     division: Division,
     scheme: ClassScheme,
 ) -> dict[str, Any]:
-    """Segment the images that show the test half of a survey and label its points through them.
-
-    Parameters
-    ----------
-    points, images : PointCloud and mapping
-        What `make_survey` gave.
-    network : mapping
-        ``weights`` of `train_network`.
-    parameters : ImageLabelsParameters
-        The network, and how far from a camera points are labelled.
-    division : Division
-        Where the survey is cut.
-    scheme : ClassScheme
-        The classes.
-
-    Returns
-    -------
-    dict
-        ``labels``: ``probabilities`` float16 (cameras, n, classes), NaN where a camera does not see a point,
-        ``n_images`` int16 (cameras, n) and ``cameras`` str; ``pixels``: the confusion ``matrix`` of the images taken
-        in the test half, and ``segmented``, the labels of one of them, with its number ``image``.
-    """
+    """Segment the images that show the test half of a survey and label its points through them."""
     model = from_arrays(network, n_classes=len(image_classes(scheme)), backbone=parameters.network.backbone)
     test = division.rows(points["station"], "test")
     low, high = points["station"][test].min(), points["station"][test].max()
@@ -272,21 +179,6 @@ def _camera(images: Arrays, row: int) -> Camera:
 
 
 def pictured(images: Arrays, rows: Sequence[int], camera: str = "front_left") -> int:
-    """Return the image that a figure shows: the one of a camera with the most classes, of equal ones the first.
-
-    Parameters
-    ----------
-    images : mapping
-        What `pack_images` gave.
-    rows : sequence of int
-        Images to choose among.
-    camera : str, default "front_left"
-        The camera (the paper's Figure 12); all where it took none of them.
-
-    Returns
-    -------
-    int
-        The image's row.
-    """
+    """Return the image that a figure shows: the one of a camera with the most classes, of equal ones the first."""
     own = [row for row in rows if images["camera"][row] == camera] or list(rows)
     return max(own, key=lambda row: len(np.unique(images["label"][row])))

@@ -78,25 +78,7 @@ class FusionStudy:
 
 
 def fuse_test_sets(first: TestSet, second: TestSet, *, pool: PoolParameters | None = None) -> FusionStudy:
-    """Learn on test set 1 which camera and which method to believe, and fuse test set 2.
-
-    Parameters
-    ----------
-    first, second : TestSet
-        Test sets 1 and 2; nothing of the second but its labels is used before it is scored.
-    pool : PoolParameters, optional
-        Of the probabilistic fusion.
-
-    Returns
-    -------
-    FusionStudy
-        Labels, confusions, and what was learned.
-
-    Raises
-    ------
-    DataError
-        If the test sets have other cameras or classes, or no point of test set 1 is labelled.
-    """
+    """Learn on test set 1 which camera and which method to believe, and fuse test set 2."""
     n_classes = first.features.shape[1]
     learned = TwoMethodFusion.fit(first.features, first.cameras, first.reference, pool=pool)
     found = learned.fuse(second.features, second.cameras)

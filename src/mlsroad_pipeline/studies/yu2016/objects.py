@@ -38,27 +38,7 @@ _DESCRIBE: Mapping[str, Any] = {"regions": describe_parts, "surfaces": describe_
 def segment_street(
     points: PointCloud, *, parameters: SegmentationParameters, scheme: ClassScheme, detection: DetectionParameters
 ) -> dict[str, Any]:
-    """Segment a street and score the objects against the instances that it owns.
-
-    Parameters
-    ----------
-    points : PointCloud
-        What `make_survey` gave.
-    parameters : SegmentationParameters
-        The method and its parameters.
-    scheme : ClassScheme
-        The classes.
-    detection : DetectionParameters
-        The wanted classes, and the smallest reference object.
-
-    Returns
-    -------
-    dict
-        ``objects``, what `segment_scene` gave; ``classes``, what `object_classes` gave for them; ``scores``: figures of
-        `score_segmentation`, ``touching`` and ``weighted_touching``: coverage of the instances that touch another,
-        ``wanted``: share of the instances of the wanted classes that are found with an IoU of
-        `detection.iou_threshold`, ``seconds``.
-    """
+    """Segment a street and score the objects against the instances that it owns."""
     objects, seconds = timed(segment_scene, points, {"ground": points["ground"]}, parameters)
     found, least = objects["objects"], detection.min_points
     sought = detection.labels_in(scheme)
@@ -88,24 +68,7 @@ def segment_street(
 def touching_instances(
     points: PointCloud, instances: NDArray[np.int32], names: NDArray[np.int64], min_points: int
 ) -> NDArray[np.bool_]:
-    """Tell which instances share a Euclidean cluster with another one.
-
-    Parameters
-    ----------
-    points : PointCloud
-        A street with `ground`.
-    instances : ndarray of int32, shape (n,)
-        What each point belongs to; 0 is nothing.
-    names : ndarray of int64
-        The instances.
-    min_points : int
-        Points that an instance must have in a cluster to count in it.
-
-    Returns
-    -------
-    ndarray of bool
-        One flag per instance.
-    """
+    """Tell which instances share a Euclidean cluster with another one."""
     off = np.flatnonzero(~points["ground"])
     together = cluster(np.ascontiguousarray(points.xyz[off], dtype=np.float64), tolerance=TOUCHING)
     pairs = find_overlaps(instances[off], together)
@@ -117,23 +80,6 @@ def touching_instances(
 def describe_street(
     points: PointCloud, objects: Mapping[str, NDArray], *, kind: str, parameters: Any
 ) -> dict[str, Any]:
-    """Describe the objects of a street as a detector does.
-
-    Parameters
-    ----------
-    points : PointCloud
-        What `make_survey` gave.
-    objects : mapping
-        What `segment_scene` gave.
-    kind : str
-        One of the values of `DESCRIPTIONS`.
-    parameters : dataclass
-        That part of the detector's parameters.
-
-    Returns
-    -------
-    dict
-        ``parts``, and ``facts`` with the ``seconds``.
-    """
+    """Describe the objects of a street as a detector does."""
     parts, seconds = timed(_DESCRIBE[kind], points, objects, parameters=parameters)
     return {"parts": parts, "facts": {"seconds": np.array(seconds)}}

@@ -39,14 +39,7 @@ _TABLE_5 = {
 
 
 def table_two() -> pd.DataFrame:
-    """Return Table II.
-
-    Returns
-    -------
-    DataFrame
-        Columns `survey`, `class`, `paper_objects`, `paper_found`; the class ``all`` has the false positives in
-        `paper_false`.
-    """
+    """Return Table II."""
     rows: list[tuple[str, str, int, int, int | None]] = []
     for survey in SURVEYS:
         rows += [
@@ -58,25 +51,13 @@ def table_two() -> pd.DataFrame:
 
 
 def table_three() -> pd.DataFrame:
-    """Return Table III.
-
-    Returns
-    -------
-    DataFrame
-        Columns `survey`, `metric`, `paper`.
-    """
+    """Return Table III."""
     rows = [(s, m, v) for s, values in _TABLE_3.items() for m, v in zip(_FIGURES, values, strict=True)]
     return pd.DataFrame(rows, columns=["survey", "metric", "paper"])
 
 
 def table_four() -> pd.DataFrame:
-    """Return Table IV as points per second and thread.
-
-    Returns
-    -------
-    DataFrame
-        Columns `survey`, `step`, `paper`; the step ``all`` is all four together.
-    """
+    """Return Table IV as points per second and thread."""
     rows = []
     for survey, seconds in _TABLE_4.items():
         each = zip((*_STEPS, "all"), (*seconds, sum(seconds)), strict=True)
@@ -85,13 +66,7 @@ def table_four() -> pd.DataFrame:
 
 
 def table_five() -> pd.DataFrame:
-    """Return Table V.
-
-    Returns
-    -------
-    DataFrame
-        Columns `survey`, `method`, `paper_recall`, `paper_precision`, `paper_f_score`, of cars.
-    """
+    """Return Table V."""
     rows = []
     for survey, methods in _TABLE_5.items():
         objects = _OBJECTS[survey][CLASSES.index("car")]

@@ -79,18 +79,7 @@ class StudySurvey:
             raise ParameterError("yu2016_study: the seeds of the streets stand in train and test")
 
     def street(self, seed: int) -> dict[str, Any]:
-        """Return what is simulated for a street.
-
-        Parameters
-        ----------
-        seed : int
-            One of `train` or `test`.
-
-        Returns
-        -------
-        dict
-            ``preset`` and changes of `SimulationParameters`.
-        """
+        """Return what is simulated for a street."""
         given = [self.survey, self.train_survey if seed in self.train else self.test_survey]
         given += [self.rare_survey] if seed in self.rare else []
         made: dict[str, Any] = {name: value for changes in given for name, value in changes.items()}

@@ -18,18 +18,7 @@ _PANELS = {"pattern": "Feature regions (a)", "words_per_group": "Words per group
 
 
 def study_figures(tables: StudyTables) -> tuple[Figure, Figure]:
-    """Draw the figures of the study.
-
-    Parameters
-    ----------
-    tables : StudyTables
-        The tables.
-
-    Returns
-    -------
-    segmentation, figure_12 : Figure
-        Coverage of the segmentations; precision-recall curves of the settings of the visual words.
-    """
+    """Draw the figures of the study."""
     return _coverage(tables.segmentation), _curves(tables.curves)
 
 
@@ -62,22 +51,7 @@ def _curves(curves: pd.DataFrame) -> Figure:
 
 
 def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figure]) -> list[Section]:
-    """Put the study together for a report.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    tables : StudyTables
-        The tables.
-    figures : sequence of Figure
-        What `study_figures` drew.
-
-    Returns
-    -------
-    list of Section
-        What was run, segmentation, Tables II to V, intervals, Figure 12.
-    """
+    """Put the study together for a report."""
     facts = {
         name: f"{', '.join(f'{key} {value}' for key, value in given.survey.items())}; trained on {list(given.train)}, "
         f"tested on {list(given.test)}"

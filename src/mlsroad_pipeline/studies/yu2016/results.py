@@ -79,54 +79,17 @@ class StudyTables(Tables):
 
 
 def street_key(survey: str, seed: int) -> str:
-    """Return the name of a street.
-
-    Parameters
-    ----------
-    survey : str
-        Its survey.
-    seed : int
-        Its seed.
-
-    Returns
-    -------
-    str
-        The name.
-    """
+    """Return the name of a street."""
     return f"{survey}.seed_{seed}"
 
 
 def run_key(survey: str, seed: int) -> str:
-    """Return the name of a street in the results of a run.
-
-    Parameters
-    ----------
-    survey : str
-        Its survey.
-    seed : int
-        Its seed.
-
-    Returns
-    -------
-    str
-        The name.
-    """
+    """Return the name of a street in the results of a run."""
     return f"{survey}_{seed}"
 
 
 def found_by_detector(models: Results) -> dict[str, dict[str, Any]]:
-    """Join what the models of each detector found.
-
-    Parameters
-    ----------
-    models : mapping
-        ``<detector>.<surveys>`` to what `train_and_detect` gave.
-
-    Returns
-    -------
-    dict of str to dict
-        Detector to what was found in each test street; without ``facts``, which each model has its own of.
-    """
+    """Join what the models of each detector found."""
     found: dict[str, dict[str, Any]] = {}
     for key, streets in models.items():
         own = found.setdefault(key.split(".")[0], {})
@@ -137,23 +100,7 @@ def found_by_detector(models: Results) -> dict[str, dict[str, Any]]:
 def study_tables(
     plan: StudyPlan, streets: Results, segmented: Results, described: Results, runs: Results, variants: Results
 ) -> StudyTables:
-    """Make the tables.
-
-    Parameters
-    ----------
-    plan : StudyPlan
-        The plan.
-    streets, segmented, described : mapping
-        ``facts`` of `make_survey`, ``scores`` of `segment_street` and ``facts`` of `describe_street`, by street; the
-        latter two with the method before it.
-    runs, variants : mapping
-        What was found in each test street, by method, and what `train_and_detect` gave, by setting.
-
-    Returns
-    -------
-    StudyTables
-        The tables.
-    """
+    """Make the tables."""
     classes = list(plan.detection.classes)
     every = range(len(classes))
     cars = [classes.index("car")] if "car" in classes else list(every)

@@ -45,36 +45,7 @@ def train_and_detect(
     prevalence: Mapping[str, Mapping[str, float]],
     rare: Mapping[str, float] | None = None,
 ) -> dict[str, dict[str, NDArray]]:
-    """Train a detector on streets and compare its detections in others with what is there.
-
-    Parameters
-    ----------
-    train : mapping of str to mapping
-        Street to the ``classes`` of its objects, see `segment_street`, and their ``parts``.
-    test : mapping of str to mapping
-        Street to ``scene``, handles of its points and its objects, loaded street by street since those of all streets
-        fill a machine's memory, and to its ``parts``.
-    method : str
-        The detector.
-    parameters : dataclass
-        Its parameters.
-    stages : DetectionStages
-        How the streets were prepared.
-    detection : DetectionParameters
-        The wanted classes.
-    scheme : ClassScheme
-        The classes.
-    prevalence : mapping of str to mapping
-        Survey to the factors of its classes, see `StudySurvey`; thresholds stand against those of all surveys together.
-    rare : mapping of str to float, optional
-        Streets of `train` with more of what is rare than there is elsewhere, and how much each counts in thresholds.
-
-    Returns
-    -------
-    dict
-        Test street to what `count_detections_of_scene` gave, with the ``seconds`` of the detection; ``facts``:
-        ``train_seconds``, ``examples`` (training objects of each class) and ``thresholds``.
-    """
+    """Train a detector on streets and compare its detections in others with what is there."""
     judge: dict[str, Any] = {"scheme": scheme, "parameters": detection}
     odd = rare or {}
     labels = {key: {**given["classes"], "weight": odd.get(key, 1.0)} for key, given in train.items()}
@@ -104,22 +75,7 @@ def train_and_detect(
 def joint_prevalence(
     labels: Mapping[str, Mapping[str, NDArray]], prevalence: Mapping[str, Mapping[str, float]], classes: Sequence[str]
 ) -> dict[str, float]:
-    """Join the factors of surveys that one model learns from.
-
-    Parameters
-    ----------
-    labels : mapping of str to mapping
-        Training street that is not rare, named by `run_key`, to the ``classes`` of its objects.
-    prevalence : mapping of str to mapping
-        Survey to the factors of its classes; 1 for what is not named.
-    classes : sequence of str
-        The wanted classes.
-
-    Returns
-    -------
-    dict of str to float
-        Factor of each class that has training objects: expected objects of all surveys over those in training.
-    """
+    """Join the factors of surveys that one model learns from."""
     expected, counted = np.zeros(len(classes)), np.zeros(len(classes))
     for street, found in labels.items():
         own = prevalence[street.rpartition("_")[0]]

@@ -20,20 +20,7 @@ FIGURES = ("recall", "precision", "quality", "f_score")
 
 
 def counts_of(street: Counted, classes: Sequence[int]) -> DetectionCounts:
-    """Count the detections of some classes of a street together.
-
-    Parameters
-    ----------
-    street : mapping
-        What `count_detections_of_scene` gave.
-    classes : sequence of int
-        The classes.
-
-    Returns
-    -------
-    DetectionCounts
-        Sums. An object that is not asked for, too small or beyond the end of its street, counts where it is found.
-    """
+    """Count the detections of some classes of a street together."""
     tp = fp = fn = 0
     for k in classes:
         right = street["right"][street["label"] == k]
@@ -43,36 +30,12 @@ def counts_of(street: Counted, classes: Sequence[int]) -> DetectionCounts:
 
 
 def joined(counts: Sequence[DetectionCounts]) -> DetectionCounts:
-    """Return the sums of counts.
-
-    Parameters
-    ----------
-    counts : sequence of DetectionCounts
-        Counts of streets.
-
-    Returns
-    -------
-    DetectionCounts
-        Of all together.
-    """
+    """Return the sums of counts."""
     return DetectionCounts(*(sum(getattr(c, name) for c in counts) for name in ("tp", "fp", "fn")))
 
 
 def table_two(streets: Mapping[str, Mapping[str, Counted]], classes: Sequence[str]) -> pd.DataFrame:
-    """Make Table II: objects, right and wrong detections of each class and survey.
-
-    Parameters
-    ----------
-    streets : mapping of str to mapping
-        Survey to test street to counts.
-    classes : sequence of str
-        The wanted classes.
-
-    Returns
-    -------
-    DataFrame
-        Columns `survey`, `class`, `objects`, `found`, `false`, and the paper's.
-    """
+    """Make Table II: objects, right and wrong detections of each class and survey."""
     rows = []
     for survey, each in streets.items():
         for name, chosen in [*((c, [k]) for k, c in enumerate(classes)), ("all", list(range(len(classes))))]:
@@ -85,21 +48,7 @@ def table_two(streets: Mapping[str, Mapping[str, Counted]], classes: Sequence[st
 def figures_by_survey(
     streets: Mapping[str, Mapping[str, Mapping[str, Counted]]], classes: Sequence[int]
 ) -> pd.DataFrame:
-    """Score methods per survey: over the objects of all its test streets, with the spread from street to street.
-
-    Parameters
-    ----------
-    streets : mapping of str to mapping
-        Method to survey to test street to counts.
-    classes : sequence of int
-        The classes that are counted together.
-
-    Returns
-    -------
-    DataFrame
-        Columns `survey`, `method`, `metric`, `value`, `spread` (standard deviation over the streets in which it is
-        defined; NaN for fewer than two), `tp`, `fp`, `fn`; the survey ``average`` is the mean over the surveys.
-    """
+    """Score methods per survey: over the objects of all its test streets, with the spread from street to street."""
     rows: list[tuple[Any, ...]] = []
     for method, surveys in streets.items():
         values: dict[str, list[float]] = {name: [] for name in FIGURES}
@@ -124,24 +73,7 @@ def paired_differences(
     reference: str,
     confidence: float = 0.95,
 ) -> pd.DataFrame:
-    """Compare the F-score of every method with that of a reference, street by street.
-
-    Parameters
-    ----------
-    streets : mapping of str to mapping
-        Method to survey to test street to counts.
-    classes : sequence of int
-        The classes that are counted together.
-    reference : str
-        The method that the others are compared with.
-    confidence : float, default 0.95
-        Of the intervals, which are Student's for the mean of paired differences.
-
-    Returns
-    -------
-    DataFrame
-        Columns `method`, `difference` (method minus reference), `low`, `high`, `streets`.
-    """
+    """Compare the F-score of every method with that of a reference, street by street."""
 
     def f_scores(method: str) -> NDArray[np.float64]:
         each = [street for survey in streets[method].values() for street in survey.values()]
@@ -159,20 +91,7 @@ def paired_differences(
 def pooled_curve(
     streets: Mapping[str, Counted], thresholds: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Follow precision and recall of all classes together, scores in units of their class's threshold.
-
-    Parameters
-    ----------
-    streets : mapping of str to mapping
-        Test street to counts.
-    thresholds : ndarray of float, shape (c,)
-        Thresholds of the classes.
-
-    Returns
-    -------
-    threshold, precision, recall : ndarray of float64
-        The curve; at threshold 1 stand the detections. Empty where there is no object.
-    """
+    """Follow precision and recall of all classes together, scores in units of their class's threshold."""
     each = list(streets.values())
     label, right, score = (np.concatenate([s[f"curve_{name}"] for s in each]) for name in ("label", "right", "score"))
     n_objects = sum(np.maximum(s["n_objects"], np.bincount(s["curve_label"][s["curve_right"]].astype(np.int64),
@@ -185,24 +104,7 @@ def pooled_curve(
 def sensitivity_table(
     variants: Mapping[str, Mapping[str, Counted]], thresholds: Mapping[str, NDArray[np.float64]], n_classes: int
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Make the table and the curves of Figure 12.
-
-    Parameters
-    ----------
-    variants : mapping of str to mapping
-        Setting, ``name=value``, to test street to counts.
-    thresholds : mapping of str to ndarray
-        Setting to the thresholds of the classes.
-    n_classes : int
-        Number of classes.
-
-    Returns
-    -------
-    table : DataFrame
-        Columns `parameter`, `setting`, the four figures, and `average_precision`, the area under the curve.
-    curves : DataFrame
-        Columns `parameter`, `setting`, `threshold`, `precision`, `recall`.
-    """
+    """Make the table and the curves of Figure 12."""
     rows: list[tuple[Any, ...]] = []
     curves = []
     for name, streets in variants.items():

@@ -36,19 +36,6 @@ def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -
 
     The van drives `RUN_IN` farther at both ends: planes of scanners stand at a slant, and what is near the ends of a
     drive is scanned in part. Objects there are not the scene's own.
-
-    Parameters
-    ----------
-    simulation : SimulationParameters
-        The survey.
-    ground : GroundParameters
-        The ground filter.
-
-    Returns
-    -------
-    dict
-        ``points``: a cloud with `ground`, `core` and what the stages need; ``facts``: ``seconds`` of the ground filter,
-        number of ``points``, and of cars that are ``streaks`` in the core.
     """
     columns = ("intensity", "gps_time", "scanner", "label", "instance")
     survey = simulate_survey(replace(simulation, length=simulation.length + 2 * RUN_IN), n_threads=1)
@@ -71,20 +58,6 @@ def separate_images(
 
     The two scanners of the system see a place about a second apart. Whoever labels such a cloud by hand sees two cars
     that lie many metres apart, and so does any segmentation.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3)
-        Points, metres.
-    instance : ndarray of int, shape (n,)
-        What each belongs to; 0 is nothing.
-    rows : ndarray of bool, shape (n,)
-        The points of what may move.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        The same instances; new numbers for those images of one that lie more than `IMAGE_GAP` from its first point's.
     """
     out = np.asarray(instance, dtype=np.int32).copy()
     last = int(out.max(initial=0))
@@ -107,20 +80,6 @@ def without_streaks(
     """Take the images out of the reference that are drawn so long that nobody could tell what they are.
 
     A car that moves with the van is scanned for as long as it stays beside it.
-
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3)
-        Points, metres.
-    instance : ndarray of int, shape (n,)
-        What `separate_images` gave.
-    rows : ndarray of bool, shape (n,)
-        The points of cars.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        The same instances; 0 for the cars that are longer than `STREAK` along their longer axis.
     """
     out = np.asarray(instance, dtype=np.int32).copy()
     cars = np.flatnonzero(rows & (out > 0))
@@ -136,20 +95,7 @@ def without_streaks(
 
 
 def whole_gantries(label: NDArray[np.integer], instance: NDArray[np.integer]) -> NDArray[np.int16]:
-    """Count the boards of a gantry to it: one thing of 25 m over the road is no traffic sign.
-
-    Parameters
-    ----------
-    label : ndarray of int, shape (n,)
-        Classes of the taxonomy.
-    instance : ndarray of int, shape (n,)
-        What each point belongs to; 0 is nothing. Boards have the number of their gantry.
-
-    Returns
-    -------
-    ndarray of int16, shape (n,)
-        The same classes, and the gantry's for all points of an instance that holds one.
-    """
+    """Count the boards of a gantry to it: one thing of 25 m over the road is no traffic sign."""
     gantry = TAXONOMY["gantry"]
     numbers = np.unique(instance[label == gantry])
     return np.where(np.isin(instance, numbers[numbers > 0]), gantry, label).astype(np.int16)
