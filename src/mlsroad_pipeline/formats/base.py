@@ -1,4 +1,4 @@
-"""What every format offers, and the options that tell it how to read and write."""
+"""Interface of a point cloud format."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["FileInfo", "PointFormat", "ReadOptions", "WriteOptions"]
 
 @dataclass(frozen=True)
 class FileInfo:
-    """What a file says about itself, without its points having been read.
+    """Description of a file from its header, without reading its points.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class FileInfo:
     bounds : ndarray of shape (2, 3) or None
         Least and greatest world coordinates in metres, where the header has them.
     details : mapping
-        What the format adds: a LAS file's version, point format, scale, offset, creation date, time type.
+        Format-specific details: a LAS file's version, point format, scale, offset, creation date, time type.
     """
 
     path: Path
@@ -51,12 +51,12 @@ class FileInfo:
 
 
 class PointFormat(Protocol):
-    """A way of storing points in a file; one module each, entered in `registry.FORMATS`.
+    """A point cloud format; each has a module and an entry in `registry.FORMATS`.
 
     Attributes
     ----------
     name : str
-        What messages call the format.
+        Name of the format in messages.
     extensions : tuple of str
         File name endings in lower case, with the dot; compound ones (``.txt.gz``) are allowed.
     signatures : tuple of bytes
@@ -68,7 +68,7 @@ class PointFormat(Protocol):
     signatures: tuple[bytes, ...]
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """Tell whether a file's content is certainly of this format.
+        """Return whether a file's content is certainly of this format.
 
         Parameters
         ----------
@@ -80,13 +80,13 @@ class PointFormat(Protocol):
         Returns
         -------
         bool
-            Whether it begins with one of the signatures; formats without any look closer, or leave it to the name.
+            Whether it begins with one of the signatures; formats without signatures examine the content, or are chosen by file name.
         """
         del path
         return head.startswith(self.signatures) if self.signatures else False
 
     def info(self, path: Path, options: ReadOptions) -> FileInfo:
-        """Return what the file says about itself; `ReadError` where it is not of this format or is damaged.
+        """Return the description of the file; raise `ReadError` where it is not of this format or is damaged.
 
         Parameters
         ----------

@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 
 
 def intensity_divisor(dtype: np.dtype, rule: str | float, maximum: Callable[[], float]) -> float:
-    """Return what a file's intensities are divided by.
+    """Return the divisor of a file's intensities.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ def intensity_divisor(dtype: np.dtype, rule: str | float, maximum: Callable[[], 
     rule : "dtype" or "max" or float
         See `ReadOptions.intensity_scale`.
     maximum : callable
-        Gives the greatest intensity of the whole file; called only where the rule asks for it.
+        Returns the greatest intensity of the whole file; called only for the rule "max".
 
     Returns
     -------
@@ -112,7 +112,7 @@ def float_colours(values: NDArray, greatest: float, *, source: Path) -> NDArray[
     values : ndarray of shape (n,), floating
         One colour, in [0, 1], [0, 255] or [0, 65535].
     greatest : float
-        The greatest colour value of the whole file, which tells the three apart.
+        The greatest colour value of the whole file, which distinguishes the three.
     source : Path
         What the message calls the file.
 

@@ -161,7 +161,7 @@ def _unpack(path: Path) -> int:
 
 
 def is_packed(path: Path) -> bool:
-    """Tell whether a file is gzip, by its first bytes.
+    """Return whether a file is gzip, by its first bytes.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def first_bytes(path: Path, n_bytes: int) -> bytes:
     path : Path
         An existing file.
     n_bytes : int
-        How many.
+        Their number.
 
     Returns
     -------
@@ -237,7 +237,7 @@ def unpacked_name(path: Path) -> str:
 
 
 def refuse_packed(path: Path, form: str) -> None:
-    """Refuse to write a format as gzip that is written by going back and forth.
+    """Refuse gzip for a format that is not written sequentially.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ def refuse_packed(path: Path, form: str) -> None:
 
 @contextmanager
 def output_file(path: Path) -> Iterator[BinaryIO]:
-    """Give a stream whose content becomes `path` when the block ends, packed where the name ends in ``.gz``.
+    """Yield a stream whose content becomes `path` when the block ends, packed where the name ends in ``.gz``.
 
     Parameters
     ----------

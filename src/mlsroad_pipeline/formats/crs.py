@@ -16,7 +16,7 @@ from mlsroad_pipeline.formats.files import FileKey, atomic_file, file_key, log_o
 SIDECAR = ".prj"
 LARGEST = 1 << 20
 SAME_UNIT = 1e-7
-"""Share by which two units may differ to be one: a foot and a US survey foot differ by 2e-6."""
+"""Relative tolerance within which two units are equal: a foot and a US survey foot differ by 2e-6."""
 
 
 def parse_crs(crs: str) -> str:
@@ -117,7 +117,7 @@ def crs_unit(crs: str) -> tuple[str, float] | None:
 
 @lru_cache(maxsize=64)
 def is_geographic(crs: str | None) -> bool:
-    """Tell whether a system counts in degrees.
+    """Return whether a system counts in degrees.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def is_geographic(crs: str | None) -> bool:
 
 @lru_cache(maxsize=64)
 def in_metres(crs: str, metres: float) -> str:
-    """Return the system that coordinates are in when they have been turned from its unit into metres.
+    """Return the system of coordinates that were converted from its unit to metres.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def in_metres(crs: str, metres: float) -> str:
 def reproject(
     world: NDArray[np.float64], source: str | None, target: str, *, name: Path
 ) -> tuple[NDArray[np.float64], str]:
-    """Turn coordinates of one system into those of another.
+    """Transform coordinates from one system to another.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Opening files with clear errors, and letting them appear whole or not at all."""
+"""Opening of files with clear errors, and atomic writing."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def check_file(path: str | Path) -> Path:
 
 
 def spread_starts(n_points: int, runs: int, size: int) -> list[int]:
-    """Choose where runs of points begin that are spread evenly over a file.
+    """Choose the first rows of runs that are spread evenly over a file.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def file_key(path: Path) -> FileKey:
 
 @lru_cache(maxsize=4096)
 def log_once(source: str, text: str) -> None:
-    """Log what was found out about a file, the first time that it is.
+    """Log a note about a file, once per note.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def log_once(source: str, text: str) -> None:
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[BinaryIO]:
-    """Give a stream whose content becomes `path` when the block ends, and vanishes when it raises.
+    """Yield a stream whose content becomes `path` when the block ends and is discarded when it raises.
 
     Parameters
     ----------

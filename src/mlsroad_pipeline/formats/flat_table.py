@@ -1,4 +1,4 @@
-"""What text, PLY and KITTI share: flat tables of scalar columns, read whole and written as text."""
+"""Flat tables of scalar columns, shared by text, PLY and KITTI."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the results of labelling are called, in every format."""
+"""Column names of labelling results in every format."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ CLASS, CONFIDENCE = "classification", "confidence"
 
 
 def kept_name(name: str, taken: Sequence[str]) -> str:
-    """Return what an own column of the input is called when the result needs its name.
+    """Return a new name for an input column whose name the result needs.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Copies of surveys in their own format, with class and confidence beside what they had: PLY, text and KITTI."""
+"""Copies of PLY, text and KITTI surveys in their own format, with class and confidence added."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from mlsroad_pipeline.formats.text.values import WHITESPACE
 
 
 class LabelSink(Protocol):
-    """Takes labels of consecutive ranges and writes the points of the source with them."""
+    """Sink that takes labels of consecutive ranges and writes the points of the source with them."""
 
     def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
         """Write the points from row `start` on.
@@ -45,7 +45,7 @@ class LabelSink(Protocol):
 
 
 def native_path(source: Path, folder: Path, form: PointFormat) -> Path | None:
-    """Return where the copy in a survey's own format goes.
+    """Return the path of the copy in a survey's own format.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def native_path(source: Path, folder: Path, form: PointFormat) -> Path | None:
 
 @contextmanager
 def native_sink(source: Path, target: Path, form: PointFormat, options: ReadOptions) -> Iterator[LabelSink]:
-    """Give a sink that writes the copy in the survey's own format; the file appears when the block ends.
+    """Yield a sink that writes the copy in the survey's own format; the file appears when the block ends.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Copies of PCD, Parquet and NPZ files in their own format, with class and confidence beside what they had."""
+"""Copies of PCD, Parquet and NPZ files in their own format, with class and confidence added."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from mlsroad_pipeline.formats.pcd.format import PcdFormat
 from mlsroad_pipeline.formats.pcd.header import PADDING, PcdHeader, read_pcd_header
 
 ADDED = {"FIELDS": f"{CONFIDENCE} {CLASS}", "SIZE": "4 1", "TYPE": "F U", "COUNT": "1 1"}
-"""What the entries of a PCD head gain; the float comes first, where it is aligned."""
+"""Fields added to a PCD header; the float comes first, where it is aligned."""
 
 
 def can_hold(source: Path, form: str) -> bool:
-    """Tell whether a file has a place for labels that this module can write to.
+    """Return whether a file has a place for labels that this module can write to.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def can_hold(source: Path, form: str) -> bool:
 
 
 class TableSink(Protocol):
-    """Takes labels of consecutive ranges, and is told when there are no more."""
+    """Sink that takes labels of consecutive ranges and is closed after the last one."""
 
     def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
         """Write the points from row `start` on.
@@ -166,4 +166,4 @@ def _labelled_head(text: bytes, header: PcdHeader) -> bytes:
 
 
 SINKS: dict[str, Callable[[Path, BinaryIO], TableSink]] = {"Parquet": _ParquetSink, "NPZ": _NpzSink, "PCD": _PcdSink}
-"""Format to what writes copies of its files: takes the file and a stream to write to."""
+"""Format to the writer of its copies, which takes the file and an output stream."""

@@ -33,7 +33,7 @@ LARGEST_RATIO = 1100
 
 DAMAGE = (ValueError, EOFError, OSError, zipfile.BadZipFile, zlib.error)
 MANGLED = (SyntaxError, tokenize.TokenError, KeyError, TypeError, RuntimeError)
-"""What a mangled head of an entry or an array leads to."""
+"""Errors raised for a damaged header of an archive entry or an array."""
 
 EPOCH = (1980, 1, 1, 0, 0, 0)
 
@@ -53,7 +53,7 @@ class NpzFormat(TableFormat):
     signatures: tuple[bytes, ...] = (b"PK\x03\x04", b"\x93NUMPY")
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """Tell whether a file is an array, or an archive of arrays.
+        """Return whether a file is an array, or an archive of arrays.
 
         Parameters
         ----------

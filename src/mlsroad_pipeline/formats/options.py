@@ -22,7 +22,7 @@ UNITS: dict[str, float] = {
     "us_survey_foot": 1200.0 / 3937.0,
     "inch": 0.0254,
 }
-"""Names of length units and what they are in metres."""
+"""Length units in metres."""
 
 TAXONOMY_CODING = Coding("taxonomy", {code: name for name, code in TAXONOMY.items()})
 """The coding of files whose labels are taxonomy codes already."""
@@ -90,7 +90,7 @@ def _as_columns(columns: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class ReadOptions(_Configured):
-    """How to read a survey; the defaults suit a file that says everything itself.
+    """Options for reading a survey; the defaults suit a self-describing file.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ class ReadOptions(_Configured):
 
 @dataclass(frozen=True)
 class WriteOptions(_Configured):
-    """How to write a cloud.
+    """Options for writing a cloud.
 
     Parameters
     ----------

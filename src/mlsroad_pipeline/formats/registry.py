@@ -1,4 +1,4 @@
-"""Which reader a file gets: by what it holds, and by its name where its content does not say."""
+"""Choice of the reader of a file: by content, else by file name."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FORMATS: tuple[PointFormat, ...] = (
 """All formats; a new one is one module and one entry here."""
 
 FOREIGN = {b"PK\x03\x04": "ZIP", GZIP: "gzip", b"\x89PNG": "PNG", b"\xff\xfe": "UTF-16 text"}
-"""Signatures of what is not read as it stands, so that messages can name it."""
+"""Signatures of containers that are not read as they are, named in messages."""
 
 
 def known_extensions() -> tuple[str, ...]:
@@ -43,7 +43,7 @@ def known_extensions() -> tuple[str, ...]:
 
 
 def format_of_name(path: str | Path) -> PointFormat | None:
-    """Return the format that a file's name speaks of.
+    """Return the format that a file's extension names.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""From a file's columns to the standard ones: names, units, intensity, colour, labels."""
+"""Conversion of a file's columns to the standard ones: names, units, intensity, colour, labels."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ALIASES: dict[str, tuple[str, ...]] = {
     "gps_time": ("scalar_gpstime", "gpstime", "timestamp", "gps time", "gps_seconds"),
     "label": ("scalar_label", "semantic"),
 }
-"""Standard name to what other programs call it, in lower case."""
+"""Standard name to its names in other programs, in lower case."""
 
 COLOUR_DEPTH = "colours are taken for {} bits in fields of 16; rgb_bits changes that"
 
@@ -44,7 +44,7 @@ NEAR = 1000.0
 
 
 def resolve_columns(file_names: Sequence[str], options: ReadOptions, source: Path) -> dict[str, str]:
-    """Decide which column of a file is called what.
+    """Assign standard names to the columns of a file.
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ class SydneyFormat(TableFormat):
     signatures: tuple[bytes, ...] = ()
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """Tell whether a file's records have plausible times, and ranges that agree with their coordinates.
+        """Return whether a file's records have plausible times, and ranges that agree with their coordinates.
 
         Parameters
         ----------

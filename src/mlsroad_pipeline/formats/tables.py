@@ -1,4 +1,4 @@
-"""What formats share whose files are tables of scalar columns: description, reading by ranges, the origin."""
+"""Formats whose files are tables of scalar columns: description, reading by ranges, origin."""
 
 from __future__ import annotations
 

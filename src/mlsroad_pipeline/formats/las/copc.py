@@ -40,7 +40,7 @@ GATHERED = 1 << 19
 
 
 def is_copc(header: LasHeader) -> bool:
-    """Tell whether a file is cloud-optimised.
+    """Return whether a file is cloud-optimised.
 
     Parameters
     ----------

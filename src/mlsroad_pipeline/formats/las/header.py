@@ -120,7 +120,7 @@ class LasHeader:
 
     @property
     def compressed(self) -> bool:
-        """Tell whether the points are compressed."""
+        """Return whether the points are compressed."""
         return bool(self.block[104] & COMPRESSED)
 
     @property

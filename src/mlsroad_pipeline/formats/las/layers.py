@@ -36,7 +36,7 @@ _NEEDED = int(lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL | lazrs.SELECTIVE_DE
 
 
 def has_layers(header: LasHeader) -> bool:
-    """Tell whether the layers of a file can be copied.
+    """Return whether the layers of a file can be copied.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ class LayerCopier:
         start : int
             First row, a multiple of `LAZ_CHUNK`.
         records : structured ndarray of shape (n,)
-            What `read` gave: whole chunks, or those up to the file's end.
+            Result of `read`: whole chunks, or those up to the file's end.
         values : mapping of str to ndarray of shape (n,)
             ``classification`` and the added dimensions.
 

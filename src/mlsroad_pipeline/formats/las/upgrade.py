@@ -19,7 +19,7 @@ ANGLE_STEP = 0.006
 
 COPC = b"copc"
 RECORD_1_0 = b"\xdd\xcc"
-"""What LAS 1.0 puts before the points."""
+"""Marker that LAS 1.0 writes before the points."""
 
 
 def upgraded_header(header: LasHeader) -> LasHeader:

@@ -35,7 +35,7 @@ class PcdFormat(TableFormat):
 
     Fields keep their names and types; SIZE, COUNT and padding (``_``) are honoured, several values are numbered
     (``fpfh_0``), a packed `rgb` or `rgba` is taken apart. Points whose three coordinates are NaN stand for
-    beams that did not return: they are left out, and the log says how many. The viewpoint is told by `info` and not
+    beams that did not return: they are left out, and the log says how many. The viewpoint is part of `info` and not
     applied.
     """
 

@@ -24,7 +24,7 @@ from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
 from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, parse_rows, typed_column
 
 PLAIN = "".join(sorted(set(string.printable) - set("%" + string.whitespace))) + " "
-"""What a comment can hold as it stands; the rest is percent-encoded."""
+"""Characters that a comment holds unchanged; the others are percent-encoded."""
 
 PLY_NAMES = {
     **{"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort", "i4": "int", "u4": "uint"},

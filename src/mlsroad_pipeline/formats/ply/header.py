@@ -41,7 +41,7 @@ class PlyElement:
 
     @property
     def has_lists(self) -> bool:
-        """Tell whether records differ in length."""
+        """Return whether records differ in length."""
         return None in self.properties.values()
 
     def dtype(self, order: str) -> np.dtype:
@@ -98,7 +98,7 @@ class PlyHeader:
 
     @property
     def vertex_first(self) -> bool:
-        """Tell whether the points come first and are all of one length, so that ranges can be found."""
+        """Return whether the points come first and are all of one length, so that ranges can be found."""
         return self.elements[0] is self.vertex and not self.vertex.has_lists
 
     @property

@@ -1,4 +1,4 @@
-"""What a text file's first rows tell: comments, names, delimiter, decimal mark, and which columns hold numbers."""
+"""Layout of a text file from its first rows: comments, names, delimiter, decimal mark, numeric columns."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mlsroad_pipeline.formats.text.rows import TextRows, index_rows
 from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, is_number, parse_rows, split_row
 
 LAYOUTS = {".xyz_label_conf": ("x", "y", "z", "label", "confidence")}
-"""Columns of files without a row of names whose extension tells them (Oakland 3-D)."""
+"""Columns of files without a row of names, by file extension (Oakland 3-D)."""
 
 COUNTED = (".pts",)
 """Extensions of files whose first line is the number of points (Leica)."""
@@ -129,7 +129,7 @@ def _open_table(
 
 
 def looks_like_table(path: Path) -> bool:
-    """Tell whether a file that no name speaks for holds rows of at least three numbers.
+    """Return whether a file of unknown extension holds rows of at least three numbers.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def _names(values: Sequence[str], width: int, path: Path, line: int) -> tuple[st
 
 
 def path_layout(path: Path, width: int) -> tuple[str, ...]:
-    """Return the columns that a file's extension tells.
+    """Return the columns of a file by its extension.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def path_layout(path: Path, width: int) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        Their names; empty where the extension tells nothing.
+        Their names; empty for other extensions.
     """
     name = unpacked_name(path).lower()
     return next((layout for e, layout in LAYOUTS.items() if name.endswith(e) and len(layout) == width), ())

@@ -21,7 +21,7 @@ DECIMAL_COMMA = re.compile(r"[+-]?\d+(,\d+)?([eE][+-]?\d+)?")
 
 @dataclass(frozen=True)
 class RowForm:
-    """How the rows of a text file are laid out.
+    """Layout of the rows of a text file.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def split_row(line: str, delimiter: str) -> list[str]:
 
 
 def is_number(text: str, decimal: str = ".") -> bool:
-    """Tell whether a value is a number or stands for a missing one.
+    """Return whether a value is a number or stands for a missing one.
 
     Parameters
     ----------
