@@ -80,7 +80,7 @@ class PointFormat(Protocol):
         Returns
         -------
         bool
-            Whether it begins with one of the signatures; formats without signatures examine the content, or are chosen by file name.
+            Whether it begins with one of the signatures. Formats without signatures examine the content or go by name.
         """
         del path
         return head.startswith(self.signatures) if self.signatures else False
