@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.scenes.cutting import corridor_from_arrays
@@ -21,7 +22,7 @@ OBJECTS = "inventory"
 
 def scenes_of(drive: str, results: SceneCollection) -> list[str]:
     """Return the keys of a drive's scenes."""
-    return [key for key in results if key.rpartition(".")[0] == drive]
+    return [key for key in results if SceneKey.parse(key).parent == drive]
 
 
 def objects_task(

@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, missing_attributes
 from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred
@@ -94,7 +95,7 @@ class PlannedOutput:
 
 
 def _had_classes(file: PlannedFile, classes: Mapping[str, Mapping[str, NDArray]]) -> bool | None:
-    found = [part["has_classes"] for key, part in classes.items() if key.rpartition(".")[0] == file.key]
+    found = [part["has_classes"] for key, part in classes.items() if SceneKey.parse(key).parent == file.key]
     return bool(np.any(np.concatenate(found))) if found and all(map(len, found)) else None
 
 
@@ -189,7 +190,7 @@ def _seen_by_cameras(bundle: ModelBundle, counts: Mapping[str, Mapping[str, NDAr
 
 def image_warnings(bundle: ModelBundle, counts: Mapping[str, Mapping[str, NDArray]]) -> list[str]:
     """Say which drives were labelled without images by a method that looks at images."""
-    without = list(dict.fromkeys(key.rpartition(".")[0] for key, found in counts.items() if "seen" not in found))
+    without = list(dict.fromkeys(SceneKey.parse(key).parent for key, found in counts.items() if "seen" not in found))
     if bundle.slug not in NEED_IMAGES or not without:
         return []
     instead = "have no class" if bundle.slug == IMAGE_LABELS else "have the labels of the features alone"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.scenes.corridor import Corridor
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters, corridor_from_arrays
 from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
@@ -37,7 +38,7 @@ def label_tasks(
     tasks = {}
     for drive in plan.drives():
         mine = {file.key for file in plan.files if file.drive == drive}
-        near = {key: part for key, part in bins.items() if key.rpartition(".")[0] in mine}
+        near = {key: part for key, part in bins.items() if SceneKey.parse(key).parent in mine}
         shown = _Shown(images, drive, corridor_from_arrays(corridors[drive].load()), ingest) if through_images else None
         for scene in plan_drive(drive, plan, bins, ingest):
             inputs = {"pieces": [points[key] for key in scene.pieces], "model": model}

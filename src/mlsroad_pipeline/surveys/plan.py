@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.scene_key import TRAIN, SceneKey
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.algorithms.scenes.split_parts import SplitPart, split_config
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.surveys.files import Survey, SurveyFile, files_to_label
 from mlsroad_pipeline.surveys.parameters import LabelParameters, SurveyParameters
-
-_TRAIN = "train."
 
 
 @dataclass(frozen=True)
@@ -87,7 +86,7 @@ def estimated_drives(plan: SurveyPlan, ingest: IngestParameters) -> set[str]:
 def _store_name(*parts: str) -> str:
     """Return a name that stores accept; what is not a letter, digit, `_` or `-` becomes a number in hexadecimal."""
     safe = (re.sub(r"[^A-Za-z0-9-]", lambda m: "_" if m[0] in "_/ ." else f"_{ord(m[0]):x}_", p) for p in parts)
-    return ".".join(safe)
+    return str(SceneKey(*safe))
 
 
 def plan_survey(
@@ -159,17 +158,17 @@ def plan_labelling(parameters: LabelParameters, ingest: IngestParameters) -> Sur
 
 def training_keys(keys: Iterable[str]) -> list[str]:
     """Return the names of the scenes or drives that models are trained on: those of the split ``train``."""
-    return [key for key in keys if key.startswith(_TRAIN)]
+    return [key for key in keys if SceneKey.parse(key).split == TRAIN]
 
 
 def held_out_keys(keys: Iterable[str]) -> list[str]:
     """Return the names of the scenes or drives of all other splits."""
-    return [key for key in keys if not key.startswith(_TRAIN)]
+    return [key for key in keys if SceneKey.parse(key).split != TRAIN]
 
 
 def middle_scenes(keys: Sequence[str], *, n_scenes: int = 3) -> list[str]:
     """Choose neighbouring scenes for a picture."""
-    drive = keys[-1].rpartition(".")[0]
-    mine = [key for key in keys if key.rpartition(".")[0] == drive]
+    drive = SceneKey.parse(keys[-1]).parent
+    mine = [key for key in keys if SceneKey.parse(key).parent == drive]
     first = max(0, (len(mine) - n_scenes) // 2)
     return mine[first : first + n_scenes]

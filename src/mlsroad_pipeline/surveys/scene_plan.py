@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan, plan_scenes
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
@@ -42,7 +43,7 @@ class RangeOfRows:
     @property
     def key(self) -> str:
         """Name of the range in the stores."""
-        return f"{self.file.key}.{self.start:012d}"
+        return str(SceneKey.parse(self.file.key)._replace(part=f"{self.start:012d}"))
 
     def parameters(self, plan: SurveyPlan, ingest: IngestParameters) -> dict[str, Any]:
         """Return the parameters of `ingest_work.read_and_cut`."""
@@ -101,7 +102,7 @@ def plan_drive(
 ) -> list[PlannedScene]:
     """Plan the scenes of a drive from the bins of its ranges."""
     files = {file.key: file.source.name for file in plan.files if file.drive == drive}
-    mine = {key: part for key, part in bins.items() if key.rpartition(".")[0] in files}
+    mine = {key: part for key, part in bins.items() if SceneKey.parse(key).parent in files}
     histogram: dict[int, int] = {}
     for part in mine.values():
         for number, count in zip(part["bins"].tolist(), part["counts"].tolist(), strict=True):
@@ -121,7 +122,7 @@ def plan_drive(
 
 
 def _planned(key: str, span: SceneSpan, pieces: tuple[str, ...], files: Mapping[str, str]) -> PlannedScene:
-    names = list(dict.fromkeys(files[piece.rpartition(".")[0]] for piece in pieces))
+    names = list(dict.fromkeys(files[SceneKey.parse(piece).parent] for piece in pieces))
     more = f" and {len(names) - MESSAGE_FILES} more files" if len(names) > MESSAGE_FILES else ""
     return PlannedScene(key, span, pieces, f"{', '.join(names[:MESSAGE_FILES])}{more} ({span.id})")
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.scene_key import group_by_split
 from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.algorithms.detection.references import wanted_objects, without_reference
 from mlsroad_pipeline.algorithms.metrics.detection import (
@@ -248,8 +249,8 @@ def detection_table(
         as an object.
     """
     tables = []
-    for split in dict.fromkeys(key.partition(".")[0] for key in counted):
-        label, right, n_objects, _ = _joined(counted, split)
+    for split, scenes in group_by_split(counted).items():
+        label, right, n_objects, _ = _joined(scenes)
         counts: list[DetectionCounts] = []
         for k in range(len(classes)):
             flags = right[label == k]
@@ -277,7 +278,7 @@ def detection_curves(
     dict of str to (threshold, precision, recall)
         Per class that has objects.
     """
-    label, right, n_objects, score = _joined(counted, split, "curve_")
+    label, right, n_objects, score = _joined(group_by_split(counted)[split], "curve_")
     curves = {}
     for k, name in enumerate(classes):
         flags = right[label == k]
@@ -288,9 +289,8 @@ def detection_curves(
 
 
 def _joined(
-    counted: Mapping[str, Mapping[str, NDArray]], split: str, prefix: str = ""
+    counted: Sequence[Mapping[str, NDArray]], prefix: str = ""
 ) -> tuple[NDArray[np.int16], NDArray[np.bool_], NDArray[np.int64], NDArray[np.float32]]:
-    mine = [found for key, found in counted.items() if key.partition(".")[0] == split]
     names = [f"{prefix}{name}" for name in ("label", "right", "score")]
-    label, right, score = (np.concatenate([found[name] for found in mine]) for name in names)
-    return label, right, np.sum([found["n_objects"] for found in mine], axis=0), score
+    label, right, score = (np.concatenate([scene[name] for scene in counted]) for name in names)
+    return label, right, np.sum([scene["n_objects"] for scene in counted], axis=0), score

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
 
@@ -114,7 +115,7 @@ def sum_by_split(matrices: Mapping[str, Mapping[str, NDArray]]) -> dict[str, NDA
     """
     total: dict[str, NDArray[np.int64]] = {}
     for key, counted in matrices.items():
-        split = key.partition(".")[0]
+        split = SceneKey.parse(key).split
         total[split] = total.get(split, 0) + counted["matrix"]
     return total
 

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.scene_key import group_by_split
 from mlsroad_pipeline.algorithms.metrics.ground import count_ground, scores_of_counts
 from mlsroad_pipeline.algorithms.metrics.partition import evaluate_partition
 from mlsroad_pipeline.algorithms.stages import inliers
@@ -75,10 +76,7 @@ def ground_table(counts: Mapping[str, Mapping[str, NDArray]]) -> pd.DataFrame:
     DataFrame
         Columns ``split, type_1, type_2, total, kappa, n_ground, n_object``; errors as fractions.
     """
-    sums: dict[str, NDArray[np.int64]] = {}
-    for key, found in counts.items():
-        split = key.partition(".")[0]
-        sums[split] = sums.get(split, np.zeros(4, dtype=np.int64)) + found["counts"]
+    sums = {split: np.sum([s["counts"] for s in scenes], axis=0) for split, scenes in group_by_split(counts).items()}
     return pd.DataFrame([{"split": split, **asdict(scores_of_counts(total))} for split, total in sums.items()])
 
 
@@ -139,9 +137,8 @@ def supervoxel_table(measured: Mapping[str, Mapping[str, NDArray]]) -> pd.DataFr
         Columns ``split``, those of `SUPERVOXEL_SCORES`, ``n_points`` and ``n_supervoxels``.
     """
     rows = []
-    for split in dict.fromkeys(key.partition(".")[0] for key in measured):
-        mine = [found for key, found in measured.items() if key.partition(".")[0] == split]
-        quality, weights = np.array([m["quality"] for m in mine]), np.array([m["weights"] for m in mine])
+    for split, scenes in group_by_split(measured).items():
+        quality, weights = np.array([s["quality"] for s in scenes]), np.array([s["weights"] for s in scenes])
         known = np.isfinite(quality)
         points = weights[:, :1] * known
         total = points.sum(axis=0)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
 from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion, spread_confidence
 from mlsroad_pipeline.algorithms.models.bundle import NEEDS_IMAGES, ModelBundle
@@ -52,7 +53,7 @@ def divide_scenes(keys: Sequence[str], share: float) -> tuple[list[str], list[st
     Parameters
     ----------
     keys : sequence of str
-        Names of scenes, their drive and a dot before the last part, in the order of the road.
+        Keys of scenes (`SceneKey`), in the order of the road.
     share : float
         Share of each drive's scenes, from its beginning, in the first set.
 
@@ -68,7 +69,7 @@ def divide_scenes(keys: Sequence[str], share: float) -> tuple[list[str], list[st
     """
     drives: dict[str, list[str]] = {}
     for key in keys:
-        drives.setdefault(key.rpartition(".")[0], []).append(key)
+        drives.setdefault(SceneKey.parse(key).parent, []).append(key)
     if not drives:
         raise DataError("fusion needs scenes that the methods were not trained on")
     first, second = [], []

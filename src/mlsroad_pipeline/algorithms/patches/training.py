@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.patches.extraction import Patches, join_patches
 from mlsroad_pipeline.algorithms.patches.labelling import PatchClassifier, PatchStages
@@ -53,14 +54,14 @@ def number_surveys(keys: Iterable[str]) -> NDArray[np.int32]:
     Parameters
     ----------
     keys : iterable of str
-        Names of the scenes in the stores: split, file or drive, and where it was cut the scene, with dots between.
+        Keys of the scenes in the stores (`SceneKey`).
 
     Returns
     -------
     ndarray of int32, shape (scenes,)
         Survey of each scene in the order of their names, from 0: that of `join_training_scenes`.
     """
-    surveys = [".".join(key.split(".")[:2]) for key in sorted(keys)]
+    surveys = [SceneKey.parse(key).parent for key in sorted(keys)]
     return np.unique(surveys, return_inverse=True)[1].astype(np.int32)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.quality.chunks import ChunkQuality, TimeQuality, merge
 from mlsroad_pipeline.algorithms.quality.duplicates import DuplicateSketch
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
@@ -104,7 +105,7 @@ def quality_reports(files: Mapping[str, str], chunks: Mapping[str, Mapping[str, 
     """
     reports = {}
     for name, file in files.items():
-        mine = [chunk_from_arrays(chunks[key]) for key in sorted(chunks) if key.rpartition(".")[0] == file]
+        mine = [chunk_from_arrays(chunks[key]) for key in sorted(chunks) if SceneKey.parse(key).parent == file]
         reports[name] = merge(mine)
     return reports
 

@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.metrics.scores import recognition_scores
 
@@ -47,7 +48,7 @@ def score_recognitions(
     matrices: dict[str, NDArray[np.int64]] = {}
     for key, labels in truth.items():
         counted = confusion_matrix(labels, predicted[key], len(scheme))
-        for split in (key, ALL_FOLDS) if folds else (key.partition(".")[0],):
+        for split in (key, ALL_FOLDS) if folds else (SceneKey.parse(key).split,):
             matrices[split] = matrices.get(split, 0) + counted
     if folds:
         matrices[ALL_FOLDS] = matrices.pop(ALL_FOLDS)  # last

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.scene_key import group_by_split
 from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
 from mlsroad_pipeline.algorithms.metrics.instances import InstanceScores, find_overlaps, score_segmentation
@@ -287,9 +288,8 @@ def segmentation_table(measured: Mapping[str, Mapping[str, NDArray]]) -> pd.Data
     """
     by = {"coverage": 0, "weighted_coverage": 1, "precision": 2, "recall": 0, "over_segmentation": 0}
     rows: list[dict[str, Any]] = []
-    for split in dict.fromkeys(key.partition(".")[0] for key in measured):
-        mine = [found for key, found in measured.items() if key.partition(".")[0] == split]
-        scores, weights = np.array([m["scores"] for m in mine]), np.array([m["weights"] for m in mine])
+    for split, scenes in group_by_split(measured).items():
+        scores, weights = np.array([s["scores"] for s in scenes]), np.array([s["weights"] for s in scenes])
         row: dict[str, Any] = {"split": split}
         for column, name in enumerate(SEGMENTATION_SCORES):
             weight = weights[:, by.get(name, 2)] * np.isfinite(scores[:, column])

@@ -10,6 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.detection.scoring import (
     DetectionParameters,
     count_detections_of_scene,
@@ -125,7 +126,7 @@ def score_detector(
 ) -> tuple[pd.DataFrame, Figure]:
     """Score a detector and draw its precision-recall curves."""
     found = counted.load_all()
-    split = list(found)[-1].partition(".")[0]
+    split = SceneKey.parse(list(found)[-1]).split
     curves = detection_curves(found, split=split, classes=detection.classes)
     figure = precision_recall_figure(curves, title=f"{method} on {split}")
     return detection_table(found, method=method, classes=detection.classes), figure

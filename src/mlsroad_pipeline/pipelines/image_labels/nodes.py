@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -55,7 +56,7 @@ def label_scenes(
     """Name the work that labels each scene that the network was not trained on."""
     tasks = {}
     for key in held_out_keys(scenes):
-        images = drives.get(key.rpartition(".")[0])
+        images = drives.get(SceneKey.parse(key).parent)
         inputs = {
             "scene": scenes[key],
             "around": [scenes[name] for name in scenes_beside(key, scenes)],

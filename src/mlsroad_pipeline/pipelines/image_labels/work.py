@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.image_labels.cityscapes import encode_label_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -126,7 +127,7 @@ def label_scene_through_images(
 
 def scenes_beside(key: str, keys: Iterable[str]) -> list[str]:
     """Name the scenes before and after a scene on its drive."""
-    drive = [name for name in keys if name.rpartition(".")[0] == key.rpartition(".")[0]]
+    drive = [name for name in keys if SceneKey.parse(name).parent == SceneKey.parse(key).parent]
     place = drive.index(key)
     return [*drive[max(place - 1, 0) : place], *drive[place + 1 : place + 2]]
 
