@@ -19,6 +19,7 @@ from mlsroad_pipeline.algorithms.jointnet.parameters import (
     TrainingParameters,
 )
 from mlsroad_pipeline.algorithms.jointnet.recogniser import JointNetRecogniser
+from mlsroad_pipeline.datasets.models.torch_checkpoints import TorchCheckpoints
 
 SMALL = NetworkParameters([4, 4, 4, 4, 8], 16, 2, 8, [4, 4], [4, 4, 8, 8], dropout=0.1)
 
@@ -194,17 +195,17 @@ def test_training_that_is_killed_goes_on_as_if_it_had_not_been(rng, tmp_path, mo
 
     monkeypatch.setattr(training._Run, "pass_once", killed)
     with pytest.raises(KeyboardInterrupt):
-        JointNetRecogniser(wanted, checkpoint=tmp_path).fit(objects, classes)
+        JointNetRecogniser(wanted, checkpoints=TorchCheckpoints(tmp_path)).fit(objects, classes)
     monkeypatch.setattr(training._Run, "pass_once", unchanged)
-    resumed = JointNetRecogniser(wanted, checkpoint=tmp_path).fit(objects, classes)
+    resumed = JointNetRecogniser(wanted, checkpoints=TorchCheckpoints(tmp_path)).fit(objects, classes)
     assert resumed.histories_ == whole.histories_
     for name, array in whole.to_arrays().items():
         assert array.tobytes() == resumed.to_arrays()[name].tobytes(), name
-    with pytest.raises(ReadError, match="is a checkpoint of another training"):
-        JointNetRecogniser(parameters(epochs=9), checkpoint=tmp_path).fit(objects, classes)
+    with pytest.raises(ReadError, match=r"network_0.pt is a checkpoint of another training"):
+        JointNetRecogniser(parameters(epochs=9), checkpoints=TorchCheckpoints(tmp_path)).fit(objects, classes)
     (tmp_path / "network_0.pt").write_bytes(b"PK\x03\x04 nothing")
     with pytest.raises(ReadError, match=r"network_0.pt: the checkpoint is damaged"):
-        JointNetRecogniser(wanted, checkpoint=tmp_path).fit(objects, classes)
+        JointNetRecogniser(wanted, checkpoints=TorchCheckpoints(tmp_path)).fit(objects, classes)
 
 
 def test_early_stopping_keeps_the_best_network(rng):

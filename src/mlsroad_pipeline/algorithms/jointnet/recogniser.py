@@ -1,11 +1,10 @@
-"""JointNet as an estimator: objects and classes in, probabilities out."""
+"""JointNet as an estimator."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -17,27 +16,27 @@ from mlsroad_pipeline.algorithms.features.accumulation_images import join_object
 from mlsroad_pipeline.algorithms.jointnet.inputs import Points, encode
 from mlsroad_pipeline.algorithms.jointnet.network import JointNet
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
-from mlsroad_pipeline.algorithms.jointnet.training import to_tensors, train_network
+from mlsroad_pipeline.algorithms.jointnet.training import Checkpoints, to_tensors, train_network
 from mlsroad_pipeline.algorithms.models.torch_training import find_device, load_weights, reproducible
 from mlsroad_pipeline.algorithms.recognition.object_set import check_training
 
 _BATCH = 256
-"""Objects that the network sees at once when it recognises."""
+"""Objects per batch in prediction."""
 
 logger = logging.getLogger(__name__)
 
 
 class JointNetRecogniser:
-    """Objects recognised by their accumulation images (Luo et al. 2019).
+    """Recogniser of objects by accumulation images (Luo et al. 2019).
 
     Parameters
     ----------
     parameters : JointNetParameters, optional
-        What it sees, its layers, how it is trained.
-    checkpoint : str or Path, optional
-        A folder for checkpoints: training that was stopped goes on where it was.
+        Inputs, layers and training schedule.
+    checkpoints : Checkpoints, optional
+        Storage of training states, such as `TorchCheckpoints`; an interrupted training resumes from it.
     progress : bool, default False
-        Whether bars show how far training is.
+        Show progress bars of the training.
 
     Attributes
     ----------
@@ -51,12 +50,11 @@ class JointNetRecogniser:
         self,
         parameters: JointNetParameters | None = None,
         *,
-        checkpoint: str | Path | None = None,
+        checkpoints: Checkpoints | None = None,
         progress: bool = False,
     ) -> None:
         self.parameters = parameters if parameters is not None else JointNetParameters()
-        self.checkpoint = None if checkpoint is None else Path(checkpoint)
-        self.progress = progress
+        self.checkpoints, self.progress = checkpoints, progress
 
     def fit(
         self, objects: Sequence[ArrayLike], classes: ArrayLike, *, intensities: Sequence[ArrayLike] | None = None
@@ -68,19 +66,19 @@ class JointNetRecogniser:
         objects : sequence of array-like of shape (n_i, 3)
             Points of each object, metres, z up.
         classes : array-like of shape (objects,)
-            The class of each, any sortable values.
+            Class of each object, any sortable values.
         intensities : sequence of array-like of shape (n_i,), optional
             Intensity of each point in [0, 1].
 
         Returns
         -------
         JointNetRecogniser
-            Itself.
+            The fitted recogniser.
 
         Raises
         ------
         DataError
-            If an object is empty or not finite, there is not one class per object, or there is one class alone.
+            If an object is empty or not finite, the number of classes differs from that of objects, or there is only one class.
         ReadError
             If a checkpoint is damaged or of another training.
         """
@@ -94,7 +92,7 @@ class JointNetRecogniser:
                 n_classes=len(self.classes_),
                 parameters=self.parameters,
                 member=member,
-                checkpoint=None if self.checkpoint is None else self.checkpoint / f"network_{member}.pt",
+                checkpoints=self.checkpoints,
                 progress=self.progress,
             )
             self.networks_.append(trained.network)
@@ -129,8 +127,8 @@ class JointNetRecogniser:
         points, measures = _points(objects, intensities), None
         n_turns = self.parameters.training.n_turns
         for turn in range(n_turns):
-            seen = points.turned(2 * np.pi * turn / n_turns) if turn else points
-            images, measures = encode(seen, self.parameters.inputs, measures=measures)
+            turned = points.turned(2 * np.pi * turn / n_turns) if turn else points
+            images, measures = encode(turned, self.parameters.inputs, measures=measures)
             for start in range(0, len(total), _BATCH):
                 rows = slice(start, start + _BATCH)
                 total[rows] += self._score({view: v[rows] for view, v in images.items()}, measures[rows])
@@ -138,10 +136,10 @@ class JointNetRecogniser:
 
     def _score(self, images: dict[str, NDArray[np.float32]], measures: NDArray[np.float32]) -> NDArray[np.float64]:
         device = next(self.networks_[0].parameters()).device
-        given = to_tensors(images, measures, device)
+        inputs = to_tensors(images, measures, device)
         with reproducible(0), torch.inference_mode():
-            found = [torch.softmax(network(*given), dim=2).mean(dim=0) for network in self.networks_]
-            summed: NDArray[np.float64] = torch.stack(found).sum(dim=0).double().cpu().numpy()
+            probabilities = [torch.softmax(network(*inputs), dim=2).mean(dim=0) for network in self.networks_]
+            summed: NDArray[np.float64] = torch.stack(probabilities).sum(dim=0).double().cpu().numpy()
         return summed
 
     def predict(self, objects: Sequence[ArrayLike], *, intensities: Sequence[ArrayLike] | None = None) -> NDArray:
@@ -162,7 +160,7 @@ class JointNetRecogniser:
         return self.classes_[self.predict_proba(objects, intensities=intensities).argmax(axis=1)]
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return the classes and the weights as plain arrays, ``<network>/<layer>``."""
+        """Return the classes and the weights as plain arrays, keys ``<network>/<layer>``."""
         arrays: dict[str, NDArray] = {"classes": self.classes_}
         for member, network in enumerate(self.networks_):
             for name, value in network.state_dict().items():
@@ -171,27 +169,27 @@ class JointNetRecogniser:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], parameters: JointNetParameters) -> Self:
-        """Rebuild a recogniser from what `to_arrays` gave.
+        """Rebuild a recogniser from the arrays of `to_arrays`.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
             Classes and weights.
         parameters : JointNetParameters
-            Those that it was trained with.
+            Parameters of the training.
 
         Returns
         -------
         JointNetRecogniser
-            The same recogniser.
+            The trained recogniser.
 
         Raises
         ------
         DataError
-            If an array is missing, or the weights are not those of such a network or of as many classes.
+            If an array is missing, or the weights do not fit the parameters or the number of classes.
         """
         if "classes" not in arrays:
-            raise DataError("the arrays of jointnet lack the classes")
+            raise DataError("the arrays of jointnet lack 'classes'")
         self = cls(parameters)
         self.classes_ = np.array(arrays["classes"])
         self.networks_, self.histories_ = [], []

@@ -1,11 +1,10 @@
-"""Training of JointNet: stochastic gradient descent that can be stopped and resumed, and gives the same bytes again."""
+"""Training of JointNet: resumable, bitwise reproducible stochastic gradient descent."""
 
 from __future__ import annotations
 
 import logging
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -20,19 +19,38 @@ from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters, 
 from mlsroad_pipeline.algorithms.models.torch_training import find_device, learning_rate, reproducible
 
 HALVE_EVERY = 20
-"""Epochs after which the schedule "halving" halves the rate (luo2019, training details)."""
+"""Epochs after which the schedule "halving" halves the learning rate (luo2019, training details)."""
 
 SETTLE = 4
-"""Passes over the training objects after the last epoch, which batch normalisation takes its statistics from."""
+"""Passes over the training objects after the last epoch that estimate the statistics of batch normalisation."""
 
 _SETTLE_BATCH = 128
 
 logger = logging.getLogger(__name__)
 
 
+class Checkpoints(Protocol):
+    """Storage of training states, one per network."""
+
+    def load(self, name: str) -> dict[str, Any] | None:
+        """Return the state of a network; None where none was saved.
+
+        Raises
+        ------
+        ReadError
+            If the state is damaged.
+        """
+
+    def save(self, name: str, state: dict[str, Any]) -> None:
+        """Replace the state of a network, whole or not at all."""
+
+    def locate(self, name: str) -> str:
+        """Return the place of a state for messages."""
+
+
 @dataclass(frozen=True)
 class Trained:
-    """One trained network and how it came about.
+    """A trained network and its losses.
 
     Attributes
     ----------
@@ -47,21 +65,21 @@ class Trained:
 
 
 def scheduled_rate(step: int, n_steps: int, epoch: int, p: TrainingParameters) -> float:
-    """Return the rate of a step.
+    """Return the learning rate of a step.
 
     Parameters
     ----------
     step, n_steps : int
-        The step, from 0, and how many there are.
+        The step, from 0, and the number of steps of the training.
     epoch : int
         The epoch, from 0.
     p : TrainingParameters
-        The schedule.
+        The schedule and its highest rate.
 
     Returns
     -------
     float
-        The rate.
+        The learning rate.
     """
     if p.schedule == "halving":
         return p.learning_rate * float(0.5 ** (epoch // HALVE_EVERY))
@@ -71,21 +89,23 @@ def scheduled_rate(step: int, n_steps: int, epoch: int, p: TrainingParameters) -
 def to_tensors(
     images: dict[str, NDArray[np.float32]], measures: NDArray[np.float32], device: torch.device
 ) -> tuple[dict[str, Tensor], Tensor]:
-    """Move what `encode` gave to a device.
+    """Move the encoded objects to a device.
 
     Parameters
     ----------
-    images : dict of str to ndarray
-        Images of each view.
-    measures : ndarray
-        Measures.
+    images : dict of str to ndarray of float32
+        Images of each view, see `encode`.
+    measures : ndarray of float32, shape (objects, m)
+        Measures, see `encode`.
     device : torch.device
         The device.
 
     Returns
     -------
-    images, measures : dict of str to Tensor, Tensor
-        The same there.
+    images : dict of str to Tensor
+        The images on the device.
+    measures : Tensor
+        The measures on the device.
     """
     return {view: torch.from_numpy(v).to(device) for view, v in images.items()}, torch.from_numpy(measures).to(device)
 
@@ -97,7 +117,7 @@ def train_network(
     n_classes: int,
     parameters: JointNetParameters,
     member: int = 0,
-    checkpoint: Path | None = None,
+    checkpoints: Checkpoints | None = None,
     progress: bool = False,
 ) -> Trained:
     """Train one network.
@@ -107,47 +127,48 @@ def train_network(
     points : Points
         The training objects.
     target : ndarray of int64, shape (objects,)
-        Their classes from 0.
+        Their classes, from 0.
     n_classes : int
-        Classes.
+        Number of classes.
     parameters : JointNetParameters
-        What it sees, its layers, how it is trained.
+        Inputs, layers and training schedule.
     member : int, default 0
-        Which of several networks it is: its start and its draws depend on it.
-    checkpoint : Path, optional
-        A file that is written after every tenth epoch; where it is there already, training goes on from it and ends
-        as if it had never stopped.
+        Index of the network in the ensemble; initial weights and random numbers depend on it.
+    checkpoints : Checkpoints, optional
+        Storage of the training state, saved after every tenth epoch and the last. A saved state is resumed; the result
+        is bitwise the same as that of an uninterrupted training.
     progress : bool, default False
-        Whether a bar shows how far it is.
+        Show a progress bar.
 
     Returns
     -------
     Trained
-        The network, and its losses.
+        The network and its losses.
 
     Raises
     ------
     ReadError
         If the checkpoint is damaged or of another training.
     ParameterError
-        If a GPU is asked for and there is none.
+        If a GPU is requested and none is available.
     """
     run = _Run(points, target, n_classes, parameters, member)
-    if checkpoint is not None and checkpoint.exists():
-        run.restore(checkpoint)
+    name = f"network_{member}"
+    if checkpoints is not None and (state := checkpoints.load(name)) is not None:
+        run.restore(state, checkpoints.locate(name))
     p = parameters.training
     epochs = range(len(run.history), p.epochs)
     for epoch in tqdm(epochs, desc=f"network {member + 1} of {p.n_members}", unit="epoch", disable=not progress):
         if run.since_best >= p.patience and run.best is not None:
             break
         run.pass_once(epoch)
-        if checkpoint is not None and (epoch % 10 == 9 or epoch == p.epochs - 1):
-            run.store(checkpoint)
+        if checkpoints is not None and (epoch % 10 == 9 or epoch == p.epochs - 1):
+            checkpoints.save(name, run.state())
     return run.result()
 
 
 class _Run:
-    """The state of one training: everything that a checkpoint holds."""
+    """State of one training, as saved in a checkpoint."""
 
     def __init__(
         self, points: Points, target: NDArray[np.int64], n_classes: int, parameters: JointNetParameters, member: int
@@ -166,13 +187,13 @@ class _Run:
         self.optimizer = torch.optim.SGD(
             self.network.parameters(), lr=p.learning_rate, momentum=p.momentum, weight_decay=p.weight_decay
         )
-        self.loss = nn.CrossEntropyLoss(label_smoothing=p.label_smoothing)  # the softmax that equation 11 leaves out
+        self.loss = nn.CrossEntropyLoss(label_smoothing=p.label_smoothing)  # with the softmax that equation 11 omits
         self.history: list[dict[str, float]] = []
         self.best: dict[str, Tensor] | None = None
         self.since_best = 0
 
     def _scale_measures(self) -> None:
-        """Let the network bring measures to mean 0 and spread 1, and whether intensity is known to -1 or 1."""
+        """Set the standardisation of the measures: mean 0 and deviation 1; the flag of known intensity becomes -1 or 1."""
         measures = torch.from_numpy(encode(self.train, self.parameters.inputs)[1])
         if measures.shape[1]:
             self.network.shift.copy_(measures.mean(dim=0))
@@ -183,15 +204,15 @@ class _Run:
         return int(np.random.SeedSequence([self.parameters.training.seed, self.member, epoch]).generate_state(1)[0])
 
     def pass_once(self, epoch: int) -> None:
-        """Go through the training objects once; all draws depend on the seed, the network and the epoch alone."""
+        """Run one epoch; random numbers depend on the seed, the network and the epoch only."""
         p = self.parameters.training
         rng = np.random.default_rng(self._seed(epoch + 1))
         losses, counts = [], []
         with reproducible(self._seed(epoch + 1)):
             self.network.train()
             for copy in range(p.copies):
-                changed = augment(self.train, p.augmentation, rng)
-                images, measures = to_tensors(*encode(changed, self.parameters.inputs), self.device)
+                augmented = augment(self.train, p.augmentation, rng)
+                images, measures = to_tensors(*encode(augmented, self.parameters.inputs), self.device)
                 order = torch.from_numpy(rng.permutation(len(self.target))).to(self.device)
                 batches = [rows for rows in order.split(p.batch_size) if len(rows) > 1]
                 for i, rows in enumerate(batches):
@@ -208,7 +229,7 @@ class _Run:
             group["lr"] = rate
 
     def _step(self, images: dict[str, Tensor], measures: Tensor, rows: Tensor) -> float:
-        """Go one step down the gradient of a batch and return its loss."""
+        """Take one gradient step on a batch and return its loss."""
         self.optimizer.zero_grad()
         mixed = self.parameters.training.mixed_precision and self.device.type == "cuda"
         with torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=mixed):
@@ -223,8 +244,8 @@ class _Run:
     def _validate(self) -> None:
         self.network.eval()
         with reproducible(0), torch.no_grad():
-            found = self.network(*to_tensors(*encode(self.held, self.parameters.inputs), self.device))
-            log_probability = torch.log(torch.softmax(found, dim=2).mean(dim=0).clamp(min=1e-12))
+            scores = self.network(*to_tensors(*encode(self.held, self.parameters.inputs), self.device))
+            log_probability = torch.log(torch.softmax(scores, dim=2).mean(dim=0).clamp(min=1e-12))
             loss = float(nn.functional.nll_loss(log_probability, self.held_target))
         self.history[-1]["validation_loss"] = loss
         before = [entry["validation_loss"] for entry in self.history[:-1]]
@@ -236,9 +257,9 @@ class _Run:
     def _identity(self) -> str:
         return repr((asdict(self.parameters), self.member, len(self.train.xyz), self.target.tolist()))
 
-    def store(self, path: Path) -> None:
-        """Write the state, whole or not at all."""
-        state: dict[str, Any] = {
+    def state(self) -> dict[str, Any]:
+        """Return the state as tensors and plain values."""
+        return {
             "identity": self._identity(),
             "network": self.network.state_dict(),
             "optimizer": self.optimizer.state_dict(),
@@ -246,27 +267,18 @@ class _Run:
             "best": self.best,
             "since_best": self.since_best,
         }
-        path.parent.mkdir(parents=True, exist_ok=True)
-        fresh = path.with_name(f".{path.name}.part")
-        torch.save(state, fresh)
-        fresh.replace(path)
 
-    def restore(self, path: Path) -> None:
-        """Take the state of a checkpoint; nothing in it is run as code."""
-        try:
-            state = torch.load(path, map_location=self.device, weights_only=True)
-            identity = state["identity"]
-        except Exception as error:  # damaged archives raise errors of many kinds
-            raise ReadError(f"{path}: the checkpoint is damaged: {error}") from error
-        if identity != self._identity():
-            raise ReadError(f"{path} is a checkpoint of another training; remove it, or train with the same objects")
+    def restore(self, state: dict[str, Any], source: str) -> None:
+        """Resume from a saved state; `source` names it in messages."""
+        if state.get("identity") != self._identity():
+            raise ReadError(f"{source} is a checkpoint of another training; remove it, or train with the same objects")
         self.network.load_state_dict(state["network"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.history, self.best, self.since_best = state["history"], state["best"], state["since_best"]
-        logger.info("%s: training goes on after epoch %d", path, len(self.history))
+        logger.info("%s: training resumes after epoch %d", source, len(self.history))
 
     def _settle(self) -> None:
-        """Take means and variances of batch normalisation from whole passes; running ones follow few batches.
+        """Estimate means and variances of batch normalisation over whole epochs; running ones cover few batches.
 
         Wu and Johnson 2021, "Rethinking 'Batch' in BatchNorm", section 3.
         """
@@ -275,14 +287,14 @@ class _Run:
             return
         for norm in norms:
             norm.reset_running_stats()
-            norm.momentum = None  # the plain mean over all batches
+            norm.momentum = None  # plain mean over all batches
         p = self.parameters.training
         rng = np.random.default_rng(self._seed(p.epochs + 1))
         self.network.train()
         with reproducible(self._seed(p.epochs + 1)), torch.no_grad():
             for _ in range(SETTLE):
-                changed = augment(self.train, p.augmentation, rng)
-                images, measures = to_tensors(*encode(changed, self.parameters.inputs), self.device)
+                augmented = augment(self.train, p.augmentation, rng)
+                images, measures = to_tensors(*encode(augmented, self.parameters.inputs), self.device)
                 for rows in torch.from_numpy(rng.permutation(len(self.target))).to(self.device).split(_SETTLE_BATCH):
                     self.network({view: v[rows] for view, v in images.items()}, measures[rows])
 
@@ -295,7 +307,7 @@ class _Run:
 
 
 def _held_out(target: NDArray[np.int64], p: TrainingParameters) -> NDArray[np.bool_]:
-    """Draw the same share of every class that has at least two objects."""
+    """Select the held-out objects: the same share of every class that has at least two objects."""
     held = np.zeros(len(target), dtype=np.bool_)
     rng = np.random.default_rng(p.seed)
     for label in np.unique(target):

@@ -1,0 +1,50 @@
+"""Checkpoints of a training as PyTorch files. Importing this module imports torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+
+
+@dataclass(frozen=True)
+class TorchCheckpoints:
+    """Training states in a folder, one file ``<name>.pt`` each.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder; it is created when the first state is saved.
+    """
+
+    folder: Path
+
+    def locate(self, name: str) -> str:
+        """Return the path of a state."""
+        return str(self._file(name))
+
+    def load(self, name: str) -> dict[str, Any] | None:
+        """Return a state in main memory, None where there is no file; no code in the file is executed."""
+        path = self._file(name)
+        if not path.exists():
+            return None
+        try:
+            state: dict[str, Any] = dict(torch.load(path, map_location="cpu", weights_only=True))
+        except Exception as error:  # damaged archives raise errors of many kinds
+            raise ReadError(f"{path}: the checkpoint is damaged: {error}") from error
+        return state
+
+    def save(self, name: str, state: dict[str, Any]) -> None:
+        """Write a state to a temporary file and rename it, so that a killed run leaves no partial checkpoint."""
+        path = self._file(name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f".{path.name}.part")
+        torch.save(state, partial)
+        partial.replace(path)
+
+    def _file(self, name: str) -> Path:
+        return self.folder / f"{name}.pt"
