@@ -78,7 +78,7 @@ class JointNetRecogniser:
         Raises
         ------
         DataError
-            If an object is empty or not finite, the number of classes differs from that of objects, or there is only one class.
+            If an object is empty or not finite, there is not one class per object, or only one class occurs.
         ReadError
             If a checkpoint is damaged or of another training.
         """

@@ -193,7 +193,7 @@ class _Run:
         self.since_best = 0
 
     def _scale_measures(self) -> None:
-        """Set the standardisation of the measures: mean 0 and deviation 1; the flag of known intensity becomes -1 or 1."""
+        """Standardise the measures (mean 0, deviation 1); the flag of known intensity becomes -1 or 1."""
         measures = torch.from_numpy(encode(self.train, self.parameters.inputs)[1])
         if measures.shape[1]:
             self.network.shift.copy_(measures.mean(dim=0))
