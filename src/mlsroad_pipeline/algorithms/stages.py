@@ -1,34 +1,85 @@
-"""What every method needs of a scene, stage by stage: ground, heights, supervoxels, features.
+"""Stages that all methods share: ground, heights, supervoxels and supervoxel features.
 
-Each stage is one function from a scene and the results before it to a mapping of arrays whose rows are aligned with
-the scene's points or with its supervoxels. The pipelines store the results; a registered model runs the same functions
-in memory on a cloud that it has never seen.
+Each stage is a function of a scene and of the results of earlier stages. Its result is a mapping of arrays, whose rows
+are aligned with the points of the scene or with its supervoxels. The pipelines store the results; a registered model
+calls the same functions in memory.
 
-Points that the outlier filter has marked (column `outlier`) take no part: they are no ground, their height is NaN and
-their supervoxel is -1.
+Outliers (column `outlier`) are excluded: they are not ground, their height is NaN and their supervoxel is -1.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from typing import Literal, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_positive
-from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures, compute_supervoxel_features
+from mlsroad_pipeline.algorithms.features.supervoxel_features import compute_supervoxel_features
 from mlsroad_pipeline.algorithms.ground.surface import height_above_ground
 from mlsroad_pipeline.algorithms.ground.upward_growing import classify_ground
 from mlsroad_pipeline.algorithms.supervoxels.vccs import segment_supervoxels
 
 
+class Ground(TypedDict):
+    """Ground points of a scene and heights above them.
+
+    Attributes
+    ----------
+    ground : ndarray of bool, shape (n,)
+        True for ground points.
+    height : ndarray of float32, shape (n,)
+        Height above the ground in metres; NaN for outliers, and for all points of a scene without ground.
+    """
+
+    ground: NDArray[np.bool_]
+    height: NDArray[np.float32]
+
+
+class SupervoxelPartition(TypedDict):
+    """Partition of a scene into supervoxels.
+
+    Attributes
+    ----------
+    labels : ndarray of int32, shape (n,)
+        Supervoxel of each point; -1 for outliers.
+    adjacency : csr_array of shape (s, s)
+        First-order neighbours of each supervoxel.
+    """
+
+    labels: NDArray[np.int32]
+    adjacency: csr_array
+
+
+class SupervoxelTable(TypedDict):
+    """Features of the supervoxels of a scene.
+
+    Attributes
+    ----------
+    values : ndarray of float32, shape (s, f)
+        One row a supervoxel, one column a feature.
+    names : ndarray of str, shape (f,)
+        Names of the features.
+    centroids : ndarray of float64, shape (s, 3)
+        Mean of the supervoxel's points in metres.
+    counts : ndarray of int64, shape (s,)
+        Points of each supervoxel.
+    """
+
+    values: NDArray[np.float32]
+    names: NDArray[np.str_]
+    centroids: NDArray[np.float64]
+    counts: NDArray[np.int64]
+
+
 @dataclass(frozen=True)
 class GroundParameters:
-    """Parameters of the ground filter; `classify_ground` says what each does.
+    """Parameters of the ground filter, see `classify_ground`.
 
     Parameters
     ----------
@@ -37,13 +88,13 @@ class GroundParameters:
     block_size : float, default 8.0
         Edge of a block in plan, metres.
     local_height : float, default 0.2
-        How far a region may climb above its own bottom, metres.
+        Maximum height of ground above the bottom of its region, metres.
     global_height : float, default 0.3
-        How far ground may lie above the reference surface, metres.
+        Maximum height of ground above the reference surface, metres.
     reference : {"surface", "block"}, default "surface"
-        Robust lower surface, or the lowest point of a block as in the paper.
+        Reference of the global height: a robust lower surface, or the lowest point of the block (yu2016).
     surface_cell : float, default 0.5
-        Cell of the surface that heights are measured from, metres.
+        Cell of the ground surface from which heights are measured, metres.
 
     Raises
     ------
@@ -67,7 +118,7 @@ class GroundParameters:
 
 @dataclass(frozen=True)
 class SupervoxelParameters:
-    """Parameters of VCCS; `segment_supervoxels` says what each does.
+    """Parameters of VCCS, see `segment_supervoxels`.
 
     Parameters
     ----------
@@ -76,13 +127,13 @@ class SupervoxelParameters:
     seed_resolution : float, default 0.6
         Distance between seeds, metres (tomic2019: 0.6).
     colour_weight : float, default 0.0
-        Weight of colour (tomic2019 uses space and normals only).
+        Weight of the colour distance (tomic2019: 0).
     spatial_weight : float, default 0.4
-        Weight of distance in space.
+        Weight of the spatial distance.
     normal_weight : float, default 1.0
-        Weight of the difference of normals.
+        Weight of the angle between normals.
     distance : {"papon", "tomic"}, default "papon"
-        How distance in space is normalised.
+        Normalisation of the spatial distance: that of Papon et al. 2013, or equation 1 of tomic2019.
 
     Raises
     ------
@@ -109,24 +160,24 @@ class SupervoxelParameters:
 
 @dataclass(frozen=True)
 class FeatureParameters:
-    """Which supervoxel features; `compute_supervoxel_features` says what each parameter does.
+    """Selection of supervoxel features, see `compute_supervoxel_features`.
 
     Parameters
     ----------
     detrend : bool, default True
-        Whether the detrended part of equations 2 and 3 is appended.
+        Whether to append the detrended features (tomic2019, equations 2 and 3).
     region : {"own", "neighborhood", "both"}, default "both"
-        Whose points give shape and orientation (tomic2019: the supervoxel's own).
+        Points that define shape and orientation (tomic2019: the supervoxel's own).
     column_size : float, default 0.5
         Raster cell of the column features, metres.
     relief_radius : float, default 5.0
-        How far the lowest point is sought, metres.
+        Radius of the search for the lowest point, metres.
     ball_radii : sequence of float, default [0.5, 1.0, 2.0]
-        Radii of the balls whose shape is described, metres.
+        Radii of the spherical neighbourhoods of the shape features, metres.
     ball_voxel_size : float, default 0.2
-        Edge of the voxels in them, metres.
+        Edge of the voxels that represent the points of these neighbourhoods, metres.
     footprint_radii : sequence of float, default [1.5, 3.0, 6.0]
-        Radii within which the columns around are described, metres.
+        Radii of the column features of the surroundings, metres.
 
     Raises
     ------
@@ -150,24 +201,24 @@ class FeatureParameters:
 
 
 def inliers(scene: PointCloud) -> NDArray[np.bool_]:
-    """Tell which points take part in what follows.
+    """Return which points of a scene are not outliers.
 
     Parameters
     ----------
     scene : PointCloud
-        The scene; its column `outlier` marks the points that do not.
+        The scene; its column `outlier`, if there is one, marks outliers.
 
     Returns
     -------
     ndarray of bool, shape (n,)
-        All True where there is no such column.
+        True for inliers; all True without the column.
     """
     outlier = scene.get("outlier")
     return np.ones(len(scene), dtype=np.bool_) if outlier is None else ~outlier.astype(np.bool_)
 
 
-def find_ground(scene: PointCloud, parameters: GroundParameters) -> dict[str, NDArray]:
-    """Tell the ground points of a scene and every point's height above them.
+def find_ground(scene: PointCloud, parameters: GroundParameters) -> Ground:
+    """Classify the ground points of a scene and measure the height of every point above them.
 
     Parameters
     ----------
@@ -178,8 +229,8 @@ def find_ground(scene: PointCloud, parameters: GroundParameters) -> dict[str, ND
 
     Returns
     -------
-    dict of str to ndarray
-        ``ground`` bool (n,), ``height`` float32 (n,) in metres, NaN where there is no ground to measure from.
+    Ground
+        Ground points and heights.
 
     Raises
     ------
@@ -197,7 +248,32 @@ def find_ground(scene: PointCloud, parameters: GroundParameters) -> dict[str, ND
     return {"ground": ground, "height": height}
 
 
-def build_supervoxels(scene: PointCloud, parameters: SupervoxelParameters) -> dict[str, Any]:
+def ground_of(scene: PointCloud, parameters: GroundParameters) -> Ground:
+    """Return the ground from the columns of a scene, or compute it where they are missing.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene; with the columns `ground` and `height`, these are returned.
+    parameters : GroundParameters
+        Parameters of the filter, for a scene without these columns.
+
+    Returns
+    -------
+    Ground
+        Ground points and heights.
+
+    Raises
+    ------
+    DataError
+        If the ground is computed and a coordinate is NaN or infinite.
+    """
+    if "ground" in scene and "height" in scene:
+        return {"ground": scene["ground"], "height": scene["height"]}
+    return find_ground(scene, parameters)
+
+
+def build_supervoxels(scene: PointCloud, parameters: SupervoxelParameters) -> SupervoxelPartition:
     """Partition a scene into supervoxels.
 
     Parameters
@@ -209,8 +285,8 @@ def build_supervoxels(scene: PointCloud, parameters: SupervoxelParameters) -> di
 
     Returns
     -------
-    dict
-        ``labels`` int32 (n,), ``adjacency`` csr_array (s, s).
+    SupervoxelPartition
+        Supervoxel of each point, and their adjacency.
 
     Raises
     ------
@@ -220,46 +296,43 @@ def build_supervoxels(scene: PointCloud, parameters: SupervoxelParameters) -> di
     keep = inliers(scene)
     colours = scene.get("rgb")
     use_colour = colours is not None and parameters.colour_weight > 0
-    found = segment_supervoxels(
+    supervoxels = segment_supervoxels(
         scene.xyz[keep], rgb=colours[keep] if use_colour and colours is not None else None, **asdict(parameters)
     )
     labels = np.full(len(scene), -1, dtype=np.int32)
-    labels[keep] = found.labels
-    return {"labels": labels, "adjacency": found.adjacency}
+    labels[keep] = supervoxels.labels
+    return {"labels": labels, "adjacency": supervoxels.adjacency}
 
 
 def describe_supervoxels(
-    scene: PointCloud,
-    ground: Mapping[str, NDArray],
-    supervoxels: Mapping[str, Any],
-    parameters: FeatureParameters,
-) -> dict[str, NDArray]:
-    """Compute the features of a scene's supervoxels.
+    scene: PointCloud, ground: Ground, supervoxels: SupervoxelPartition, parameters: FeatureParameters
+) -> SupervoxelTable:
+    """Compute the features of the supervoxels of a scene.
 
     Parameters
     ----------
     scene : PointCloud
         The scene.
-    ground : mapping
-        What `find_ground` gave.
-    supervoxels : mapping
-        What `build_supervoxels` gave.
+    ground : Ground
+        Its ground.
+    supervoxels : SupervoxelPartition
+        Its supervoxels.
     parameters : FeatureParameters
-        Which features.
+        Selection and radii of the features.
 
     Returns
     -------
-    dict of str to ndarray
-        ``values`` float32 (s, f), ``names`` str (f,), ``centroids`` float64 (s, 3), ``counts`` int64 (s,).
+    SupervoxelTable
+        The features.
 
     Raises
     ------
     DataError
-        If the results do not belong to the scene.
+        If the ground or the supervoxels belong to another scene.
     """
     keep = inliers(scene)
     colours, intensity = scene.get("rgb"), scene.get("intensity")
-    found: SupervoxelFeatures = compute_supervoxel_features(
+    features = compute_supervoxel_features(
         scene.xyz[keep],
         supervoxels["labels"][keep],
         supervoxels["adjacency"],
@@ -269,8 +342,8 @@ def describe_supervoxels(
         **asdict(parameters),
     )
     return {
-        "values": found.values,
-        "names": np.array(found.names),
-        "centroids": found.centroids,
-        "counts": found.counts,
+        "values": features.values,
+        "names": np.array(features.names),
+        "centroids": features.centroids,
+        "counts": features.counts,
     }

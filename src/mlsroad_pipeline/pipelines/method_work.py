@@ -11,7 +11,9 @@ from mlsroad_pipeline.algorithms.baselines.hough_forest import detector as hough
 from mlsroad_pipeline.algorithms.baselines.object_matching import detector as object_matching
 from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import label_objects
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.patches.labelling import PatchClassifier, label_patch_scene
+from mlsroad_pipeline.algorithms.core.scene_labels import SceneLabels
+from mlsroad_pipeline.algorithms.patches.labelling import PatchClassifier, ScenePatches, label_patch_scene
+from mlsroad_pipeline.algorithms.stages import Ground
 from mlsroad_pipeline.algorithms.visual_words import labeller as visual_words
 from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
 
@@ -21,8 +23,8 @@ _DETECT = {
 
 
 def label_prepared_patches(
-    scene: PointCloud, patches: Mapping[str, NDArray], model: str, *, classifier: type[PatchClassifier]
-) -> dict[str, NDArray]:
+    scene: PointCloud, patches: ScenePatches, model: str, *, classifier: type[PatchClassifier]
+) -> SceneLabels:
     """Label a scene of a comparison with a stored model of a method that labels patches."""
     return label_patch_scene(scene, patches, open_model(model), classifier)
 
@@ -33,8 +35,6 @@ def detect_described_objects(parts: Mapping[str, NDArray], model: str) -> dict[s
     return _DETECT[bundle.slug](parts, bundle)
 
 
-def label_prepared_objects(
-    scene: PointCloud, ground: Mapping[str, NDArray], patches: Mapping[str, NDArray], model: str
-) -> dict[str, NDArray]:
+def label_prepared_objects(scene: PointCloud, ground: Ground, patches: ScenePatches, model: str) -> SceneLabels:
     """Label the objects of a scene of a comparison with a stored model of shape-based recognition."""
     return label_objects(scene, ground, patches, open_model(model))

@@ -47,9 +47,8 @@ def cut_street(
 ) -> tuple[PointCloud, NDArray[np.float64]]:
     """Find the ground of a survey and leave out what lies before its start and behind its end."""
     cloud = survey.cloud
-    found = find_ground(cloud, ground)
-    kept = {name: cloud[name] for name in columns}
-    whole = PointCloud(cloud.xyz, {**kept, **found}, cloud.origin, cloud.crs, source)
+    kept = PointCloud(cloud.xyz, {name: cloud[name] for name in columns}, cloud.origin, cloud.crs, source)
+    whole = kept.with_columns(**find_ground(cloud, ground))
     path = survey_path(survey)
     station, offset = path.locate(cloud.xyz, origin=cloud.origin)
     rows = np.flatnonzero((station >= 0) & (station <= path.length) & (np.abs(offset) <= reach))

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.detrended_forest.classifier import DetrendedFor
 from mlsroad_pipeline.algorithms.detrended_forest.labelling import label_points
 from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures, compute_supervoxel_features
 from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids
-from mlsroad_pipeline.algorithms.models.majority import majority_labels
+from mlsroad_pipeline.algorithms.models.class_balance import majority_labels
 
 
 @pytest.fixture

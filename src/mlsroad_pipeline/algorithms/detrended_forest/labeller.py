@@ -1,8 +1,7 @@
-"""The labeller of Tomic et al. 2019, section 2.1: from a cloud that it has never seen to a class for every point.
+"""Labelling of points by a trained detrended forest (Tomic et al. 2019, section 2.1).
 
-A model holds a forest for every combination of colour and intensity that the training scenes had, so that a survey
-without colour is labelled by a forest that never saw any, and not by guesses in its place. `training` makes models;
-this module uses them and imports no more than that takes.
+A model holds one forest for each combination of colour and intensity in the training scenes. A survey without colour is
+labelled by a forest trained without colour. Models are trained in `training`.
 """
 
 from __future__ import annotations
@@ -10,24 +9,26 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.scene_labels import SceneLabels, unlabelled
 from mlsroad_pipeline.algorithms.detrended_forest.labelling import label_points, smooth_probabilities
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under, missing_attributes
 from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.stages import (
     FeatureParameters,
+    Ground,
     GroundParameters,
     SupervoxelParameters,
+    SupervoxelPartition,
+    SupervoxelTable,
     build_supervoxels,
     describe_supervoxels,
-    find_ground,
+    ground_of,
     inliers,
 )
 
@@ -39,7 +40,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class StageParameters:
-    """How a scene is prepared before the forest sees it; kept in the model, so that new surveys are prepared alike.
+    """Parameters of the stages before the forest; a model stores them, and new surveys are prepared with the same.
 
     Parameters
     ----------
@@ -57,26 +58,25 @@ class StageParameters:
 
 
 def label_scene(
-    scene: PointCloud, supervoxels: Mapping[str, Any], features: Mapping[str, NDArray], bundle: ModelBundle
-) -> dict[str, NDArray]:
-    """Give every point of a prepared scene a class and a confidence.
+    scene: PointCloud, supervoxels: SupervoxelPartition, features: SupervoxelTable, bundle: ModelBundle
+) -> SceneLabels:
+    """Label the points of a prepared scene.
 
     Parameters
     ----------
     scene : PointCloud
         The scene.
-    supervoxels : mapping
-        What `build_supervoxels` gave.
-    features : mapping
-        What `describe_supervoxels` gave.
+    supervoxels : SupervoxelPartition
+        Its supervoxels.
+    features : SupervoxelTable
+        Their features.
     bundle : ModelBundle
-        A model of `fit`.
+        A model of `training.fit`.
 
     Returns
     -------
-    dict of str to ndarray
-        ``label`` int16 (n,), -1 for outliers, and ``confidence`` float32 (n,), the probability of the label, 0 for
-        outliers.
+    SceneLabels
+        Class and probability of each point; outliers have no class.
 
     Raises
     ------
@@ -85,8 +85,7 @@ def label_scene(
     """
     probabilities = supervoxel_probabilities(scene, supervoxels, features, bundle)
     keep = inliers(scene)
-    label = np.full(len(scene), IGNORE, dtype=np.int16)
-    confidence = np.zeros(len(scene), dtype=np.float32)
+    label, confidence = unlabelled(len(scene))
     label[keep], confidence[keep] = label_points(
         scene.xyz[keep],
         features["centroids"],
@@ -98,7 +97,7 @@ def label_scene(
 
 
 def supervoxel_probabilities(
-    scene: PointCloud, supervoxels: Mapping[str, Any], features: Mapping[str, NDArray], bundle: ModelBundle
+    scene: PointCloud, supervoxels: SupervoxelPartition, features: SupervoxelTable, bundle: ModelBundle
 ) -> NDArray[np.float32]:
     """Return the class probabilities of the supervoxels of a prepared scene.
 
@@ -106,17 +105,17 @@ def supervoxel_probabilities(
     ----------
     scene : PointCloud
         The scene.
-    supervoxels : mapping
-        What `build_supervoxels` gave.
-    features : mapping
-        What `describe_supervoxels` gave.
+    supervoxels : SupervoxelPartition
+        Its supervoxels.
+    features : SupervoxelTable
+        Their features.
     bundle : ModelBundle
-        A model of `fit`.
+        A model of `training.fit`.
 
     Returns
     -------
-    ndarray of shape (s, classes), float32
-        Probabilities, those of the neighbours mixed in as the model has it.
+    ndarray of float32, shape (s, classes)
+        Probabilities, smoothed over first-order neighbours if the model's parameters ask for it.
 
     Raises
     ------
@@ -140,26 +139,30 @@ def supervoxel_probabilities(
 
 
 def _predict(arrays: Mapping[str, NDArray], values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the probabilities of all classes of the scheme, 0 for those that training did not see."""
+    """Return the probabilities of all classes of the scheme, 0 for classes without training samples."""
     out = np.zeros((len(values), int(arrays["n_classes"])), dtype=np.float32)
     out[:, arrays["trained_classes"]] = FlatForest.from_arrays(arrays).predict_proba(values)
     return out
 
 
-def prepare(scene: PointCloud, bundle: ModelBundle) -> tuple[dict[str, NDArray], dict[str, Any], dict[str, NDArray]]:
-    """Run the stages that come before the forest, with the parameters that the model was trained with.
+def prepare(scene: PointCloud, bundle: ModelBundle) -> tuple[Ground, SupervoxelPartition, SupervoxelTable]:
+    """Run the stages before the forest with the parameters of the model.
 
     Parameters
     ----------
     scene : PointCloud
-        The scene. Where it has the columns `ground` and `height`, as `find_ground` gives them, they are taken.
+        The scene. Its columns `ground` and `height` are used if it has them.
     bundle : ModelBundle
-        A model of `fit`.
+        A model of `training.fit`.
 
     Returns
     -------
-    ground, supervoxels, features : dict
-        What `find_ground`, `build_supervoxels` and `describe_supervoxels` give.
+    ground : Ground
+        Ground points and heights.
+    supervoxels : SupervoxelPartition
+        The supervoxels.
+    features : SupervoxelTable
+        Their features.
 
     Raises
     ------
@@ -167,8 +170,7 @@ def prepare(scene: PointCloud, bundle: ModelBundle) -> tuple[dict[str, NDArray],
         If a coordinate is NaN or infinite.
     """
     stages = _stages(bundle)
-    known = "ground" in scene and "height" in scene
-    ground = {n: scene[n] for n in ("ground", "height")} if known else find_ground(scene, stages.ground)
+    ground = ground_of(scene, stages.ground)
     supervoxels = build_supervoxels(scene, stages.supervoxels)
     return ground, supervoxels, describe_supervoxels(scene, ground, supervoxels, stages.features)
 
@@ -180,21 +182,21 @@ def _stages(bundle: ModelBundle) -> StageParameters:
 
 
 def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Give every point of a cloud a class and a confidence, from raw coordinates on.
+    """Label the points of a cloud: all stages and the forest.
 
     Parameters
     ----------
     cloud : PointCloud
-        Points; colour and intensity are used where the cloud and the model have them.
+        Points; colour and intensity are used if both cloud and model have them.
     bundle : ModelBundle
-        A model of `fit`.
+        A model of `training.fit`.
 
     Returns
     -------
     labels : ndarray of int16, shape (n,)
-        Labels of the model's scheme.
+        Classes of the model's scheme; -1 for outliers.
     confidence : ndarray of float32, shape (n,)
-        Probability of the label.
+        Probability of the class; 0 for outliers.
 
     Raises
     ------
@@ -202,11 +204,11 @@ def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int1
         If a coordinate is NaN or infinite.
     """
     if len(cloud) == 0:
-        return np.zeros(0, dtype=np.int16), np.zeros(0, dtype=np.float32)
+        return unlabelled(0)
     absent = missing_attributes(bundle, list(cloud.columns))
     if absent:
-        level = logging.INFO if "core" in cloud else logging.WARNING  # who cuts a survey into scenes says it once
-        logger.log(level, "%s has no %s: the forest without it is used", cloud.source, " and no ".join(absent))
+        level = logging.INFO if "core" in cloud else logging.WARNING  # scenes of a survey: the caller warns once
+        logger.log(level, "%s has no %s: labelled by the forest trained without", cloud.source, " and no ".join(absent))
     _, supervoxels, features = prepare(cloud, bundle)
-    found = label_scene(cloud, supervoxels, features, bundle)
-    return found["label"], found["confidence"]
+    labels = label_scene(cloud, supervoxels, features, bundle)
+    return labels["label"], labels["confidence"]

@@ -1,4 +1,4 @@
-"""Training the forests of Tomic et al. 2019, section 2.1, from labelled scenes."""
+"""Training of detrended forests on labelled scenes (Tomic et al. 2019, section 2.1)."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from mlsroad_pipeline.algorithms.detrended_forest.labeller import ENTRY_POINT, S
 from mlsroad_pipeline.algorithms.features.radiometry import COLOUR_FEATURES, INTENSITY_FEATURES
 from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.majority import majority_labels
-from mlsroad_pipeline.algorithms.stages import inliers
+from mlsroad_pipeline.algorithms.models.class_balance import majority_labels
+from mlsroad_pipeline.algorithms.stages import SupervoxelPartition, SupervoxelTable, inliers
 
 _ATTRIBUTES = {"rgb": COLOUR_FEATURES, "intensity": INTENSITY_FEATURES}
 
@@ -36,22 +36,22 @@ class ForestParameters:
     Parameters
     ----------
     n_trees : int, default 200
-        Trees. More settle the out-of-bag error and cost time (tomic2019: 200, by that error).
+        Trees; training and prediction time grow with them (tomic2019: 200, where the out-of-bag error converges).
     fallback_trees : int, default 50
-        Trees of the forests for surveys that lack colour or intensity, which most surveys never need.
+        Trees of each forest for surveys without colour or intensity.
     min_samples_leaf : int, default 2
-        Fewest supervoxels in a leaf. Larger smooths the probabilities and shrinks the model.
+        Minimum supervoxels per leaf. Larger values give smoother probabilities and a smaller model.
     max_features : float, default 0.1
-        Share of the features tried at each split; training time grows with it.
+        Fraction of the features tried at each split; training time grows with it.
     class_weight : {"balanced", "sqrt", "none"}, default "balanced"
-        What all supervoxels of a class weigh together: the same, the square root of their number, or their number.
+        Total weight of a class: equal for all classes, the square root of its supervoxels, or their number.
     max_per_class : int, default 3000
-        Most supervoxels of a class to train on. Bounds the time of training.
+        Maximum supervoxels of a class to train on; bounds the training time.
     smoothing : float, default 0.3
-        Weight of the first-order neighbours in a supervoxel's class probabilities, see `smooth_probabilities`; 0 is
-        none.
+        Weight of the first-order neighbours in a supervoxel's class probabilities, see `smooth_probabilities`; 0
+        disables it.
     rule : {"nearest", "own"}, default "nearest"
-        Whose label a point takes: the supervoxel with the nearest centroid (tomic2019, 3.3) or its own.
+        Supervoxel whose label a point takes: the one with the nearest centroid (tomic2019, 3.3) or its own.
     seed : int, default 2019
         Seed of the bootstrap and of the splits.
 
@@ -86,29 +86,43 @@ class ForestParameters:
             raise ParameterError(f"detrended_forest.rule must be 'nearest' or 'own', got {self.rule!r}")
 
 
-def training_rows(
-    scene: PointCloud, supervoxels: Mapping[str, Any], features: Mapping[str, NDArray], *, scheme: ClassScheme
-) -> dict[str, NDArray]:
-    """Take the labelled supervoxels of a training scene.
+class TrainingRows(SupervoxelTable):
+    """Labelled supervoxels of a training scene, with their features.
 
-    A supervoxel's class is that of most of its core points; one without labelled core points is left out.
+    Attributes
+    ----------
+    labels : ndarray of int16, shape (s,)
+        Class of each supervoxel.
+    columns : ndarray of str
+        Those of ``"rgb"`` and ``"intensity"`` that the scene has.
+    """
+
+    labels: NDArray[np.int16]
+    columns: NDArray[np.str_]
+
+
+def training_rows(
+    scene: PointCloud, supervoxels: SupervoxelPartition, features: SupervoxelTable, *, scheme: ClassScheme
+) -> TrainingRows:
+    """Return the labelled supervoxels of a training scene.
+
+    A supervoxel takes the majority class of its core points. Supervoxels without labelled core points are excluded.
 
     Parameters
     ----------
     scene : PointCloud
         The scene, with `label` and `core`.
-    supervoxels : mapping
-        What `build_supervoxels` gave.
-    features : mapping
-        What `describe_supervoxels` gave.
+    supervoxels : SupervoxelPartition
+        Its supervoxels.
+    features : SupervoxelTable
+        Their features.
     scheme : ClassScheme
         The classes.
 
     Returns
     -------
-    dict of str to ndarray
-        ``values`` float32 (m, f), ``labels`` int16 (m,), ``names`` str (f,), ``centroids`` and ``counts`` as
-        `describe_supervoxels` gives them, ``columns`` str: which of colour and intensity the scene has.
+    TrainingRows
+        The labelled supervoxels.
 
     Raises
     ------
@@ -122,40 +136,40 @@ def training_rows(
     core = scene.get("core")
     if core is not None:
         labels = np.where(core, labels, np.int16(IGNORE))
-    found, _ = majority_labels(labels[keep], supervoxels["labels"][keep], len(scheme))
-    rows = found != IGNORE
-    have = np.array([name for name in _ATTRIBUTES if name in scene], dtype=np.str_)
+    majority, _ = majority_labels(labels[keep], supervoxels["labels"][keep], len(scheme))
+    rows = majority != IGNORE
+    columns = np.array([name for name in _ATTRIBUTES if name in scene], dtype=np.str_)
     return {
         "values": features["values"][rows],
-        "labels": found[rows],
+        "labels": majority[rows],
         "centroids": features["centroids"][rows],
         "counts": features["counts"][rows],
         "names": features["names"],
-        "columns": have,
+        "columns": columns,
     }
 
 
 def feature_columns(names: Sequence[str], attributes: Sequence[str]) -> NDArray[np.int64]:
-    """Find the features that need no other attributes than the given ones.
+    """Return the columns of the features that need no attributes but the given ones.
 
     Parameters
     ----------
     names : sequence of str
-        Names of all features; a detrended one is named after what it comes from.
+        Names of all features; a detrended feature has the name of its source and the suffix ``_detrended``.
     attributes : sequence of str
-        Out of ``"rgb"`` and ``"intensity"``.
+        Subset of ``"rgb"`` and ``"intensity"``.
 
     Returns
     -------
     ndarray of int64
         Their columns.
     """
-    barred = {name for attribute, group in _ATTRIBUTES.items() if attribute not in attributes for name in group}
-    return np.flatnonzero([name.removesuffix("_detrended") not in barred for name in names])
+    excluded = {name for attribute, group in _ATTRIBUTES.items() if attribute not in attributes for name in group}
+    return np.flatnonzero([name.removesuffix("_detrended") not in excluded for name in names])
 
 
 def fit(
-    rows: Sequence[Mapping[str, NDArray]],
+    rows: Sequence[TrainingRows],
     *,
     parameters: ForestParameters,
     stages: StageParameters,
@@ -168,28 +182,28 @@ def fit(
 
     Parameters
     ----------
-    rows : sequence of mapping
-        What `training_rows` gave for each training scene.
+    rows : sequence of TrainingRows
+        Labelled supervoxels of each training scene.
     parameters : ForestParameters
         Parameters of the forest.
     stages : StageParameters
-        How the scenes were prepared.
+        Parameters of the stages that prepared the scenes.
     scheme : ClassScheme
         The classes.
     trained_on : mapping
-        What the model's metadata say of the training data; JSON values.
+        Description of the training data for the model's metadata; JSON values.
     n_jobs : int, default 1
-        Processors to train with; the model does not depend on it.
+        Worker processes; the model does not depend on them.
     fallbacks : bool, default True
-        Train the forests for surveys without colour or intensity too, which takes as long again for each; False for
-        trials on surveys that have what the training scenes have.
+        Also train forests for surveys without colour or intensity; each takes about as long as the full forest. False
+        suffices for trials on surveys with the attributes of the training scenes.
 
     Returns
     -------
     bundle : ModelBundle
-        The model, for the registry.
+        The model.
     classifier : DetrendedForestClassifier
-        The forest with all attributes, for its out-of-bag error and its importances.
+        The forest on all attributes, with its out-of-bag error and feature importances.
 
     Raises
     ------
@@ -213,7 +227,7 @@ def fit(
     assert classifier is not None  # the set of all attributes is always trained
     missing = [scheme.classes[label] for label in classifier.missing_classes_]
     if missing:
-        logger.warning("No training supervoxel is of %s: the model never gives them", ", ".join(missing))
+        logger.warning("No training supervoxels of %s: the model never predicts these classes", ", ".join(missing))
     metadata = {
         "entry_point": ENTRY_POINT,
         "classes": list(scheme.classes),
@@ -227,10 +241,8 @@ def fit(
     return ModelBundle(SLUG, arrays, metadata), classifier
 
 
-def _join_rows(
-    rows: Sequence[Mapping[str, NDArray]], attributes: Sequence[str]
-) -> tuple[SupervoxelFeatures, NDArray[np.int16]]:
-    """Join the supervoxels of all scenes, with the features that all of them have, in one order."""
+def _join_rows(rows: Sequence[TrainingRows], attributes: Sequence[str]) -> tuple[SupervoxelFeatures, NDArray[np.int16]]:
+    """Concatenate the supervoxels of all scenes, with their common features in one order."""
     names = [str(name) for name in rows[0]["names"][feature_columns(rows[0]["names"].tolist(), attributes)]]
     tables = []
     for row in rows:
@@ -239,9 +251,9 @@ def _join_rows(
         if missing:
             raise DataError(f"a training scene lacks the features {', '.join(missing)}")
         tables.append(row["values"][:, [where[name] for name in names]])
-    centroids, counts, labels = (
-        np.concatenate([row[key] for row in rows]) for key in ("centroids", "counts", "labels")
-    )
+    centroids = np.concatenate([row["centroids"] for row in rows])
+    counts = np.concatenate([row["counts"] for row in rows])
+    labels = np.concatenate([row["labels"] for row in rows])
     return SupervoxelFeatures(np.concatenate(tables), tuple(names), centroids, counts), labels
 
 

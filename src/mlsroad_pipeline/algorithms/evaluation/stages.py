@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,7 +15,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.scene_key import group_by_split
 from mlsroad_pipeline.algorithms.metrics.ground import count_ground, scores_of_counts
 from mlsroad_pipeline.algorithms.metrics.partition import evaluate_partition
-from mlsroad_pipeline.algorithms.stages import inliers
+from mlsroad_pipeline.algorithms.stages import Ground, SupervoxelPartition, inliers
 
 GROUND_CLASSES = (
     "road",
@@ -37,15 +36,15 @@ UNSCORED = ("unlabelled", "outlier")
 SUPERVOXEL_SCORES = ("boundary_recall", "under_segmentation_error", "accuracy_ceiling")
 
 
-def count_ground_points(scene: PointCloud, ground: Mapping[str, NDArray]) -> dict[str, NDArray]:
+def count_ground_points(scene: PointCloud, ground: Ground) -> dict[str, NDArray]:
     """Count the core points of a scene by what they are and what the ground filter says.
 
     Parameters
     ----------
     scene : PointCloud
         The scene, with `label` and `core`.
-    ground : mapping
-        What `find_ground` gave.
+    ground : Ground
+        Its ground.
 
     Returns
     -------
@@ -80,7 +79,7 @@ def ground_table(counts: Mapping[str, Mapping[str, NDArray]]) -> pd.DataFrame:
     return pd.DataFrame([{"split": split, **asdict(scores_of_counts(total))} for split, total in sums.items()])
 
 
-def measure_supervoxels(scene: PointCloud, supervoxels: Mapping[str, Any]) -> dict[str, NDArray]:
+def measure_supervoxels(scene: PointCloud, supervoxels: SupervoxelPartition) -> dict[str, NDArray]:
     """Measure the quality of a scene's partition in its core: points of buffers count in the scene that they belong to.
 
     The border between classes is looked for around a seeded sample of the points, which is enough for a share.
@@ -89,8 +88,8 @@ def measure_supervoxels(scene: PointCloud, supervoxels: Mapping[str, Any]) -> di
     ----------
     scene : PointCloud
         The scene, with `label`.
-    supervoxels : mapping
-        What `build_supervoxels` gave.
+    supervoxels : SupervoxelPartition
+        Its supervoxels.
 
     Returns
     -------

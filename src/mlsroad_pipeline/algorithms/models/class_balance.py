@@ -1,32 +1,81 @@
-"""How much each class counts in training: at most so many supervoxels of it, and each with what weight."""
+"""Training labels of groups of points: majority classes, balanced samples and class weights.
+
+A group is a supervoxel, a patch or an object.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_column
 
 EXPONENTS = {"balanced": 0.0, "sqrt": 0.5, None: 1.0}
-"""Class weight to the exponent of a class's size that all its supervoxels together weigh."""
+"""Class weight to exponent: the total weight of a class is its number of groups raised to this power."""
+
+
+def majority_labels(
+    point_labels: ArrayLike, group_of_point: ArrayLike, n_classes: int
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Return the majority class of the labelled points of each group.
+
+    Parameters
+    ----------
+    point_labels : array-like of int, shape (n,)
+        Class of each point, 0 to `n_classes` - 1; -1 for unlabelled points.
+    group_of_point : array-like of int, shape (n,)
+        Group of each point, from 0.
+    n_classes : int
+        Number of classes.
+
+    Returns
+    -------
+    labels : ndarray of int16, shape (s,)
+        Majority class, the lowest of equal counts; -1 for groups without labelled points.
+    purity : ndarray of float32, shape (s,)
+        Share of the majority class among the labelled points of the group; NaN without labelled points.
+
+    Raises
+    ------
+    DataError
+        If the two columns differ in length, a class is outside -1 to `n_classes` - 1 or a group is negative.
+    """
+    owners = np.asarray(group_of_point)
+    classes = check_column(point_labels, len(owners), "point_labels")
+    if len(owners) == 0:
+        return np.empty(0, np.int16), np.empty(0, np.float32)
+    if classes.min() < IGNORE or classes.max() >= n_classes:
+        raise DataError(f"point_labels must be in -1..{n_classes - 1}, got {classes.min()}..{classes.max()}")
+    if owners.min() < 0:
+        raise DataError(f"group_of_point must not be negative, got {owners.min()}")
+    n_groups = int(owners.max()) + 1
+    # Column 0 counts unlabelled points; this avoids a filtered copy of both arrays.
+    cells = owners.astype(np.int64) * (n_classes + 1) + (classes.astype(np.int64) + 1)
+    counts = np.bincount(cells, minlength=n_groups * (n_classes + 1)).reshape(n_groups, -1)[:, 1:]
+    total = counts.sum(axis=1)
+    labels = np.where(total > 0, counts.argmax(axis=1), IGNORE).astype(np.int16)
+    purity = counts.max(axis=1) / np.where(total > 0, total, np.nan)
+    return labels, purity.astype(np.float32)
 
 
 def draw_per_class(target: NDArray[np.integer], limit: int | None, *, seed: int) -> NDArray[np.int64]:
-    """Draw at most so many supervoxels of each class.
+    """Draw a random sample with a maximum size per class.
 
     Parameters
     ----------
     target : ndarray of int, shape (s,)
-        Class of each supervoxel; -1 is left out.
+        Class of each group; -1 is excluded.
     limit : int or None
-        Most supervoxels of a class; None takes all.
+        Maximum size per class; None takes all groups.
     seed : int
-        Seed of the draw.
+        Seed of the sample.
 
     Returns
     -------
     ndarray of int64
-        Their rows, ascending.
+        Rows of the sample, ascending.
     """
     rng = np.random.default_rng(seed)
     drawn = []
@@ -39,21 +88,21 @@ def draw_per_class(target: NDArray[np.integer], limit: int | None, *, seed: int)
 def class_weights(
     sizes: NDArray[np.integer], drawn: NDArray[np.integer], class_weight: str | None
 ) -> dict[int, float] | None:
-    """Weigh the supervoxels of each class.
+    """Return the weight of one sample of each class.
 
     Parameters
     ----------
     sizes : ndarray of int, shape (c,)
-        Supervoxels of each class, all above 0.
+        Groups of each class, all above 0.
     drawn : ndarray of int, shape (c,)
-        How many of them are trained on, all above 0.
+        Groups of each class in the training sample, all above 0.
     class_weight : {"balanced", "sqrt"} or None
-        All supervoxels of a class together weigh the same, the square root of their number, or their number.
+        Total weight of a class: equal for all classes, the square root of its size, or its size.
 
     Returns
     -------
     dict of int to float or None
-        Weight of one supervoxel of each class, 1 on average; None where all weigh alike.
+        Weight of one sample of each class, 1 on average; None if all weights are equal.
     """
     total = sizes.astype(np.float64) ** EXPONENTS[class_weight]
     weights = total / drawn * (drawn.sum() / total.sum())
@@ -61,14 +110,14 @@ def class_weights(
 
 
 def check_weight(sample_weight: ArrayLike | None, n: int) -> NDArray[np.float64] | None:
-    """Return the weights of supervoxels as an array, or say what is wrong with them.
+    """Check sample weights and return them as an array.
 
     Parameters
     ----------
     sample_weight : array-like of shape (n,) or None
         Weights; None stays None.
     n : int
-        Number of supervoxels.
+        Number of samples.
 
     Returns
     -------
@@ -78,7 +127,7 @@ def check_weight(sample_weight: ArrayLike | None, n: int) -> NDArray[np.float64]
     Raises
     ------
     DataError
-        If there are not `n` of them, or one is negative or not finite.
+        If there are not `n` weights, or one is negative or not finite.
     """
     if sample_weight is None:
         return None

@@ -97,13 +97,13 @@ class Patches:
         return {name: values for name, values in found.items() if values is not None}
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Patches:
-        """Rebuild patches from what `to_arrays` returned.
+    def from_arrays(cls, arrays: Mapping[str, Any]) -> Patches:
+        """Rebuild patches from the arrays of `to_arrays`.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
-            The arrays; further entries are left alone.
+            The arrays; other entries are ignored.
 
         Returns
         -------

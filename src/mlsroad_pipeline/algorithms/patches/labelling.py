@@ -1,12 +1,12 @@
-"""What all methods that label patches share: scenes in, labels of points out, models as plain arrays.
+"""Labelling of points by patch classifiers (Luo et al. 2016, section III).
 
-A method brings a class with `predict_proba`, `to_arrays` and `from_arrays` (see `PatchClassifier`), a function
-``train(training, ...)`` that makes a model of what `patch_training` holds, and its entry point
-``label_cloud = partial(label_patch_cloud, classifier=...)``. All else is here and in `patch_training`:
+A method provides a class with `predict_proba`, `to_arrays` and `from_arrays` (see `PatchClassifier`), a function
+``train`` (see `training`) and the entry point ``label_cloud = partial(label_patch_cloud, classifier=...)``. This module
+provides the rest:
 
-- `build_patches` is the stage of the pipeline `patches`: the patches and edges of one scene as arrays;
-- `label_patches` gives the patches of a training scene their classes;
-- `label_patch_scene` labels the points of a prepared scene, `label_patch_cloud` those of a cloud never seen before.
+- `build_patches` cuts a scene into patches and finds their neighbours;
+- `label_patches` assigns classes to the patches of a training scene;
+- `label_patch_scene` labels the points of a prepared scene, `label_patch_cloud` those of an unprepared cloud.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import NotRequired, Protocol, Self, TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,17 +22,63 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.majority import majority_labels
+from mlsroad_pipeline.algorithms.core.scene_labels import SceneLabels, unlabelled
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, missing_attributes
+from mlsroad_pipeline.algorithms.models.class_balance import majority_labels
 from mlsroad_pipeline.algorithms.patches.extraction import Patches, PatchParameters, extract_patches
 from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
-from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground, inliers
+from mlsroad_pipeline.algorithms.stages import Ground, GroundParameters, ground_of, inliers
 
 logger = logging.getLogger(__name__)
 
 
+class ScenePatches(TypedDict):
+    """Patches of a scene as stored arrays: the columns of `Patches`, and their relation to the points.
+
+    Attributes
+    ----------
+    fpfh : ndarray of float32, shape (p, d)
+        Histogram of each patch.
+    rgb : ndarray of float32, shape (p, 3)
+        Mean colour in [0, 1]; absent without colour.
+    height : ndarray of float32, shape (p,)
+        Height above the local ground in metres.
+    centroid : ndarray of float64, shape (p, 3)
+        Mean of the points of the patch in metres.
+    scene : ndarray of int32, shape (p,)
+        Number of the scene.
+    label : ndarray of int16, shape (p,)
+        Class, -1 if unknown.
+    patch_of_point : ndarray of int32, shape (n,)
+        Patch of each point; -1 for outliers.
+    edges : ndarray of int32, shape (m, 2)
+        Pairs of adjacent patches, each pair once.
+    """
+
+    fpfh: NDArray[np.float32]
+    rgb: NotRequired[NDArray[np.float32]]
+    height: NDArray[np.float32]
+    centroid: NDArray[np.float64]
+    scene: NDArray[np.int32]
+    label: NDArray[np.int16]
+    patch_of_point: NDArray[np.int32]
+    edges: NDArray[np.int32]
+
+
+class PatchLabels(TypedDict):
+    """Classes of the patches of a training scene.
+
+    Attributes
+    ----------
+    label : ndarray of int16, shape (p,)
+        Class of each patch; -1 for patches without labelled core points.
+    """
+
+    label: NDArray[np.int16]
+
+
 class PatchClassifier(Protocol):
-    """What a method that labels patches brings; the number of classes is its own business from `fit` on."""
+    """Classifier of patches."""
 
     def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.floating]:
         """Return the class probabilities of the patches of one scene.
@@ -40,9 +86,9 @@ class PatchClassifier(Protocol):
         Parameters
         ----------
         patches : Patches
-            The patches; they may lack colour where the training scenes had it.
+            The patches, with or without colour.
         edges : ndarray of int32, shape (m, 2)
-            Pairs of patches whose leaves touch.
+            Pairs of adjacent patches.
 
         Returns
         -------
@@ -51,7 +97,7 @@ class PatchClassifier(Protocol):
         """
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return all that was learned as named plain arrays.
+        """Return the learned parameters as named arrays.
 
         Returns
         -------
@@ -61,7 +107,7 @@ class PatchClassifier(Protocol):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild the classifier from what `to_arrays` returned.
+        """Rebuild the classifier from the arrays of `to_arrays`.
 
         Parameters
         ----------
@@ -77,7 +123,7 @@ class PatchClassifier(Protocol):
 
 @dataclass(frozen=True)
 class PatchStages:
-    """How a scene is prepared before a classifier sees it; kept in the model, so that new surveys are prepared alike.
+    """Parameters of the stages before a classifier; a model stores them, and new surveys are prepared with the same.
 
     Parameters
     ----------
@@ -91,48 +137,49 @@ class PatchStages:
     patches: PatchParameters
 
 
-def build_patches(scene: PointCloud, ground: Mapping[str, NDArray], parameters: PatchParameters) -> dict[str, NDArray]:
+def build_patches(scene: PointCloud, ground: Ground, parameters: PatchParameters) -> ScenePatches:
     """Cut a scene into patches.
 
     Parameters
     ----------
     scene : PointCloud
-        The scene; outliers take no part.
-    ground : mapping
-        What `find_ground` gave.
+        The scene; outliers are excluded.
+    ground : Ground
+        Its ground.
     parameters : PatchParameters
         Sizes and radii.
 
     Returns
     -------
-    dict of str to ndarray
-        The columns of `Patches`, ``patch_of_point`` int32 (n,), -1 for outliers, and ``edges`` int32 (m, 2).
+    ScenePatches
+        The patches, unlabelled.
 
     Raises
     ------
     DataError
-        If no point takes part or a coordinate is not finite.
+        If all points are outliers or a coordinate is not finite.
     """
-    found = extract_patches(scene, height=ground["height"], parameters=parameters, keep=inliers(scene))
-    return {**found.patches.to_arrays(), "patch_of_point": found.patch_of_point, "edges": found.edges}
+    cut = extract_patches(scene, height=ground["height"], parameters=parameters, keep=inliers(scene))
+    arrays = {**cut.patches.to_arrays(), "patch_of_point": cut.patch_of_point, "edges": cut.edges}
+    return cast(ScenePatches, arrays)
 
 
-def label_patches(scene: PointCloud, patches: Mapping[str, NDArray], scheme: ClassScheme) -> dict[str, NDArray]:
-    """Give each patch the class of most of its labelled core points (Luo et al. 2016, section III-A).
+def label_patches(scene: PointCloud, patches: ScenePatches, scheme: ClassScheme) -> PatchLabels:
+    """Assign to each patch the majority class of its labelled core points (Luo et al. 2016, section III-A).
 
     Parameters
     ----------
     scene : PointCloud
-        A training scene, with `label` and, where it has a buffer, `core`.
-    patches : mapping
-        What `build_patches` gave.
+        A training scene with `label` and, if it has a buffer, `core`.
+    patches : ScenePatches
+        Its patches.
     scheme : ClassScheme
         The classes.
 
     Returns
     -------
-    dict of str to ndarray
-        ``label`` int16 (p,), of equal counts the lowest; -1 for patches without labelled core points.
+    PatchLabels
+        Class of each patch, the lowest of equal counts.
 
     Raises
     ------
@@ -145,53 +192,53 @@ def label_patches(scene: PointCloud, patches: Mapping[str, NDArray], scheme: Cla
     core = scene.get("core")
     owner = patches["patch_of_point"]
     known = (labels != IGNORE) & (owner >= 0) & (True if core is None else core.astype(np.bool_))
-    found = np.full(len(patches["height"]), IGNORE, np.int16)
-    voted, _ = majority_labels(labels[known], owner[known], len(scheme))
-    found[: len(voted)] = voted
-    return {"label": found}
+    label = np.full(len(patches["height"]), IGNORE, np.int16)
+    majority, _ = majority_labels(labels[known], owner[known], len(scheme))
+    label[: len(majority)] = majority
+    return {"label": label}
 
 
 def label_patch_scene(
     scene: PointCloud,
-    patches: Mapping[str, NDArray],
+    patches: ScenePatches,
     bundle: ModelBundle,
     classifier: type[PatchClassifier],
-) -> dict[str, NDArray]:
-    """Give every point of a prepared scene a class and a confidence.
+) -> SceneLabels:
+    """Label the points of a prepared scene.
 
     Parameters
     ----------
     scene : PointCloud
         The scene.
-    patches : mapping
-        What `build_patches` gave with the parameters that the model was trained with.
+    patches : ScenePatches
+        Its patches, cut with the parameters of the model.
     bundle : ModelBundle
-        A model of `patch_training.bundle_model`.
+        A model of `training.bundle_model`.
     classifier : type
-        The method's class.
+        Class of the method's classifier.
 
     Returns
     -------
-    dict of str to ndarray
-        ``label`` int16 (n,), -1 for outliers, and ``confidence`` float32 (n,), 0 for outliers.
+    SceneLabels
+        Class of each point and its mean probability over the patches around; outliers have no class.
 
     Raises
     ------
     DataError
-        If the model needs other histograms than the patches have.
+        If the histograms have another length than those of the model.
     """
-    found = Patches.from_arrays(patches)
+    table = Patches.from_arrays(patches)
     if "rgb" not in bundle.metadata["attributes"]:
-        found = found.with_columns(rgb=None)
+        table = table.with_columns(rgb=None)
     stored = PatchParameters(**bundle.metadata["parameters"]["patches"])
     width = (4 if stored.use_distance else 3) * stored.n_bins
-    if found.fpfh.shape[1] != width:
-        raise DataError(f"{scene.source}: the model needs histograms of {width} values, got {found.fpfh.shape[1]}")
-    probabilities = classifier.from_arrays(bundle.arrays).predict_proba(found, patches["edges"])
+    if table.fpfh.shape[1] != width:
+        raise DataError(f"{scene.source}: the model needs histograms of {width} values, got {table.fpfh.shape[1]}")
+    probabilities = classifier.from_arrays(bundle.arrays).predict_proba(table, patches["edges"])
     keep = inliers(scene)
-    label, confidence = np.full(len(scene), IGNORE, np.int16), np.zeros(len(scene), np.float32)
+    label, confidence = unlabelled(len(scene))
     label[keep], confidence[keep] = vote_on_points(
-        scene.xyz[keep], found.centroid, probabilities, radius=stored.area_radius
+        scene.xyz[keep], table.centroid, probabilities, radius=stored.area_radius
     )
     return {"label": label, "confidence": confidence}
 
@@ -199,24 +246,24 @@ def label_patch_scene(
 def label_patch_cloud(
     cloud: PointCloud, bundle: ModelBundle, classifier: type[PatchClassifier]
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Give every point of a cloud a class and a confidence, from raw coordinates on.
+    """Label the points of a cloud: all stages and the classifier.
 
     Parameters
     ----------
     cloud : PointCloud
-        Points; colour is used where the cloud and the model have it. Where it has the columns `ground` and `height`, as
-        `find_ground` gives them, they are taken.
+        Points; colour is used if both cloud and model have it. The columns `ground` and `height` are used if the cloud
+        has them.
     bundle : ModelBundle
-        A model of `patch_training.bundle_model`.
+        A model of `training.bundle_model`.
     classifier : type
-        The method's class.
+        Class of the method's classifier.
 
     Returns
     -------
     labels : ndarray of int16, shape (n,)
-        Labels of the model's scheme, -1 for outliers.
+        Classes of the model's scheme; -1 for outliers.
     confidence : ndarray of float32, shape (n,)
-        Mean probability of the label over the patches around.
+        Mean probability of the class over the patches around; 0 for outliers.
 
     Raises
     ------
@@ -224,42 +271,38 @@ def label_patch_cloud(
         If a coordinate is NaN or infinite.
     """
     if not inliers(cloud).any():
-        return np.full(len(cloud), IGNORE, np.int16), np.zeros(len(cloud), np.float32)
+        return unlabelled(len(cloud))
     _, patches = prepare_cloud(cloud, bundle)
-    found = label_patch_scene(cloud, patches, bundle, classifier)
-    return found["label"], found["confidence"]
+    labels = label_patch_scene(cloud, patches, bundle, classifier)
+    return labels["label"], labels["confidence"]
 
 
-def prepare_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
-    """Prepare a cloud as the scenes were that a model was trained on.
+def prepare_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[Ground, ScenePatches]:
+    """Run the stages before a classifier with the parameters of its model.
 
     Parameters
     ----------
     cloud : PointCloud
-        Points, at least one no outlier. Where it has the columns `ground` and `height`, as `find_ground` gives them,
-        they are taken.
+        Points, at least one of them an inlier. Its columns `ground` and `height` are used if it has them.
     bundle : ModelBundle
         The model.
 
     Returns
     -------
-    ground : dict of str to ndarray
-        ``ground`` and ``height``.
-    patches : dict of str to ndarray
-        What `build_patches` gives.
+    ground : Ground
+        Ground points and heights.
+    patches : ScenePatches
+        The patches.
 
     Raises
     ------
     DataError
         If a coordinate is NaN or infinite.
     """
-    absent = [name for name in bundle.metadata["attributes"] if name not in cloud]
+    absent = missing_attributes(bundle, list(cloud.columns))
     if absent:
-        level = logging.INFO if "core" in cloud else logging.WARNING  # who cuts a survey into scenes says it once
+        level = logging.INFO if "core" in cloud else logging.WARNING  # scenes of a survey: the caller warns once
         logger.log(level, "%s has no %s: it is labelled without", cloud.source, " and no ".join(absent))
-    stored, names = bundle.metadata["parameters"], ("ground", "height")
-    if all(name in cloud for name in names):
-        ground = {name: cloud[name] for name in names}
-    else:
-        ground = find_ground(cloud, GroundParameters(**stored["ground"]))
+    stored = bundle.metadata["parameters"]
+    ground = ground_of(cloud, GroundParameters(**stored["ground"]))
     return ground, build_patches(cloud, ground, PatchParameters(**stored["patches"]))

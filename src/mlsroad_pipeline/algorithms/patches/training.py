@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.patches.extraction import Patches, join_patches
-from mlsroad_pipeline.algorithms.patches.labelling import PatchClassifier, PatchStages
+from mlsroad_pipeline.algorithms.patches.labelling import PatchClassifier, PatchLabels, PatchStages, ScenePatches
 
 logger = logging.getLogger(__name__)
 
@@ -66,16 +66,16 @@ def number_surveys(keys: Iterable[str]) -> NDArray[np.int32]:
 
 
 def join_training_scenes(
-    scenes: Mapping[str, Mapping[str, NDArray]], labels: Mapping[str, Mapping[str, NDArray]]
+    scenes: Mapping[str, ScenePatches], labels: Mapping[str, PatchLabels]
 ) -> tuple[Patches, NDArray[np.int32]]:
-    """Make one set of patches of all training scenes.
+    """Join the labelled patches of all training scenes.
 
     Parameters
     ----------
-    scenes : mapping of str to mapping
-        What `build_patches` gave for each scene.
-    labels : mapping of str to mapping
-        What `label_patches` gave for each training scene; other scenes are left out.
+    scenes : mapping of str to ScenePatches
+        Patches of each scene.
+    labels : mapping of str to PatchLabels
+        Classes of the patches of each training scene; other scenes are excluded.
 
     Returns
     -------

@@ -28,6 +28,7 @@ from mlsroad_pipeline.algorithms.patches.labelling import (
 )
 from mlsroad_pipeline.algorithms.patches.training import join_training_scenes
 from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
+from mlsroad_pipeline.algorithms.stages import Ground
 from mlsroad_pipeline.studies.luo2016.parameters import GRAPH, REFINED
 from mlsroad_pipeline.studies.streets import timed
 
@@ -35,9 +36,9 @@ Street = Mapping[str, Any]
 """``points``, a cloud with ground and heights; ``patches`` and ``labels``, what `cut_patches` made of it."""
 
 
-def cut_patches(points: PointCloud, *, sizes: PatchParameters, scheme: ClassScheme) -> dict[str, dict[str, NDArray]]:
-    """Cut a street into patches and give them their classes."""
-    patches = build_patches(points, {"height": points["height"]}, sizes)
+def cut_patches(points: PointCloud, *, sizes: PatchParameters, scheme: ClassScheme) -> dict[str, Any]:
+    """Cut a street into patches and assign their classes."""
+    patches = build_patches(points, _ground(points), sizes)
     return {"patches": patches, "labels": label_patches(points, patches, scheme)}
 
 
@@ -182,5 +183,5 @@ def _run_objects(
         tally.count(shape_based.SLUG, points, found["label"], taken)
 
 
-def _ground(points: PointCloud) -> dict[str, NDArray]:
+def _ground(points: PointCloud) -> Ground:
     return {"ground": points["ground"], "height": points["height"]}

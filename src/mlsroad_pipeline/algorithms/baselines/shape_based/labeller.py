@@ -20,14 +20,15 @@ from mlsroad_pipeline.algorithms.baselines.shape_based.shape import describe_obj
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.scene_labels import SceneLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.class_balance import majority_labels
 from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
-from mlsroad_pipeline.algorithms.models.majority import majority_labels
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
-from mlsroad_pipeline.algorithms.patches.labelling import PatchStages, label_patches, prepare_cloud
+from mlsroad_pipeline.algorithms.patches.labelling import PatchStages, ScenePatches, label_patches, prepare_cloud
 from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
-from mlsroad_pipeline.algorithms.stages import inliers
+from mlsroad_pipeline.algorithms.stages import Ground, inliers
 
 SLUG = "shape_based"
 ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.shape_based.labeller:label_cloud"
@@ -93,17 +94,15 @@ class ShapeParameters:
         )
 
 
-def build_objects(
-    ground: Mapping[str, NDArray], patches: Mapping[str, NDArray], parameters: ShapeParameters
-) -> dict[str, NDArray]:
+def build_objects(ground: Ground, patches: ScenePatches, parameters: ShapeParameters) -> dict[str, NDArray]:
     """Cut the objects of a scene out of its off-ground patches, and describe them.
 
     Parameters
     ----------
-    ground : mapping
-        What `find_ground` gave.
-    patches : mapping
-        What `build_patches` gave. A patch is off the ground when most of its points are.
+    ground : Ground
+        Ground of the scene.
+    patches : ScenePatches
+        Its patches. A patch is off the ground when most of its points are.
     parameters : ShapeParameters
         The parameters.
 
@@ -129,8 +128,8 @@ def build_objects(
 
 def training_objects(
     scene: PointCloud,
-    ground: Mapping[str, NDArray],
-    patches: Mapping[str, NDArray],
+    ground: Ground,
+    patches: ScenePatches,
     *,
     scheme: ClassScheme,
     parameters: ShapeParameters,
@@ -141,8 +140,10 @@ def training_objects(
     ----------
     scene : PointCloud
         A training scene, with `label`.
-    ground, patches : mapping
-        What the stages before gave.
+    ground : Ground
+        Its ground.
+    patches : ScenePatches
+        Its patches.
     scheme : ClassScheme
         The classes.
     parameters : ShapeParameters
@@ -236,24 +237,24 @@ def fit(
     return ModelBundle(SLUG, {**arrays, "known": known.astype(np.int16)}, metadata)
 
 
-def label_objects(
-    scene: PointCloud, ground: Mapping[str, NDArray], patches: Mapping[str, NDArray], bundle: ModelBundle
-) -> dict[str, NDArray]:
+def label_objects(scene: PointCloud, ground: Ground, patches: ScenePatches, bundle: ModelBundle) -> SceneLabels:
     """Give every off-ground point of a prepared scene a class and a confidence.
 
     Parameters
     ----------
     scene : PointCloud
         The scene.
-    ground, patches : mapping
-        What the stages before gave with the parameters that the model was trained with.
+    ground : Ground
+        Its ground.
+    patches : ScenePatches
+        Its patches, cut with the parameters of the model.
     bundle : ModelBundle
         A model of `fit`.
 
     Returns
     -------
-    dict of str to ndarray
-        ``label`` int16 (n,), -1 for ground and outliers, and ``confidence`` float32 (n,), 0 for these.
+    SceneLabels
+        Class of each point and its mean probability over the patches around; ground and outliers have no class.
 
     Raises
     ------
@@ -262,7 +263,7 @@ def label_objects(
     """
     stored = bundle.metadata["parameters"]
     objects = build_objects(ground, patches, ShapeParameters(**stored[SLUG]))
-    label, confidence = np.full(len(scene), IGNORE, np.int16), np.zeros(len(scene), np.float32)
+    label, confidence = unlabelled(len(scene))
     off = np.flatnonzero(objects["object_of_patch"] >= 0)
     points = inliers(scene) & ~ground["ground"].astype(np.bool_)
     if len(off) == 0 or not points.any():
@@ -301,7 +302,7 @@ def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int1
         If a coordinate is NaN or infinite.
     """
     if not inliers(cloud).any():
-        return np.full(len(cloud), IGNORE, np.int16), np.zeros(len(cloud), np.float32)
+        return unlabelled(len(cloud))
     ground, patches = prepare_cloud(cloud, bundle)
     found = label_objects(cloud, ground, patches, bundle)
     return found["label"], found["confidence"]
