@@ -23,8 +23,9 @@ from joblib import Parallel, delayed
 from sklearn.metrics import f1_score
 
 from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
-from mlsroad_pipeline.algorithms.recognition.recogniser import METHODS, VIEW_OF, _import, make_recogniser
+from mlsroad_pipeline.algorithms.recognition.recogniser import make_recogniser
 from mlsroad_pipeline.surveys.object_files import find_folds, listed_files, read_fold
 
 CONF = Path(__file__).resolve().parents[1] / "conf/base"
@@ -38,7 +39,7 @@ def parameters_of(slug: str, seed: int, changes: dict[str, Any]) -> Any:
     def join(old: Any, new: Any) -> Any:
         return {**old, **{k: join(old[k], v) for k, v in new.items()}} if isinstance(old, dict) else new
 
-    found = _import(METHODS[slug][1])(**join(configured("jointnet" if slug in VIEW_OF else slug), changes))
+    found = METHODS[slug].load("parameters")(**join(configured(METHODS[slug].group or slug), changes))
     return replace(found, training=replace(found.training, seed=seed)) if hasattr(found, "training") else replace(
         found, seed=seed
     )  # fmt: skip

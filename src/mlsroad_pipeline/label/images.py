@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.members import member
+from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.algorithms.scenes.corridor import Corridor
 from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan
 from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
@@ -21,9 +22,6 @@ from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan, trajectory_be
 logger = logging.getLogger(__name__)
 
 IMAGE_LABELS, FUSION = "image_labels", "fusion"
-
-NEED_IMAGES = (IMAGE_LABELS, FUSION)
-"""Methods whose models look at images."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ class LabelImages:
 
 def images_to_label(plan: SurveyPlan, bundle: ModelBundle, name: str | None) -> LabelImages:
     """Find the images of a survey, and look whether all pictures are there."""
-    if bundle.slug not in NEED_IMAGES:
+    if not needs_images(bundle.slug):
         return LabelImages({})
     found, without = {}, []
     for drive, files in plan.drives().items():

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, missing_attributes
+from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred
 from mlsroad_pipeline.formats.las.copc import copc_path
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.ply.coloured_ply import coloured_path
 from mlsroad_pipeline.label.confidence import confidence_table, confidence_warnings
-from mlsroad_pipeline.label.images import IMAGE_LABELS, NEED_IMAGES
+from mlsroad_pipeline.label.images import IMAGE_LABELS
 from mlsroad_pipeline.label.inventory import OBJECTS, scenes_of
 from mlsroad_pipeline.reporting.html.report import Section
 from mlsroad_pipeline.reporting.html.sections import (
@@ -181,7 +182,7 @@ def label_report_sections(
 
 def _seen_by_cameras(bundle: ModelBundle, counts: Mapping[str, Mapping[str, NDArray]]) -> dict[str, str]:
     """Tell which share of the points cameras saw, of methods that look at images."""
-    if bundle.slug not in NEED_IMAGES:
+    if not needs_images(bundle.slug):
         return {}
     total = sum(int(found["counts"].sum()) for found in counts.values())
     seen = sum(int(found["seen"][0]) for found in counts.values() if "seen" in found)
@@ -191,7 +192,7 @@ def _seen_by_cameras(bundle: ModelBundle, counts: Mapping[str, Mapping[str, NDAr
 def image_warnings(bundle: ModelBundle, counts: Mapping[str, Mapping[str, NDArray]]) -> list[str]:
     """Say which drives were labelled without images by a method that looks at images."""
     without = list(dict.fromkeys(SceneKey.parse(key).parent for key, found in counts.items() if "seen" not in found))
-    if bundle.slug not in NEED_IMAGES or not without:
+    if not needs_images(bundle.slug) or not without:
         return []
     instead = "have no class" if bundle.slug == IMAGE_LABELS else "have the labels of the features alone"
     return [f"There are no images for {', '.join(without)}: the points there {instead}."]

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
+from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.algorithms.scenes.corridor import Corridor
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters, corridor_from_arrays
 from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
 from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.label.image_work import label_pieces_through_images
-from mlsroad_pipeline.label.images import NEED_IMAGES, LabelImages, views_of_scene
+from mlsroad_pipeline.label.images import LabelImages, views_of_scene
 from mlsroad_pipeline.label.work import label_pieces
 from mlsroad_pipeline.surveys.images import SurveyImages
 from mlsroad_pipeline.surveys.plan import SurveyPlan
@@ -34,7 +35,7 @@ def label_tasks(
 ) -> dict[str, SceneTask]:
     """Name the work that labels each scene."""
     bins, points = pieces.load_all("bins"), pieces.part("points", mapped=True)
-    through_images = open_model(model.path).slug in NEED_IMAGES
+    through_images = needs_images(open_model(model.path).slug)
     tasks = {}
     for drive in plan.drives():
         mine = {file.key for file in plan.files if file.drive == drive}

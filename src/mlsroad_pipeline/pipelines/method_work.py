@@ -6,20 +6,13 @@ from collections.abc import Mapping
 
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import detector as bottom_up_top_down
-from mlsroad_pipeline.algorithms.baselines.hough_forest import detector as hough_forest
-from mlsroad_pipeline.algorithms.baselines.object_matching import detector as object_matching
 from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import label_objects
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.scene_labels import SceneLabels
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.patches.labelling import PatchClassifier, ScenePatches, label_patch_scene
 from mlsroad_pipeline.algorithms.stages import Ground
-from mlsroad_pipeline.algorithms.visual_words import labeller as visual_words
 from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
-
-_DETECT = {
-    module.SLUG: module.detect_scene for module in (visual_words, hough_forest, object_matching, bottom_up_top_down)
-}
 
 
 def label_prepared_patches(
@@ -32,7 +25,8 @@ def label_prepared_patches(
 def detect_described_objects(parts: Mapping[str, NDArray], model: str) -> dict[str, NDArray]:
     """Detect the objects of a scene of a comparison with a stored model."""
     bundle = open_model(model)
-    return _DETECT[bundle.slug](parts, bundle)
+    found: dict[str, NDArray] = METHODS[bundle.slug].load("use")(parts, bundle)
+    return found
 
 
 def label_prepared_objects(scene: PointCloud, ground: Ground, patches: ScenePatches, model: str) -> SceneLabels:

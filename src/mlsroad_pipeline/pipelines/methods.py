@@ -6,42 +6,11 @@ from typing import Any
 
 from kedro.pipeline import Pipeline
 
-LABELLERS = (
-    "detrended_forest",
-    "patch_graph",
-    "patch_graph_mrf",
-    "patch_svm",
-    "patch_forest",
-    "shape_based",
-    "max_margin_markov",
-)
-"""Slugs of the methods that label points; each has a pipeline of its name that writes ``<slug>.model`` and
-``<slug>.labels``."""
+from mlsroad_pipeline.algorithms.models.methods import methods_of
 
-DETECTORS = ("visual_words", "hough_forest", "object_matching", "bottom_up_top_down")
-"""Slugs of the methods that detect objects; each has a pipeline of its name that writes ``<slug>.model`` and
-``<slug>.detections``."""
-
+LABELLERS, IMAGE_METHODS = methods_of("labelling"), methods_of("labelling", needs_images=True)
+DETECTORS, RECOGNISERS = methods_of("detection"), methods_of("recognition")
 IMAGE_LABELLER = "image_labels"
-"""The method that labels points through images; only surveys with images have it."""
-
-IMAGE_METHODS = (IMAGE_LABELLER, "fusion")
-"""Slugs of the methods that need images; each has a pipeline of its name that writes ``<slug>.model``,
-``<slug>.labels`` and ``<slug>.scores``, over all points and over those that cameras see."""
-
-RECOGNISERS = (
-    "jointnet",
-    "jointnet_printed",
-    "hssi_net",
-    "vqai_net",
-    "vaai_net",
-    "spin_image",
-    "shot",
-    "hierarchy_descriptor",
-    "pointnet",
-)
-"""Slugs of the methods that recognise objects; each has a pipeline of its name that writes ``<slug>.model`` and
-``<slug>.recognitions``."""
 
 COMPARISON = (
     "simulate",

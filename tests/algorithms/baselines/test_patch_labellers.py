@@ -59,7 +59,7 @@ def training():
 def bundled(fit, patches, module, parameters):
     stages = PatchStages(GroundParameters(), PatchParameters())
     training = PatchTraining(patches, NO_EDGES, stages, SCHEME, {"survey": "planted"})
-    return bundle_model(module.SLUG, fit(patches), training, entry_point=module.ENTRY_POINT, parameters=parameters)
+    return bundle_model(module.SLUG, fit(patches), training, parameters=parameters)
 
 
 @METHODS

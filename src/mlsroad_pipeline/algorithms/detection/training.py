@@ -161,7 +161,6 @@ def train_object_detector(
     fit: Fit,
     *,
     slug: str,
-    entry_point: str,
     parameters: Any,
     uses_intensity: bool,
     stages: DetectionStages,
@@ -181,8 +180,8 @@ def train_object_detector(
         What `object_classes` gave for each of them; a ``weight`` beside it is known to `training_weights`.
     fit : callable
         Trains one variant.
-    slug, entry_point : str
-        The method, and the function that labels with its models.
+    slug : str
+        The method.
     parameters : dataclass
         Parameters of the method.
     uses_intensity : bool
@@ -227,7 +226,6 @@ def train_object_detector(
         found = zip(detection.classes, detector.thresholds.tolist(), strict=True)
         facts[variant]["thresholds"] = {name: value for name, value in found if np.isfinite(value)}
     metadata = {
-        "entry_point": entry_point,
         "classes": list(scheme.classes),
         "wanted": detection.labels_in(scheme).tolist(),
         "scheme": asdict(scheme),
@@ -260,7 +258,7 @@ class Trainer(Protocol):
 
 
 def make_trainer(
-    fit: Callable[..., tuple[TrainedDetector, dict[str, Any]]], *, slug: str, entry_point: str, uses_intensity: bool
+    fit: Callable[..., tuple[TrainedDetector, dict[str, Any]]], *, slug: str, uses_intensity: bool
 ) -> Trainer:
     """Return the function that trains models of a method.
 
@@ -269,8 +267,8 @@ def make_trainer(
     fit : callable
         Trains one variant on parts, classes and whether intensities count, with the keywords ``parameters``,
         ``n_classes``, ``weights`` and ``n_threads``.
-    slug, entry_point : str
-        The method, and the function that labels with its models.
+    slug : str
+        The method.
     uses_intensity : bool
         Whether the method looks at intensities.
 
@@ -293,7 +291,7 @@ def make_trainer(
     ) -> ModelBundle:
         given = {"parameters": parameters, "n_classes": len(detection.classes), "n_threads": n_threads}
         return train_object_detector(
-            parts, labels, partial(fit, **given), slug=slug, entry_point=entry_point, parameters=parameters,
+            parts, labels, partial(fit, **given), slug=slug, parameters=parameters,
             uses_intensity=uses_intensity, stages=stages, detection=detection, scheme=scheme, trained_on=trained_on,
         )  # fmt: skip
 

@@ -33,7 +33,6 @@ from mlsroad_pipeline.algorithms.stages import (
 )
 
 SLUG = "detrended_forest"
-ENTRY_POINT = "mlsroad_pipeline.algorithms.detrended_forest.labeller:label_cloud"
 
 logger = logging.getLogger(__name__)
 

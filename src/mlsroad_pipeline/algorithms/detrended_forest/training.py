@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.detrended_forest.classifier import DetrendedForestClassifier
-from mlsroad_pipeline.algorithms.detrended_forest.labeller import ENTRY_POINT, SLUG, StageParameters
+from mlsroad_pipeline.algorithms.detrended_forest.labeller import SLUG, StageParameters
 from mlsroad_pipeline.algorithms.features.radiometry import COLOUR_FEATURES, INTENSITY_FEATURES
 from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -229,7 +229,6 @@ def fit(
     if missing:
         logger.warning("No training supervoxels of %s: the model never predicts these classes", ", ".join(missing))
     metadata = {
-        "entry_point": ENTRY_POINT,
         "classes": list(scheme.classes),
         "scheme": asdict(scheme),
         "parameters": {"forest": asdict(parameters), **asdict(stages)},

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
 from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion, spread_confidence
-from mlsroad_pipeline.algorithms.models.bundle import NEEDS_IMAGES, ModelBundle
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 
 SLUG = "fusion"
 
@@ -152,7 +152,6 @@ def fit(
         features, _by_camera(joined["cameras"]), joined["reference"], pool=parameters.pool
     )  # fmt: skip
     metadata = {
-        "entry_point": NEEDS_IMAGES,
         "classes": list(scheme.classes),
         "scheme": asdict(scheme),
         "cameras": list(cameras),

@@ -24,7 +24,7 @@ from mlsroad_pipeline.algorithms.image_labels.pspnet_training import train_netwo
 from mlsroad_pipeline.algorithms.image_labels.pspnet_weights import from_arrays, to_arrays
 from mlsroad_pipeline.algorithms.image_labels.segmentation import segment_image
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
-from mlsroad_pipeline.algorithms.models.bundle import NEEDS_IMAGES, ModelBundle, bundle_scheme
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.stages import inliers
 
 SLUG = "image_labels"
@@ -66,7 +66,6 @@ def fit(
     """
     network, losses = train_network(samples, n_classes=len(image_classes(scheme)), parameters=parameters.network)
     metadata = {
-        "entry_point": NEEDS_IMAGES,
         "classes": list(scheme.classes),
         "scheme": asdict(scheme),
         "cameras": list(cameras),

@@ -1,12 +1,11 @@
-"""A trained model as plain files: arrays as NPZ, the rest as JSON, and the name of the function that uses them.
+"""Trained models as plain data: named arrays and JSON values.
 
-Nothing is pickled, so a model from elsewhere can run no code but this package's own, and it outlives the versions of
-the libraries that trained it.
+Nothing is pickled: a model from elsewhere runs no code but this package's own, and it outlives the versions of the
+libraries that trained it.
 """
 
 from __future__ import annotations
 
-import importlib
 import json
 import re
 from collections.abc import Callable, Collection, Mapping
@@ -19,10 +18,9 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.models.methods import METHODS, load_place
 
 _ENTRY_POINT = re.compile(r"mlsroad_pipeline\.algorithms(\.[A-Za-z]\w*)+:[A-Za-z]\w*")
-NEEDS_IMAGES = "mlsroad_pipeline.algorithms.models.bundle:refuse_points"
-"""Entry point of models that need the images of a survey too."""
 
 Labeller = Callable[[PointCloud, "ModelBundle"], tuple[NDArray[np.integer], NDArray[np.floating]]]
 
@@ -36,13 +34,14 @@ class ModelBundle:
     slug : str
         The method's slug, such as ``"detrended_forest"``.
     arrays : mapping of str to ndarray
-        What was learned; no object arrays.
+        Learned arrays; no object arrays.
     metadata : mapping of str to any
-        JSON values. Required: ``entry_point``, ``"module:function"`` below ``mlsroad_pipeline.algorithms`` that takes
-        ``(cloud, bundle)`` and returns labels (n,) and confidences (n,); ``classes``, the class names in label
-        order. `label` needs ``scheme``, the class scheme as a mapping of the fields of `ClassScheme`. Usual:
-        ``attributes``, the columns beside the coordinates that the model uses where a survey has them; ``parameters``,
-        of which ``ground`` are those of `GroundParameters`; ``trained_on``; ``feature_names``.
+        JSON values. Required: ``classes``, the class names in label order. ``entry_point``, ``"module:function"`` below
+        ``mlsroad_pipeline.algorithms`` that takes ``(cloud, bundle)`` and returns labels (n,) and confidences (n,), is
+        filled in for the methods of `METHODS` and required for others. `label` needs ``scheme``, the class scheme as a
+        mapping of the fields of `ClassScheme`. Usual: ``attributes``, the columns beside the coordinates that the model
+        uses where a survey has them; ``parameters``, of which ``ground`` are those of `GroundParameters`;
+        ``trained_on``; ``feature_names``.
 
     Raises
     ------
@@ -59,6 +58,9 @@ class ModelBundle:
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[a-z][a-z0-9_]*", self.slug):
             raise ParameterError(f"a model's slug has small letters, digits and _, got {self.slug!r}")
+        if self.slug in METHODS and "entry_point" not in self.metadata:
+            completed = {"entry_point": METHODS[self.slug].place("label_cloud"), **self.metadata}
+            object.__setattr__(self, "metadata", completed)
         entry_point = self.metadata.get("entry_point")
         if not isinstance(entry_point, str) or not _ENTRY_POINT.fullmatch(entry_point):
             raise ParameterError(
@@ -90,7 +92,7 @@ def arrays_under(arrays: Mapping[str, NDArray], prefix: str) -> dict[str, NDArra
     arrays : mapping of str to ndarray
         The arrays of the model.
     prefix : str
-        What the names of the part's arrays begin with.
+        First characters of the names of the part's arrays.
 
     Returns
     -------
@@ -101,7 +103,7 @@ def arrays_under(arrays: Mapping[str, NDArray], prefix: str) -> dict[str, NDArra
 
 
 def missing_attributes(bundle: ModelBundle, columns: Collection[str]) -> list[str]:
-    """Tell which columns a model was trained with that a survey does not have.
+    """Return the columns that a model was trained with and a survey lacks.
 
     Parameters
     ----------
@@ -113,7 +115,7 @@ def missing_attributes(bundle: ModelBundle, columns: Collection[str]) -> list[st
     Returns
     -------
     list of str
-        Those that are missing, such as ``["rgb"]``; a model without ``attributes`` misses nothing.
+        Missing columns, such as ``["rgb"]``; none for a model without ``attributes``.
     """
     return [name for name in bundle.metadata.get("attributes", ()) if name not in columns]
 
@@ -134,7 +136,7 @@ def bundle_scheme(bundle: ModelBundle) -> ClassScheme:
     Raises
     ------
     ParameterError
-        If the model does not say its scheme.
+        If the model's metadata lack the scheme.
     """
     stored = bundle.metadata.get("scheme")
     if stored is None:
@@ -151,21 +153,24 @@ def bundle_scheme(bundle: ModelBundle) -> ClassScheme:
 def label_cloud(
     bundle: ModelBundle, cloud: PointCloud, *, labeller: Labeller | None = None
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label a cloud with the function that the model names.
+    """Label a cloud with a model.
+
+    The function is that of the method in `METHODS`. The stored entry point counts for other slugs alone, so that models
+    stored by earlier versions of the package keep working.
 
     Parameters
     ----------
     bundle : ModelBundle
         The model.
     cloud : PointCloud
-        Points that it has never seen.
+        Points that the model was not trained on.
     labeller : callable, optional
-        Another function, for models that need more than the points.
+        Function to use instead, for models that need more than the points.
 
     Returns
     -------
     labels : ndarray of int16, shape (n,)
-        Places in `bundle.classes`; -1 where the model gives no class.
+        Indices into `bundle.classes`; -1 for points without a class.
     confidence : ndarray of float32, shape (n,)
         0 to 1.
 
@@ -176,33 +181,35 @@ def label_cloud(
     DataError
         If it returns another number of labels, or labels outside the classes.
     """
-    function = _entry_point(bundle) if labeller is None else labeller
+    function = _labeller(bundle) if labeller is None else labeller
     labels, confidence = (np.asarray(values) for values in function(cloud, bundle))
     if labels.shape != (len(cloud),) or confidence.shape != (len(cloud),):
         raise DataError(
-            f"model {bundle.slug!r} gave labels {labels.shape} and confidences {confidence.shape} "
+            f"model {bundle.slug!r} returned labels {labels.shape} and confidences {confidence.shape} "
             f"for the {len(cloud)} points of {cloud.source}"
         )
     if len(labels) and not (labels.min() >= -1 and labels.max() < len(bundle.classes)):
         raise DataError(
-            f"model {bundle.slug!r} gave labels {labels.min()}..{labels.max()} of {len(bundle.classes)} classes"
+            f"model {bundle.slug!r} returned labels {labels.min()}..{labels.max()} of {len(bundle.classes)} classes"
         )
     return labels.astype(np.int16), confidence.astype(np.float32)
 
 
-def _entry_point(bundle: ModelBundle) -> Labeller:
-    module_name, function_name = bundle.metadata["entry_point"].split(":")
+def _labeller(bundle: ModelBundle) -> Labeller:
+    if bundle.slug in METHODS:
+        labeller: Labeller = METHODS[bundle.slug].load("label_cloud")
+        return labeller
     try:
-        function: Labeller = getattr(importlib.import_module(module_name), function_name)
+        labeller = load_place(bundle.metadata["entry_point"])
     except (ModuleNotFoundError, AttributeError) as error:
         raise ParameterError(
             f"model {bundle.slug!r} needs {bundle.metadata['entry_point']}, which this version lacks: {error}"
         ) from error
-    return function
+    return labeller
 
 
 def refuse_points(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.integer], NDArray[np.floating]]:
-    """Refuse points alone: the entry point of models that need the images of a survey too.
+    """Raise an error: a model that needs images cannot label points alone.
 
     Parameters
     ----------
@@ -214,11 +221,11 @@ def refuse_points(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.in
     Returns
     -------
     labels, confidence : ndarray
-        Never.
+        Nothing is returned.
 
     Raises
     ------
     ParameterError
         Always.
     """
-    raise ParameterError(f"{cloud.source}: model {bundle.slug!r} needs images, and points alone are given")
+    raise ParameterError(f"{cloud.source}: model {bundle.slug!r} needs images; it cannot label points alone")

@@ -18,8 +18,6 @@ from mlsroad_pipeline.algorithms.patches.labelling import label_patch_cloud
 from mlsroad_pipeline.algorithms.patches.training import PatchTraining, bundle_model
 
 SLUG, REFINED_SLUG = "patch_graph", "patch_graph_mrf"
-_MODULE = "mlsroad_pipeline.algorithms.patch_graph.labeller"
-
 
 label_cloud = partial(label_patch_cloud, classifier=PatchGraphClassifier)
 """Entry point of models of `train`."""
@@ -54,8 +52,7 @@ def train(training: PatchTraining, *, parameters: PatchGraphParameters, n_thread
         training.patches, training.edges, len(training.scheme), parameters=parameters, n_threads=n_threads
     )
     facts = {"objective": classifier.graph.objective.tolist(), "graph_nodes": len(classifier.graph.labels)}
-    entry_point = f"{_MODULE}:label_cloud"
-    return bundle_model(SLUG, classifier, training, entry_point=entry_point, parameters=parameters, facts=facts)
+    return bundle_model(SLUG, classifier, training, parameters=parameters, facts=facts)
 
 
 def ground_classes(scheme: ClassScheme) -> GroundClasses:
@@ -123,7 +120,6 @@ def train_refinement(
         REFINED_SLUG,
         classifier,
         replace(training, trained_on=transfer.metadata["trained_on"]),
-        entry_point=f"{_MODULE}:label_cloud_refined",
         parameters=parameters,
         facts={"chosen": chosen, "grid": tried, "graph": transfer.metadata["parameters"][SLUG]},
     )

@@ -112,7 +112,6 @@ def bundle_model(
     classifier: PatchClassifier,
     training: PatchTraining,
     *,
-    entry_point: str,
     parameters: Any,
     facts: Mapping[str, Any] | None = None,
 ) -> ModelBundle:
@@ -126,8 +125,6 @@ def bundle_model(
         The classifier.
     training : PatchTraining
         What it was trained on.
-    entry_point : str
-        ``"module:function"`` of the method's ``label_cloud``.
     parameters : dataclass
         The method's parameters.
     facts : mapping, optional
@@ -144,7 +141,6 @@ def bundle_model(
     if missing:
         logger.warning("%s: no training patch is of %s: the model never gives them", slug, ", ".join(missing))
     metadata = {
-        "entry_point": entry_point,
         "classes": list(scheme.classes),
         "scheme": asdict(scheme),
         "parameters": {slug: asdict(parameters), **asdict(training.stages)},

@@ -5,7 +5,6 @@ A method is imported when it is used, for some of them import PyTorch.
 
 from __future__ import annotations
 
-import importlib
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -19,6 +18,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.detection.detector import DetectionStages, label_detected_objects
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS, Method, methods_of
 from mlsroad_pipeline.algorithms.recognition.cutting import (
     RecognitionParameters,
     objects_of_segments,
@@ -26,52 +26,14 @@ from mlsroad_pipeline.algorithms.recognition.cutting import (
 )
 from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
 
-ENTRY_POINT = "mlsroad_pipeline.algorithms.recognition.recogniser:label_cloud"
-
-_JOINTNET = ("jointnet.recogniser:JointNetRecogniser", "jointnet.parameters:JointNetParameters")
-_MACHINE = "recognition.descriptor_machine:DescriptorParameters"
-METHODS = {
-    "jointnet": _JOINTNET,
-    "jointnet_printed": _JOINTNET,
-    "hssi_net": _JOINTNET,
-    "vqai_net": _JOINTNET,
-    "vaai_net": _JOINTNET,
-    "spin_image": ("baselines.spin_image.recogniser:SpinImageRecogniser", _MACHINE),
-    "shot": ("baselines.shot.recogniser:ShotRecogniser", _MACHINE),
-    "hierarchy_descriptor": ("baselines.hierarchy_descriptor.recogniser:HierarchyRecogniser", _MACHINE),
-    "pointnet": (
-        "baselines.pointnet.recogniser:PointNetRecogniser",
-        "baselines.pointnet.parameters:PointNetParameters",
-    ),
-}
-"""Slug to the recogniser and its parameters, below `mlsroad_pipeline.algorithms`."""
-
-VIEW_OF = {"hssi_net": "hssi", "vqai_net": "vqai", "vaai_net": "vaai"}
-"""The images that a sub-network sees."""
-
 logger = logging.getLogger(__name__)
 
 
-def _import(place: str) -> Any:
-    module, name = place.split(":")
-    return getattr(importlib.import_module(f"mlsroad_pipeline.algorithms.{module}"), name)
-
-
-def parameter_class(slug: str) -> type:
-    """Return the class of a method's parameters.
-
-    Parameters
-    ----------
-    slug : str
-        One of `METHODS`.
-
-    Returns
-    -------
-    type
-        A dataclass.
-    """
-    found: type = _import(METHODS[slug][1])
-    return found
+def _recogniser_of(slug: str) -> Method:
+    method = METHODS.get(slug)
+    if method is None or method.task != "recognition":
+        raise ParameterError(f"{slug!r} is no recogniser (recognisers: {', '.join(methods_of('recognition'))})")
+    return method
 
 
 def make_recogniser(slug: str, parameters: Any) -> Any:
@@ -80,7 +42,7 @@ def make_recogniser(slug: str, parameters: Any) -> Any:
     Parameters
     ----------
     slug : str
-        One of `METHODS`.
+        One of the recognisers of `METHODS`.
     parameters : dataclass
         Its parameters; a sub-network takes those of JointNet.
 
@@ -94,10 +56,8 @@ def make_recogniser(slug: str, parameters: Any) -> Any:
     ParameterError
         If there is no such method.
     """
-    if slug not in METHODS:
-        raise ParameterError(f"{slug!r} recognises no objects (methods: {', '.join(METHODS)})")
-    view = VIEW_OF.get(slug)
-    return _import(METHODS[slug][0])(parameters if view is None else parameters.with_views(view))
+    method = _recogniser_of(slug)
+    return method.load("use")(parameters.with_views(method.variant) if method.variant else parameters)
 
 
 def train_recogniser(
@@ -143,13 +103,12 @@ def train_recogniser(
     found = make_recogniser(slug, parameters).fit(chosen.objects, chosen.label, intensities=chosen.intensities)
     given = [int(label) for label in found.classes_]
     metadata = {
-        "entry_point": ENTRY_POINT,
         "classes": list(scheme.classes),
         "classes_given": [scheme.classes[label] for label in given],
         "wanted": list(range(len(scheme))),
         "scheme": asdict(scheme),
         "parameters": {**asdict(stages), "recogniser": found.describe(), "recognition": asdict(recognition)},
-        "attributes": ["intensity"] if chosen.intensity is not None and METHODS[slug] is _JOINTNET else [],
+        "attributes": ["intensity"] if chosen.intensity is not None and METHODS[slug].uses_intensity else [],
         "learned": {"objects": np.bincount(chosen.label, minlength=len(scheme)).tolist()},
         "trained_on": dict(trained_on),
     }
@@ -176,9 +135,8 @@ def load_recogniser(bundle: ModelBundle) -> Any:
     DataError
         If the model's arrays do not fit it, or its classes are not those of the model's scheme.
     """
-    if bundle.slug not in METHODS:
-        raise ParameterError(f"{bundle.slug!r} recognises no objects (methods: {', '.join(METHODS)})")
-    kind, parameters = (_import(place) for place in METHODS[bundle.slug])
+    method = _recogniser_of(bundle.slug)
+    kind, parameters = method.load("use"), method.load("parameters")
     found = kind.from_arrays(bundle.arrays, parameters(**bundle.metadata["parameters"]["recogniser"]))
     labels = np.asarray(found.classes_)
     if labels.dtype.kind not in "iu" or labels.min() < 0 or labels.max() >= len(bundle.classes):

@@ -30,7 +30,6 @@ from mlsroad_pipeline.algorithms.visual_words.groups import ContextualGroups
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import Vocabulary
 
 SLUG = "visual_words"
-ENTRY_POINT = "mlsroad_pipeline.algorithms.visual_words.labeller:label_cloud"
 
 
 def bag_objects(

@@ -21,7 +21,7 @@ from mlsroad_pipeline.algorithms.visual_words.bags import count_words
 from mlsroad_pipeline.algorithms.visual_words.descriptions import GroupParameters, groups_of, profiles_of
 from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetector
 from mlsroad_pipeline.algorithms.visual_words.groups import join_groups
-from mlsroad_pipeline.algorithms.visual_words.labeller import ENTRY_POINT, SLUG
+from mlsroad_pipeline.algorithms.visual_words.labeller import SLUG
 from mlsroad_pipeline.algorithms.visual_words.queries import DetectorParameters
 from mlsroad_pipeline.algorithms.visual_words.sizes import within_any_sizes
 from mlsroad_pipeline.algorithms.visual_words.vocabulary import Vocabulary, VocabularyParameters, build_vocabulary
@@ -135,7 +135,6 @@ def train_detector(
             },
         }
     metadata = {
-        "entry_point": ENTRY_POINT,
         "classes": list(scheme.classes),
         "wanted": detection.labels_in(scheme).tolist(),
         "scheme": asdict(scheme),

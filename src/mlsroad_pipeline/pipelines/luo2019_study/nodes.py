@@ -9,8 +9,8 @@ from typing import Any
 from mlsroad_pipeline.algorithms.baselines.pointnet.parameters import PointNetParameters
 from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.recognition.descriptor_machine import DescriptorParameters
-from mlsroad_pipeline.algorithms.recognition.recogniser import VIEW_OF
 from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.studies.luo2019 import runs as luo2019_runs
@@ -35,7 +35,11 @@ def plan_study(
     pointnet: PointNetParameters,
 ) -> StudyPlan:
     """Plan the runs."""
-    methods: dict[str, Any] = {JOINTNET: jointnet, PRINTED: printed, **dict.fromkeys(VIEW_OF, jointnet)}
+    methods: dict[str, Any] = {
+        JOINTNET: jointnet,
+        PRINTED: printed,
+        **{slug: jointnet for slug, known in METHODS.items() if known.variant},
+    }
     methods |= dict(zip(RIVALS, (hierarchy, spin, shot, pointnet), strict=True))
     names = tuple(sets.chosen_sets())
     schemes = {name: find_scheme(classes["schemes"], name) for name in names}
@@ -64,7 +68,7 @@ def measure_networks(plan: StudyPlan) -> dict[str, SceneTask]:
         method: SceneTask(
             luo2019_runs.measure_network,
             parameters={
-                "parameters": parameters.with_views(VIEW_OF[method]) if method in VIEW_OF else parameters,
+                "parameters": parameters.with_views(METHODS[method].variant) if METHODS[method].variant else parameters,
                 "n_classes": n_classes,
             },
         )

@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
 from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters, cut_objects
-from mlsroad_pipeline.algorithms.recognition.recogniser import parameter_class, train_and_recognise, train_recogniser
+from mlsroad_pipeline.algorithms.recognition.recogniser import train_and_recognise, train_recogniser
 from mlsroad_pipeline.algorithms.recognition.scores import score_recognitions
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.algorithms.stages import GroundParameters
@@ -74,7 +75,7 @@ def training_node(slug: str) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
         return bundle, bundle
 
     # Kedro reads here which class the parameters become.
-    train_method.__annotations__["parameters"] = parameter_class(slug)
+    train_method.__annotations__["parameters"] = METHODS[slug].load("parameters")
     return train_method
 
 

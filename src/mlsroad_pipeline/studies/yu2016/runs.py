@@ -1,4 +1,4 @@
-"""What the workers of the study of Yu et al. 2016 do with described objects: train and detect."""
+"""Training and detection on described objects, as the workers of the study of Yu et al. 2016 run them."""
 
 from __future__ import annotations
 
@@ -9,28 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down import detector as bottom_up_top_down
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.training import train_bottom_up_top_down
-from mlsroad_pipeline.algorithms.baselines.hough_forest import detector as hough_forest
-from mlsroad_pipeline.algorithms.baselines.hough_forest.training import train_hough_forest
-from mlsroad_pipeline.algorithms.baselines.object_matching import detector as object_matching
-from mlsroad_pipeline.algorithms.baselines.object_matching.training import train_object_matching
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters, count_detections_of_scene
-from mlsroad_pipeline.algorithms.visual_words import labeller
-from mlsroad_pipeline.algorithms.visual_words.training import train_detector
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.studies.streets import timed
-
-_TRAIN: Mapping[str, Any] = {
-    "hough_forest": train_hough_forest,
-    "object_matching": train_object_matching,
-    "bottom_up_top_down": train_bottom_up_top_down,
-    "visual_words": train_detector,
-}
-_DETECT: Mapping[str, Any] = {
-    module.SLUG: module.detect_scene for module in (labeller, hough_forest, object_matching, bottom_up_top_down)
-}
 
 
 def train_and_detect(
@@ -52,7 +35,7 @@ def train_and_detect(
     usual = {key: found for key, found in labels.items() if key not in odd}
     known = replace(detection, prevalence=joint_prevalence(usual, prevalence, detection.classes))
     bundle, train_seconds = timed(
-        _TRAIN[method],
+        METHODS[method].load("train"),
         {key: given["parts"] for key, given in train.items()}, labels, parameters=parameters, stages=stages,
         detection=known, scheme=scheme, trained_on={"streets": len(train)},
     )  # fmt: skip
@@ -64,8 +47,9 @@ def train_and_detect(
         "thresholds": np.array([learned.get(name, np.inf) for name in detection.classes]),
     }
     results = {"facts": facts}
+    detect = METHODS[method].load("use")
     for key, given in test.items():
-        found, seconds = timed(_DETECT[method], given["parts"], bundle)
+        found, seconds = timed(detect, given["parts"], bundle)
         points, objects = (handle.load() for handle in given["scene"])
         counts = count_detections_of_scene(points, objects, found, **judge)
         results[key] = {**counts, "seconds": np.array(seconds)}

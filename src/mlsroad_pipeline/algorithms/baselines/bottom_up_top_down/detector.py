@@ -28,7 +28,6 @@ from mlsroad_pipeline.algorithms.features.gaussian_image import align_gaussian_i
 from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
 
 SLUG = "bottom_up_top_down"
-ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.detector:label_cloud"
 
 _ARRAYS = (
     "images", "image_kinds", "centres", "normals", "objects", "kinds", "least_shares", "exponents", "thresholds",

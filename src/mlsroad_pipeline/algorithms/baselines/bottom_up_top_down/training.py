@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.detector import (
-    ENTRY_POINT,
     SLUG,
     BottomUpTopDown,
     BottomUpTopDownParameters,
@@ -119,7 +118,5 @@ def _choose_models(
     return best
 
 
-train_bottom_up_top_down = make_trainer(
-    fit_bottom_up_top_down, slug=SLUG, entry_point=ENTRY_POINT, uses_intensity=False
-)
+train_bottom_up_top_down = make_trainer(fit_bottom_up_top_down, slug=SLUG, uses_intensity=False)
 """Trains a model; see `object_detector_training.Trainer`."""

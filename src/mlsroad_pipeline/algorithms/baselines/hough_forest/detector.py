@@ -24,7 +24,6 @@ from mlsroad_pipeline.algorithms.detection.regions import RegionParameters
 from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
 
 SLUG = "hough_forest"
-ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.hough_forest.detector:label_cloud"
 
 _FOREST = (
     "roots", "feature", "threshold", "left", "leaf_roots", "shares", "vote_starts", "votes",

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.hough_forest._trees import grow_tree
 from mlsroad_pipeline.algorithms.baselines.hough_forest.detector import (
-    ENTRY_POINT,
     SLUG,
     HoughForest,
     HoughForestParameters,
@@ -154,5 +153,5 @@ def _with_thresholds(
     return done, {"leaves": len(forest.arrays["shares"]), "f_scores": reached, "exponents": exponents}
 
 
-train_hough_forest = make_trainer(fit_hough_forest, slug=SLUG, entry_point=ENTRY_POINT, uses_intensity=True)
+train_hough_forest = make_trainer(fit_hough_forest, slug=SLUG, uses_intensity=True)
 """Trains a model; see `object_detector_training.Trainer`."""

@@ -20,7 +20,6 @@ from mlsroad_pipeline.algorithms.patches.extraction import Patches
 from mlsroad_pipeline.algorithms.patches.labelling import label_patch_cloud
 
 SLUG = "max_margin_markov"
-ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.max_margin_markov.classifier:label_cloud"
 
 
 class MaxMarginMarkov:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.baselines.max_margin_markov.classifier import ENTRY_POINT, SLUG, MaxMarginMarkov
+from mlsroad_pipeline.algorithms.baselines.max_margin_markov.classifier import SLUG, MaxMarginMarkov
 from mlsroad_pipeline.algorithms.baselines.max_margin_markov.graph import MarkovGraph, build_markov_graph
 from mlsroad_pipeline.algorithms.baselines.max_margin_markov.network import PARTS, MarkovNetwork, clique_shares
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
@@ -264,4 +264,4 @@ def train(training: PatchTraining, *, parameters: MarginParameters, n_threads: i
     classifier = fit_max_margin(
         training.patches, training.edges, n_classes=len(training.scheme), parameters=parameters, n_threads=n_threads
     )
-    return bundle_model(SLUG, classifier, training, entry_point=ENTRY_POINT, parameters=parameters)
+    return bundle_model(SLUG, classifier, training, parameters=parameters)

@@ -26,7 +26,6 @@ from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
 from mlsroad_pipeline.algorithms.geometry.neighbors import nearest_neighbors
 
 SLUG = "object_matching"
-ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.object_matching.detector:label_cloud"
 
 _ARRAYS = ("descriptors", "centres", "objects", "kinds", "thresholds", "geometry")
 

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.object_matching.detector import (
-    ENTRY_POINT,
     SLUG,
     ObjectMatcher,
     ObjectMatchingParameters,
@@ -89,5 +88,5 @@ def fit_object_matching(
     return matcher, {"prototypes": [len(c) for c in chosen], "f_scores": reached}
 
 
-train_object_matching = make_trainer(fit_object_matching, slug=SLUG, entry_point=ENTRY_POINT, uses_intensity=True)
+train_object_matching = make_trainer(fit_object_matching, slug=SLUG, uses_intensity=True)
 """Trains a model; see `object_detector_training.Trainer`."""

@@ -19,7 +19,6 @@ from mlsroad_pipeline.algorithms.patches.training import PatchTraining, bundle_m
 from mlsroad_pipeline.algorithms.patches.variants import PatchVariants
 
 SLUG = "patch_forest"
-ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.patch_forest.classifier:label_cloud"
 
 
 @dataclass(frozen=True)
@@ -140,4 +139,4 @@ def train(training: PatchTraining, *, parameters: PatchForestParameters, n_threa
     classifier = PatchForest.fit(
         training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_threads=n_threads
     )
-    return bundle_model(SLUG, classifier, training, entry_point=ENTRY_POINT, parameters=parameters)
+    return bundle_model(SLUG, classifier, training, parameters=parameters)

@@ -14,7 +14,6 @@ from mlsroad_pipeline.algorithms.patches.labelling import label_patch_cloud
 from mlsroad_pipeline.algorithms.patches.variants import PatchVariants
 
 SLUG = "patch_svm"
-ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.patch_svm.classifier:label_cloud"
 
 
 @dataclass(frozen=True)

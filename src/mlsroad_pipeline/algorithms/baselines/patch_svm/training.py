@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.model_selection import StratifiedGroupKFold
 
-from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import ENTRY_POINT, SLUG, PatchSvm, PatchSvmParameters
+from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import SLUG, PatchSvm, PatchSvmParameters
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.kernel_machine_training import (
@@ -117,7 +117,7 @@ def train(training: PatchTraining, *, parameters: PatchSvmParameters, n_threads:
         training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_threads=n_threads
     )
     facts = {"chosen": asdict(choice)}
-    return bundle_model(SLUG, classifier, training, entry_point=ENTRY_POINT, parameters=parameters, facts=facts)
+    return bundle_model(SLUG, classifier, training, parameters=parameters, facts=facts)
 
 
 def _groups(patches: Patches, n_folds: int) -> NDArray[np.int64]:

@@ -31,7 +31,6 @@ from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
 from mlsroad_pipeline.algorithms.stages import Ground, inliers
 
 SLUG = "shape_based"
-ENTRY_POINT = "mlsroad_pipeline.algorithms.baselines.shape_based.labeller:label_cloud"
 _GREY = 0.5  # stands in for colour where there is none
 
 logger = logging.getLogger(__name__)
@@ -225,7 +224,6 @@ def fit(
     above, below = np.sum([scene["on_ground"] for scene in filled], axis=0)
     off_ground = above >= below
     metadata = {
-        "entry_point": ENTRY_POINT,
         "classes": list(scheme.classes),
         "classes_given": [scheme.classes[number] for number in known if off_ground[number]],
         "scheme": asdict(scheme),

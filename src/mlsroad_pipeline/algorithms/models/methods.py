@@ -1,0 +1,248 @@
+"""Table of methods: slug to task, parameters, training and use.
+
+Classes and functions are named by strings and imported on use: a command loads only the methods that it needs, and
+modules below the methods may read the table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, Literal
+
+SCIENCE = "mlsroad_pipeline.algorithms"
+"""Package of all methods."""
+
+Task = Literal["labelling", "detection", "recognition"]
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method, with the places ``module:name`` of its parts.
+
+    A module with a leading dot lies in the method's folder, any other below `SCIENCE`.
+
+    Parameters
+    ----------
+    slug : str
+        Name of the pipeline, the catalog entries, the scores and the registered model.
+    task : str
+        ``labelling`` (of points), ``detection`` or ``recognition`` (of objects).
+    folder : str
+        Package of the method.
+    parameters : str
+        Class of the parameters.
+    use : str
+        Applies a model. Patch labellers: the classifier class. Other labellers: the function that labels a prepared
+        scene. Detectors: the function that detects described objects. Recognisers: the recogniser class.
+    train : str, default "recognition.recogniser:train_recogniser"
+        Function that trains a model; recognisers share one.
+    label_cloud : str, default "recognition.recogniser:label_cloud"
+        Function that labels a cloud from raw coordinates on: ``(cloud, bundle)`` to labels and confidences.
+    group : str, optional
+        Parameter group in the configuration; the slug by default.
+    needs_images : bool, default False
+        Whether models need the images of a survey beside its points.
+    uses_intensity : bool, default False
+        Whether a recogniser takes the intensities of an object, where there are any.
+    variant : str, optional
+        Images that a sub-network of JointNet takes.
+    describe : str, optional
+        Function that describes objects for a detector.
+    description : str, optional
+        Attribute of a detector's parameters that `describe` takes.
+    described : str, default "parts"
+        Catalog name of the described objects.
+    """
+
+    slug: str
+    task: Task
+    folder: str
+    parameters: str
+    use: str
+    train: str = "recognition.recogniser:train_recogniser"
+    label_cloud: str = "recognition.recogniser:label_cloud"
+    group: str = ""
+    needs_images: bool = False
+    uses_intensity: bool = False
+    variant: str = ""
+    describe: str = ""
+    description: str = ""
+    described: str = "parts"
+
+    def place(self, part: str) -> str:
+        """Return the full place of a part.
+
+        Parameters
+        ----------
+        part : str
+            Field that names the part, such as ``"train"``.
+
+        Returns
+        -------
+        str
+            ``"module:name"``.
+        """
+        module, name = getattr(self, part).split(":")
+        package = f"{SCIENCE}.{self.folder}" if module.startswith(".") else f"{SCIENCE}."
+        return f"{package}{module}:{name}"
+
+    def load(self, part: str) -> Any:
+        """Import a part.
+
+        Parameters
+        ----------
+        part : str
+            Field that names the part, such as ``"train"``.
+
+        Returns
+        -------
+        type or callable
+            The part.
+        """
+        return load_place(self.place(part))
+
+
+def load_place(place: str) -> Any:
+    """Import a class or function.
+
+    Parameters
+    ----------
+    place : str
+        ``"module:name"``.
+
+    Returns
+    -------
+    type or callable
+        The class or function.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If there is no such module.
+    AttributeError
+        If the module has no such name.
+    """
+    module, name = place.split(":")
+    return getattr(import_module(module), name)
+
+
+_JOINTNET, _JOINTNET_PARAMETERS = ".recogniser:JointNetRecogniser", ".parameters:JointNetParameters"
+_DESCRIPTORS = "recognition.descriptor_machine:DescriptorParameters"
+_PARTS = "detection.parts:describe_parts"
+
+_TABLE = (
+    Method(
+        "detrended_forest", "labelling", "detrended_forest", ".training:ForestParameters", ".labeller:label_scene",
+        ".training:fit", ".labeller:label_cloud",
+    ),
+    Method(
+        "patch_graph", "labelling", "patch_graph", ".classifier:PatchGraphParameters",
+        ".classifier:PatchGraphClassifier", ".labeller:train", ".labeller:label_cloud",
+    ),
+    Method(
+        "patch_graph_mrf", "labelling", "patch_graph", ".refined_classifier:GridParameters",
+        ".refined_classifier:RefinedPatchGraphClassifier", ".labeller:train_refinement",
+        ".labeller:label_cloud_refined",
+    ),
+    Method(
+        "patch_svm", "labelling", "baselines.patch_svm", ".classifier:PatchSvmParameters", ".classifier:PatchSvm",
+        ".training:train", ".classifier:label_cloud",
+    ),
+    Method(
+        "patch_forest", "labelling", "baselines.patch_forest", ".classifier:PatchForestParameters",
+        ".classifier:PatchForest", ".classifier:train", ".classifier:label_cloud",
+    ),
+    Method(
+        "shape_based", "labelling", "baselines.shape_based", ".labeller:ShapeParameters", ".labeller:label_objects",
+        ".labeller:fit", ".labeller:label_cloud",
+    ),
+    Method(
+        "max_margin_markov", "labelling", "baselines.max_margin_markov", ".training:MarginParameters",
+        ".classifier:MaxMarginMarkov", ".training:train", ".classifier:label_cloud",
+    ),
+    Method(
+        "image_labels", "labelling", "image_labels", ".training_parameters:ImageLabelsParameters",
+        ".labeller:label_scene", ".labeller:fit", "models.bundle:refuse_points", needs_images=True,
+    ),
+    Method(
+        "fusion", "labelling", "fusion", ".labeller:FusionParameters", ".labeller:fuse_scene", ".labeller:fit",
+        "models.bundle:refuse_points", needs_images=True,
+    ),
+    Method(
+        "visual_words", "detection", "visual_words", ".training:VisualWordsParameters", ".labeller:detect_scene",
+        ".training:train_detector", ".labeller:label_cloud",
+        describe=".descriptions:describe_objects", description="groups", described="groups",
+    ),
+    Method(
+        "hough_forest", "detection", "baselines.hough_forest", ".detector:HoughForestParameters",
+        ".detector:detect_scene", ".training:train_hough_forest", ".detector:label_cloud",
+        describe=_PARTS, description="regions",
+    ),
+    Method(
+        "object_matching", "detection", "baselines.object_matching", ".detector:ObjectMatchingParameters",
+        ".detector:detect_scene", ".training:train_object_matching", ".detector:label_cloud",
+        describe=_PARTS, description="regions",
+    ),
+    Method(
+        "bottom_up_top_down", "detection", "baselines.bottom_up_top_down", ".detector:BottomUpTopDownParameters",
+        ".detector:detect_scene", ".training:train_bottom_up_top_down", ".detector:label_cloud",
+        describe=".oriented_points:describe_surfaces", description="surfaces",
+    ),
+    Method("jointnet", "recognition", "jointnet", _JOINTNET_PARAMETERS, _JOINTNET, uses_intensity=True),
+    Method("jointnet_printed", "recognition", "jointnet", _JOINTNET_PARAMETERS, _JOINTNET, uses_intensity=True),
+    *(
+        Method(
+            f"{view}_net", "recognition", "jointnet", _JOINTNET_PARAMETERS, _JOINTNET, group="jointnet",
+            uses_intensity=True, variant=view,
+        )
+        for view in ("hssi", "vqai", "vaai")
+    ),
+    Method("spin_image", "recognition", "baselines.spin_image", _DESCRIPTORS, ".recogniser:SpinImageRecogniser"),
+    Method("shot", "recognition", "baselines.shot", _DESCRIPTORS, ".recogniser:ShotRecogniser"),
+    Method(
+        "hierarchy_descriptor", "recognition", "baselines.hierarchy_descriptor", _DESCRIPTORS,
+        ".recogniser:HierarchyRecogniser",
+    ),
+    Method(
+        "pointnet", "recognition", "baselines.pointnet", ".parameters:PointNetParameters",
+        ".recogniser:PointNetRecogniser",
+    ),
+)  # fmt: skip
+
+METHODS = {method.slug: method for method in _TABLE}
+"""Slug to method; the order is that of the tables of scores."""
+
+
+def methods_of(task: Task, *, needs_images: bool = False) -> tuple[str, ...]:
+    """Return the slugs of the methods of a task.
+
+    Parameters
+    ----------
+    task : str
+        ``labelling``, ``detection`` or ``recognition``.
+    needs_images : bool, default False
+        Whether the methods that need images are meant, or those that do without.
+
+    Returns
+    -------
+    tuple of str
+        Slugs in the order of the table.
+    """
+    return tuple(slug for slug, method in METHODS.items() if (method.task, method.needs_images) == (task, needs_images))
+
+
+def needs_images(slug: str) -> bool:
+    """Return whether models of a method need images; false for methods that are not in the table.
+
+    Parameters
+    ----------
+    slug : str
+        The method.
+
+    Returns
+    -------
+    bool
+        Whether `label` looks for images.
+    """
+    return slug in METHODS and METHODS[slug].needs_images

@@ -1,0 +1,59 @@
+"""Table of methods."""
+
+import dataclasses
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud
+from mlsroad_pipeline.algorithms.models.methods import METHODS, methods_of, needs_images
+
+PLACES = ("parameters", "use", "train", "label_cloud")
+
+
+@pytest.mark.parametrize("slug", METHODS)
+def test_all_places_of_a_method_exist(slug):
+    method = METHODS[slug]
+    parameters, use, train, label = (method.load(part) for part in PLACES)
+    assert method.slug == slug
+    assert dataclasses.is_dataclass(parameters)
+    assert all(map(callable, (use, train, label)))
+    assert method.place("label_cloud").startswith("mlsroad_pipeline.algorithms.")
+    if method.task == "detection":
+        assert callable(method.load("describe"))
+        assert hasattr(parameters(), method.description)
+
+
+def test_tasks_divide_the_table_in_its_order():
+    groups = [methods_of("labelling"), methods_of("labelling", needs_images=True)]
+    groups += [methods_of("detection"), methods_of("recognition")]
+    assert [slug for group in groups for slug in group] == list(METHODS)
+    assert groups[1] == ("image_labels", "fusion")
+    assert [slug for slug in METHODS if needs_images(slug)] == list(groups[1])
+    assert not needs_images("unknown")
+
+
+def test_the_table_imports_no_method():
+    script = "import sys, mlsroad_pipeline.algorithms.models.bundle; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
+    folders = {f"mlsroad_pipeline.algorithms.{method.folder}" for method in METHODS.values()}
+    assert not folders & set(loaded)
+    assert not {"torch", "numba", "sklearn", "scipy"} & set(loaded)
+
+
+@pytest.mark.parametrize("slug", METHODS)
+def test_a_bundle_of_a_method_stores_its_entry_point(slug):
+    bundle = ModelBundle(slug, {}, {"classes": ["road"], "trained_on": "a street"})
+    assert list(bundle.metadata) == ["entry_point", "classes", "trained_on"]  # the order in the file of a model
+    assert bundle.metadata["entry_point"] == METHODS[slug].place("label_cloud")
+
+
+@pytest.mark.parametrize("slug", ["image_labels", "fusion"])
+def test_models_that_need_images_refuse_points_alone(slug):
+    cloud = PointCloud(np.zeros((1, 3)), source="street.laz")
+    with pytest.raises(ParameterError, match=f"street.laz: model '{slug}' needs images; it cannot label points alone"):
+        label_cloud(ModelBundle(slug, {}, {"classes": ["road"]}), cloud)
