@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.labels import ImagePredictions, PointLabels
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
@@ -55,23 +56,24 @@ class ThroughImages:
     def __call__(self, cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.integer], NDArray[np.floating]]:
         """Return a label and a confidence for every point."""
         if bundle.slug != FUSION:
-            found = self._images(cloud, bundle, self._cameras)
-            return found["label"], found["confidence"]
+            labels = self._images(cloud, bundle, self._cameras)
+            return labels["label"], labels["confidence"]
         label, confidence = label_cloud(member(bundle, FEATURES), cloud)
         if self._cameras:
             from mlsroad_pipeline.algorithms.fusion.labeller import fuse_scene  # noqa: PLC0415  few runs need it
 
             images = self._images(cloud, member(bundle, IMAGE_LABELS), bundle.metadata["cameras"])
-            found = fuse_scene({"label": label, "confidence": confidence}, images, bundle)
-            label, confidence = found["label"], found["confidence"]
+            single: PointLabels = {"label": label.astype(np.int16), "confidence": confidence.astype(np.float32)}
+            fused = fuse_scene(single, images, bundle)
+            label, confidence = fused["label"], fused["confidence"]
         return label, confidence
 
-    def _images(self, cloud: PointCloud, bundle: ModelBundle, cameras: Sequence[str]) -> dict[str, NDArray]:
+    def _images(self, cloud: PointCloud, bundle: ModelBundle, cameras: Sequence[str]) -> ImagePredictions:
         from mlsroad_pipeline.algorithms.image_labels.labeller import label_points  # noqa: PLC0415  it imports torch
 
-        found = label_points(cloud, [self._around], self._views, bundle, cameras=cameras)
-        self.seen = found["seen"]
-        return found
+        labels = label_points(cloud, [self._around], self._views, bundle, cameras=cameras)
+        self.seen = labels["seen"]
+        return labels
 
 
 def points_around(

@@ -8,10 +8,10 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.fusion.labeller import (
     FusionParameters,
-    core_answers,
     divide_scenes,
     fit,
     fuse_scene,
+    fusion_sample,
 )
 from mlsroad_pipeline.algorithms.models.bundle import label_cloud
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
@@ -36,12 +36,12 @@ def planted(rng, n=4000):
 
 def learned(rng):
     scene, features, images, truth, _ = planted(rng)
-    answers = core_answers(scene, features, images, scheme=SCHEME)
-    assert np.array_equal(answers["reference"], truth[scene["core"]])
+    sample = fusion_sample(scene, features, images, scheme=SCHEME)
+    assert np.array_equal(sample["reference"], truth[scene["core"]])
     settings = {"parameters": FusionParameters(), "scheme": SCHEME, "cameras": ["x", "y"], "trained_on": {}}
-    half = {name: values[: len(values) // 2] for name, values in answers.items()}
-    rest = {name: values[len(values) // 2 :] for name, values in answers.items()}
-    parts, whole = fit([half, rest], **settings), fit([answers], **settings)
+    half = {name: values[: len(values) // 2] for name, values in sample.items()}
+    rest = {name: values[len(values) // 2 :] for name, values in sample.items()}
+    parts, whole = fit([half, rest], **settings), fit([sample], **settings)
     assert all(np.array_equal(parts.arrays[name], whole.arrays[name]) for name in whole.arrays)
     return whole
 

@@ -1,1 +1,1 @@
-"""Labels of several labellers made into one."""
+"""Fusion of the labels of several labellers."""

@@ -1,4 +1,4 @@
-"""One label out of several, by how good each labeller was for the class that it names (Tomic et al. 2019, 2.3)."""
+"""Fusion of labels by the F1 score of each labeller for each class (Tomic et al. 2019, section 2.3)."""
 
 from __future__ import annotations
 
@@ -15,20 +15,19 @@ from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix, scor
 
 @dataclass(frozen=True)
 class ClassPreference:
-    """Which labeller is believed for which class.
+    """Preferred labeller of each class.
 
-    Every labeller is scored by F1 on test set 1, over the points that it labels, and the best one for a class delivers
-    its labels: a label from the labeller that is preferred for its class beats one from a labeller that is not. Of two
-    labels that are left, both preferred or neither, the one with the higher F1 wins. Ties go to the first labeller. A
-    point that only some labellers label takes the label of those; so the rule serves both steps of the paper, the
-    choice among cameras and that between the methods.
+    Every labeller is scored by F1 on test set 1, over the points that it labels; the best one is preferred for the
+    class. A label of the preferred labeller of its class outranks other labels. Between labels of equal rank the one
+    with the higher F1 is chosen. Ties go to the first labeller. Labellers without a label for a point are ignored, so
+    the rule serves both steps of the paper: the choice among cameras and that between the methods.
 
     Parameters
     ----------
     f1 : ndarray of shape (labellers, classes), float64
         F1 on test set 1; 0 where it is not defined.
     delegate : bool, default True
-        Whether preferred labellers go before others. False compares F1 alone, a reading of the paper that its Table 5
+        Whether preferred labellers outrank others. False compares F1 alone, a reading of the paper that its Table 5
         contradicts.
 
     References
@@ -55,12 +54,12 @@ class ClassPreference:
         n_classes : int
             Number of classes.
         delegate : bool, default True
-            Whether preferred labellers go before others.
+            Whether preferred labellers outrank others.
 
         Returns
         -------
         ClassPreference
-            The rule.
+            The fitted rule.
 
         Raises
         ------
@@ -73,11 +72,11 @@ class ClassPreference:
             raise DataError("fusion needs at least one labeller")
         truth = np.asarray(reference)
         rows = []
-        for given in map(np.asarray, labels):
-            if given.shape != truth.shape:
-                raise DataError(f"labels must have shape {truth.shape} as the reference, got {given.shape}")
-            known = given != IGNORE
-            rows.append(np.nan_to_num(scores(confusion_matrix(truth[known], given[known], n_classes)).f1))
+        for mine in map(np.asarray, labels):
+            if mine.shape != truth.shape:
+                raise DataError(f"labels must have shape {truth.shape} as the reference, got {mine.shape}")
+            known = mine != IGNORE
+            rows.append(np.nan_to_num(scores(confusion_matrix(truth[known], mine[known], n_classes)).f1))
         return cls(np.array(rows), delegate)
 
     @property
@@ -86,19 +85,19 @@ class ClassPreference:
         return self.f1.argmax(axis=0)
 
     def fuse(self, labels: Sequence[ArrayLike]) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
-        """Make one label of those of all labellers.
+        """Fuse the labels of all labellers.
 
         Parameters
         ----------
         labels : sequence of array-like of int, each of shape (n,)
-            Labels of each labeller, in the order in which they were scored; -1 where it has none.
+            Labels of each labeller, in the order of `fit`; -1 where it has none.
 
         Returns
         -------
         label : ndarray of shape (n,), int16
             The labels; -1 where no labeller has one.
         labeller : ndarray of shape (n,), int16
-            Whose label it is, of equal ones the first best; -1 where there is none.
+            Index of the labeller chosen, the first of equal scores; -1 where there is none.
 
         Raises
         ------
@@ -117,14 +116,14 @@ class ClassPreference:
 
 
 def stack_labels(labels: Sequence[ArrayLike], n_labellers: int, n_classes: int) -> NDArray[np.int64]:
-    """Return labels of several labellers as rows, checked.
+    """Validate the labels of several labellers and return them as rows.
 
     Parameters
     ----------
     labels : sequence of array-like of int, each of shape (n,)
         Labels, -1 for none.
     n_labellers, n_classes : int
-        What is expected.
+        Expected numbers of labellers and classes.
 
     Returns
     -------
@@ -136,17 +135,17 @@ def stack_labels(labels: Sequence[ArrayLike], n_labellers: int, n_classes: int) 
     DataError
         If the number of labellers or their lengths differ, or a label is outside -1 to ``n_classes - 1``.
     """
-    lengths = sorted({len(np.asarray(given)) for given in labels})
+    lengths = sorted({len(np.asarray(mine)) for mine in labels})
     if len(labels) != n_labellers or len(lengths) != 1:
         raise DataError(f"expected labels of {n_labellers} labellers of one length, got {len(labels)} of {lengths}")
-    table = np.stack([np.asarray(given) for given in labels]).astype(np.int64)
+    table = np.stack([np.asarray(mine) for mine in labels]).astype(np.int64)
     if table.size and not -1 <= int(table.min()) <= int(table.max()) < n_classes:
         raise DataError(f"labels must be in -1..{n_classes - 1}, got {table.min()}..{table.max()}")
     return table
 
 
 def count_agreement(labels: Sequence[ArrayLike], fused: ArrayLike) -> NDArray[np.int64]:
-    """Count how many labellers label each point, and how many of them say what the fusion says: its redundancy.
+    """Count points by the numbers of labellers and of labellers that agree with the fusion (redundancy).
 
     Parameters
     ----------
@@ -170,7 +169,7 @@ def count_agreement(labels: Sequence[ArrayLike], fused: ArrayLike) -> NDArray[np
     if table.shape[1] != len(final):
         raise DataError(f"{len(final)} fused labels for {table.shape[1]} points")
     size = len(labels) + 1
-    given = (table != IGNORE).sum(axis=0)
+    labellers = (table != IGNORE).sum(axis=0)
     agree = ((table == final) & (table != IGNORE)).sum(axis=0)
-    counts: NDArray[np.int64] = np.bincount(given * size + agree, minlength=size * size).reshape(size, size)
+    counts: NDArray[np.int64] = np.bincount(labellers * size + agree, minlength=size * size).reshape(size, size)
     return counts

@@ -1,4 +1,4 @@
-"""Class probabilities of any number of labellers made into calibrated ones."""
+"""Log-linear pool: calibrated class probabilities from those of several labellers."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 
 @dataclass(frozen=True)
 class PoolParameters:
-    """How the weights of a `LogLinearPool` are learned.
+    """Parameters of the fit of a `LogLinearPool`.
 
     Parameters
     ----------
     penalties : tuple of float, default (1e-2,)
-        Weights of the squared distance of the weights from where they start; of several, stretches of test set 1 held
-        out in turn choose. Larger trusts the start; smaller trusts few points of test set 1.
+        Strengths of the L2 penalty towards the initial weights; one of several is selected by cross-validation over
+        contiguous parts of test set 1. Larger stays closer to the initial weights; smaller overfits small samples.
     start : {"first", "product"}, default "first"
-        What the penalty draws to: the first labeller alone, or the product of all probabilities (Bayes' rule for
-        independent labellers, which labellers that see the same thing are not).
+        Initial weights: the first labeller alone, or the product of all probabilities. The product is Bayes' rule for
+        independent labellers; labellers of the same point are not independent.
     balance : float, default 0.25
-        Power of the inverse class frequency by which points weigh: 0 aims at overall accuracy, 1 at the mean recall of
-        the classes.
+        Exponent of the inverse class frequency in the weights of points: 0 optimises overall accuracy, 1 the mean
+        recall of the classes.
     floor : float, default 1e-3
-        Least probability: a labeller that is sure may still be wrong.
+        Lower bound of the probabilities of a labeller.
     n_points : int, default 5000
-        Points of test set 1 that are used at most, evenly spaced within each class, rare classes whole; more take
-        longer and change little.
+        Maximum number of points of the fit, evenly spaced within each class; rare classes are used whole. Larger takes
+        longer and changes the weights little.
     n_folds : int, default 5
-        Stretches that test set 1 is cut into, in the order of its points.
+        Number of contiguous parts of test set 1, in the order of its points, in the cross-validation.
 
     Raises
     ------
@@ -68,24 +68,24 @@ class PoolParameters:
 
 @dataclass(frozen=True)
 class LogLinearPool:
-    """A log-linear pool with a matrix of weights per labeller.
+    """Log-linear pool with a weight matrix per labeller.
 
-    The log odds of the classes are a bias and, summed over the labellers that see the point, ``W_k log p_k + b_k``.
-    With W_k the identity and b_k minus the log prior it is Bayes' rule for independent labellers; W_k learns how far
-    each is to be trusted for each class, and which classes it confuses. A temperature per class is its diagonal.
+    The log odds of the classes are a bias plus the sum of ``W_k log p_k + b_k`` over the labellers that see the point.
+    With the identity as W_k and the negative log prior as b_k it is Bayes' rule for independent labellers. W_k models
+    the reliability of a labeller per class and its confusions; its diagonal is a temperature per class.
 
     Parameters
     ----------
     bias : ndarray of shape (classes,), float64
         Log odds where no labeller sees the point.
     weights : ndarray of shape (labellers, classes, classes), float64
-        W_k; row: class that gains, column: class that the labeller speaks of.
+        W_k; rows are the pooled classes, columns those of the labeller.
     offsets : ndarray of shape (labellers, classes), float64
         b_k.
     floor : float
-        Least probability that is taken from a labeller.
+        Lower bound of the probabilities of a labeller.
     penalty : float, default 0.0
-        That the weights were learned with.
+        Penalty of the fit.
 
     References
     ----------
@@ -104,27 +104,27 @@ class LogLinearPool:
     def fit(
         cls, probabilities: Sequence[ArrayLike], reference: ArrayLike, *, parameters: PoolParameters | None = None
     ) -> LogLinearPool:
-        """Learn the weights on test set 1.
+        """Fit the weights on test set 1.
 
         Parameters
         ----------
         probabilities : sequence of array-like, each of shape (n, classes)
             Class probabilities of each labeller; rows of NaN where it does not see the point.
         reference : array-like of int, shape (n,)
-            True labels; points labelled -1 are ignored. Points come in the order of the road, so that what is held out
-            to choose the penalty is another stretch of it.
+            True labels; points labelled -1 are ignored. Points are in the order of the road, so that held-out points
+            are of another stretch of road.
         parameters : PoolParameters, optional
-            How; the defaults where none are given.
+            Parameters of the fit; None uses the defaults.
 
         Returns
         -------
         LogLinearPool
-            The pool. The same input gives the same weights.
+            The fitted pool; the fit is deterministic.
 
         Raises
         ------
         DataError
-            If there is no labeller, shapes differ, a row is NaN in part, or no point is labelled.
+            If there is no labeller, shapes differ, a row is partly NaN, or no point is labelled.
         """
         how = PoolParameters() if parameters is None else parameters
         truth = np.asarray(reference)
@@ -156,12 +156,12 @@ class LogLinearPool:
         Returns
         -------
         ndarray of shape (n, classes), float64
-            Probabilities that sum to 1; where no labeller sees the point, those of the classes on test set 1.
+            Probabilities that sum to 1; the softmax of the bias where no labeller sees the point.
 
         Raises
         ------
         DataError
-            If the number of labellers or classes differs, or a row is NaN in part.
+            If the number of labellers or classes differs, or a row is partly NaN.
         """
         n = len(np.asarray(probabilities[0])) if len(probabilities) else 0
         tables = _checked(probabilities, (n, len(self.bias)))
@@ -200,10 +200,10 @@ def _features(tables: NDArray[np.float64], floor: float) -> tuple[NDArray[np.flo
 
 
 def _sample(truth: NDArray[np.integer], n_points: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return rows, evenly spaced within each class and as many of each as there are, and how many each stands for."""
+    """Return sampled rows, evenly spaced within each class, and the number of points that each represents."""
     count = np.bincount(truth)
     left, most = n_points, 0
-    for k, size in enumerate(np.sort(count[count > 0])):  # what small classes leave over goes to larger ones
+    for k, size in enumerate(np.sort(count[count > 0])):  # unused shares of small classes go to larger ones
         most = max(left // (int((count > 0).sum()) - k), 1)
         left -= min(int(size), most)
     step = np.ceil(count / most).astype(np.int64)
@@ -231,7 +231,7 @@ def _logits(
 
 
 def _start(count: NDArray[np.int64], n_labellers: int, how: PoolParameters) -> NDArray[np.float64]:
-    """Return the weights that the penalty draws to."""
+    """Return the initial weights, towards which the penalty shrinks."""
     prior = _log_prior(count, how.floor)
     share = np.ones(n_labellers)
     if how.start == "first":
@@ -242,7 +242,7 @@ def _start(count: NDArray[np.int64], n_labellers: int, how: PoolParameters) -> N
 
 @dataclass(frozen=True)
 class _Problem:
-    """A convex problem: the weighted cross entropy plus the penalty."""
+    """Convex problem: weighted cross entropy plus the penalty."""
 
     features: NDArray[np.float64]
     seen: NDArray[np.bool_]
@@ -256,7 +256,7 @@ class _Problem:
         return theta[:c], theta[c : c + k * c * c].reshape(k, c, c), theta[c + k * c * c :].reshape(k, c)
 
     def of(self, rows: NDArray[np.bool_]) -> _Problem:
-        """Return the problem on some of the points."""
+        """Return the problem on a subset of the points."""
         return replace(
             self, features=self.features[:, rows], seen=self.seen[:, rows], truth=self.truth[rows],
             weight=self.weight[rows],
@@ -268,7 +268,7 @@ class _Problem:
         return -float(self.weight @ log_p[np.arange(len(self.truth)), self.truth])
 
     def chosen_penalty(self, penalties: Sequence[float], n_folds: int) -> float:
-        """Return the penalty that does best on stretches that are held out."""
+        """Return the penalty with the lowest cross-validated entropy."""
         if len(penalties) == 1:
             return float(penalties[0])
         n = len(self.truth)
@@ -284,7 +284,7 @@ class _Problem:
         return self.parts(self.minimum(penalty))
 
     def minimum(self, penalty: float) -> NDArray[np.float64]:
-        """Return all of them in a row."""
+        """Return bias, weights and offsets at the minimum as one vector."""
         n, c = len(self.truth), self.features.shape[2]
         target = np.zeros((n, c))
         target[np.arange(n), self.truth] = 1.0
@@ -300,5 +300,5 @@ class _Problem:
             return value, np.concatenate(gradient) + penalty * away
 
         options = {"maxiter": 100, "gtol": 1e-6}
-        found: NDArray[np.float64] = minimize(loss, self.start, jac=True, method="L-BFGS-B", options=options).x
-        return found
+        minimum: NDArray[np.float64] = minimize(loss, self.start, jac=True, method="L-BFGS-B", options=options).x
+        return minimum

@@ -1,4 +1,4 @@
-"""Labels of a method that knows features and of cameras made into one: the paper's rule, and the pool."""
+"""Fusion of a feature-based method and of cameras by the class preference of the paper and by the log-linear pool."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.fusion.log_linear_pool import LogLinearPool, Po
 def spread_confidence(
     labels: NDArray[np.integer], confidence: NDArray[np.floating], n_classes: int
 ) -> NDArray[np.float32]:
-    """Return probabilities of all classes of a labeller that tells the best class and its probability.
+    """Return the probabilities of all classes of a labeller that gives the best class and its probability.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def spread_confidence(
     Returns
     -------
     ndarray of shape (n, n_classes), float32
-        The confidence for the label, the rest evenly for the others; NaN for points without a label.
+        The confidence for the label, the rest split evenly among the others; NaN for points without a label.
     """
     rest = (1 - confidence.astype(np.float32)) / np.float32(n_classes - 1)
     out = np.repeat(rest[:, None], n_classes, axis=1)
@@ -50,7 +50,7 @@ def best_labels(probabilities: NDArray[np.floating]) -> NDArray[np.int16]:
     Returns
     -------
     ndarray of shape (...), int16
-        Labels, of equally probable ones the lowest; -1 for rows of NaN.
+        Labels, the lowest of equally probable ones; -1 for rows of NaN.
     """
     best = np.nan_to_num(probabilities).argmax(axis=-1)
     return np.where(np.isnan(probabilities[..., 0]), IGNORE, best).astype(np.int16)
@@ -58,16 +58,16 @@ def best_labels(probabilities: NDArray[np.floating]) -> NDArray[np.int16]:
 
 @dataclass(frozen=True)
 class FusedLabels:
-    """What both fusions make of points.
+    """Labels of points by both fusion rules.
 
     Parameters
     ----------
     images : ndarray of shape (n,), int16
-        The choice among the cameras, -1 where none sees the point.
+        Labels chosen among the cameras, -1 where none sees the point.
     rule, pool : ndarray of shape (n,), int16
         Labels by class preference and by the pool.
     probabilities : ndarray of shape (n, classes), float64
-        Of the pool.
+        Class probabilities of the pool.
     """
 
     images: NDArray[np.int16]
@@ -78,16 +78,16 @@ class FusedLabels:
 
 @dataclass(frozen=True)
 class TwoMethodFusion:
-    """Which camera and which method to believe, learned on test set 1 (Tomic et al. 2019, sections 2.3 and 3.3).
+    """Fusion of two methods, fitted on test set 1 (Tomic et al. 2019, sections 2.3 and 3.3).
 
     Parameters
     ----------
     cameras : ClassPreference
-        Among the cameras.
+        Preference among the cameras.
     methods : ClassPreference
-        Between the method that knows features (first) and the images.
+        Preference between the feature-based method (first) and the images.
     pool : LogLinearPool
-        Of the first method and all cameras.
+        Pool of the feature-based method and all cameras.
     """
 
     cameras: ClassPreference
@@ -99,25 +99,25 @@ class TwoMethodFusion:
         cls, features: NDArray[np.floating], cameras: NDArray[np.floating], reference: NDArray[np.integer], *,
         pool: PoolParameters | None = None, delegate: bool = True,
     ) -> TwoMethodFusion:  # fmt: skip
-        """Learn on test set 1.
+        """Fit preferences and pool on test set 1.
 
         Parameters
         ----------
         features : ndarray of shape (n, classes), float
-            Probabilities by the method that knows features, NaN where it has no label; points in the order of the road.
+            Class probabilities of the feature-based method, NaN where it has no label; points in the order of the road.
         cameras : ndarray of shape (groups, n, classes), float
-            Probabilities by each camera; NaN where it does not see the point.
+            Class probabilities of each camera; NaN where it does not see the point.
         reference : ndarray of shape (n,), int
             True labels; points labelled -1 are ignored.
         pool : PoolParameters, optional
-            Of the probabilistic fusion.
+            Parameters of the log-linear pool.
         delegate : bool, default True
             See `ClassPreference`.
 
         Returns
         -------
         TwoMethodFusion
-            What was learned.
+            The fitted fusion.
 
         Raises
         ------
@@ -125,9 +125,9 @@ class TwoMethodFusion:
             If shapes differ or no point is labelled.
         """
         n_classes = cameras.shape[2]
-        labels, given = best_labels(features), best_labels(cameras)
-        among = ClassPreference.fit(list(given), reference, n_classes=n_classes, delegate=delegate)
-        images, _ = among.fuse(list(given))
+        labels, by_camera = best_labels(features), best_labels(cameras)
+        among = ClassPreference.fit(list(by_camera), reference, n_classes=n_classes, delegate=delegate)
+        images, _ = among.fuse(list(by_camera))
         both = (images != IGNORE) & (labels != IGNORE)
         methods = ClassPreference.fit(
             [labels[both], images[both]], reference[both], n_classes=n_classes, delegate=delegate
@@ -136,24 +136,24 @@ class TwoMethodFusion:
         return cls(among, methods, learned)
 
     def fuse(self, features: NDArray[np.floating], cameras: NDArray[np.floating]) -> FusedLabels:
-        """Make one label of those of the method and the cameras.
+        """Fuse the labels of the feature-based method and of the cameras.
 
         Parameters
         ----------
         features : ndarray of shape (n, classes), float
-            Probabilities by the method that knows features, NaN where it has no label.
+            Class probabilities of the feature-based method, NaN where it has no label.
         cameras : ndarray of shape (groups, n, classes), float
-            Probabilities by each camera; NaN where it does not see the point.
+            Class probabilities of each camera; NaN where it does not see the point.
 
         Returns
         -------
         FusedLabels
-            The labels.
+            Labels of both rules, and the probabilities of the pool.
 
         Raises
         ------
         DataError
-            If the number of cameras or classes is another than on test set 1.
+            If the number of cameras or classes differs from that of test set 1.
         """
         images, _ = self.cameras.fuse(list(best_labels(cameras)))
         rule, _ = self.methods.fuse([best_labels(features), images])
@@ -161,12 +161,12 @@ class TwoMethodFusion:
         return FusedLabels(images, rule, probabilities.argmax(axis=1).astype(np.int16), probabilities)
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return what was learned as arrays, for files that hold no code.
+        """Return the fitted state as arrays, for files without code.
 
         Returns
         -------
         dict of str to ndarray
-            F1 of cameras and methods, and the parameters of the pool.
+            F1 scores of cameras and methods, and the coefficients of the pool.
         """
         return {
             "camera_f1": self.cameras.f1,
@@ -181,17 +181,17 @@ class TwoMethodFusion:
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, NDArray]) -> TwoMethodFusion:
-        """Build it from the arrays of `to_arrays`.
+        """Rebuild a fusion from the arrays of `to_arrays`.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
-            What was learned.
+            The arrays.
 
         Returns
         -------
         TwoMethodFusion
-            The same fusion.
+            The fitted fusion.
         """
         pool = LogLinearPool(
             arrays["bias"], arrays["weights"], arrays["offsets"], float(arrays["floor"][0]), float(arrays["penalty"][0])

@@ -1,1 +1,1 @@
-"""Points labelled through images: cameras, projection, visibility."""
+"""Labels of points from images: cameras, projection, visibility, segmentation."""

@@ -1,4 +1,4 @@
-"""A calibrated and posed camera."""
+"""Calibrated and posed camera."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ _ROTATION_SLACK = 5e-3  # published calibrations are rounded; a mirrored or scal
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A pinhole camera with a lens, at its place.
+    """Pinhole camera with lens distortion and pose.
 
-    A point p is at R p + t in the camera's frame (x right, y down, z forward). Divided by its z, distorted and
-    multiplied by K it is a pixel; pixel centres have integer coordinates.
+    A point p has the coordinates R p + t in the frame of the camera (x right, y down, z forward). Dividing by z,
+    distorting and multiplying by K gives its pixel; pixel centres have integer coordinates.
 
     Parameters
     ----------
     K : array-like of shape (3, 3)
         Calibration matrix, pixels.
     distortion : array-like of shape (4,) or (5,), or None
-        k1, k2, p1, p2 and k3 after Brown and Conrady, in OpenCV's order; None is a lens without distortion.
+        k1, k2, p1, p2 and k3 of the Brown-Conrady model, in OpenCV's order; None is no distortion.
     R : array-like of shape (3, 3)
         Rotation from the frame of the points to the camera's.
     t : array-like of shape (3,)
@@ -35,8 +35,8 @@ class Camera:
     Raises
     ------
     ParameterError
-        If a shape is wrong, a value not finite, a focal length or a side not positive, the last row of K not 0, 0, 1,
-        or R no rotation.
+        If a shape is wrong, a value is not finite, a focal length or a side is not positive, the last row of K is not
+        0, 0, 1, or R is not a rotation.
 
     References
     ----------
@@ -73,39 +73,39 @@ class Camera:
 
     @property
     def centre(self) -> NDArray[np.float64]:
-        """Where the camera stands, in the frame of the points, metres."""
+        """Projection centre in the frame of the points, metres."""
         return np.asarray(-np.linalg.solve(self.R, self.t), dtype=np.float64)
 
     def shifted(self, origin: ArrayLike) -> Camera:
-        """Return the camera for points that are given relative to another origin.
+        """Return the camera for points relative to another origin.
 
         Parameters
         ----------
         origin : array-like of shape (3,)
-            Where the new origin lies in the old frame, metres.
+            The new origin in the old frame, metres.
 
         Returns
         -------
         Camera
-            The same camera for points less `origin`.
+            The camera for points minus `origin`.
         """
         moved = self.R @ np.asarray(origin, dtype=np.float64) + self.t
         return Camera(self.K, self.distortion, self.R, moved, self.width, self.height)
 
     def carried(self, rotation: ArrayLike, position: ArrayLike) -> Camera:
-        """Return the camera of a vehicle at a place; this one's pose refers to the vehicle.
+        """Return the camera for a pose of the vehicle; the pose of this camera is relative to the vehicle.
 
         Parameters
         ----------
         rotation : array-like of shape (3, 3)
-            From the vehicle's axes to those of the points.
+            Rotation from the axes of the vehicle to those of the points.
         position : array-like of shape (3,)
-            Where the vehicle is, metres.
+            Position of the vehicle, metres.
 
         Returns
         -------
         Camera
-            The camera for points in the world.
+            The camera in the frame of the points.
         """
         turned = self.R @ np.asarray(rotation, dtype=np.float64).T
         moved = self.t - turned @ np.asarray(position, dtype=np.float64)

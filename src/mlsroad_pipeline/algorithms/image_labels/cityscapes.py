@@ -1,4 +1,4 @@
-"""Cityscapes' classes and categories, what they are in the ten classes of a street, and the scores of images."""
+"""Classes of Cityscapes, their mapping to the classes of points, and the scores of segmented images."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ CITYSCAPES: dict[str, tuple[str, str | None]] = {
     "motorcycle": ("vehicle", "bicycle"),
     "bicycle": ("vehicle", "bicycle"),
 }
-"""Class to its category (Cordts et al. 2016, Table 1) and its class in ``tomic2019``, in the order of the train ids."""
+"""Class to category (Cordts et al. 2016, Table 1) and class in ``tomic2019``, in the order of the train ids."""
 
 SKY = "sky"
-"""Class of images that no point has; its pixels are 0, unlabelled, in simulated label images."""
+"""Class of images without points; its pixels have the code 0 (unlabelled) in simulated label images."""
 
 
 def image_classes(scheme: ClassScheme) -> tuple[str, ...]:
-    """Return the classes of images that are segmented into a scheme's classes.
+    """Return the classes of images for a scheme.
 
     Parameters
     ----------
@@ -50,13 +50,13 @@ def image_classes(scheme: ClassScheme) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        The scheme's classes, and the sky.
+        The classes of the scheme and the sky.
     """
     return (*scheme.classes, SKY)
 
 
 def encode_label_image(codes: NDArray[np.integer], scheme: ClassScheme, *, source: str = "labels") -> NDArray[np.int16]:
-    """Turn taxonomy codes of pixels into labels of `image_classes`.
+    """Convert taxonomy codes of pixels to labels of `image_classes`.
 
     Parameters
     ----------
@@ -65,12 +65,12 @@ def encode_label_image(codes: NDArray[np.integer], scheme: ClassScheme, *, sourc
     scheme : ClassScheme
         The classes of points.
     source : str, default "labels"
-        What messages call the image.
+        Name of the image in messages.
 
     Returns
     -------
     ndarray of int16, shape (height, width)
-        Labels; the sky is the last, -1 what the scheme ignores.
+        Labels; the sky is the last, -1 for classes that the scheme ignores.
 
     Raises
     ------
@@ -83,29 +83,29 @@ def encode_label_image(codes: NDArray[np.integer], scheme: ClassScheme, *, sourc
 def point_probabilities(
     probabilities: NDArray[np.floating], classes: Sequence[str], scheme: ClassScheme
 ) -> NDArray[np.float32]:
-    """Turn probabilities of an image's classes into those of a scheme's.
+    """Convert probabilities of the classes of images to those of a scheme.
 
     Parameters
     ----------
     probabilities : ndarray of float, shape (n, len(classes))
-        Probabilities of Cityscapes' classes or of `image_classes`.
+        Probabilities of the classes of Cityscapes or of `image_classes`.
     classes : sequence of str
-        Their names: the scheme's own and the sky, or Cityscapes' 19.
+        Their names: those of the scheme and the sky, or the 19 of Cityscapes.
     scheme : ClassScheme
-        The classes of points; `tomic2019` for Cityscapes' names.
+        The classes of points; `tomic2019` for the names of Cityscapes.
 
     Returns
     -------
     ndarray of float32, shape (n, len(scheme))
-        Sums over the classes that become one; the share of the sky is left out and the rest scaled to 1. Rows that are
-        all sky are even.
+        Sums over the classes that map to the same one; the probability of the sky is dropped and the rest normalised to
+        1. Rows of sky only are uniform.
 
     Raises
     ------
     DataError
-        If the number of classes is not that of the probabilities.
+        If the number of classes differs from that of the probabilities.
     ParameterError
-        If a class is neither the scheme's nor Cityscapes'.
+        If a class is neither in the scheme nor in Cityscapes.
     """
     if probabilities.ndim != 2 or probabilities.shape[1] != len(classes):
         raise DataError(f"probabilities must have shape (n, {len(classes)}), got {probabilities.shape}")
@@ -114,9 +114,9 @@ def point_probabilities(
     for column, name in enumerate(classes):
         if not own and name not in CITYSCAPES:
             raise ParameterError(f"image class {name!r} is neither Cityscapes' nor of scheme {scheme.name!r}")
-        becomes = (None if name == SKY else name) if own else CITYSCAPES[name][1]
-        if becomes is not None:
-            out[:, scheme.labels_of([becomes])[0]] += probabilities[:, column]
+        target = (None if name == SKY else name) if own else CITYSCAPES[name][1]
+        if target is not None:
+            out[:, scheme.labels_of([target])[0]] += probabilities[:, column]
     total = out.sum(axis=1, keepdims=True)
     even = np.float32(1 / len(scheme))
     return np.divide(out, total, out=np.full_like(out, even), where=total > 1e-6)
@@ -130,17 +130,17 @@ def segmentation_table(
     Parameters
     ----------
     matrix : ndarray of int, shape (classes, classes + 1)
-        What `confusion_matrix` gives for pixels, summed over images.
+        Confusion matrix of pixels, summed over images; see `confusion_matrix`.
     classes : sequence of str
         Names of the classes.
     categories : sequence of str, optional
-        Category of each class; none for a table of classes alone.
+        Category of each class; None for a table of classes only.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``kind`` (class or category), ``name``, ``iou`` and ``pixels``; the mean, over those that have pixels,
-        is called ``mean``. A class without pixels has no IoU.
+        Columns ``kind`` (class or category), ``name``, ``iou`` and ``pixels``; the row ``mean`` is the mean over those
+        with pixels. The IoU of a class without pixels is NaN.
 
     Raises
     ------

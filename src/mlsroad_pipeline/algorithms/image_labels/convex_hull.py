@@ -1,8 +1,8 @@
-"""The vertices of a convex hull of many points, most of which lie close beneath it, as those of a spherical flip do.
+"""Vertices of the convex hull of points that mostly lie close beneath it, such as those of a spherical flip.
 
-Points are inserted one by one: from coarse to fine those that are farthest out in their cell of direction, then the
-rest, each time in an order that keeps neighbours together. So the facet above a point is a step or two from that of the
-point before, and most points are found beneath it and never touched again.
+Incremental hull: the farthest point of each cell of direction is inserted first, from coarse to fine cells, then the
+rest, in an order that preserves locality. The facet above a point is then one or two steps from that of the previous
+point, and most points are rejected at the first test.
 """
 
 from __future__ import annotations
@@ -11,25 +11,25 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-_BITS = 11  # of each of two coordinates of a direction on a side of a cube: cells of about a milliradian
-_LEVELS = 5  # of cells, each four times finer than the one before
-_ROUNDING = 4e-15  # of a volume, as a share of the product of three edges
-_FLAT = 1e-9  # least extent of the first tetrahedron across, as a share of its length
+_BITS = 11  # per coordinate of a direction on a face of a cube: cells of about a milliradian
+_LEVELS = 5  # of cells; each has four times finer cells than the one before
+_ROUNDING = 4e-15  # rounding error of a volume, as a share of the product of three edges
+_FLAT = 1e-9  # minimum width of the first tetrahedron, as a share of its length
 
 
 def hull_vertices(points: NDArray[np.float64]) -> NDArray[np.int64] | None:
-    """Return which points are vertices of the convex hull.
+    """Return the vertices of the convex hull.
 
     Parameters
     ----------
     points : ndarray of shape (n, 3), float64
-        At least four points. Of equal ones the first may be a vertex.
+        At least four points. Of coincident points only the first can be a vertex.
 
     Returns
     -------
     ndarray of shape (v,), int64, or None
-        Rows of the vertices, ascending; the hull's convexity was checked at each of its edges. None where the points
-        lie in one plane, or rounding made the surface contradict itself: then another method must be asked.
+        Rows of the vertices, ascending; convexity is verified at each edge of the hull. None if the points are coplanar
+        or rounding errors made the surface inconsistent; use another method then.
     """
     corners = _first_corners(points)
     if corners is None:
@@ -42,12 +42,12 @@ def hull_vertices(points: NDArray[np.float64]) -> NDArray[np.int64] | None:
 
 
 def insertion_order(points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the order in which points are inserted.
+    """Return the insertion order of points.
 
     Parameters
     ----------
     points : ndarray of shape (n, 3), float64
-        Points around the zero, which lies within their hull.
+        Points whose hull contains the origin.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def insertion_order(points: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def _first_corners(points: NDArray[np.float64]) -> NDArray[np.int64] | None:
-    """Return four points that are far apart; None where all lie in one plane."""
+    """Return four points that are far apart; None if all are coplanar."""
     a = int(np.argmin(points[:, 0]))
     from_a = points - points[a]
     square = (from_a**2).sum(axis=1)
@@ -81,7 +81,7 @@ def _first_corners(points: NDArray[np.float64]) -> NDArray[np.int64] | None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _direction_codes(points: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the cell of each direction, on the sides of a cube and in Morton's order there, and the distance."""
+    """Return the cell of each direction, in Morton order on the faces of a cube, and the squared distance."""
     n = len(points)
     code, distance = np.zeros(n, dtype=np.int64), np.empty(n)
     for i in range(n):
@@ -106,7 +106,7 @@ def _direction_codes(points: NDArray[np.float64]) -> tuple[NDArray[np.int64], ND
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _by_level(code: NDArray[np.int64], distance: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return rows of sorted codes: the farthest of each cell, from the coarsest level on, then all others."""
+    """Return rows of sorted codes: the farthest of each cell, from coarse to fine levels, then all others."""
     n = len(code)
     order, taken, m = np.empty(n, dtype=np.int64), np.zeros(n, dtype=np.bool_), 0
     for level in range(_LEVELS):
@@ -131,7 +131,7 @@ def _by_level(code: NDArray[np.int64], distance: NDArray[np.float64]) -> NDArray
 def _volume(
     p: NDArray[np.float64], a: int, b: int, c: int, px: float, py: float, pz: float, rounding: float
 ) -> float:  # fmt: skip
-    """Return the volume that two edges from point a and a third one span; 0 where rounding might explain it."""
+    """Return the volume spanned by two edges from point a and a third one; 0 within the rounding error."""
     ux, uy, uz = p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
     vx, vy, vz = p[c, 0] - p[a, 0], p[c, 1] - p[a, 1], p[c, 2] - p[a, 2]
     volume = px * (uy * vz - uz * vy) + py * (uz * vx - ux * vz) + pz * (ux * vy - uy * vx)
@@ -141,22 +141,22 @@ def _volume(
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _above(p: NDArray[np.float64], a: int, b: int, c: int, q: int, rounding: float) -> bool:
-    """Tell whether point q is above the plane of a facet by more than rounding explains."""
+    """Return whether point q is above the plane of a facet by more than the rounding error."""
     return _volume(p, a, b, c, p[q, 0] - p[a, 0], p[q, 1] - p[a, 1], p[q, 2] - p[a, 2], rounding) > 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _beyond(p: NDArray[np.float64], a: int, b: int, q: int) -> bool:
-    """Tell whether the direction of point q is outside the edge from a to b, seen from the zero."""
+    """Return whether the direction of point q is outside the edge from a to b, seen from the origin."""
     return _volume(p, a, b, q, p[a, 0], p[a, 1], p[a, 2], _ROUNDING) < 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _grow(p: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the vertices of the hull, inserted in their order; none where the surface contradicted itself.
+    """Return the vertices of the hull; none if the surface became inconsistent.
 
-    Facet f has the vertices corner[f], anticlockwise from outside, and beside[f, k] lies across the edge that faces
-    its vertex k. Rows of facets that were removed are used again: `rows` counts those in use and the free ones.
+    Facet f has the vertices corner[f], anticlockwise from outside; beside[f, k] is the facet across the edge opposite
+    its vertex k. Rows of removed facets are reused: `rows` counts the rows in use and the free ones.
     """
     n = len(p)
     room = 2 * n + 8  # a hull of n vertices has at most 2 n - 4 facets
@@ -188,7 +188,7 @@ def _grow(p: NDArray[np.float64]) -> NDArray[np.int64]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _first_facets(p: NDArray[np.float64], corner: NDArray[np.int32], beside: NDArray[np.int32]) -> None:
-    """Enter the four facets of the first four points."""
+    """Initialise the four facets of the first four points."""
     faces = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])  # each faces one vertex:
     faced = np.array([3, 2, 1, 0])
     turned = _beyond(p, 0, 1, 2)

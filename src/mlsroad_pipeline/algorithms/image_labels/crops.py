@@ -1,4 +1,4 @@
-"""Crops of labelled images, for training."""
+"""Random crops of labelled images for training."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from PIL import Image as Picture
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
 
-_COUNTED = 1000  # images at most whose classes are counted
-_LEAST = 30  # pixels of a class that make an image worth looking at for it
+_COUNTED = 1000  # maximum number of images in the class counts
+_LEAST = 30  # minimum pixels of a class in an image drawn for it
 
 Sample = tuple[NDArray[np.uint8], NDArray[np.integer]]
-"""An image (height, width, 3) and its labels (height, width), -1 where they are not to be learned."""
+"""Image (height, width, 3) and labels (height, width), -1 for ignored pixels."""
 
 Batch = tuple[NDArray[np.uint8], NDArray[np.int64]]
 """Crops (crops, height, width, 3) and their labels (crops, height, width)."""
 
 
 class Crops:
-    """Random crops of images.
+    """Sampler of random crops.
 
     Parameters
     ----------
     samples : sequence of (ndarray, ndarray)
-        Images and labels; each is taken from the sequence when it is needed.
+        Images and labels; each is read from the sequence when needed.
     n_classes : int
         Number of classes.
     parameters : TrainingParameters
-        How many crops per batch, of which size and scale, and how many around a class.
+        Batch size, crop size, scales and share of crops around a class.
     filling : sequence of int
-        Colour beyond the images.
+        Colour outside the images.
 
     Raises
     ------
@@ -66,55 +66,55 @@ class Crops:
 
     @property
     def shares(self) -> NDArray[np.float64]:
-        """Each class's share of the labelled pixels of up to 1000 images."""
+        """Share of each class in the labelled pixels of up to 1000 images."""
         count = self._count.sum(axis=0)
         return count / max(count.sum(), 1)
 
     def batches(self, rng: np.random.Generator) -> Iterator[Batch]:
-        """Draw the batches of a training; every image comes once before one comes again, but for those around a class.
+        """Yield the batches of a training; images are drawn without replacement, except for crops around a class.
 
         Parameters
         ----------
         rng : numpy.random.Generator
-            Draws images, places, scales and mirrorings.
+            Random numbers of images, positions, scales and flips.
 
         Yields
         ------
         images : ndarray of shape (batch_size, crop, crop, 3), uint8
             Crops.
         labels : ndarray of shape (batch_size, crop, crop), int64
-            Their labels; -1 beyond the image.
+            Labels; -1 outside the image.
         """
         order: list[int] = []
         for _ in range(self._how.n_steps):
             crops = []
             for _ in range(self._how.batch_size):
-                label = self._wanted(rng)
+                label = self._draw_class(rng)
                 if label is not None:
-                    row = int(rng.choice(self._rows, p=self._worth(label)))
+                    row = int(rng.choice(self._rows, p=self._image_weights(label)))
                 else:
                     order = order or rng.permutation(len(self._samples)).tolist()
                     row = order.pop()
                 crops.append(self._crop(row, label, rng))
             yield np.stack([image for image, _ in crops]), np.stack([labels for _, labels in crops])
 
-    def _wanted(self, rng: np.random.Generator) -> int | None:
-        """Return a class that a crop is laid around, each as often as the others, or none."""
+    def _draw_class(self, rng: np.random.Generator) -> int | None:
+        """Draw a class to place a crop around, uniformly over the classes present, or None."""
         if rng.random() >= self._how.class_crops:
             return None
-        there = np.flatnonzero(self._count.any(axis=0))
-        return int(rng.choice(there)) if len(there) else None
+        present = np.flatnonzero(self._count.any(axis=0))
+        return int(rng.choice(present)) if len(present) else None
 
-    def _worth(self, label: int) -> NDArray[np.float64]:
-        """Return how often each image serves a class: near things, which have more pixels, more often than far ones."""
+    def _image_weights(self, label: int) -> NDArray[np.float64]:
+        """Return the probabilities of images for a class: the root of its pixels, which favours near objects."""
         count = self._count[:, label]
-        worth = np.sqrt(np.where(count >= min(_LEAST, count.max()), count, 0))
-        return worth / worth.sum()
+        weight = np.sqrt(np.where(count >= min(_LEAST, count.max()), count, 0))
+        return weight / weight.sum()
 
     def _crop(
         self, row: int, label: int | None, rng: np.random.Generator
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-        """Return a part of an image, scaled and perhaps mirrored; what lies beyond the image is ignored."""
+        """Return a scaled and possibly mirrored part of an image; pixels outside the image are ignored."""
         image, labels = self._sample(row)
         how = self._how
         scale = float(np.exp(rng.uniform(*np.log(how.scale))))
@@ -137,7 +137,7 @@ class Crops:
 def _place(
     labels: NDArray[np.integer], size: Sequence[int], label: int | None, rng: np.random.Generator
 ) -> tuple[int, int]:
-    """Return where a window begins: anywhere, or so that it holds a pixel of a class."""
+    """Return the corner of a window: anywhere, or such that it contains a pixel of a class."""
     low, high = [0, 0], [side - part for side, part in zip(labels.shape, size, strict=True)]
     if label is not None:
         pixel = divmod(int(rng.choice(np.flatnonzero(labels.ravel() == label))), labels.shape[1])

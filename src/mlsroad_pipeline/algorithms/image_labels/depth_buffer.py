@@ -1,4 +1,4 @@
-"""The kernels of a depth buffer for points: discs, and gaps between them."""
+"""Kernels of the depth buffer: discs, and gaps between them."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-_LARGEST = 12.0  # cells that a disc's radius has at most; bounds the work for points close to the camera
-_BLOCK = 20  # cells along the side of a block in which points are counted
-_SHELL, _SHELLS = 1.2, 32  # each shell of depth is a fifth deeper than the one before, from 1 m to 340 m
-_FILLED = 8  # points that fill a block
-_STEPS = np.array([1, 2, 4, 7, 12, 20], dtype=np.int64)  # cells at which the sides of a gap are looked for
+_LARGEST = 12.0  # maximum radius of a disc, cells; bounds the work for points close to the camera
+_BLOCK = 20  # side of a block for point counts, cells
+_SHELL, _SHELLS = 1.2, 32  # ratio of successive shells of depth and their number: 1 m to 340 m
+_FILLED = 8  # minimum points of a filled block
+_STEPS = np.array([1, 2, 4, 7, 12, 20], dtype=np.int64)  # distances of the search for the sides of a gap, cells
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -18,12 +18,12 @@ def nearest_discs(
     u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32],
     focal: float, diameter: float, width: int, height: int,
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:  # fmt: skip
-    """Return which point's disc is the nearest in each cell, and how deep it is.
+    """Return the point with the nearest disc in each cell, and its depth.
 
     Parameters
     ----------
     u, v : ndarray of shape (n,), float32
-        Places in cells; integers are the cells' centres.
+        Positions in cells; integers are cell centres.
     z : ndarray of shape (n,), float32
         Depths above 0, metres.
     focal : float
@@ -46,7 +46,7 @@ def nearest_discs(
         radius = np.float32(min(0.5 * diameter * focal / z[i], _LARGEST))
         left, right = max(int(np.ceil(u[i] - radius)), 0), min(int(np.floor(u[i] + radius)), width - 1)
         top, bottom = max(int(np.ceil(v[i] - radius)), 0), min(int(np.floor(v[i] + radius)), height - 1)
-        if right < left:  # a disc smaller than a cell takes the cell that it is in
+        if right < left:  # a disc smaller than a cell covers one cell
             left = right = _cell(u[i], width)
         if bottom < top:
             top = bottom = _cell(v[i], height)
@@ -62,10 +62,10 @@ def nearest_discs(
 def typical_spacing(
     u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], *, focal: float, width: int, height: int
 ) -> float:
-    """Return how far apart the points of a surface are, seen from the camera.
+    """Return the typical point spacing on surfaces, as seen from the camera.
 
-    Points are counted in blocks of the image and shells of depth; each that is filled gives the spacing that its
-    points would have if they were spread evenly across the line of sight.
+    Points are counted in blocks of the image and shells of depth. The spacing in a filled block is that of the same
+    number of points spread evenly across the line of sight.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def typical_spacing(
     Returns
     -------
     float
-        The median over the filled blocks, metres; 0 where none is filled.
+        Median over the filled blocks, metres; 0 where none is filled.
     """
     counts = _count_blocks(u, v, z, width, height)
     filled = np.flatnonzero(counts >= _FILLED)
@@ -107,22 +107,22 @@ def behind_discs(
     u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], relief: NDArray[np.float32],
     index: NDArray[np.int32], depth: NDArray[np.float32], focal: float, slack: float, relative: float, angle: float,
 ) -> NDArray[np.bool_]:  # fmt: skip
-    """Return which points lie behind the disc that their cell shows.
+    """Return which points lie behind the nearest disc of their cell.
 
     Parameters
     ----------
     u, v, z : ndarray of shape (n,), float32
         As for `nearest_discs`.
     relief : ndarray of shape (n,), float32
-        What `ground_relief` gave.
+        Depth tolerance on the ground, see `ground_relief`, metres.
     index, depth : ndarray of shape (height, width)
-        What `nearest_discs` gave.
+        Nearest discs, see `nearest_discs`.
     focal : float
         Focal length in cells.
     slack, relative : float
-        How much farther a point of the same surface may be, metres and share of its depth.
+        Depth tolerance within a surface, metres and share of the depth.
     angle : float
-        Least angle between the line of sight and a surface, radians: along it no surface hides itself.
+        Minimum angle between the line of sight and a surface, radians; below it a surface does not hide itself.
 
     Returns
     -------
@@ -144,16 +144,16 @@ def hide_in_gaps(
     index: NDArray[np.int32], depth: NDArray[np.float32], focal: float, gap: float, slack: float, relative: float,
     angle: float, sides: int, hidden: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Hide points that are seen through gaps: what is nearer stands at both sides along several directions.
+    """Hide points behind gaps: points with nearer discs on both sides in several directions.
 
     Parameters
     ----------
     u, v, z, relief, index, depth, focal, slack, relative, angle : as for `behind_discs`
-        What the discs show.
+        Points, discs and tolerances.
     gap : float
-        How far aside the sides of a gap may be, metres at their own depth.
+        Largest lateral distance of the sides of a gap, metres at their own depth.
     sides : int
-        Along how many of four directions, 45 degrees apart, both sides must be nearer.
+        Number of directions, of four 45 degrees apart, in which both sides must be nearer.
     hidden : ndarray of shape (n,), bool
         Changed in place.
     """
@@ -166,7 +166,7 @@ def hide_in_gaps(
         for k in range(4):
             dx, dy = (1, 1, 0, -1)[k], (0, 1, 1, 1)[k]
             for sign in (-1, 1):
-                found = False
+                nearer = False
                 for step in _STEPS:
                     column, row = x + sign * step * dx, y + sign * step * dy
                     if not (0 <= column < width and 0 <= row < height):
@@ -174,9 +174,9 @@ def hide_in_gaps(
                     if depth[row, column] < limit and _beside(
                         u, v, z, relief, index[row, column], i, focal, angle, gap
                     ):
-                        found = True
+                        nearer = True
                         break
-                if not found:
+                if not nearer:
                     break
                 closed += sign == 1
             if closed >= sides or closed + 3 - k < sides:
@@ -189,29 +189,29 @@ def ground_relief(
     xyz: NDArray[np.floating], rows: NDArray[np.int64], eye: NDArray[np.float64], cell: float, height: float,
     relief: float,
 ) -> NDArray[np.float32]:  # fmt: skip
-    """Return how much farther than the ground in front of it the ground at a point may be and still be seen.
+    """Return the depth tolerance of ground points against ground in front of them.
 
-    The ground is rough, and a line of sight that meets it at a small angle runs for metres within its roughness.
+    At grazing incidence the line of sight runs within the roughness of the ground over metres.
 
     Parameters
     ----------
     xyz : ndarray of shape (n, 3)
         All points, metres, z up.
     rows : ndarray of shape (m,), int64
-        Those in the image.
+        Rows of the points in the image.
     eye : ndarray of shape (3,), float64
-        Where the camera is.
+        Position of the camera, metres.
     cell : float
-        Edge of the squares whose lowest point is taken for the ground, metres.
+        Edge length of the squares whose lowest point is the ground, metres.
     height : float
-        How far above it points are taken for ground, too, metres.
+        Height above it up to which points count as ground, metres.
     relief : float
         Height of the roughness, metres.
 
     Returns
     -------
     ndarray of shape (m,), float32
-        Metres along the line of sight; 0 for points that are not on the ground, or not below the camera.
+        Metres along the line of sight; 0 for points not on the ground or not below the camera.
     """
     out = np.zeros(len(rows), dtype=np.float32)
     if len(rows) == 0:
@@ -246,7 +246,7 @@ def _beside(
     u: NDArray[np.float32], v: NDArray[np.float32], z: NDArray[np.float32], relief: NDArray[np.float32],
     q: int, i: int, focal: float, angle: float, reach: float,
 ) -> bool:  # fmt: skip
-    """Tell whether a nearer point q is beside the line of sight of point i, not farther down a slope."""
+    """Return whether a nearer point q is beside the line of sight of point i, and not on the same ground or surface."""
     if relief[q] > 0 and z[i] - z[q] < relief[i]:
         return False
     aside = np.sqrt((u[i] - u[q]) ** 2 + (v[i] - v[q]) ** 2) * z[q] / focal

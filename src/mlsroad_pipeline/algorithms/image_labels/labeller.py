@@ -1,4 +1,4 @@
-"""The labeller of Tomic et al. 2019, section 2.2: a trained network, and classes for the points that its images show.
+"""Image-based labeller of Tomic et al. 2019, section 2.2: network training, and labels of the points in the images.
 
 Importing this module imports torch.
 """
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.labels import ImagePredictions
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.cityscapes import image_classes, point_probabilities
@@ -30,7 +31,7 @@ from mlsroad_pipeline.algorithms.stages import inliers
 SLUG = "image_labels"
 
 View = tuple[str, Camera, Callable[[], NDArray[np.uint8]]]
-"""Which of the survey's cameras took an image, its calibration and pose, and what reads the picture."""
+"""Name of the camera, calibration and pose of an image, and a function that reads it."""
 
 
 def fit(
@@ -42,27 +43,27 @@ def fit(
     Parameters
     ----------
     samples : sequence of (ndarray, ndarray)
-        Images, and their labels as `encode_label_image` gives them.
+        Images and their labels, see `encode_label_image`.
     parameters : ImageLabelsParameters
-        How.
+        Parameters of the labeller; ``network`` is used here.
     scheme : ClassScheme
         The classes of points.
     cameras : sequence of str
         Names of the survey's cameras.
     trained_on : mapping
-        What the model's metadata say of the training data; JSON values.
+        Metadata of the training data; JSON values.
 
     Returns
     -------
     bundle : ModelBundle
         The model, for the registry.
     losses : list of float
-        Loss of every step.
+        Loss of each step.
 
     Raises
     ------
     DataError
-        If there are no images, or an image and its labels do not fit.
+        If there are no images, or an image and its labels differ in size.
     """
     network, losses = train_network(samples, n_classes=len(image_classes(scheme)), parameters=parameters.network)
     metadata = {
@@ -92,7 +93,7 @@ def network_of(bundle: ModelBundle) -> PSPNet:
     Raises
     ------
     DataError
-        If the arrays are not those of the network.
+        If the arrays do not fit the network.
     """
     backbone = bundle.metadata["parameters"]["network"]["backbone"]
     return from_arrays(bundle.arrays, n_classes=len(bundle.classes) + 1, backbone=backbone)
@@ -100,31 +101,30 @@ def network_of(bundle: ModelBundle) -> PSPNet:
 
 def label_scene(
     scene: PointCloud, around: Sequence[PointCloud], views: Iterable[View], bundle: ModelBundle
-) -> dict[str, NDArray]:
-    """Give the points of a scene the classes of the pixels that show them.
+) -> ImagePredictions:
+    """Label the points of a scene by the pixels that show them.
 
     Parameters
     ----------
     scene : PointCloud
         The scene.
     around : sequence of PointCloud
-        The scenes beside it, whose points may hide those of the scene.
+        The neighbouring scenes, whose points may occlude those of the scene.
     views : iterable of (str, Camera, callable)
-        Images that may show the scene, their poses relative to the scene's origin.
+        Images that may show the scene, with poses relative to the origin of the scene.
     bundle : ModelBundle
         A model of `fit`.
 
     Returns
     -------
-    dict of str to ndarray
-        ``label`` int16 (n,), the most probable class over all images, -1 where no image sees the point; ``confidence``
-        float32 (n,), its probability, 0 there; ``seen`` bool (n,); ``n_images`` int16 (n, groups) and
-        ``probabilities`` float16 (n, groups, classes) of each camera, NaN where it does not see the point.
+    ImagePredictions
+        ``label`` is the most probable class over all images, -1 where no image shows the point; ``confidence`` its
+        probability, 0 there.
 
     Raises
     ------
     DataError
-        If an image is of a camera that the model does not name.
+        If an image is of a camera not in the metadata of the model.
     """
     others = [part.moved_to(scene.origin).xyz[part["core"] & inliers(part)] for part in around]
     return label_points(scene, others, views, bundle, cameras=bundle.metadata["cameras"])
@@ -133,18 +133,18 @@ def label_scene(
 def label_points(
     scene: PointCloud, others: Sequence[NDArray[np.floating]], views: Iterable[View], bundle: ModelBundle, *,
     cameras: Sequence[str],
-) -> dict[str, NDArray]:  # fmt: skip
-    """Give the points of a scene the classes of the pixels that show them.
+) -> ImagePredictions:  # fmt: skip
+    """Label the points of a scene by the pixels that show them.
 
     Parameters
     ----------
     scene : PointCloud
         The scene.
     others : sequence of ndarray of shape (m, 3)
-        Points around it that may hide its own, relative to its origin, metres.
+        Surrounding points that may occlude, relative to the origin of the scene, metres.
     views : iterable of (str, Camera, callable)
-        Images that may show the scene, their poses relative to the scene's origin. Those that show none of its points
-        are not read.
+        Images that may show the scene, with poses relative to the origin of the scene; images that show none of its
+        points are not read.
     bundle : ModelBundle
         A model of `fit`.
     cameras : sequence of str
@@ -152,23 +152,23 @@ def label_points(
 
     Returns
     -------
-    dict of str to ndarray
+    ImagePredictions
         As `label_scene`.
 
     Raises
     ------
     DataError
-        If an image is of a camera that is not named.
+        If an image is of a camera not in `cameras`.
     """
     scheme, groups = bundle_scheme(bundle), list(cameras)
     keep = np.flatnonzero(inliers(scene))
-    found = label_through_images(
+    by_camera = label_through_images(
         np.concatenate([scene.xyz[keep], *others]), _segmented(views, bundle, scheme), groups=groups,
         n_classes=len(scheme), n_labelled=len(keep),
     )  # fmt: skip
-    pooled = found.pooled()
+    pooled = by_camera.pooled()
     seen = ~np.isnan(pooled[:, 0])
-    out: dict[str, NDArray] = {
+    out: ImagePredictions = {
         "label": np.full(len(scene), IGNORE, dtype=np.int16),
         "confidence": np.zeros(len(scene), dtype=np.float32),
         "seen": np.zeros(len(scene), dtype=np.bool_),
@@ -178,8 +178,8 @@ def label_points(
     out["label"][keep[seen]] = pooled[seen].argmax(axis=1)
     out["confidence"][keep[seen]] = pooled[seen].max(axis=1)
     out["seen"][keep] = seen
-    out["n_images"][keep] = found.n_images.T
-    out["probabilities"][keep] = found.probabilities.transpose(1, 0, 2)
+    out["n_images"][keep] = by_camera.n_images.T
+    out["probabilities"][keep] = by_camera.probabilities.transpose(1, 0, 2)
     return out
 
 
@@ -188,8 +188,8 @@ def _segmented(views: Iterable[View], bundle: ModelBundle, scheme: ClassScheme) 
     magnification = bundle.metadata["parameters"]["magnification"]
 
     def segmented(camera: Camera, read: Callable[[], NDArray[np.uint8]]) -> NDArray[np.float32]:
-        given = segment_image(network, read(), magnification=magnification)
-        flat = point_probabilities(given.reshape(-1, len(classes)), classes, scheme)
+        pixels = segment_image(network, read(), magnification=magnification)
+        flat = point_probabilities(pixels.reshape(-1, len(classes)), classes, scheme)
         return flat.reshape(camera.height, camera.width, len(scheme))
 
     for group, camera, read in views:

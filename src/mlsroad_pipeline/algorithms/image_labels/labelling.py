@@ -18,22 +18,22 @@ from mlsroad_pipeline.algorithms.image_labels.visibility import DepthBuffer, Hid
 Probabilities = NDArray[np.float32] | Callable[[], NDArray[np.float32]]
 
 SegmentedImage = tuple[str, Camera, Probabilities]
-"""Which of the survey's cameras took an image, its calibration and pose, and its probabilities (height, width, c), or
-what computes them: that is called where the image shows a point."""
+"""Name of the camera, calibration and pose, and the class probabilities (height, width, c) of an image or a function
+that computes them; it is called only if the image shows a point."""
 
 
 @dataclass(frozen=True)
 class ImageLabels:
-    """What the images of a survey say of its points, each of the survey's cameras by itself.
+    """Class probabilities of points from images, per camera of the survey.
 
     Parameters
     ----------
     groups : tuple of str
         Names of the cameras.
     probabilities : ndarray of shape (groups, n, classes), float32
-        Class probabilities by each camera's images; NaN where none of them sees the point.
+        Mean class probabilities over the images of each camera; NaN where none of them shows the point.
     n_images : ndarray of shape (groups, n), int16
-        How many of its images see the point: the redundancy.
+        Number of images of each camera that show the point (redundancy).
     """
 
     groups: tuple[str, ...]
@@ -42,13 +42,13 @@ class ImageLabels:
 
     @property
     def labels(self) -> NDArray[np.int16]:
-        """The most probable class by each camera, of shape (groups, n); -1 where it does not see the point."""
+        """Most probable class per camera, shape (groups, n); -1 where the camera does not see the point."""
         best = np.nan_to_num(self.probabilities).argmax(axis=2)
         return np.where(self.n_images > 0, best, IGNORE).astype(np.int16)
 
     @property
     def confidence(self) -> NDArray[np.float32]:
-        """The probability of that class, of shape (groups, n); 0 where the camera does not see the point."""
+        """Probability of that class, shape (groups, n); 0 where the camera does not see the point."""
         return np.nan_to_num(self.probabilities).max(axis=2)
 
     def pooled(self) -> NDArray[np.float32]:
@@ -69,25 +69,25 @@ def label_through_images(
     visibility: DepthBuffer | HiddenPointRemoval | None = None, max_distance: float = np.inf,
     n_labelled: int | None = None,
 ) -> ImageLabels:  # fmt: skip
-    """Give points the classes of the pixels that show them.
+    """Return the class probabilities of points from segmented images.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
-        Points, metres, in the frame that the poses refer to: all that may hide something.
+        All points that may occlude, in the frame of the poses, metres.
     images : iterable of (str, Camera, ndarray)
-        Segmented images, taken one after the other, so that they need not be in memory together.
+        Segmented images, consumed one at a time.
     groups : sequence of str
         Names of the survey's cameras.
     n_classes : int
         Number of classes.
     visibility : DepthBuffer or HiddenPointRemoval, optional
-        How hidden points are found; see `visible_points`.
+        Method of the visibility; see `visible_points`.
     max_distance : float, default infinite
-        Points farther from the camera take nothing from its image, metres. Far things are a few pixels wide, and the
-        network knows them less; but points that only far images show stay without a label.
+        Distance beyond which an image labels no points, metres. Distant objects are a few pixels wide and are segmented
+        less accurately; points that only distant images show remain without a label.
     n_labelled : int, optional
-        How many points, from the first, receive labels; the others only hide them. None takes all.
+        Number of points, from the first, that receive labels; the others only occlude. None labels all.
 
     Returns
     -------
@@ -97,8 +97,8 @@ def label_through_images(
     Raises
     ------
     DataError
-        If `xyz` is not (n, 3) or not finite, an image is of a camera that `groups` does not name, or its
-        probabilities do not have its camera's size and the number of classes.
+        If `xyz` is not (n, 3) or not finite, an image is of a camera not in `groups`, or its
+        probabilities do not have the size of its camera and the number of classes.
     """
     points = check_xyz(xyz)
     labelled = len(points) if n_labelled is None else n_labelled
@@ -115,13 +115,13 @@ def label_through_images(
         rows = np.flatnonzero(seen)
         if len(rows) == 0:
             continue
-        found = probabilities() if callable(probabilities) else probabilities
+        table = probabilities() if callable(probabilities) else probabilities
         expected = (camera.height, camera.width, n_classes)
-        if found.shape != expected:
-            raise DataError(f"probabilities of an image must have shape {expected}, got {found.shape}")
+        if table.shape != expected:
+            raise DataError(f"probabilities of an image must have shape {expected}, got {table.shape}")
         pixels, _, _ = project_points(points[rows], camera)
         k = list(groups).index(group)
-        total[k, rows] += sample_image(found, pixels, np.ones(len(rows), dtype=np.bool_))
+        total[k, rows] += sample_image(table, pixels, np.ones(len(rows), dtype=np.bool_))
         count[k, rows] += 1
     shown = count[:, :, None]
     mean = np.divide(total, shown, out=np.full_like(total, np.nan), where=shown > 0)

@@ -1,4 +1,4 @@
-"""Momentum with orthogonalised steps, for kernels. Importing this module imports torch."""
+"""Muon: momentum with orthogonalised steps. Importing this module imports torch."""
 
 from __future__ import annotations
 
@@ -9,37 +9,37 @@ import torch
 from torch import Tensor
 
 ROUNDS = ((7.7110, -22.1138, 16.2488), (3.2153, -2.4112, 0.5013), (2.2183, -1.5940, 0.4108))
-"""Coefficients of x, x^3 and x^5 in each round: what brings 0.02 to 1 nearest to 1, then what is left of it.
+"""Coefficients of x, x^3 and x^5 in each round, which map singular values of 0.02 to 1 towards 1.
 
-The largest distance from 1 is 0.85, 0.51 and 0.09 after the rounds; each minimises it by a linear program."""
+The largest deviation from 1 is 0.85, 0.51 and 0.09 after the rounds; each minimises it by a linear program."""
 
-_SIZE = 0.2  # of a step's values, as root mean square: that of AdamW, so that the same rates suit both
+_SIZE = 0.2  # root mean square of a step's values, as with AdamW, so that the same learning rates suit both
 
 
 class Muon(torch.optim.Optimizer):
     """Stochastic gradient descent with momentum whose steps have singular values near one.
 
-    A kernel is taken as the matrix that brings a neighbourhood to its output channels. Where AdamW follows the few
-    directions in which gradients are large, all directions are learned at the same pace; the network that trains for
-    minutes reaches in a quarter of the steps what it reaches with AdamW.
+    A kernel is treated as the matrix from a neighbourhood to its output channels. AdamW follows the few directions of
+    large gradients; Muon learns all directions at the same rate. The small backbone needs a quarter of the steps of
+    AdamW for the same score.
 
     Parameters
     ----------
     kernels : iterable of Parameter
-        Parameters of two or more dimensions; the first is the output channels'.
+        Parameters of two or more dimensions; the first is that of the output channels.
     learning_rate : float
-        The root mean square of the values of a step is a fifth of it, as with AdamW.
+        Learning rate; the root mean square of the values of a step is a fifth of it, as with AdamW.
     momentum : float, default 0.95
-        Share of the former gradients that is kept in each step, in [0, 1).
+        Decay of the running mean of the gradients, in [0, 1).
     weight_decay : float, default 0.0
-        Share of the kernels that is taken away in each step, times the rate.
+        Decoupled weight decay, multiplied by the learning rate.
 
     References
     ----------
     .. [1] K. Jordan et al., "Muon: an optimizer for hidden layers in neural networks", 2024.
-    .. [2] J. Liu et al., "Muon is scalable for LLM training", 2025 (the size of a step).
+    .. [2] J. Liu et al., "Muon is scalable for LLM training", 2025 (step size).
     .. [3] N. Amsel et al., "The Polar Express: optimal matrix sign methods and their application to the Muon
-       algorithm", 2025 (the rounds' coefficients, here for three rounds).
+       algorithm", 2025 (coefficients of the rounds, here for three rounds).
     """
 
     def __init__(
@@ -55,17 +55,17 @@ class Muon(torch.optim.Optimizer):
 
     @torch.no_grad()
     def step(self, closure: Callable[[], float] | None = None) -> float | None:
-        """Change the kernels by their gradients.
+        """Update the kernels.
 
         Parameters
         ----------
         closure : callable, optional
-            Computes the loss and the gradients anew, as with other optimisers.
+            Recomputes the loss and the gradients, as with other optimisers.
 
         Returns
         -------
         float or None
-            What the closure gives, if there is one.
+            The value of the closure, if there is one.
         """
         loss = None
         if closure is not None:
@@ -82,18 +82,18 @@ class Muon(torch.optim.Optimizer):
         if not state:
             state["mean"] = torch.zeros_like(kernel)
         mean = state["mean"].lerp_(gradient, 1 - momentum)
-        ahead = gradient.lerp(mean, momentum)  # Nesterov's look ahead
-        last = ahead.movedim(1, -1)  # the order of columns is free, and this one is that of memory
+        ahead = gradient.lerp(mean, momentum)  # Nesterov momentum
+        last = ahead.movedim(1, -1)  # any order of columns is valid; this one is that of memory
         matrix = orthogonalised(last.flatten(1))
         size = _SIZE * max(matrix.shape) ** 0.5
         kernel.mul_(1 - rate * decay).add_(matrix.view(last.shape).movedim(-1, 1), alpha=-rate * size)
 
 
 def orthogonalised(matrix: Tensor) -> Tensor:
-    """Return nearly the matrix that has the singular vectors of another, and whose singular values are 1.
+    """Return an approximation of the matrix with the same singular vectors and singular values of 1.
 
-    The iteration X <- (a + b X X' + c (X X')^2) X is taken on X X' alone, as all its factors commute: the kernels of a
-    network have many more columns than rows, and so are met twice instead of three times in each round.
+    The iteration X <- (a + b X X' + c (X X')^2) X is computed on X X' alone, since all its factors commute. The kernels
+    of a network have many more columns than rows, so this saves products with the wide matrix.
 
     Parameters
     ----------
@@ -103,8 +103,8 @@ def orthogonalised(matrix: Tensor) -> Tensor:
     Returns
     -------
     Tensor of shape (rows, columns)
-        Its singular values are 0.9 to 1.1 where those of the matrix are at least a fiftieth of its Frobenius norm, and
-        smaller below; zeros for zeros.
+        Singular values are 0.9 to 1.1 where those of the input are at least a fiftieth of its Frobenius norm, and
+        smaller below that; zeros for zeros.
     """
     wide = matrix if matrix.shape[0] <= matrix.shape[1] else matrix.T
     wide = wide / (wide.norm() + 1e-7)

@@ -1,4 +1,4 @@
-"""Time-stamped poses of a vehicle, and poses between them."""
+"""Time-stamped poses of a vehicle and their interpolation."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from mlsroad_pipeline.algorithms.core.validation import check_column, check_posi
 
 @dataclass(frozen=True, eq=False)
 class PoseTrack:
-    """Where a vehicle was and which way it looked. Build it with `from_angles` or `from_quaternions`.
+    """Poses of a vehicle over time. Build it with `from_angles` or `from_quaternions`.
 
     Parameters
     ----------
     time : ndarray of shape (m,), float64
         Seconds, strictly increasing.
     xyz : ndarray of shape (m, 3), float64
-        Places, world metres.
+        Positions, world coordinates, metres.
     rotation : scipy.spatial.transform.Rotation
-        m rotations from the vehicle's axes (x forward, y left, z up) to the world's.
+        m rotations from the axes of the vehicle (x forward, y left, z up) to those of the world.
     max_gap : float, default 1.0
-        Longest time between two poses that is bridged, seconds.
+        Longest interval between two poses that is interpolated, seconds.
     source : str
-        What messages call the poses, as a rule the file's path.
+        Name of the poses in messages, usually the path of the file.
     """
 
     time: NDArray[np.float64]
@@ -45,16 +45,16 @@ class PoseTrack:
         Parameters
         ----------
         time : array-like of shape (m,)
-            Seconds, in any order; of poses at one time the first is kept.
+            Seconds, in any order; of simultaneous poses the first is kept.
         xyz : array-like of shape (m, 3)
             World coordinates, metres.
         angles : array-like of shape (m, 3)
             Roll (positive left side up), pitch (positive nose down) and heading (counter-clockwise from east),
-            radians: the vehicle's axes are Rz(heading) Ry(pitch) Rx(roll).
+            radians; the rotation is Rz(heading) Ry(pitch) Rx(roll).
         max_gap : float, default 1.0
-            Longest time between two poses that is bridged, seconds.
+            Longest interval between two poses that is interpolated, seconds.
         source : str, default "poses"
-            What messages call the poses.
+            Name of the poses in messages.
 
         Returns
         -------
@@ -68,8 +68,8 @@ class PoseTrack:
         ParameterError
             If `max_gap` is not positive.
         """
-        given = check_xyz(angles, name=f"{source}: angles").astype(np.float64)
-        return cls._build(time, xyz, Rotation.from_euler("xyz", given), max_gap, source)
+        radians = check_xyz(angles, name=f"{source}: angles").astype(np.float64)
+        return cls._build(time, xyz, Rotation.from_euler("xyz", radians), max_gap, source)
 
     @classmethod
     def from_quaternions(
@@ -80,15 +80,15 @@ class PoseTrack:
         Parameters
         ----------
         time : array-like of shape (m,)
-            Seconds, in any order; of poses at one time the first is kept.
+            Seconds, in any order; of simultaneous poses the first is kept.
         xyz : array-like of shape (m, 3)
             World coordinates, metres.
         quaternions : array-like of shape (m, 4)
-            w, x, y, z of the rotation from the vehicle's axes to the world's; need not be normalised.
+            w, x, y, z of the rotation from the axes of the vehicle to those of the world; need not be normalised.
         max_gap : float, default 1.0
-            Longest time between two poses that is bridged, seconds.
+            Longest interval between two poses that is interpolated, seconds.
         source : str, default "poses"
-            What messages call the poses.
+            Name of the poses in messages.
 
         Returns
         -------
@@ -119,7 +119,7 @@ class PoseTrack:
         return cls(seconds, places[first], rotation[first], check_positive(max_gap, "max_gap"), source)
 
     def at(self, time: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Interpolate poses: places linearly, rotations along the shortest turn (slerp).
+        """Interpolate poses: positions linearly, rotations by slerp.
 
         Parameters
         ----------
@@ -129,14 +129,14 @@ class PoseTrack:
         Returns
         -------
         rotation : ndarray of shape (k, 3, 3), float64
-            From the vehicle's axes to the world's.
+            Rotations from the axes of the vehicle to those of the world.
         xyz : ndarray of shape (k, 3), float64
-            Places, world metres.
+            Positions, world coordinates, metres.
 
         Raises
         ------
         DataError
-            If a time lies outside the track, or between poses that are farther apart than `max_gap`.
+            If a time lies outside the track, or in a gap between poses longer than `max_gap`.
         """
         when = np.atleast_1d(np.asarray(time, dtype=np.float64))
         outside = ~((when >= self.time[0]) & (when <= self.time[-1]))
@@ -158,14 +158,14 @@ class PoseTrack:
 
 
 def rotation_of(quaternions: ArrayLike, *, source: str = "poses") -> Rotation:
-    """Return rotations of quaternions w, x, y, z.
+    """Return the rotations of quaternions w, x, y, z.
 
     Parameters
     ----------
     quaternions : array-like of shape (m, 4)
-        Need not be normalised.
+        Quaternions; need not be normalised.
     source : str, default "poses"
-        What messages call them.
+        Name of the quaternions in messages.
 
     Returns
     -------
@@ -177,11 +177,11 @@ def rotation_of(quaternions: ArrayLike, *, source: str = "poses") -> Rotation:
     DataError
         If the shape is wrong, a value is not finite or a quaternion is 0.
     """
-    given = np.asarray(quaternions, dtype=np.float64)
-    if given.ndim != 2 or given.shape[1] != 4:
-        raise DataError(f"{source}: quaternions must have shape (m, 4), got {given.shape}")
-    bad = ~(np.isfinite(given).all(axis=1) & (np.abs(given) > 0).any(axis=1))
+    values = np.asarray(quaternions, dtype=np.float64)
+    if values.ndim != 2 or values.shape[1] != 4:
+        raise DataError(f"{source}: quaternions must have shape (m, 4), got {values.shape}")
+    bad = ~(np.isfinite(values).all(axis=1) & (np.abs(values) > 0).any(axis=1))
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
-        raise DataError(f"{source}: quaternion at row {row} is {given[row].tolist()}, no rotation")
-    return Rotation.from_quat(given, scalar_first=True)
+        raise DataError(f"{source}: quaternion at row {row} is {values[row].tolist()}, no rotation")
+    return Rotation.from_quat(values, scalar_first=True)

@@ -1,4 +1,4 @@
-"""Points to pixels, and what the pixels hold back to the points."""
+"""Projection of points into images, and sampling of images at points."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ def project_points(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     """Project points into an image.
 
-    Coordinates are multiplied in float64, so that UTM coordinates keep their millimetres.
+    The product is computed in float64, which keeps the millimetres of UTM coordinates.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
-        Points, metres, in the frame that the camera's pose refers to.
+        Points in the frame of the camera's pose, metres.
     camera : Camera
         The camera.
 
     Returns
     -------
     pixels : ndarray of shape (n, 2), float64
-        Column and row; integers are pixel centres. Also for points beside the image; NaN for points that are not in
-        front of the camera, or so far aside that the polynomial of the lens folds back.
+        Column and row; integers are pixel centres. Defined for points beside the image too; NaN for points that are not
+        in front of the camera, or beyond the radius where the distortion polynomial folds back.
     depth : ndarray of shape (n,), float64
-        Distance along the optical axis, metres; not above 0 behind the camera.
+        Distance along the optical axis, metres; at most 0 behind the camera.
     inside : ndarray of shape (n,), bool
-        Whether the point falls on one of the image's pixels, those in front of it notwithstanding.
+        True for points that project onto a pixel of the image; occlusion is not tested.
 
     Raises
     ------
@@ -89,28 +89,28 @@ def _project(
 
 
 def sample_image(image: NDArray, pixels: NDArray[np.float64], rows: NDArray, *, fill: float = 0) -> NDArray:
-    """Give points what an image holds at their pixels.
+    """Return the values of an image at the pixels of points.
 
     Parameters
     ----------
     image : ndarray of shape (height, width) or (height, width, channels)
-        Labels, probabilities, colours.
+        Labels, probabilities or colours.
     pixels : ndarray of shape (n, 2), float64
-        What `project_points` gave.
+        Columns and rows, see `project_points`.
     rows : ndarray of shape (n,), bool
-        The points that receive a value; all must lie inside the image.
+        Points to sample; all must lie inside the image.
     fill : float, default 0
-        What the others receive.
+        Value of the other points.
 
     Returns
     -------
     ndarray of shape (n,) or (n, channels)
-        The values of the nearest pixels, dtype of `image`.
+        Values of the nearest pixels, dtype of `image`.
 
     Raises
     ------
     DataError
-        If a point that is to receive a value lies outside the image, as when the image has not the camera's size.
+        If a point to sample lies outside the image, for example because the image does not have the size of the camera.
     """
     out = np.full((len(pixels), *image.shape[2:]), fill, dtype=image.dtype)
     cells = np.floor(pixels[rows] + 0.5)

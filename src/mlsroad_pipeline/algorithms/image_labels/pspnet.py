@@ -1,4 +1,4 @@
-"""The Pyramid Scene Parsing Network on PyTorch. Importing this module imports torch."""
+"""Pyramid Scene Parsing Network in PyTorch. Importing this module imports torch."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from mlsroad_pipeline.algorithms.image_labels.pspnet_backbone import (
 )
 
 BINS = (1, 2, 3, 6)
-"""Cells along each side of the pyramid's levels."""
+"""Cells along each side of the levels of the pyramid."""
 
 MEAN, SPREAD = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
-"""Of the colours that published weights were trained with, 0 to 255."""
+"""Mean and standard deviation of colours in the training of published weights, 0 to 255."""
 
 
 class _Pyramid(nn.Module):
-    """Means over 1 x 1, 2 x 2, 3 x 3 and 6 x 6 regions, laid over the features again."""
+    """Pyramid pooling: means over 1 x 1, 2 x 2, 3 x 3 and 6 x 6 regions, upsampled and concatenated."""
 
     def __init__(self, inputs: int) -> None:
         super().__init__()
@@ -42,12 +42,12 @@ class _Pyramid(nn.Module):
         self.features = nn.ModuleList(levels)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Return the features and, beside them, each level of the pyramid."""
+        """Return the features concatenated with each level of the pyramid."""
         return torch.cat([x, *(resized(level(x), x.shape[2:]) for level in self.features)], dim=1)
 
 
 class _Decoder(nn.Module):
-    """The way back to the image's size: at each level the features of the way down are taken up again."""
+    """Decoder with skip connections from the stages of the backbone."""
 
     def __init__(self, inputs: int, skipped: Sequence[int], widths: Sequence[int], n_classes: int) -> None:
         super().__init__()
@@ -58,23 +58,23 @@ class _Decoder(nn.Module):
         self.pixels = nn.Conv2d(widths[-1], 4 * n_classes, 1)
 
     def forward(self, x: Tensor, skipped: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
-        """Return log odds at twice the size of the last features, and the first level's features."""
+        """Return log odds at twice the size of the last features, and the features of the first level."""
         levels = []
         for level, beside in zip(self.levels, skipped, strict=True):
             rows, columns = beside.shape[2:]
-            twice = functional.interpolate(x, scale_factor=2.0)[:, :, :rows, :columns]  # the convolution smooths it
+            twice = functional.interpolate(x, scale_factor=2.0)[:, :, :rows, :columns]  # smoothed by the convolution
             x = level(torch.cat([twice, beside], dim=1))
             levels.append(x)
         return functional.pixel_shuffle(self.pixels(x), 2), levels[0]
 
 
 class PSPNet(nn.Module):
-    """The Pyramid Scene Parsing Network.
+    """Pyramid Scene Parsing Network.
 
-    A dilated ResNet (stages 3 and 4 keep an eighth of the image's size), the pyramid pooling module and a head; an
-    auxiliary head on stage 3 helps training. Parameters are named as in published PyTorch weights. The small backbone
-    is not dilated: a decoder brings the pooled features back to the size of the image, for thin things, and the
-    auxiliary head is on its first level.
+    A dilated ResNet (stages 3 and 4 keep an eighth of the size of the image), the pyramid pooling module and a head,
+    with an auxiliary head on stage 3 in training. Parameters are named as in published PyTorch weights. The small
+    backbone is not dilated: a decoder restores the resolution of the image, for thin objects, and the auxiliary head
+    is on its first level.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class PSPNet(nn.Module):
     backbone : str, default "small"
         One of `BACKBONES`.
     dropout : float, default 0.1
-        Share of the heads' channels that is left out in training.
+        Dropout rate of the channels of the heads.
 
     Raises
     ------
@@ -113,7 +113,7 @@ class PSPNet(nn.Module):
         self.aux = _head(size.decoder[0] if size.decoder else size.widths[-2], size.auxiliary, dropout, n_classes)
 
     def end_layers(self) -> list[nn.Module]:
-        """Return the layer that reads the colours and those that give the log odds.
+        """Return the input layer and the output layers.
 
         Returns
         -------
@@ -128,14 +128,14 @@ class PSPNet(nn.Module):
         Parameters
         ----------
         x : Tensor of shape (images, 3, height, width)
-            Colours less `MEAN`, divided by `SPREAD`.
+            Standardised colours, see `network_input`.
 
         Returns
         -------
         main : Tensor of shape (images, n_classes, height, width)
-            Log odds of the head; in training the small backbone gives those of every second pixel, from the first on.
+            Log odds of the head; in training the small backbone returns every second pixel, from the first.
         auxiliary : Tensor of shape (images, n_classes, rows, columns)
-            Log odds of the auxiliary head: of the image's size, with the small backbone of a 32nd of it.
+            Log odds of the auxiliary head: of the size of the image, with the small backbone a 32nd of it.
         """
         height, width = x.shape[2:]
         stem = self.layer0(x)
@@ -155,13 +155,13 @@ def _head(inputs: int, width: int, dropout: float, n_classes: int | None) -> nn.
 
 
 def _every_pixel(x: Tensor, height: int, width: int) -> Tensor:
-    """Return values of every second pixel, from the first on, interpolated to all pixels."""
+    """Return values of every second pixel, interpolated to all pixels."""
     between = resized(x, [2 * side - 1 for side in x.shape[2:]])
     return functional.pad(between, (0, 1, 0, 1), mode="replicate")[:, :, :height, :width]
 
 
 def network_input(images: NDArray[np.uint8]) -> Tensor:
-    """Turn images into what the network takes.
+    """Standardise images for the network.
 
     Parameters
     ----------
@@ -171,8 +171,8 @@ def network_input(images: NDArray[np.uint8]) -> Tensor:
     Returns
     -------
     Tensor of shape (images, 3, height, width)
-        Colours less `MEAN`, divided by `SPREAD`.
+        Colours minus `MEAN`, divided by `SPREAD`.
     """
-    colours = torch.tensor(images).permute(0, 3, 1, 2)  # channels stay last in memory: faster
+    colours = torch.tensor(images).permute(0, 3, 1, 2)  # channels last in memory: faster
     mean, spread = (torch.tensor(values)[:, None, None] for values in (MEAN, SPREAD))
     return (colours.float() - mean) / spread

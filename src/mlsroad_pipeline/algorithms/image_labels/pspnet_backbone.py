@@ -1,4 +1,4 @@
-"""Dilated residual networks under a PSPNet. Importing this module imports torch."""
+"""Dilated residual networks, the backbones of PSPNet. Importing this module imports torch."""
 
 from __future__ import annotations
 
@@ -13,23 +13,24 @@ from torch.nn import functional
 
 @dataclass(frozen=True)
 class Backbone:
-    """The sizes of a dilated residual network and of the head on it.
+    """Layer sizes of a dilated residual network and of its head.
 
     Parameters
     ----------
     stem : tuple of int
-        Channels of the convolutions before the first stage; with a decoder each of them halves the size.
+        Channels of the convolutions before the first stage; with a decoder each of them halves the resolution.
     planes : tuple of int
         Channels within the blocks of the four stages.
     blocks : tuple of int
         Blocks per stage.
     expansion : int
-        4 for bottlenecks (three convolutions, four times the channels at the end), 1 for basic blocks (two).
+        4 for bottleneck blocks (three convolutions, four times the channels at the end), 1 for basic blocks (two).
     head, auxiliary : int
         Channels of the head and of the auxiliary head.
     decoder : tuple of int
-        Channels on the way back to the sizes of the third, second and first stage and of the stem, whose features are
-        taken up again; each stage then halves the size instead of being dilated. Empty for none, as in the paper.
+        Channels of the decoder at the resolutions of the third, second and first stage and of the stem, with skip
+        connections; each stage then halves the resolution instead of being dilated. Empty for no decoder, as in the
+        paper.
     """
 
     stem: tuple[int, ...]
@@ -51,20 +52,20 @@ BACKBONES = {
     "resnet101": Backbone((64, 64, 128), (64, 128, 256, 512), (3, 4, 23, 3), 4, 512, 256),
     "small": Backbone((16, 24), (48, 96, 144, 192), (1, 2, 2, 2), 1, 128, 48, (96, 64, 32, 24)),
 }
-"""ResNet-50 and -101 with the stem of three convolutions that published PSPNets have, and one that a CPU can train."""
+"""ResNet-50 and -101 with the three-convolution stem of published PSPNets, and a small one for training on CPUs."""
 
 
 class Block(nn.Module):
-    """A residual block; names of the parameters are those of published ResNets.
+    """Residual block; the names of parameters are those of published ResNets.
 
     Parameters
     ----------
     inputs, planes : int
-        Channels before and within the block.
+        Channels of the input and within the block.
     expansion : int
-        Channels after it, as a multiple of those within; 4 makes it a bottleneck.
+        Ratio of output channels to `planes`; 4 is a bottleneck block, 1 a basic block.
     stride, dilation : int
-        Of its 3 x 3 convolutions; only the first has the stride.
+        Stride and dilation of its 3 x 3 convolutions; only the first has the stride.
     """
 
     def __init__(self, inputs: int, planes: int, expansion: int, stride: int, dilation: int) -> None:
@@ -85,7 +86,7 @@ class Block(nn.Module):
             self.downsample = nn.Sequential(nn.Conv2d(inputs, outputs, 1, stride, bias=False), nn.BatchNorm2d(outputs))
 
     def forward(self, x: Tensor) -> Tensor:
-        """Return the input plus what the convolutions add."""
+        """Return the residual sum."""
         out = self.bn2(self.conv2(functional.relu(self.bn1(self.conv1(x)))))
         if hasattr(self, "conv3"):
             out = self.bn3(self.conv3(functional.relu(out)))
@@ -93,7 +94,7 @@ class Block(nn.Module):
 
 
 def make_stem(size: Backbone) -> nn.Sequential:
-    """Return the convolutions before the first stage, which bring the image to a quarter of its size.
+    """Return the convolutions before the first stage, which reduce the image to a quarter of its size.
 
     Parameters
     ----------
@@ -123,7 +124,7 @@ def make_stages(size: Backbone) -> list[nn.Sequential]:
     Returns
     -------
     list of Sequential
-        The stages; without a decoder the third and fourth keep an eighth of the image's size and are dilated instead.
+        The stages; without a decoder the third and fourth are dilated and keep an eighth of the size of the image.
     """
     strides, dilations = ((2, 2, 2, 2), (1, 1, 1, 1)) if size.decoder else ((1, 2, 1, 1), (1, 1, 2, 4))
     stages = []
@@ -135,7 +136,7 @@ def make_stages(size: Backbone) -> list[nn.Sequential]:
 
 
 def normalised(width: int) -> tuple[nn.Module, nn.Module]:
-    """Return what follows a convolution: batch normalisation and a rectifier.
+    """Return batch normalisation and ReLU for the output of a convolution.
 
     Parameters
     ----------

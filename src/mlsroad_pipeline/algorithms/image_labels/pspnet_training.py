@@ -1,4 +1,4 @@
-"""Training a PSPNet. Importing this module imports torch."""
+"""Training of a PSPNet. Importing this module imports torch."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mlsroad_pipeline.algorithms.image_labels.pspnet import MEAN, PSPNet, networ
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
 from mlsroad_pipeline.algorithms.models.torch_training import find_device, limited_threads
 
-_BESIDE = 0.3  # of the rate is that of AdamW, which moves what Muon does not
+_BESIDE = 0.3  # ratio of the learning rate of AdamW to that of Muon
 
 
 def train_network(
@@ -31,27 +31,27 @@ def train_network(
     Parameters
     ----------
     samples : sequence of (ndarray, ndarray)
-        Images and labels; each is taken from the sequence when it is needed, so it may read them from files.
+        Images and labels; each is read from the sequence when needed.
     n_classes : int
         Number of classes.
     parameters : TrainingParameters, optional
-        How; the defaults where none are given.
+        Parameters of the training; None uses the defaults.
     network : PSPNet, optional
-        A network to go on with, such as one of published weights; it is changed. A new one by default.
+        Network to fine-tune in place, such as one with published weights; None starts a new one.
 
     Returns
     -------
     network : PSPNet
         The network, ready to predict.
     losses : list of float
-        Loss of every step.
+        Loss of each step.
 
     Raises
     ------
     DataError
         If there are no images, an image and its labels differ in size, or a label is outside -1 to ``n_classes - 1``.
     ParameterError
-        If `network` has another number of classes.
+        If the number of classes of `network` differs from `n_classes`.
     """
     how = TrainingParameters() if parameters is None else parameters
     crops = Crops(samples, n_classes, how, np.round(MEAN).astype(int).tolist())
@@ -67,9 +67,9 @@ def train_network(
     losses = []
     with limited_threads(how.n_threads):
         for images, labels in _ahead(crops.batches(np.random.default_rng(how.random_state))):
-            given = network_input(images).to(device)
+            pixels = network_input(images).to(device)
             with torch.autocast(device.type, torch.bfloat16, enabled=_in_bfloat16(how.precision, device)):
-                main, auxiliary = model(given)
+                main, auxiliary = model(pixels)
             loss = _loss(main.float(), auxiliary.float(), torch.from_numpy(labels).to(device), weights, how)
             model.zero_grad()
             loss.backward()
@@ -81,7 +81,7 @@ def train_network(
 
 
 def _ahead(batches: Iterator[Batch]) -> Iterator[Batch]:
-    """Yield batches, and draw each while the one before it is learned."""
+    """Yield batches, each prepared in a thread during the training step before it."""
     with ThreadPoolExecutor(1) as pool:
         drawn = pool.submit(next, batches, None)
         while (batch := drawn.result()) is not None:
@@ -90,20 +90,20 @@ def _ahead(batches: Iterator[Batch]) -> Iterator[Batch]:
 
 
 def _share(step: int, how: TrainingParameters) -> float:
-    """Return the rate of a step as a share of the highest."""
+    """Return the learning rate of a step as a share of the highest."""
     return min(1.0, (step + 1) / how.warm_up) * float(1 - step / how.n_steps) ** how.power
 
 
 def _in_bfloat16(precision: str, device: torch.device) -> bool:
-    """Say whether products are taken in bfloat16: where asked for, or where the processor has instructions for it."""
+    """Return whether to multiply in bfloat16: if requested, or if the processor has instructions for it."""
     if precision != "auto":
         return precision == "bfloat16"
-    able = torch.cpu.get_capabilities()
-    return device.type == "cuda" or bool(able.get("avx512_bf16") or able.get("amx_bf16"))
+    capabilities = torch.cpu.get_capabilities()
+    return device.type == "cuda" or bool(capabilities.get("avx512_bf16") or capabilities.get("amx_bf16"))
 
 
 def _class_weights(shares: NDArray[np.float64], balance: float) -> Tensor:
-    """Return weights of classes: a power of their inverse frequency, 1 on average over pixels; 0 for absent ones."""
+    """Return class weights: a power of the inverse frequency, 1 on average over pixels; 0 for absent classes."""
     weights = np.where(shares > 0, np.maximum(shares, 1e-5) ** -balance, 0.0)
     return torch.from_numpy((weights / max((weights * shares).sum(), 1e-12)).astype(np.float32))
 
@@ -114,12 +114,12 @@ def _optimisers(model: PSPNet, how: TrainingParameters) -> list[torch.optim.Opti
             model.parameters(), how.learning_rate, momentum=how.momentum, weight_decay=how.weight_decay, nesterov=True
         )
         return [descent]
-    # Decay keeps kernels small; offsets and scales of the normalisation are left alone.
+    # Weight decay applies to kernels only, not to biases and normalisation.
     kernels = [weight for weight in model.parameters() if weight.ndim > 1]
     others = [weight for weight in model.parameters() if weight.ndim <= 1]
     if how.optimiser == "adamw":
         return [_adamw(kernels, others, how)]
-    # Colours and log odds are no features among others: what reads and gives them learns value by value.
+    # Muon is for hidden layers; the input and output layers use AdamW.
     ends = {id(weight) for layer in model.end_layers() for weight in layer.parameters()}
     inner = [weight for weight in kernels if id(weight) not in ends]
     outer = [weight for weight in kernels if id(weight) in ends]
@@ -133,12 +133,12 @@ def _adamw(kernels: list[nn.Parameter], others: list[nn.Parameter], how: Trainin
 
 
 def _loss(main: Tensor, auxiliary: Tensor, labels: Tensor, weights: Tensor, how: TrainingParameters) -> Tensor:
-    wanted = _thinned(labels, main)
-    main = main.contiguous()  # a class is a plane of its own, as in what follows
+    target = _thinned(labels, main)
+    main = main.contiguous()  # one plane per class, as below
     logarithms = functional.log_softmax(main, dim=1)
-    loss = functional.nll_loss(logarithms, wanted, weights, ignore_index=-1)
+    loss = functional.nll_loss(logarithms, target, weights, ignore_index=-1)
     if how.overlap_weight:
-        loss = loss + how.overlap_weight * overlap_loss(logarithms.exp(), wanted)
+        loss = loss + how.overlap_weight * overlap_loss(logarithms.exp(), target)
     if how.auxiliary_weight:
         rest = functional.cross_entropy(auxiliary, _thinned(labels, auxiliary), weights, ignore_index=-1)
         loss = loss + how.auxiliary_weight * rest
@@ -146,21 +146,21 @@ def _loss(main: Tensor, auxiliary: Tensor, labels: Tensor, weights: Tensor, how:
 
 
 def _thinned(labels: Tensor, like: Tensor) -> Tensor:
-    """Return the labels of as many rows and columns as a head has, evenly spaced from the first on."""
+    """Return the labels subsampled to the rows and columns of a head, evenly spaced from the first."""
     if like.shape[2:] == labels.shape[1:]:
         return labels
     return functional.interpolate(labels[:, None].float(), like.shape[2:])[:, 0].long()
 
 
 def overlap_loss(probabilities: Tensor, labels: Tensor) -> Tensor:
-    """Return 1 less the mean IoU of the classes that a batch shows, with probabilities in place of decisions.
+    """Return 1 minus the mean soft IoU over the classes present in a batch.
 
     Parameters
     ----------
     probabilities : Tensor of shape (images, classes, height, width)
-        Of the classes.
+        Class probabilities.
     labels : Tensor of int64, shape (images, height, width)
-        Labels; pixels of -1 do not count.
+        Labels; pixels of -1 are ignored.
 
     Returns
     -------
@@ -173,7 +173,7 @@ def overlap_loss(probabilities: Tensor, labels: Tensor) -> Tensor:
        ISVC, 2016.
     """
     n_classes = probabilities.shape[1]
-    # Masks of each class beat gathering and scattering by label: they are read and written in one sweep.
+    # Class masks are faster than gather and scatter: one pass over memory.
     own = (labels[:, None] == torch.arange(n_classes, device=labels.device)[:, None, None]).float()
     size = own.sum(dim=(0, 2, 3))
     shared = (probabilities * own).sum(dim=(0, 2, 3))

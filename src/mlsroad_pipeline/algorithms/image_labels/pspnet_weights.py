@@ -1,4 +1,4 @@
-"""Weights of a PSPNet: published ones, and plain arrays. Importing this module imports torch."""
+"""Weights of a PSPNet as state dicts and plain arrays. Importing this module imports torch."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from mlsroad_pipeline.algorithms.image_labels.pspnet import PSPNet
 
 
 def load_state(network: PSPNet, state: Mapping[str, Tensor], *, source: str = "weights") -> None:
-    """Put weights into a network; those of the auxiliary head may be missing.
+    """Load weights into a network; those of the auxiliary head are optional.
 
     Parameters
     ----------
     network : PSPNet
         The network; changed.
     state : mapping of str to Tensor
-        Names, perhaps with ``module.`` before them, to weights.
+        Names, optionally with the prefix ``module.``, to weights.
     source : str, default "weights"
-        What messages call them.
+        Name of the weights in messages.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def load_state(network: PSPNet, state: Mapping[str, Tensor], *, source: str = "w
 
 
 def to_arrays(network: PSPNet) -> dict[str, NDArray]:
-    """Return the weights as arrays, for files that hold no code.
+    """Return the weights as arrays, for files without code.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def to_arrays(network: PSPNet) -> dict[str, NDArray]:
 
 
 def from_arrays(arrays: Mapping[str, NDArray], *, n_classes: int, backbone: str) -> PSPNet:
-    """Build a network from the arrays of `to_arrays`.
+    """Rebuild a network from the arrays of `to_arrays`.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def from_arrays(arrays: Mapping[str, NDArray], *, n_classes: int, backbone: str)
     Raises
     ------
     DataError
-        If names or shapes are not those of the network.
+        If names or shapes do not fit the network.
     """
     network = PSPNet(n_classes, backbone=backbone)
     load_state(network, {name: torch.from_numpy(np.array(value)) for name, value in arrays.items()})

@@ -1,4 +1,4 @@
-"""A PSPNet applied to images of any size. Importing this module imports torch."""
+"""Segmentation of images of any size with a PSPNet. Importing this module imports torch."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def segment_image(
     network: PSPNet, image: NDArray[np.uint8], *, window: tuple[int, int] | None = None, overlap: float = 1 / 3,
     flip: bool = False, magnification: float | Sequence[float] = 1.0, n_threads: int = 1,
 ) -> NDArray[np.float32]:  # fmt: skip
-    """Give every pixel the probabilities of the classes.
+    """Return the class probabilities of each pixel.
 
     Parameters
     ----------
@@ -29,29 +29,29 @@ def segment_image(
     image : ndarray of shape (height, width, 3), uint8
         The image.
     window : tuple of int, optional
-        Height and width of the windows that slide over the image, pixels; None shows the network all of it at once.
-        Published weights were trained on windows of 713 pixels and do best with them.
+        Height and width of the sliding windows, pixels; None segments the image as a whole. Published weights were
+        trained on windows of 713 pixels.
     overlap : float, default 1/3
-        Least share of a window that overlaps the next, in [0, 1); more smooths seams and takes longer.
+        Minimum overlap of neighbouring windows, as a share, in [0, 1); larger smooths seams and takes longer.
     flip : bool, default False
-        Whether the mirrored image is segmented too, and the geometric mean taken.
+        Average (geometric mean) with the segmentation of the mirrored image.
     magnification : float or sequence of float, default 1.0
-        Factor by which the network sees the image enlarged. Above 1 thin things are found better and it takes longer.
-        With several the network looks as often, and the geometric mean of the probabilities is taken.
+        Enlargement of the image before segmentation. Larger improves thin objects and takes longer. With several
+        factors the geometric mean of the probabilities is returned.
     n_threads : int, default 1
-        Threads that torch may use.
+        Threads of torch.
 
     Returns
     -------
     ndarray of shape (height, width, classes), float32
-        Probabilities; means where windows overlap.
+        Probabilities, averaged where windows overlap.
 
     Raises
     ------
     DataError
         If the image is not (height, width, 3) of uint8.
     ParameterError
-        If a window's side is below 1, the overlap outside [0, 1), or no magnification is given or one is not positive.
+        If a side of the window is below 1, the overlap is outside [0, 1), or there is no positive magnification.
     """
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         raise DataError(f"an image must have shape (height, width, 3) and be uint8, got {image.shape} {image.dtype}")
@@ -75,7 +75,7 @@ def segment_image(
 
 
 def _starts(size: int, window: int, overlap: float) -> list[int]:
-    """Return where windows begin that cover a side evenly, overlapping by at least a share."""
+    """Return the starts of windows that cover a side evenly and overlap by at least a share."""
     step = max(1, int(window * (1 - overlap)))
     steps = int(np.ceil((size - window) / step))
     return sorted({round(k * (size - window) / max(steps, 1)) for k in range(steps + 1)})
@@ -85,22 +85,22 @@ def _probabilities(
     network: PSPNet, image: NDArray[np.uint8], flip: bool, magnifications: Sequence[float]
 ) -> NDArray[np.float32]:  # fmt: skip
     height, width = image.shape[:2]
-    looks = []
+    log_odds = []
     with torch.inference_mode():
-        given = network_input(image[None])
+        pixels = network_input(image[None])
         for magnification in magnifications:
-            shown = _scaled(given, [max(1, round(side * magnification)) for side in (height, width)])
-            looks.append(_scaled(network(shown)[0], (height, width)))
+            enlarged = _scaled(pixels, [max(1, round(side * magnification)) for side in (height, width)])
+            log_odds.append(_scaled(network(enlarged)[0], (height, width)))
             if flip:
-                looks.append(_scaled(network(shown.flip(3))[0], (height, width)).flip(3))
-        mean = torch.stack([torch.log_softmax(look, dim=1) for look in looks]).mean(dim=0)
+                log_odds.append(_scaled(network(enlarged.flip(3))[0], (height, width)).flip(3))
+        mean = torch.stack([torch.log_softmax(values, dim=1) for values in log_odds]).mean(dim=0)
         out = torch.softmax(mean, dim=1)
     probabilities: NDArray[np.float32] = out[0].permute(1, 2, 0).numpy()
     return probabilities
 
 
 def _scaled(x: Tensor, size: Sequence[int]) -> Tensor:
-    """Return pixels interpolated to another size; the outer edges of the corner pixels stay where they are."""
+    """Return pixels interpolated to another size; the outer edges of the corner pixels are kept."""
     if tuple(x.shape[2:]) == tuple(size):
         return x
     return functional.interpolate(x, size=tuple(size), mode="bilinear", align_corners=False)

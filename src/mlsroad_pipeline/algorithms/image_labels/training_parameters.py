@@ -1,4 +1,4 @@
-"""Parameters of the images' labeller and of its network's training, readable without torch."""
+"""Parameters of the image-based labeller and of its training, importable without torch."""
 
 from __future__ import annotations
 
@@ -13,57 +13,57 @@ from mlsroad_pipeline.algorithms.core.validation import check_positive
 
 @dataclass(frozen=True)
 class TrainingParameters:
-    """How a PSPNet is trained; defaults suit the small backbone and five minutes on two cores.
+    """Parameters of the training of a PSPNet; the defaults suit the small backbone and five minutes on two cores.
 
     Parameters
     ----------
     backbone : str, default "small"
-        ``small``, ``resnet50`` or ``resnet101``; the paper's are ResNets that were trained on ImageNet before.
+        ``small``, ``resnet50`` or ``resnet101``; the PSPNet paper uses ResNets pre-trained on ImageNet.
     n_steps : int, default 1150
-        Batches. More is better and takes longer.
+        Number of batches. Larger improves the scores and takes longer.
     batch_size : int, default 6
-        Crops per batch; 16 in the PSPNet's paper. In a given time more steps of fewer crops do
-        better, down to 6.
+        Crops per batch; 16 in the PSPNet paper. At equal training time more steps with fewer crops score better, down
+        to 6.
     crop : int, default 320
-        Side of the crops, pixels; 713 on Cityscapes. Larger shows more of a scene.
+        Side of the crops, pixels; 713 on Cityscapes. Larger gives more context.
     scale : tuple of float, default (1.0, 2.2)
-        Least and largest scale of a crop; 0.5 to 2 in the PSPNet's paper. The default suits images of 480 pixels width
-        and 75 degrees; those of 960 want half of it, since things are twice as large on them.
+        Range of the scale of a crop; 0.5 to 2 in the PSPNet paper. The default suits images of 480 pixels width and 75
+        degrees field of view; halve it for 960 pixels, where objects are twice as large.
     flip : bool, default True
-        Whether half of the crops are mirrored.
+        Mirror half of the crops.
     class_crops : float, default 0.5
-        Share of the crops that are laid around a pixel of a class drawn evenly from all, in an image drawn by the root
-        of its pixels of that class; the others lie anywhere. Larger shows more of the rare classes, which are few and
-        small. 0 in the PSPNet's paper.
+        Share of the crops placed around a pixel of a class drawn uniformly; the image is drawn with the root of its
+        pixels of that class as weight. The other crops are placed at random. Larger shows rare classes more often. 0 in
+        the PSPNet paper.
     optimiser : {"muon", "adamw", "sgd"}, default "muon"
-        Muon learns fastest from random weights, AdamW faster than stochastic gradient descent, which is the PSPNet's.
+        Muon converges fastest from random weights, then AdamW; the PSPNet paper uses stochastic gradient descent.
     learning_rate : float, default 0.01
-        At the start; falls as (1 - step / n_steps) ** `power`. 0.005 and 0.02 do as well with
-        muon; 0.003 with adamw, 0.01 with sgd for ResNets that were trained before.
+        Initial learning rate; it falls as (1 - step / n_steps) ** `power`. 0.005 and 0.02 score the same with muon; use
+        0.003 with adamw, 0.01 with sgd for pre-trained ResNets.
     power : float, default 0.9
-        Of that polynomial.
+        Exponent of that polynomial.
     warm_up : int, default 50
-        Steps in which the rate rises to its start.
+        Steps of linear warm-up of the learning rate.
     momentum : float, default 0.95
-        Share of the former gradients in a step of muon and of sgd, where the PSPNet has 0.9; adamw does not use it.
+        Momentum of muon and sgd (PSPNet paper: 0.9); adamw does not use it.
     weight_decay : float, default 0.01
-        Larger keeps the weights smaller; 0.0001 in the PSPNet's paper, with sgd.
+        Weight decay; larger keeps the weights smaller. 0.0001 in the PSPNet paper, with sgd.
     auxiliary_weight : float, default 0.4
         Weight of the auxiliary head's loss.
     overlap_weight : float, default 1.0
-        Weight of 1 less the mean IoU of probabilities, beside the cross-entropy; 0 in the PSPNet's paper. Larger
-        favours rare classes, each of which counts as much as a common one.
+        Weight of the soft IoU loss beside the cross entropy; 0 in the PSPNet paper. Larger favours rare classes, since
+        all classes have the same weight in the mean IoU.
     dropout : float, default 0.1
-        Share of the heads' channels that is left out.
+        Dropout rate of the channels of the heads.
     class_balance : float, default 0.4
-        Power of the inverse class frequency by which pixels weigh; 0 is none, larger favours rare classes.
+        Exponent of the inverse class frequency in the weights of pixels; 0 is unweighted, larger favours rare classes.
     precision : {"auto", "float32", "bfloat16"}, default "auto"
-        Of products in training; weights and sums are float32. ``auto`` is bfloat16 where the processor has
-        instructions for it, which takes half the time.
+        Precision of products in training; weights and sums are float32. ``auto`` is bfloat16 if the processor has
+        instructions for it, which halves the time.
     n_threads : int, default 1
-        Threads that torch may use; sums, and so the weights, differ in their last digits with it.
+        Threads of torch; the weights differ in the last digits between numbers of threads.
     random_state : int, default 0
-        Weights, crops and their order follow from it.
+        Seed of the initial weights and of the crops.
 
     Raises
     ------
@@ -118,23 +118,23 @@ class TrainingParameters:
 
 @dataclass(frozen=True)
 class ImageLabelsParameters:
-    """How points are labelled through the images of a survey.
+    """Parameters of the image-based labeller.
 
     Parameters
     ----------
     reach : float, default 30.0
-        Farthest camera from the points of a scene whose images are looked at, metres. Farther images show the points
-        on fewer pixels, and each one costs a segmentation.
+        Largest distance of a camera from the bounding box of a scene, metres; images farther away are not segmented.
+        Larger uses more images, which show the points on fewer pixels.
     calibration : str, default "calibration.json"
-        Name of the file of cameras and poses in the folder of the points.
+        Name of the file of cameras and poses beside the point files.
     labels : str, default "labels"
-        Folder of the label images beside that of the pictures; the network learns from them.
+        Folder of the label images for training, beside the folder of the images.
     magnification : float or tuple of float, default (1.4, 1.8)
-        Factors by which the network sees the images enlarged; with several it looks as often, and the geometric mean of
-        the probabilities is taken. The default suits images of 480 pixels width, as that of the network's `scale` does.
-        Larger finds thin things better and takes longer.
+        Enlargement of images before segmentation; with several factors the geometric mean of the probabilities is
+        taken. The default suits images of 480 pixels width, like that of ``network.scale``. Larger improves thin
+        objects and takes longer.
     network : TrainingParameters or mapping
-        How the network is trained.
+        Parameters of the training.
 
     Raises
     ------
@@ -159,12 +159,12 @@ class ImageLabelsParameters:
 
 
 def check_magnifications(given: float | Sequence[float]) -> tuple[float, ...]:
-    """Return one factor or several as several.
+    """Validate magnifications and return them as a tuple.
 
     Parameters
     ----------
     given : float or sequence of float
-        Factors by which a network sees images enlarged.
+        Enlargements of images before segmentation.
 
     Returns
     -------

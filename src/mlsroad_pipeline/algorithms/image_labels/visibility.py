@@ -1,4 +1,4 @@
-"""Which points a camera sees: a depth buffer of discs, and hidden point removal."""
+"""Visibility of points from a camera: depth buffer of discs, and hidden point removal."""
 
 from __future__ import annotations
 
@@ -22,53 +22,54 @@ from mlsroad_pipeline.algorithms.image_labels.depth_buffer import (
 from mlsroad_pipeline.algorithms.image_labels.projection import project_points
 
 SPACING_OF_FEW = 0.06
-"""Spacing that is taken for points too few to measure it, metres."""
+"""Point spacing assumed where there are too few points to estimate it, metres."""
 
 
 @dataclass(frozen=True)
 class DepthBuffer:
-    """How a depth buffer tells visible points from hidden ones.
+    """Parameters of the depth buffer.
 
-    Each point is a disc that faces the camera. A point is hidden where the nearest disc is clearly in front of it, or
-    where it is seen through a gap between points that are. A surface met at a small angle does not hide itself: what
-    is in front must be near the line of sight by that angle. z is up. Defaults were chosen on six simulated streets.
+    Each point is a disc that faces the camera. A point is hidden if the nearest disc is clearly in front of it, or if
+    it lies behind a gap between nearer points. Surfaces at grazing incidence do not hide themselves: the lateral
+    distance of an occluder from the line of sight must be small compared with the difference in depth. z is up. The
+    defaults were selected on six simulated streets.
 
     Parameters
     ----------
     resolution : float, default 0.001
-        Angle of a cell, radians. Smaller is sharper and slower; far below the angle between points it changes nothing.
+        Angular size of a cell, radians. Smaller is sharper and slower; no effect far below the angle between points.
     spacing : float, optional
-        Distance between points of a surface, metres. None measures it in each image, as `typical_spacing` does, so
-        that a survey of any density is treated alike. The next three lengths are multiples of it.
+        Point spacing on surfaces, metres. None estimates it in each image with `typical_spacing`, which adapts to the
+        point density of the survey. The next three lengths are multiples of it.
     disc : float, default 1.0
-        Diameter of a disc. Larger closes surfaces and thickens thin things.
+        Diameter of a disc. Larger closes surfaces and thickens thin objects.
     gap : float, default 7.0
-        Half the width of gaps that are closed, at the depth of their sides; 0 closes none. Larger closes crowns and
-        hides more of what is seen through them.
+        Half the width of the gaps to close, at the depth of their sides; 0 closes none. Larger closes tree crowns and
+        hides more points behind them.
     gap_disc : float, default 2.0
-        Diameter of the discs that the sides of a gap are looked for among.
+        Diameter of the discs in the search for the sides of a gap.
     slack, relative_slack : float, default 0.06 and 0.01
-        How much farther than the disc in front a visible point may be, metres and share of its depth. Smaller tells
-        the back of a car from its front, and takes the noise of a surface for another one.
+        Depth tolerance behind the nearest disc, metres and share of the depth. Smaller separates the back of a car from
+        its front; too small lets the noise of a surface hide its own points.
     angle : float, default 0.05
-        The least angle at which surfaces are still told apart from what hides them, radians.
+        Minimum angle between the line of sight and a surface at which occlusion is detected, radians.
     gap_slack, gap_angle : float, default 0.15 and 0.2
         As `slack` and `angle`, for the sides of a gap.
     gap_directions : int, default 4
-        Along how many of four directions, 45 degrees apart, both sides of a gap must be nearer. Fewer close more.
+        Number of directions, of four 45 degrees apart, in which both sides of a gap must be nearer. Smaller closes more
+        gaps.
     relief : float, default 0.1
-        Roughness of the ground, metres. A line of sight that meets it at a small angle runs within it for metres, in
-        which ground does not hide ground.
+        Roughness of the ground, metres. Ground does not hide ground within the length of the line of sight that lies
+        inside this roughness.
     ground_cell, ground_height : float, default 0.5 and 0.15
-        Points that are no higher than `ground_height` above the lowest one in their square of `ground_cell` are on
-        the ground, metres.
+        Points at most `ground_height` above the lowest point in their square of `ground_cell` count as ground, metres.
     max_range : float, default infinite
-        Depth beyond which points are not labelled by the image, metres.
+        Depth beyond which an image labels no points, metres.
 
     Raises
     ------
     ParameterError
-        If a length or an angle is not positive (`gap` and slacks may be 0), or `gap_directions` not in 1 to 4.
+        If a length or an angle is not positive (`gap` and slacks may be 0), or `gap_directions` is not in 1 to 4.
     """
 
     resolution: float = 0.001
@@ -103,20 +104,20 @@ class DepthBuffer:
 
 @dataclass(frozen=True)
 class HiddenPointRemoval:
-    """How hidden point removal is applied to a survey.
+    """Parameters of hidden point removal.
 
-    Measured surfaces are rough, and of a rough surface the hull touches the tops alone. So the hull is that of the
-    centroids of voxels, whose points share the answer. Defaults were chosen on two simulated streets.
+    The hull of a rough surface touches its peaks only. The hull is therefore computed on the centroids of voxels, and
+    all points of a voxel share its visibility. The defaults were selected on two simulated streets.
 
     Parameters
     ----------
     exponent : float, default 3.5
-        The sphere's radius is the largest distance times 10 to this power. Larger sees more: through gaps, and into
-        concave corners.
+        The radius of the sphere is the largest distance times 10 to this power. Larger marks more points visible:
+        through gaps and in concave corners.
     voxel_size : float, default 0.2
-        Edge of the voxels, metres; larger is faster and closes more gaps, and blurs edges.
+        Edge length of the voxels, metres; larger is faster, closes more gaps and blurs edges.
     max_range : float, default infinite
-        Depth beyond which points are not labelled by the image, metres.
+        Depth beyond which an image labels no points, metres.
 
     Raises
     ------
@@ -141,21 +142,21 @@ class HiddenPointRemoval:
 def visible_points(
     xyz: ArrayLike, camera: Camera, *, method: DepthBuffer | HiddenPointRemoval | None = None
 ) -> NDArray[np.bool_]:
-    """Tell which points a camera sees.
+    """Return which points a camera sees.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
-        Points, metres, in the frame that the camera's pose refers to: all that may hide something.
+        All points that may occlude, in the frame of the camera's pose, metres.
     camera : Camera
         The camera.
     method : DepthBuffer or HiddenPointRemoval, optional
-        How; by default a `DepthBuffer`, which is the better of the two on simulated streets.
+        The method; None is a `DepthBuffer` with its defaults, which is more accurate on simulated streets.
 
     Returns
     -------
     ndarray of shape (n,), bool
-        True for points inside the image, within range, that no other point hides.
+        True for points inside the image and within range that no other point hides.
 
     Raises
     ------
@@ -163,28 +164,28 @@ def visible_points(
         If `xyz` is not (n, 3) or not finite.
     """
     points = check_xyz(xyz)
-    how = DepthBuffer() if method is None else method
+    parameters = DepthBuffer() if method is None else method
     pixels, depth, inside = project_points(points, camera)
-    rows = np.flatnonzero(inside & (depth <= how.max_range))
+    rows = np.flatnonzero(inside & (depth <= parameters.max_range))
     visible = np.zeros(len(points), dtype=np.bool_)
-    if isinstance(how, HiddenPointRemoval):
-        visible[rows] = _by_hull(points[rows].astype(np.float64) - camera.centre, how)
+    if isinstance(parameters, HiddenPointRemoval):
+        visible[rows] = _by_hull(points[rows].astype(np.float64) - camera.centre, parameters)
     else:
-        visible[rows] = _by_buffer(points, rows, pixels[rows], depth[rows], camera, how)
+        visible[rows] = _by_buffer(points, rows, pixels[rows], depth[rows], camera, parameters)
     return visible
 
 
 def hidden_point_removal(xyz: ArrayLike, viewpoint: ArrayLike, *, radius: float) -> NDArray[np.bool_]:
-    """Tell visible points by the convex hull of their spherical flip.
+    """Return visible points by the convex hull of their spherical flip.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
-        Points, metres. Of points at one place only the first is told to be visible.
+        Points, metres. Of coincident points only the first can be visible.
     viewpoint : array-like of shape (3,)
-        Where they are seen from, metres.
+        The viewpoint, metres.
     radius : float
-        Radius of the sphere, at least the largest distance, metres; larger sees more.
+        Radius of the sphere, at least the largest distance, metres; larger marks more points visible.
 
     Returns
     -------
@@ -209,13 +210,13 @@ def hidden_point_removal(xyz: ArrayLike, viewpoint: ArrayLike, *, radius: float)
         raise ParameterError(f"radius must be at least the largest distance {distance.max():g}, got {radius!r}")
     visible = distance == 0
     rows = np.flatnonzero(~visible)
-    if len(rows) < 3:  # too few for a hull: only what is exactly in front hides
+    if len(rows) < 3:  # too few for a hull: only points on the same ray hide
         visible[rows] = _unhidden(seen[rows], distance[rows])
         return visible
     flipped = np.zeros((len(rows) + 1, 3))
     flipped[1:] = seen[rows] * (2 * radius / distance[rows] - 1)[:, None]
-    found = hull_vertices(flipped)
-    vertices = _vertices_by_qhull(flipped) if found is None else found
+    own = hull_vertices(flipped)
+    vertices = _vertices_by_qhull(flipped) if own is None else own
     visible[rows[vertices[vertices > 0] - 1]] = True
     return visible
 
@@ -223,7 +224,7 @@ def hidden_point_removal(xyz: ArrayLike, viewpoint: ArrayLike, *, radius: float)
 def _vertices_by_qhull(points: NDArray[np.float64]) -> NDArray[np.integer]:
     try:
         return ConvexHull(points).vertices
-    except QhullError:  # all in one plane with the viewpoint: joggled input has a hull
+    except QhullError:  # all in one plane with the viewpoint: joggle the input
         return ConvexHull(points, qhull_options="QJ").vertices
 
 

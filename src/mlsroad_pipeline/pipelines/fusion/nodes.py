@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
-from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters, core_answers, divide_scenes, fit
+from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters, divide_scenes, fit, fusion_sample
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.members import with_members
 from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
@@ -28,7 +28,7 @@ def take_test_set_1(
     scheme = find_scheme(classes["schemes"], survey.scheme)
     first, _ = divide_scenes(list(images), parameters.share)
     inputs = {"scene": scenes, "features": features, "images": images}
-    return scene_tasks(first, core_answers, inputs, {"scheme": scheme})
+    return scene_tasks(first, fusion_sample, inputs, {"scheme": scheme})
 
 
 def learn_fusion(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.labels import ImagePredictions
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.image_labels.cityscapes import encode_label_image
@@ -110,7 +111,7 @@ class LabelledImages(Sequence[tuple[NDArray[np.uint8], NDArray[np.int16]]]):
 def label_scene_through_images(
     scene: PointCloud, around: Sequence[PointCloud], model: str, calibration: str | None, pictures: str | None, *,
     reach: float,
-) -> dict[str, NDArray]:  # fmt: skip
+) -> ImagePredictions:  # fmt: skip
     """Label a scene of a comparison with a stored model."""
     from mlsroad_pipeline.algorithms.image_labels import labeller  # noqa: PLC0415  it imports torch
 
