@@ -33,7 +33,7 @@ def fit_forest(patches, **changes):
 
 
 def fit_svm(patches, parameters=SVM):
-    return fit_patch_svm(patches, parameters=parameters, n_classes=4)[0]
+    return fit_patch_svm(patches, parameters=parameters, n_classes=4)
 
 
 METHODS = pytest.mark.parametrize("fit", [fit_forest, fit_svm], ids=["forest", "svm"])
@@ -121,11 +121,11 @@ def test_cross_validation_takes_the_better_parameters_and_holds_scenes_out(rng):
     patches = planted(rng, 400, colour=False)
     choice = fit_patch_svm(
         patches, parameters=PatchSvmParameters(costs=[1e-6, 10.0], gammas=[0.1], cv_per_class=60), n_classes=4
-    )[1]
+    ).choice
     assert choice.cost == 10.0 and choice.mean_f1 > 0.9
     # A machine that only knows the scene cannot be rewarded for it: classes that differ from scene to scene by noise.
     noise = patches.with_columns(label=rng.integers(0, 2, 400))
-    assert fit_patch_svm(noise, parameters=SVM, n_classes=4)[1].mean_f1 < 0.62
+    assert fit_patch_svm(noise, parameters=SVM, n_classes=4).choice.mean_f1 < 0.62
 
 
 def test_one_scene_is_cut_into_folds_with_a_warning(rng, caplog):
@@ -187,7 +187,7 @@ def test_training_set_has_the_labelled_patches_of_the_cores_and_the_edges_betwee
 def test_model_labels_a_cloud_from_raw_coordinates_on(fit, module, parameters, training, tmp_path, caplog):
     patches, _ = join_training_scenes(*training[1:])
     save_bundle(bundled(fit, patches, module, parameters), tmp_path)
-    assert f"{module.SLUG}: no training patch is of vehicle" in caplog.text
+    assert f"{module.SLUG}: no training patches of vehicle" in caplog.text
     bundle = load_bundle(tmp_path)
     cloud = street(9)
     outlier = np.arange(len(cloud)) % 50 == 0

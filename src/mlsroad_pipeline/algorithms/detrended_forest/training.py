@@ -227,7 +227,7 @@ def fit(
     assert classifier is not None  # the set of all attributes is always trained
     missing = [scheme.classes[label] for label in classifier.missing_classes_]
     if missing:
-        logger.warning("No training supervoxels of %s: the model never predicts these classes", ", ".join(missing))
+        logger.warning("No training supervoxels of %s: they are never predicted", ", ".join(missing))
     metadata = {
         "classes": list(scheme.classes),
         "scheme": asdict(scheme),

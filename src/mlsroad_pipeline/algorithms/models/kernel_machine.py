@@ -19,6 +19,23 @@ _BLOCK = 64
 
 
 @dataclass(frozen=True)
+class Choice:
+    """Hyperparameters chosen by cross-validation.
+
+    Attributes
+    ----------
+    cost, gamma : float
+        C, and gamma of the Gaussian kernel.
+    mean_f1 : float
+        Mean F1 over the classes on held-out samples.
+    """
+
+    cost: float
+    gamma: float
+    mean_f1: float
+
+
+@dataclass(frozen=True)
 class KernelMachine:
     """Support vectors, their coefficients, and the sigmoids that make probabilities of decisions.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations, product
 from typing import Any
 
@@ -13,28 +12,11 @@ from numpy.typing import NDArray
 from sklearn.metrics import f1_score
 from sklearn.svm import SVC
 
-from mlsroad_pipeline.algorithms.models.kernel_machine import KernelMachine
+from mlsroad_pipeline.algorithms.models.kernel_machine import Choice, KernelMachine
 from mlsroad_pipeline.algorithms.models.pairwise import fit_sigmoid
 
 Folds = Sequence[tuple[NDArray, NDArray]]
 """Rows to train on and rows that are held out, of each fold."""
-
-
-@dataclass(frozen=True)
-class Choice:
-    """What cross-validation chose.
-
-    Attributes
-    ----------
-    cost, gamma : float
-        The parameters.
-    mean_f1 : float
-        Mean F1 over the classes on held-out samples.
-    """
-
-    cost: float
-    gamma: float
-    mean_f1: float
 
 
 def standardise(features: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

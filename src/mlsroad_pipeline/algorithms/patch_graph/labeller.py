@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -15,7 +16,7 @@ from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import (
 )
 from mlsroad_pipeline.algorithms.patch_graph.refinement import GroundClasses
 from mlsroad_pipeline.algorithms.patches.labelling import label_patch_cloud
-from mlsroad_pipeline.algorithms.patches.training import PatchTraining, bundle_model
+from mlsroad_pipeline.algorithms.patches.training import PatchTraining, bundle_model, train_model
 
 SLUG, REFINED_SLUG = "patch_graph", "patch_graph_mrf"
 
@@ -26,33 +27,13 @@ label_cloud_refined = partial(label_patch_cloud, classifier=RefinedPatchGraphCla
 """Entry point of models of `train_refinement`."""
 
 
-def train(training: PatchTraining, *, parameters: PatchGraphParameters, n_threads: int = 1) -> ModelBundle:
-    """Build the match graph of the training scenes.
+def _describe(classifier: PatchGraphClassifier) -> dict[str, Any]:
+    graph = classifier.graph
+    return {"objective": graph.objective.tolist(), "graph_nodes": len(graph.labels)}
 
-    Parameters
-    ----------
-    training : PatchTraining
-        The training scenes.
-    parameters : PatchGraphParameters
-        Parameters of the graph.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
 
-    Returns
-    -------
-    ModelBundle
-        The model; ``objective`` in its arrays is equation 1 after every iteration.
-
-    Raises
-    ------
-    DataError
-        If there are too few training scenes.
-    """
-    classifier = PatchGraphClassifier.fit(
-        training.patches, training.edges, len(training.scheme), parameters=parameters, n_threads=n_threads
-    )
-    facts = {"objective": classifier.graph.objective.tolist(), "graph_nodes": len(classifier.graph.labels)}
-    return bundle_model(SLUG, classifier, training, parameters=parameters, facts=facts)
+train = partial(train_model, slug=SLUG, fit=PatchGraphClassifier.fit, describe=_describe)
+"""Trains a model on a `PatchTraining` with `PatchGraphParameters`; its metadata hold the objective (equation 1)."""
 
 
 def ground_classes(scheme: ClassScheme) -> GroundClasses:

@@ -1,9 +1,9 @@
-"""What all methods that label patches learn from, and how a trained classifier becomes a model."""
+"""Training of patch classifiers: labelled patches of the training scenes in, a model bundle out."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -29,15 +29,15 @@ class PatchTraining:
     patches : Patches
         The labelled patches; `scene` numbers their scenes from 0.
     edges : ndarray of int32, shape (m, 2)
-        Pairs of patches of a scene whose leaves touch, each once.
+        Pairs of adjacent patches of a scene, each pair once.
     stages : PatchStages
-        How the scenes were prepared.
+        Parameters of the stages that prepared the scenes.
     scheme : ClassScheme
         The classes.
     trained_on : mapping
-        What a model's metadata say of the training data; JSON values.
+        Description of the training data for the model's metadata; JSON values.
     surveys : ndarray of int32, shape (scenes,), optional
-        Survey of each scene, as `number_surveys` gives it; None where that is not known.
+        Survey of each scene, see `number_surveys`; None if unknown.
     """
 
     patches: Patches
@@ -49,7 +49,7 @@ class PatchTraining:
 
 
 def number_surveys(keys: Iterable[str]) -> NDArray[np.int32]:
-    """Tell which training scenes are of one survey: cut from one file, or along one drive.
+    """Return the survey of each training scene; scenes of one file or one drive belong to one survey.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def number_surveys(keys: Iterable[str]) -> NDArray[np.int32]:
     Returns
     -------
     ndarray of int32, shape (scenes,)
-        Survey of each scene in the order of their names, from 0: that of `join_training_scenes`.
+        Number of the survey, from 0, in the order of the sorted keys, which is that of `join_training_scenes`.
     """
     surveys = [SceneKey.parse(key).parent for key in sorted(keys)]
     return np.unique(surveys, return_inverse=True)[1].astype(np.int32)
@@ -80,14 +80,14 @@ def join_training_scenes(
     Returns
     -------
     patches : Patches
-        The labelled patches, scene after scene in the order of the scenes' names; `scene` numbers them from 0.
+        The labelled patches, scene by scene in the order of the sorted keys; `scene` numbers the scenes from 0.
     edges : ndarray of int32, shape (m, 2)
-        Pairs of labelled patches of a scene whose leaves touch, each once.
+        Pairs of adjacent labelled patches, each pair once.
 
     Raises
     ------
     DataError
-        If there is no training scene, or none of their patches is labelled.
+        If there is no training scene, or no labelled patch.
     """
     if not labels:
         raise DataError("no training scenes: the split 'train' is empty")
@@ -115,7 +115,7 @@ def bundle_model(
     parameters: Any,
     facts: Mapping[str, Any] | None = None,
 ) -> ModelBundle:
-    """Pack a trained classifier.
+    """Pack a trained classifier as a model bundle.
 
     Parameters
     ----------
@@ -124,11 +124,11 @@ def bundle_model(
     classifier : PatchClassifier
         The classifier.
     training : PatchTraining
-        What it was trained on.
+        The training scenes.
     parameters : dataclass
         The method's parameters.
     facts : mapping, optional
-        Further metadata, such as what cross-validation chose; JSON values.
+        Further metadata, such as the choice of cross-validation; JSON values.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def bundle_model(
     counts = np.bincount(patches.label[patches.label >= 0], minlength=len(scheme))
     missing = [name for name, count in zip(scheme.classes, counts, strict=True) if count == 0]
     if missing:
-        logger.warning("%s: no training patch is of %s: the model never gives them", slug, ", ".join(missing))
+        logger.warning("%s: no training patches of %s: they are never predicted", slug, ", ".join(missing))
     metadata = {
         "classes": list(scheme.classes),
         "scheme": asdict(scheme),
@@ -149,3 +149,47 @@ def bundle_model(
         **(facts or {}),
     }
     return ModelBundle(slug, classifier.to_arrays(), metadata)
+
+
+def train_model(
+    training: PatchTraining,
+    *,
+    slug: str,
+    fit: Callable[..., Any],
+    parameters: Any,
+    describe: Callable[[Any], Mapping[str, Any]] | None = None,
+    n_threads: int = 1,
+) -> ModelBundle:
+    """Fit a classifier to the training scenes and pack it; ``train`` of a method binds `slug`, `fit` and `describe`.
+
+    Parameters
+    ----------
+    training : PatchTraining
+        The training scenes.
+    slug : str
+        The method's slug.
+    fit : callable
+        Takes patches and edges, and the keywords ``parameters``, ``n_classes`` and ``n_threads``; returns a
+        `PatchClassifier`.
+    parameters : dataclass
+        The method's parameters.
+    describe : callable, optional
+        Takes the classifier; returns further metadata of the model.
+    n_threads : int, default 1
+        Threads; the model does not depend on them.
+
+    Returns
+    -------
+    ModelBundle
+        The model.
+
+    Raises
+    ------
+    DataError
+        If the classifier cannot be trained on these scenes.
+    """
+    classifier = fit(
+        training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_threads=n_threads
+    )
+    facts = None if describe is None else describe(classifier)
+    return bundle_model(slug, classifier, training, parameters=parameters, facts=facts)

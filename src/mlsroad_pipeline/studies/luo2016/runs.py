@@ -112,14 +112,11 @@ def _run_patches(
     stages: PatchStages,
 ) -> None:
     n_classes = len(tally.scheme)
-    classifier: Any
-    facts: dict[str, Any] = {}
-    if method == "patch_svm":
-        (classifier, choice), seconds = timed(fit_patch_svm, *joined, parameters=parameters, n_classes=n_classes)
-        facts = {"cost": choice.cost, "gamma": choice.gamma}
-    else:
-        fit: Any = {"patch_forest": PatchForest.fit, "max_margin_markov": fit_max_margin}[method]
-        classifier, seconds = timed(fit, *joined, parameters=parameters, n_classes=n_classes)
+    fits = {"patch_svm": fit_patch_svm, "patch_forest": PatchForest.fit, "max_margin_markov": fit_max_margin}
+    fit: Any = fits[method]
+    classifier, seconds = timed(fit, *joined, parameters=parameters, n_classes=n_classes)
+    choice = getattr(classifier, "choice", None)
+    facts = {} if choice is None else {"cost": choice.cost, "gamma": choice.gamma}
     tally.add(method, train_seconds=seconds, **facts)
     for points, patches, edges, vote in _test_streets(test, stages):
         probabilities, first = timed(classifier.predict_proba, patches, edges)

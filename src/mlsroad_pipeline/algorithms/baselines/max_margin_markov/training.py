@@ -11,6 +11,7 @@ import logging
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +21,8 @@ from mlsroad_pipeline.algorithms.baselines.max_margin_markov.graph import Markov
 from mlsroad_pipeline.algorithms.baselines.max_margin_markov.network import PARTS, MarkovNetwork, clique_shares
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.patches.extraction import Patches
-from mlsroad_pipeline.algorithms.patches.training import PatchTraining, bundle_model
+from mlsroad_pipeline.algorithms.patches.training import train_model
 
 _EXPONENTS = {"balanced": 1.0, "sqrt": 0.5, "none": 0.0}
 
@@ -239,29 +239,5 @@ def _split(patches: Patches, edges: NDArray[np.int32], clique_shares: Sequence[f
     return scenes
 
 
-def train(training: PatchTraining, *, parameters: MarginParameters, n_threads: int = 1) -> ModelBundle:
-    """Train on the training scenes and pack the network.
-
-    Parameters
-    ----------
-    training : PatchTraining
-        The training scenes.
-    parameters : MarginParameters
-        Parameters of the network.
-    n_threads : int, default 1
-        Threads; the model does not depend on it.
-
-    Returns
-    -------
-    ModelBundle
-        The model.
-
-    Raises
-    ------
-    DataError
-        If all patches are of one class.
-    """
-    classifier = fit_max_margin(
-        training.patches, training.edges, n_classes=len(training.scheme), parameters=parameters, n_threads=n_threads
-    )
-    return bundle_model(SLUG, classifier, training, parameters=parameters)
+train = partial(train_model, slug=SLUG, fit=fit_max_margin)
+"""Trains a model on a `PatchTraining` with `MarginParameters`."""

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.patches.extraction import Patches
 from mlsroad_pipeline.algorithms.patches.features import draw_training_patches, patch_features, variants_of
 from mlsroad_pipeline.algorithms.patches.labelling import label_patch_cloud
-from mlsroad_pipeline.algorithms.patches.training import PatchTraining, bundle_model
+from mlsroad_pipeline.algorithms.patches.training import train_model
 from mlsroad_pipeline.algorithms.patches.variants import PatchVariants
 
 SLUG = "patch_forest"
@@ -119,24 +118,5 @@ label_cloud = partial(label_patch_cloud, classifier=PatchForest)
 """Entry point of the models."""
 
 
-def train(training: PatchTraining, *, parameters: PatchForestParameters, n_threads: int = 1) -> ModelBundle:
-    """Train on the training scenes and pack the forest.
-
-    Parameters
-    ----------
-    training : PatchTraining
-        The training scenes.
-    parameters : PatchForestParameters
-        Parameters of the forest.
-    n_threads : int, default 1
-        Threads; the model does not depend on it.
-
-    Returns
-    -------
-    ModelBundle
-        The model.
-    """
-    classifier = PatchForest.fit(
-        training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_threads=n_threads
-    )
-    return bundle_model(SLUG, classifier, training, parameters=parameters)
+train = partial(train_model, slug=SLUG, fit=PatchForest.fit)
+"""Trains a model on a `PatchTraining` with `PatchForestParameters`."""

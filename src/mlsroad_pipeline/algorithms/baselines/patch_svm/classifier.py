@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.models.kernel_machine import KernelMachine
+from mlsroad_pipeline.algorithms.models.kernel_machine import Choice, KernelMachine
 from mlsroad_pipeline.algorithms.patches.labelling import label_patch_cloud
 from mlsroad_pipeline.algorithms.patches.variants import PatchVariants
 
@@ -69,10 +69,16 @@ class PatchSvm(PatchVariants):
     trained_classes : ndarray of int64, shape (t,)
         Those that training saw, ascending.
     models : mapping of str to KernelMachine
-        Variant to machine.
+        Variant to support vector machine.
+
+    Attributes
+    ----------
+    choice : Choice or None
+        C and gamma of a newly trained classifier; None after loading.
     """
 
     kind, slug = KernelMachine, SLUG
+    choice: Choice | None = None
 
 
 label_cloud = partial(label_patch_cloud, classifier=PatchSvm)

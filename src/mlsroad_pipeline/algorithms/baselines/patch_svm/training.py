@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import warnings
 from dataclasses import asdict
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +14,11 @@ from sklearn.model_selection import StratifiedGroupKFold
 
 from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import SLUG, PatchSvm, PatchSvmParameters
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.models.kernel_machine_training import (
-    Choice,
-    choose_machine,
-    fit_machine,
-    standardise,
-)
+from mlsroad_pipeline.algorithms.models.kernel_machine import Choice
+from mlsroad_pipeline.algorithms.models.kernel_machine_training import choose_machine, fit_machine, standardise
 from mlsroad_pipeline.algorithms.patches.extraction import Patches
 from mlsroad_pipeline.algorithms.patches.features import draw_training_patches, patch_features, variants_of
-from mlsroad_pipeline.algorithms.patches.training import PatchTraining, bundle_model
+from mlsroad_pipeline.algorithms.patches.training import train_model
 
 logger = logging.getLogger(__name__)
 
@@ -33,7 +30,7 @@ def fit_patch_svm(
     parameters: PatchSvmParameters,
     n_classes: int,
     n_threads: int = 1,
-) -> tuple[PatchSvm, Choice]:
+) -> PatchSvm:
     """Train on labelled patches.
 
     C and gamma are those with the best mean F1 on held-out scenes, of equal ones the smaller. With fewer scenes than
@@ -56,10 +53,8 @@ def fit_patch_svm(
 
     Returns
     -------
-    classifier : PatchSvm
-        The machines.
-    choice : Choice
-        The parameters chosen.
+    PatchSvm
+        The support vector machines, with the choice of cross-validation.
 
     Raises
     ------
@@ -87,37 +82,18 @@ def fit_patch_svm(
         machines[variant] = fit_machine(
             features, sample.label, choice, held_out=held_out, held_out_labels=small.label, folds=folds
         )
-    assert choice is not None  # there is at least one variant
-    return PatchSvm(n_classes, trained, machines), choice
+    classifier = PatchSvm(n_classes, trained, machines)
+    classifier.choice = choice
+    return classifier
 
 
-def train(training: PatchTraining, *, parameters: PatchSvmParameters, n_threads: int = 1) -> ModelBundle:
-    """Train on the training scenes and pack the machine.
+def _describe(classifier: PatchSvm) -> dict[str, Any]:
+    assert classifier.choice is not None  # set by `fit_patch_svm`
+    return {"chosen": asdict(classifier.choice)}
 
-    Parameters
-    ----------
-    training : PatchTraining
-        The training scenes.
-    parameters : PatchSvmParameters
-        Parameters of the machine.
-    n_threads : int, default 1
-        Threads; the model does not depend on it.
 
-    Returns
-    -------
-    ModelBundle
-        The model; its metadata say what cross-validation chose.
-
-    Raises
-    ------
-    DataError
-        If the patches are of one class only, or folds cannot be made of them.
-    """
-    classifier, choice = fit_patch_svm(
-        training.patches, training.edges, parameters=parameters, n_classes=len(training.scheme), n_threads=n_threads
-    )
-    facts = {"chosen": asdict(choice)}
-    return bundle_model(SLUG, classifier, training, parameters=parameters, facts=facts)
+train = partial(train_model, slug=SLUG, fit=fit_patch_svm, describe=_describe)
+"""Trains a model on a `PatchTraining` with `PatchSvmParameters`; its metadata hold the choice of cross-validation."""
 
 
 def _groups(patches: Patches, n_folds: int) -> NDArray[np.int64]:

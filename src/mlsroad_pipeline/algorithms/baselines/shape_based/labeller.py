@@ -220,7 +220,7 @@ def fit(
     ).fit(features, labels, sample_weight=np.exp(0.5 * features[:, 0]))  # the root of an object's number of patches
     missing = [name for number, name in enumerate(scheme.classes) if number not in known]
     if missing:
-        logger.warning("%s: no training object is of %s: the model never gives them", SLUG, ", ".join(missing))
+        logger.warning("%s: no training objects of %s: they are never predicted", SLUG, ", ".join(missing))
     above, below = np.sum([scene["on_ground"] for scene in filled], axis=0)
     off_ground = above >= below
     metadata = {
