@@ -1,4 +1,4 @@
-"""Predictions for the points of a scene, as they are stored: mappings of arrays."""
+"""Predictions for the points of a scene, as stored mappings of arrays."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.classes import IGNORE
+
 
 class PointLabels(TypedDict):
     """Labels of a scene's points.
@@ -14,9 +16,9 @@ class PointLabels(TypedDict):
     Attributes
     ----------
     label : ndarray of int16, shape (n,)
-        Labels of the class scheme, -1 for none.
+        Classes of the model's scheme; -1 where the method assigns none.
     confidence : ndarray of float32, shape (n,)
-        Confidence of the labels, 0 to 1.
+        Probability or score of the class, 0 to 1; 0 without a class.
     """
 
     label: NDArray[np.int16]
@@ -39,3 +41,21 @@ class ImagePredictions(PointLabels):
     seen: NDArray[np.bool_]
     n_images: NDArray[np.int16]
     probabilities: NDArray[np.float16]
+
+
+def unlabelled(n: int) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Return new labels and confidences of points without a class.
+
+    Parameters
+    ----------
+    n : int
+        Number of points.
+
+    Returns
+    -------
+    label : ndarray of int16, shape (n,)
+        -1 throughout.
+    confidence : ndarray of float32, shape (n,)
+        0 throughout.
+    """
+    return np.full(n, IGNORE, dtype=np.int16), np.zeros(n, dtype=np.float32)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.core.scene_labels import SceneLabels, unlabelled
 from mlsroad_pipeline.algorithms.detrended_forest.labelling import label_points, smooth_probabilities
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under, missing_attributes
 from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
@@ -58,7 +58,7 @@ class StageParameters:
 
 def label_scene(
     scene: PointCloud, supervoxels: SupervoxelPartition, features: SupervoxelTable, bundle: ModelBundle
-) -> SceneLabels:
+) -> PointLabels:
     """Label the points of a prepared scene.
 
     Parameters
@@ -74,7 +74,7 @@ def label_scene(
 
     Returns
     -------
-    SceneLabels
+    PointLabels
         Class and probability of each point; outliers have no class.
 
     Raises

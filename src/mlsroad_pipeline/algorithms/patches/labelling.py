@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.core.scene_labels import SceneLabels, unlabelled
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, missing_attributes
 from mlsroad_pipeline.algorithms.models.class_balance import majority_labels
 from mlsroad_pipeline.algorithms.patches.extraction import Patches, PatchParameters, extract_patches
@@ -203,7 +203,7 @@ def label_patch_scene(
     patches: ScenePatches,
     bundle: ModelBundle,
     classifier: type[PatchClassifier],
-) -> SceneLabels:
+) -> PointLabels:
     """Label the points of a prepared scene.
 
     Parameters
@@ -219,7 +219,7 @@ def label_patch_scene(
 
     Returns
     -------
-    SceneLabels
+    PointLabels
         Class of each point and its mean probability over the patches around; outliers have no class.
 
     Raises

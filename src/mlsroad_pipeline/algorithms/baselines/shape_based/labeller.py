@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,8 @@ from mlsroad_pipeline.algorithms.baselines.shape_based.cutting import CutParamet
 from mlsroad_pipeline.algorithms.baselines.shape_based.shape import describe_objects
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.core.scene_labels import SceneLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.class_balance import majority_labels
@@ -93,8 +93,41 @@ class ShapeParameters:
         )
 
 
-def build_objects(ground: Ground, patches: ScenePatches, parameters: ShapeParameters) -> dict[str, NDArray]:
-    """Cut the objects of a scene out of its off-ground patches, and describe them.
+class SceneObjects(TypedDict):
+    """Objects of a scene.
+
+    Attributes
+    ----------
+    features : ndarray of float32, shape (o, d)
+        Features of each object.
+    object_of_patch : ndarray of int32, shape (p,)
+        Object of each patch; -1 on the ground.
+    """
+
+    features: NDArray[np.float32]
+    object_of_patch: NDArray[np.int32]
+
+
+class TrainingObjects(TypedDict):
+    """Labelled objects of a training scene.
+
+    Attributes
+    ----------
+    features : ndarray of float32, shape (o, d)
+        Features of each object.
+    label : ndarray of int16, shape (o,)
+        Majority class of the object's labelled patches.
+    on_ground : ndarray of int64, shape (2, C)
+        Labelled patches of each class off the ground (row 0) and on it (row 1).
+    """
+
+    features: NDArray[np.float32]
+    label: NDArray[np.int16]
+    on_ground: NDArray[np.int64]
+
+
+def build_objects(ground: Ground, patches: ScenePatches, parameters: ShapeParameters) -> SceneObjects:
+    """Segment the off-ground patches of a scene into objects and compute their features.
 
     Parameters
     ----------
@@ -107,8 +140,8 @@ def build_objects(ground: Ground, patches: ScenePatches, parameters: ShapeParame
 
     Returns
     -------
-    dict of str to ndarray
-        ``features`` float32 (o, d), and ``object_of_patch`` int32 (p,), -1 for patches on the ground.
+    SceneObjects
+        The objects.
     """
     owner = patches["patch_of_point"]
     n_patches = len(patches["height"])
@@ -132,8 +165,8 @@ def training_objects(
     *,
     scheme: ClassScheme,
     parameters: ShapeParameters,
-) -> dict[str, NDArray]:
-    """Return the objects of a training scene with their classes.
+) -> TrainingObjects:
+    """Return the labelled objects of a training scene.
 
     Parameters
     ----------
@@ -150,9 +183,8 @@ def training_objects(
 
     Returns
     -------
-    dict of str to ndarray
-        ``features`` float32 (o, d) and ``label`` int16 (o,): the class of most of an object's labelled patches.
-        ``on_ground`` int64 (2, C): labelled patches of each class off the ground and on it.
+    TrainingObjects
+        The labelled objects.
 
     Raises
     ------
@@ -171,7 +203,7 @@ def training_objects(
 
 
 def fit(
-    scenes: Sequence[Mapping[str, NDArray]],
+    scenes: Sequence[TrainingObjects],
     *,
     parameters: ShapeParameters,
     stages: PatchStages,
@@ -182,8 +214,8 @@ def fit(
 
     Parameters
     ----------
-    scenes : sequence of mapping
-        What `training_objects` gave for each training scene.
+    scenes : sequence of TrainingObjects
+        Labelled objects of each training scene.
     parameters : ShapeParameters
         The parameters.
     stages : PatchStages
@@ -235,7 +267,7 @@ def fit(
     return ModelBundle(SLUG, {**arrays, "known": known.astype(np.int16)}, metadata)
 
 
-def label_objects(scene: PointCloud, ground: Ground, patches: ScenePatches, bundle: ModelBundle) -> SceneLabels:
+def label_objects(scene: PointCloud, ground: Ground, patches: ScenePatches, bundle: ModelBundle) -> PointLabels:
     """Give every off-ground point of a prepared scene a class and a confidence.
 
     Parameters
@@ -251,7 +283,7 @@ def label_objects(scene: PointCloud, ground: Ground, patches: ScenePatches, bund
 
     Returns
     -------
-    SceneLabels
+    PointLabels
         Class of each point and its mean probability over the patches around; ground and outliers have no class.
 
     Raises
