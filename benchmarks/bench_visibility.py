@@ -35,9 +35,10 @@ from mlsroad_pipeline.algorithms.image_labels.visibility import (
     visible_points,
 )
 from mlsroad_pipeline.simulation import PRESETS, SurveyStream
-from mlsroad_pipeline.simulation.cameras.cameras import camera_pose, pose_at
+from mlsroad_pipeline.simulation.cameras.cameras import camera_pose
 from mlsroad_pipeline.simulation.parameters.street_parameters import street_parameters
 from mlsroad_pipeline.simulation.rays.scene import RayScene
+from mlsroad_pipeline.simulation.street.poses import pose_at
 
 RUNS = 5
 """Runs of which the median time is printed."""

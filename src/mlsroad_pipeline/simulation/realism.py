@@ -1,4 +1,4 @@
-"""What a survey's points tell of the sensor and of the scene: figures that a simulated and a recorded survey share."""
+"""Sensor and scene statistics that simulated and recorded surveys share."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from scipy.spatial import cKDTree
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_column, check_positive, check_xyz
 
-_RUN = 12  # a scan line begins with at least so many short steps
-_GROUND_RISE = 0.35  # metres: where a line has risen or fallen by more, its ground has ended
-_LONG = 0.1  # metres: steps on the ground above this differ by more than the noise of the ranges
-_FEWEST = 20  # steps on the ground that a line must have to be fitted
+_RUN = 12  # short steps at the beginning of a scan line
+_GROUND_RISE = 0.35  # metres; a larger rise or fall ends the ground of a line
+_LONG = 0.1  # metres; differences of longer steps exceed the range noise
+_FEWEST = 20  # steps on the ground that a fit needs
 
 
 @dataclass(frozen=True)
 class ScanLines:
-    """Scan lines of a side-looking line scanner above even ground, one row per line that could be fitted.
+    """Scan lines of a side-looking line scanner above even ground, one row per fitted line.
 
     Parameters
     ----------
     first : ndarray of shape (m,), int64
         Row of each line's first point.
     height : ndarray of shape (m,), float64
-        Of the scanner above the ground, metres.
+        Height of the scanner above the ground, metres.
     step : ndarray of shape (m,), float64
         Angle between neighbouring pulses, degrees.
     nadir : ndarray of shape (m, 3), float64
-        Where the ground below the scanner is, metres.
+        Ground below the scanner, metres.
     reach : ndarray of shape (m,), float64
-        From the nadir to the last point on the ground, metres.
+        Distance from the nadir to the last point on the ground, metres.
     direction : ndarray of shape (m, 2), float64
         Unit vector in plan from the nadir along the line.
     """
@@ -46,25 +46,25 @@ class ScanLines:
 
 
 def fit_scan_lines(xyz: ArrayLike, *, min_jump: float = 1.0, max_step: float = 0.08) -> ScanLines:
-    """Find the scan lines of a side-looking line scanner in points in the order measured, and fit each one's geometry.
+    """Fit the scan lines of a side-looking line scanner to points in the order measured.
 
-    On even ground a pulse that leaves at the angle a from the nadir meets the ground at r = h tan a, so the distance
-    between neighbouring points is d (h^2 + (r - r0)^2) / h for a step of d: a parabola in r, whose vertex is the nadir
-    and whose coefficients give d and h. No label and no trajectory is needed.
+    On even ground a pulse at the angle a from the nadir hits the ground at r = h tan a. The distance between
+    neighbouring points is therefore d (h^2 + (r - r0)^2) / h for a step of d: a parabola in r, whose vertex is the
+    nadir and whose coefficients yield d and h. Neither labels nor a trajectory are needed.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Points in the order measured, metres.
     min_jump : float, default 1.0
-        A line begins after a longer step than this, metres.
+        Distance between successive points above which a line begins, metres.
     max_step : float, default 0.08
-        The steps at its beginning, near the nadir, are shorter than this, metres.
+        Upper bound of the distances at its beginning, near the nadir, metres.
 
     Returns
     -------
     ScanLines
-        The lines that have ground enough.
+        The lines with enough ground.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def _fit_line(line: NDArray[np.float64], first: int) -> _Line | None:
     along = along / length
     r = (ground[:, :2] - ground[0, :2]) @ along
     step, middle = np.diff(r), (r[1:] + r[:-1]) / 2
-    # The steps grow along the ground; where one is suddenly short, something stands there and cuts the one before it.
+    # Steps grow along the ground; an object there shortens one suddenly, and the one before it is cut.
     longest = np.maximum.accumulate(step)
     short = np.flatnonzero((longest > _LONG) & (step < longest / 2))
     good = (step > 0) & (np.arange(len(step)) < (short[0] - 1 if len(short) else len(step)))
@@ -135,12 +135,12 @@ def surface_density(xyz: ArrayLike, *, k: int = 16) -> NDArray[np.float64]:
     xyz : array-like of shape (n, 3)
         Points on surfaces, metres.
     k : int, default 16
-        Neighbours, the point itself left out. More smooth the estimate and blur it at borders.
+        Number of neighbours, without the point itself. More smooth the estimate and blur it at borders.
 
     Returns
     -------
     ndarray of shape (n,), float64
-        ``k / (pi d^2)``, where d is the distance to the k-th neighbour; NaN where there are not so many points,
+        ``k / (pi d^2)``, where d is the distance to the k-th neighbour; NaN with too few points,
         infinite where they coincide.
 
     Raises
@@ -162,21 +162,21 @@ def surface_density(xyz: ArrayLike, *, k: int = 16) -> NDArray[np.float64]:
 def plane_residuals(
     xyz: ArrayLike, *, cell_size: float = 0.5, min_points: int = 20
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Fit a plane to the points of every cell of a grid and return how far they scatter about it.
+    """Fit a plane to the points of each cell of a grid and return their scatter about it.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Points of smooth surfaces, metres.
     cell_size : float, default 0.5
-        Edge of a cell, metres. Larger cells take in more curvature.
+        Edge of a cell, metres. Larger cells contain more curvature.
     min_points : int, default 20
-        Cells with fewer points are left out; at least 4.
+        Cells with fewer points are skipped; at least 4.
 
     Returns
     -------
     scatter : ndarray of shape (m,), float64
-        Standard deviation across the plane, metres, free of bias by the fit's three unknowns.
+        Standard deviation across the plane, metres, unbiased for the three unknowns of the fit.
     centre : ndarray of shape (m, 3), float64
         Mean of each cell's points.
 
@@ -207,7 +207,7 @@ def plane_residuals(
 
 
 def incidence_angles(xyz: ArrayLike, normals: ArrayLike, origins: ArrayLike) -> NDArray[np.float64]:
-    """Return the angles between beams and the normals of the surfaces that they met.
+    """Return the angles of incidence of beams on surfaces.
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ def incidence_angles(xyz: ArrayLike, normals: ArrayLike, origins: ArrayLike) -> 
     normals : array-like of shape (n, 3)
         Unit normals of either sign; NaN where there is none.
     origins : array-like of shape (n, 3) or (3,)
-        Where the scanner was, metres.
+        Positions of the scanner, metres.
 
     Returns
     -------
@@ -246,13 +246,13 @@ def binned_quantiles(
     Parameters
     ----------
     values : array-like of shape (n,)
-        Values; those that are not finite are left out.
+        Values; those that are not finite are skipped.
     at : array-like of shape (n,)
-        What the bins are of.
+        Quantity that is binned.
     edges : array-like of shape (b + 1,)
-        Rising edges of the bins; the lower one belongs to a bin.
+        Rising edges of the bins; each bin includes its lower edge.
     shares : tuple of float, default (0.25, 0.5, 0.75)
-        Which quantiles.
+        Quantiles, 0 to 1.
 
     Returns
     -------
@@ -282,17 +282,17 @@ def binned_quantiles(
 
 
 def distribution_gap(first: ArrayLike, second: ArrayLike) -> float:
-    """Return the largest difference of two distribution functions: the statistic of Kolmogorov and Smirnov.
+    """Return the Kolmogorov-Smirnov statistic: the largest difference of two distribution functions.
 
     Parameters
     ----------
     first, second : array-like of shape (n,), (m,)
-        Samples; values that are not finite are left out.
+        Samples; values that are not finite are skipped.
 
     Returns
     -------
     float
-        0 for the same distribution to 1 for such as do not overlap; NaN if one is empty.
+        0 for equal distributions to 1 for disjoint ones; NaN if one is empty.
     """
     a, b = (np.sort(v[np.isfinite(v)]) for v in (np.asarray(first, np.float64), np.asarray(second, np.float64)))
     if len(a) == 0 or len(b) == 0:

@@ -9,13 +9,13 @@ from mlsroad_pipeline.simulation.cameras.cameras import (
     DISTORTION,
     calibration,
     camera_pose,
-    pose_at,
     take_image,
 )
 from mlsroad_pipeline.simulation.cameras.colouring import colour_points, spread_colours
 from mlsroad_pipeline.simulation.model.meshes import Surface
 from mlsroad_pipeline.simulation.model.solids import box
 from mlsroad_pipeline.simulation.rays.scene import RayScene
+from mlsroad_pipeline.simulation.street.poses import pose_at
 
 
 def project(xyz, image):

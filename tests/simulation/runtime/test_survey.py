@@ -15,7 +15,7 @@ from mlsroad_pipeline.simulation import (
     stream_points,
     survey_chunks,
 )
-from mlsroad_pipeline.simulation.runtime import crew  # fmt: skip
+from mlsroad_pipeline.simulation.runtime import worker_pool
 from mlsroad_pipeline.simulation.street.ground import GROUND_LABELS
 
 COLUMNS = {
@@ -47,7 +47,7 @@ def test_a_survey_has_what_a_real_one_delivers(survey, parameters):
 
 
 def test_the_same_bytes_from_any_number_of_processes(survey, parameters, monkeypatch):
-    monkeypatch.setattr(crew, "_WORTHWHILE", 0)
+    monkeypatch.setattr(worker_pool, "_MIN_WORK", 0)
     other = simulate_survey(parameters, n_threads=2)
     assert other.cloud.xyz.tobytes() == survey.cloud.xyz.tobytes()
     for name in COLUMNS:
@@ -55,21 +55,21 @@ def test_the_same_bytes_from_any_number_of_processes(survey, parameters, monkeyp
     for a, b in zip(survey.images, other.images, strict=True):
         assert a.rgb.tobytes() == b.rgb.tobytes() and a.label.tobytes() == b.label.tobytes() and a.name == b.name
     assert other.trajectory.equals(survey.trajectory) and other.objects.equals(survey.objects)
-    # Another process gives the very block and points, tells what went wrong, and is missed when it is gone.
-    [worker] = crew._SPARE
+    # Another process returns the same block and points, passes errors on, and its end is an error.
+    [process] = worker_pool._IDLE
     stream = SurveyStream(parameters)
-    order = ("other", (parameters, stream.length, 0, stream.drive.start), 0)
-    blocks = {k: worker.ask(*order, "build", k, {}) for k in stream.near(0)}
+    survey_id = ("other", (parameters, stream.length, 0, stream.drive.start), 0)
+    blocks = {k: process.run(*survey_id, "build", k, {}) for k in stream.near(0)}
     here = stream.build(0)
     for name in ("vertices", "faces", "attributes", "instances", "centre", "box"):
         np.testing.assert_array_equal(getattr(blocks[0].soup, name), getattr(here.soup, name))
-    part = worker.ask(*order, "scan", stream.spans(0)[0], blocks)
+    part = process.run(*survey_id, "scan", stream.spans(0)[0], blocks)
     np.testing.assert_array_equal(part.xyz.astype(np.float32), survey.cloud.xyz[: len(part)])
     with pytest.raises(TypeError):
-        worker.ask(*order, "build", "x", {})
-    worker._process.terminate()
+        process.run(*survey_id, "build", "x", {})
+    process._process.terminate()
     with pytest.raises(DataError, match="a process that simulated a part of the survey ended"):
-        worker.ask(*order, "build", 0, {})
+        process.run(*survey_id, "build", 0, {})
 
 
 @pytest.fixture(scope="module")
@@ -176,7 +176,7 @@ def test_chunks_follow_each_other_to_the_exact_count(parameters):
     assert first <= times[0] and times[-1] <= last
 
 
-def test_a_stream_gives_the_points_of_the_whole(survey, stream, scene):
+def test_a_stream_yields_the_points_of_the_whole_survey(survey, stream, scene):
     pieces = list(stream.scan(0, scene))
     np.testing.assert_array_equal(np.concatenate([p.xyz for p in pieces]).astype(np.float32), survey.cloud.xyz)
 

@@ -8,7 +8,7 @@ from mlsroad_pipeline.simulation.model.meshes import DIFFUSE, FOLIAGE, GLASS, GR
 from mlsroad_pipeline.simulation.model.solids import box
 from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem
 from mlsroad_pipeline.simulation.rays.scene import RayScene
-from mlsroad_pipeline.simulation.rays.standing import build_standing
+from mlsroad_pipeline.simulation.rays.static import static_geometry
 from mlsroad_pipeline.simulation.rays.surfaces import WET
 from mlsroad_pipeline.simulation.scanning.amplitudes import amplitude_of, backscatter
 from mlsroad_pipeline.simulation.scanning.receiver import FULL_SCALE_DB, GHOST, range_deviation, receive
@@ -152,10 +152,10 @@ def test_parts_answer_as_the_whole_does(street, rng):
     numbers = np.arange(1, 41)
     whole = RayScene(street, meshes, numbers, [], np.zeros(3))
     parts = [
-        build_standing(meshes[low:high], numbers[low:high], centre, heading=heading)
+        static_geometry(meshes[low:high], numbers[low:high], centre, heading=heading)
         for low, high, centre, heading in ((0, 15, np.array([3.0, 1, 0]), 0.4), (15, 40, np.array([-7.0, 0, 2]), -1.0))
     ]
-    pieces = RayScene(street, [], [], [], np.zeros(3), standing=parts)
+    pieces = RayScene(street, [], [], [], np.zeros(3), static=parts)
     d = rng.normal(size=(3000, 3))
     rays = np.hstack(
         [rng.uniform([-22, -6, -4], [22, 6, 4], (3000, 3)), d / np.linalg.norm(d, axis=1, keepdims=True)]

@@ -1,4 +1,4 @@
-"""Bodies put together from capsules between joints."""
+"""Bodies of people, composed of capsules between joints."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ANKLE, FOOT, SHOULDER, HIP = 0.039, 0.152, 0.115, 0.052
 
 
 class Skeleton(NamedTuple):
-    """Joints of a body that looks along +x; of pairs the right one comes first.
+    """Joints of a body that faces +x; the right one of a pair comes first.
 
     Parameters
     ----------
@@ -42,18 +42,7 @@ class Skeleton(NamedTuple):
     head: Floats
 
     def moved(self, shift: ArrayLike) -> Skeleton:
-        """Return the skeleton elsewhere.
-
-        Parameters
-        ----------
-        shift : array-like of shape (3,)
-            Metres.
-
-        Returns
-        -------
-        Skeleton
-            The same pose.
-        """
+        """Return the skeleton shifted, in the same pose."""
         by = np.asarray(shift, dtype=np.float64)
         return Skeleton(*(part if k == 6 else part + by for k, part in enumerate(self)))
 
@@ -62,23 +51,9 @@ def capsules(
     starts: ArrayLike, ends: ArrayLike, first: ArrayLike, last: ArrayLike, surfaces: Surface | Sequence[Surface],
     *, sides: int = 6,
 ) -> Mesh:  # fmt: skip
-    """Return limbs: bars with rounded ends, thickest above their middle.
+    """Return limbs between joints of shape (n, 3): bars with rounded ends, thickest at a third of their length.
 
-    Parameters
-    ----------
-    starts, ends : array-like of shape (n, 3)
-        Joints, metres.
-    first, last : array-like
-        Radius at either joint, metres; broadcast to (n,).
-    surfaces : Surface or sequence of n Surface
-        What they are made of.
-    sides : int, default 6
-        Corners of the cross-section.
-
-    Returns
-    -------
-    Mesh
-        The limbs, each with ``10 sides - 4`` faces.
+    `first` and `last` are the radii at either joint, metres. Each limb has ``10 sides - 4`` faces.
     """
     a, b = np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64)
     n = len(a)
@@ -93,21 +68,9 @@ def capsules(
 
 
 def bent_joint(start: ArrayLike, end: ArrayLike, upper: float, lower: float, towards: ArrayLike) -> Floats:
-    """Return where the joint of a two-part limb is.
+    """Return the middle joints, (n, 3), of two-part limbs between ends of shape (n, 3), bent in a direction `towards`.
 
-    Parameters
-    ----------
-    start, end : array-like of shape (n, 3)
-        Its ends, metres.
-    upper, lower : float
-        Lengths of its parts, metres. A limb that is too short is stretched.
-    towards : array-like of shape (3,)
-        Direction in which the joint points.
-
-    Returns
-    -------
-    ndarray of shape (n, 3), float64
-        The joint, metres.
+    `upper` and `lower` are the lengths of the parts, metres; limbs that are too short are stretched.
     """
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     span = np.sqrt(((b - a) ** 2).sum(axis=1, keepdims=True))
@@ -119,7 +82,7 @@ def bent_joint(start: ArrayLike, end: ArrayLike, upper: float, lower: float, tow
 
 
 class Build(NamedTuple):
-    """What one person looks like.
+    """Appearance of one person.
 
     Parameters
     ----------
@@ -130,9 +93,9 @@ class Build(NamedTuple):
     head : float
         Half of the head's height, metres.
     clothes : {"trousers", "shorts", "skirt", "dress", "coat"}
-        What is worn below the waist.
+        Clothes below the waist.
     hair : {"short", "long", "hat", "helmet"}
-        What is on the head.
+        Hair or headgear.
     """
 
     height: float
@@ -143,20 +106,7 @@ class Build(NamedTuple):
 
 
 def draw_build(rng: np.random.Generator, *, child: bool = False) -> Build:
-    """Draw a person: adults of 1.50 to 1.95 m, children of 0.95 to 1.45 m.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of the measures.
-    child : bool, default False
-        Whether it is a child.
-
-    Returns
-    -------
-    Build
-        The person.
-    """
+    """Draw a person: adults of 1.50 to 1.95 m, children of 0.95 to 1.45 m."""
     height = float(rng.uniform(0.95, 1.45) if child else np.clip(rng.normal(1.71, 0.09), 1.5, 1.95))
     head = float((0.085 + 0.028 * height if child else 0.068 * height + 0.005) * rng.uniform(0.96, 1.06))
     clothes = ("trousers", "shorts", "skirt", "dress", "coat")[int(rng.choice(5, p=[0.55, 0.13, 0.1, 0.1, 0.12]))]
@@ -165,29 +115,7 @@ def draw_build(rng: np.random.Generator, *, child: bool = False) -> Build:
 
 
 def clothe(rng: np.random.Generator, bones: Skeleton, build: Build, label: str) -> Mesh:
-    """Return a body in its clothes.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of the colours.
-    bones : Skeleton
-        Its pose.
-    build : Build
-        Its measures.
-    label : str
-        Taxonomy class of every face.
-
-    Returns
-    -------
-    Mesh
-        Some 700 faces.
-
-    Raises
-    ------
-    KeyError
-        If the taxonomy has no such class.
-    """
+    """Return a clothed body of some 700 faces; `label` is the class of every face."""
     h, g = build.height / 1.7, build.girth
     skin, shirt, lower = material("skin", label, rng), cloth(label, rng), cloth(label, rng)
     shank = skin if build.clothes in ("shorts", "skirt", "dress") else lower
@@ -232,7 +160,7 @@ def _trunk(bones: Skeleton, build: Build, shirt: Surface, lower: Surface) -> lis
 
 
 def _skirt(bones: Skeleton, build: Build, surface: Surface) -> Mesh:
-    """Return cloth from the waist to the knees that spans both legs."""
+    """Return cloth from the waist to the knees over both legs."""
     h, g = build.height / 1.7, build.girth
     waist = bones.hips.mean(axis=0) + 0.25 * (bones.shoulders.mean(axis=0) - bones.hips.mean(axis=0))
     hem = bones.knees.mean(axis=0)
@@ -244,7 +172,7 @@ def _skirt(bones: Skeleton, build: Build, surface: Surface) -> Mesh:
 
 
 def _head(rng: np.random.Generator, bones: Skeleton, build: Build, skin: Surface, label: str) -> list[Mesh]:
-    """Return the head and what covers it."""
+    """Return the head with hair or headgear."""
     latitude = np.linspace(-1.3, 1.3, 5)
     size = build.head
     up = unit(bones.head - bones.shoulders.mean(axis=0)) * 0.5 + [0, 0, 0.5]

@@ -1,4 +1,4 @@
-"""Riders, fitted to the saddle, the pedals and the grips of what they ride."""
+"""Riders, fitted to the saddle, the pedals and the grips of their vehicle."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ _Y = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
 
 
 class Contacts(NamedTuple):
-    """Where a rider touches a vehicle; of pairs the right one comes first.
+    """Contact points of a rider on a vehicle; the right one of a pair comes first.
 
     Parameters
     ----------
     saddle : ndarray of shape (3,), float64
         Top of the saddle, metres.
     pedals : ndarray of shape (2, 3), float64
-        Where the balls of the feet stand, metres.
+        Places of the balls of the feet, metres.
     grips : ndarray of shape (2, 3), float64
-        Where the hands hold, metres.
+        Places of the hands, metres.
     """
 
     saddle: Floats
@@ -44,36 +44,14 @@ class Contacts(NamedTuple):
 
 
 def seat_rider(rng: np.random.Generator, build: Build, contacts: Contacts, label: str = "rider") -> Mesh:
-    """Return a rider whose hands, feet and seat are where the vehicle wants them.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of the clothes.
-    build : Build
-        The rider's measures; long clothes are worn as trousers.
-    contacts : Contacts
-        What is touched.
-    label : str, default "rider"
-        Taxonomy class of every face.
-
-    Returns
-    -------
-    Mesh
-        The rider, looking along +x.
-
-    Raises
-    ------
-    KeyError
-        If the taxonomy has no such class.
-    """
+    """Return a rider facing +x with hands, feet and seat on the contact points; long clothes are worn as trousers."""
     worn = build.clothes if build.clothes == "shorts" else "trousers"
     build = build._replace(clothes=worn)
     h = build.height
     hips = contacts.saddle + HIP * h * _Y + [0.0, 0.0, 0.045 * h * build.girth]
     ankles = contacts.pedals + np.array([-0.05 * h, 0.0, 0.055 * h])
     knees = bent_joint(hips, ankles, THIGH * h, SHANK * h, [1.0, 0.0, 0.5])
-    # The trunk leans as far as makes the arms almost straight.
+    # The trunk leans until the arms are almost straight.
     lean = np.linspace(0.0, 1.1, 45)
     chest = hips.mean(axis=0) + SPINE * h * np.stack([np.sin(lean), 0 * lean, np.cos(lean)], 1)
     reach = np.sqrt(((contacts.grips.mean(axis=0) - chest)[:, [0, 2]] ** 2).sum(axis=1))
@@ -88,21 +66,6 @@ def seat_rider(rng: np.random.Generator, build: Build, contacts: Contacts, label
 
 
 def helmeted(build: Build, rng: np.random.Generator, *, share: float) -> Build:
-    """Return the same person with a helmet, or not.
-
-    Parameters
-    ----------
-    build : Build
-        The person.
-    rng : numpy.random.Generator
-        Decides.
-    share : float
-        How many of a hundred wear one, over a hundred.
-
-    Returns
-    -------
-    Build
-        The person; hats stay at home.
-    """
+    """Return the person with a helmet, at the probability `share`, else without a hat."""
     hair = "helmet" if rng.random() < share else "short" if build.hair == "hat" else build.hair
     return build._replace(hair=hair)

@@ -1,4 +1,4 @@
-"""Three cameras on the van: images of the scene under sun and sky, and their labels."""
+"""Three cameras on the van: images of the scene under sun and sky, with label and instance images."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from mlsroad_pipeline.simulation.cameras.lighting import Light, expose, radiance
 from mlsroad_pipeline.simulation.model.meshes import rotation_matrix
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.simulation.rays.scene import RayScene
-from mlsroad_pipeline.simulation.scanning.scanner import pose_between
 from mlsroad_pipeline.simulation.street.drive import RATE, Drive
+from mlsroad_pipeline.simulation.street.poses import pose_at, pose_between
 from mlsroad_pipeline.simulation.street.street import generator
 
 CAMERAS: dict[str, tuple[float, float, tuple[float, float, float], float]] = {
@@ -32,7 +32,7 @@ DISTORTION: dict[str, tuple[float, float, float, float, float]] = {
 }
 """k1, k2, p1, p2, k3 of each camera's lens; see `distort`."""
 
-# A camera looks along +z, x to the right, y down; the van's x is forward, y left, z up.
+# The camera's axes: x right, y down, z forward. The van's: x forward, y left, z up.
 _AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 
 
@@ -42,7 +42,7 @@ class Image:
 
     A point p, in world coordinates minus the survey's origin, is at R p + t in the camera's frame (x right, y down, z
     forward); divided by its z, distorted and multiplied by K it is a pixel. Pixel centres have integer coordinates. The
-    pose is that of the middle row; others are exposed earlier and later.
+    pose is that of the middle row; other rows are exposed earlier or later.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Image:
     label : ndarray of shape (height, width), uint8
         Taxonomy codes, 0 in the sky.
     instance : ndarray of shape (height, width), int32
-        Instances, 0 where there is none.
+        Instances, 0 is none.
     R : ndarray of shape (3, 3), float64
         Rotation, by the reported trajectory.
     t : ndarray of shape (3,), float64
@@ -85,25 +85,7 @@ class Image:
 
 
 def calibration(camera: str, parameters: SimulationParameters) -> NDArray[np.float64]:
-    """Return a camera's K: square pixels, principal point a little off the middle.
-
-    Parameters
-    ----------
-    camera : str
-        One of `CAMERAS`.
-    parameters : SimulationParameters
-        Image size.
-
-    Returns
-    -------
-    ndarray of shape (3, 3), float64
-        The calibration matrix, pixels; pixel centres have integer coordinates.
-
-    Raises
-    ------
-    KeyError
-        If there is no such camera.
-    """
+    """Return the (3, 3) calibration matrix of a camera: square pixels, principal point a little off the middle."""
     width, height = parameters.image_width, parameters.image_height
     focal = 0.5 * width / np.tan(CAMERAS[camera][3] / 2)
     off = {"front_left": 0.006, "front_right": -0.004, "back": 0.003}[camera]
@@ -113,52 +95,14 @@ def calibration(camera: str, parameters: SimulationParameters) -> NDArray[np.flo
 
 
 def camera_pose(camera: str, pose: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return rotation and translation of a camera on the van.
+    """Return rotation and translation of a camera, R and t of `Image`.
 
-    Parameters
-    ----------
-    camera : str
-        One of `CAMERAS`.
-    pose : ndarray of shape (6,), float64
-        The van's x, y, z (street-local metres), roll, pitch, heading (radians; see `Drive`).
-
-    Returns
-    -------
-    rotation : ndarray of shape (3, 3), float64
-        R of `Image`: from street-local axes to the camera's.
-    translation : ndarray of shape (3,), float64
-        t of `Image`, metres.
-
-    Raises
-    ------
-    KeyError
-        If there is no such camera.
+    `pose` has the van's x, y, z (street-local metres), roll, pitch and heading (radians; see `Drive`).
     """
     yaw, pitch, lever, _ = CAMERAS[camera]
     van = rotation_matrix(pose[5], pose[4], pose[3])
     rotation = _AXES @ (van @ rotation_matrix(yaw, pitch, 0.0)).T
     return rotation, -rotation @ (pose[:3] + van @ np.array(lever))
-
-
-def pose_at(poses: NDArray[np.float64], time: float) -> NDArray[np.float64]:
-    """Interpolate a pose linearly; before the first and after the last it is held.
-
-    Parameters
-    ----------
-    poses : ndarray of shape (m, 6), float64
-        At least two poses, `RATE` per second from time 0 on; angles must be continuous.
-    time : float
-        Seconds since the start.
-
-    Returns
-    -------
-    ndarray of shape (6,), float64
-        The pose.
-    """
-    u = min(max(time * RATE, 0.0), len(poses) - 1.000001)
-    k = int(u)
-    row: NDArray[np.float64] = poses[k] + (u - k) * (poses[k + 1] - poses[k])
-    return row
 
 
 def take_image(
@@ -171,31 +115,9 @@ def take_image(
     time: float,
     name: str,
 ) -> tuple[Image, NDArray[np.float32]]:
-    """Take one image.
+    """Take one image, posed by the reported trajectory, and return it with its depth along the optical axis.
 
-    Parameters
-    ----------
-    scene : RayScene
-        What there is to see.
-    drive : Drive
-        Where the van is.
-    light : Light
-        Sun and sky.
-    parameters : SimulationParameters
-        Image size and the clock.
-    camera : str
-        One of `CAMERAS`.
-    time : float
-        Seconds since the start.
-    name : str
-        Name of the image.
-
-    Returns
-    -------
-    image : Image
-        The image, posed by the reported trajectory.
-    depth : ndarray of shape (height, width), float32
-        Depth along the optical axis in metres, infinite in the sky.
+    `time` is in seconds since the start; depths are in metres, infinite in the sky.
     """
     width, height = parameters.image_width, parameters.image_height
     k, distortion = calibration(camera, parameters), np.array(DISTORTION[camera])
@@ -224,7 +146,7 @@ def take_image(
 
 
 def _exposure(light_at: NDArray[np.float32], cosine: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return what the camera's automatic exposure and the lens's vignetting do to each pixel."""
+    """Return the factor of automatic exposure and vignetting at each pixel."""
     gain = np.clip((0.42 / max(float(light_at.mean()), 1e-3)) ** 0.6, 0.6, 1.7)
     shade: NDArray[np.float32] = np.float32(gain) * (np.float32(0.45) + np.float32(0.55) * cosine**4)
     return shade
@@ -232,7 +154,7 @@ def _exposure(light_at: NDArray[np.float32], cosine: NDArray[np.float32]) -> NDA
 
 @lru_cache(maxsize=8)
 def _directions(k: bytes, distortion: bytes, width: int, height: int) -> NDArray[np.float64]:
-    """Return the unit directions of the pixels' centres in the camera's frame, row by row."""
+    """Return the unit directions of the pixel centres in the camera's frame, row by row."""
     matrix = np.frombuffer(k).reshape(3, 3)
     v, u = np.divmod(np.arange(width * height), width)
     plane = np.column_stack([(u - matrix[0, 2]) / matrix[0, 0], (v - matrix[1, 2]) / matrix[1, 1]])
@@ -245,7 +167,7 @@ def _pixel_rays(
     width: int, height: int, directions: NDArray[np.float64], mounting: NDArray[np.float64],
     lever: NDArray[np.float64], poses: NDArray[np.float64], centre: NDArray[np.float64], time: float, readout: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float64]]:  # fmt: skip
-    """Return the rays through the pixels' centres, row by row, their cosines to the optical axis and their times."""
+    """Return the rays through the pixel centres, row by row, their cosines to the optical axis and their times."""
     rays, cosine = np.empty((width * height, 6), dtype=np.float32), np.empty(width * height, dtype=np.float32)
     times = np.empty(width * height)
     position, turn, ends = np.empty(3), np.empty((3, 3)), np.empty((2, 3, 3))
@@ -272,7 +194,7 @@ def _pixel_rays(
 def _shadow_rays(
     distance: NDArray[np.float32], normal: NDArray[np.float32], rays: NDArray[np.float32], sun: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Return rays towards the sun from where rays met a face that looks at it, and which rays those are."""
+    """Return rays towards the sun from hits on faces turned to it, and the rows of these hits."""
     rows, shadow = np.empty(len(distance), dtype=np.int64), np.empty((len(distance), 6), dtype=np.float32)
     n = 0
     for i in range(len(distance)):

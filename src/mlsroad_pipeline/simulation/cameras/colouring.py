@@ -1,4 +1,4 @@
-"""The colours of points, taken from the images as real systems do, with their errors at edges."""
+"""Colours of points, taken from the images with the errors at edges that real systems have."""
 
 from __future__ import annotations
 
@@ -9,32 +9,17 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.geometry.lenses import distort_one, trusted_radius
 from mlsroad_pipeline.simulation.cameras.cameras import Image
 
-_TRIES = 24  # images that are tried for one point's colour
+_TRIES = 24  # images tested for one point's colour
 _DEPTH_SLACK = 0.06  # metres, and 1 % of the depth
 
 
 def colour_points(
     xyz: NDArray[np.float64], times: NDArray[np.float64], images: list[Image], depths: list[NDArray[np.float32]]
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Give points the colour of the temporally nearest image that sees them.
+    """Return the colours of points from the temporally nearest image that shows them, and which points have one.
 
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3), float64
-        Points, world minus origin, metres.
-    times : ndarray of shape (n,), float64
-        GPS seconds of the points.
-    images : list of Image
-        In the order of time.
-    depths : list of ndarray of shape (height, width), float32
-        Depth images, metres.
-
-    Returns
-    -------
-    rgb : ndarray of shape (n, 3), uint8
-        Colours, black where unseen.
-    seen : ndarray of shape (n,), bool
-        Whether an image saw the point.
+    `xyz` is (n, 3), world minus origin, metres; `times` are GPS seconds. Images are in the order of time, each with its
+    depth image in metres. Colours are uint8, black for points in no image.
     """
     if not images:
         return np.zeros((len(xyz), 3), dtype=np.uint8), np.zeros(len(xyz), dtype=np.bool_)
@@ -90,25 +75,9 @@ def _colour_points(
 def spread_colours(
     xyz: NDArray[np.float64], scanner: NDArray[np.uint8], rgb: NDArray[np.uint8], seen: NDArray[np.bool_], reach: float
 ) -> NDArray[np.uint8]:
-    """Give unseen points the colour of the nearer of the last and next seen point of their scanner, within `reach`.
+    """Colour the remaining points like the nearer of the previous and the next coloured point of their scanner.
 
-    Parameters
-    ----------
-    xyz : ndarray of shape (n, 3), float64
-        Points in the order of time, metres.
-    scanner : ndarray of shape (n,), uint8
-        0 or 1.
-    rgb : ndarray of shape (n, 3), uint8
-        Colours of the seen points.
-    seen : ndarray of shape (n,), bool
-        Which points have a colour.
-    reach : float
-        Farthest point that lends its colour, metres.
-
-    Returns
-    -------
-    ndarray of shape (n, 3), uint8
-        Colours; black remains where no coloured point is near.
+    Points are in the order of time; `reach` is the largest distance in metres, beyond which points stay black.
     """
     n = len(xyz)
     out = rgb.copy()

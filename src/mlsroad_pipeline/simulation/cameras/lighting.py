@@ -1,4 +1,4 @@
-"""Sun and sky, and what surfaces look like under them."""
+"""Sun and sky, and the light reflected by surfaces."""
 
 from __future__ import annotations
 
@@ -35,18 +35,7 @@ class Light:
 
 
 def draw_light(seed: int) -> Light:
-    """Return the light of a survey: time of day and weather follow from the seed.
-
-    Parameters
-    ----------
-    seed : int
-        The survey's seed, non-negative.
-
-    Returns
-    -------
-    Light
-        The sun stands 25 to 65 degrees high.
-    """
+    """Return the light of a survey; time of day and weather follow from the seed. The sun is 25 to 65 degrees high."""
     rng = generator(seed, 40)
     azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(25, 65))
     sun = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
@@ -70,29 +59,10 @@ def shade(
     surfaces: Surfaces, normal: NDArray[np.float32], rays: NDArray[np.float32], distance: NDArray[np.float32],
     lit: NDArray[np.bool_], light: Light, grain: NDArray[np.float32],
 ) -> NDArray[np.uint8]:  # fmt: skip
-    """Return what rays see; those with infinite distance see the sky.
+    """Return the colours along rays as sRGB values, shape (n, 3), uint8; rays of infinite distance show the sky.
 
-    Parameters
-    ----------
-    surfaces : Surfaces
-        What the n rays met.
-    normal : ndarray of shape (n, 3), float32
-        Unit normals there, either side.
-    rays : ndarray of shape (n, 6), float32
-        Origins and unit directions.
-    distance : ndarray of shape (n,), float32
-        Metres along the rays; haze grows with it.
-    lit : ndarray of shape (n,), bool
-        Whether the sun reaches the place.
-    light : Light
-        Sun and sky.
-    grain : ndarray of shape (n, 3), float32
-        Standard normal numbers that the camera's noise is made of; zeros for none.
-
-    Returns
-    -------
-    ndarray of shape (n, 3), uint8
-        sRGB values.
+    `normal` and `rays` are those of the hits, `distance` metres along the rays (haze grows with it), `lit` whether the
+    sun reaches the place, `grain` standard normal numbers for the camera's noise (zeros for none).
     """
     light_at = radiance(surfaces, normal, rays, distance, lit, light)
     return expose(light_at, np.ones(len(lit), np.float32), grain)
@@ -102,39 +72,17 @@ def radiance(
     surfaces: Surfaces, normal: NDArray[np.float32], rays: NDArray[np.float32], distance: NDArray[np.float32],
     lit: NDArray[np.bool_], light: Light,
 ) -> NDArray[np.float32]:  # fmt: skip
-    """Return the light that comes along rays, see `shade` for the parameters.
-
-    Parameters
-    ----------
-    surfaces, normal, rays, distance, lit, light
-        As for `shade`.
-
-    Returns
-    -------
-    ndarray of shape (n, 3), float32
-        Linear radiance; about 1 is a white wall in the sun.
-    """
+    """Return the linear radiance along rays, shape (n, 3); about 1 for a white wall in the sun. See `shade`."""
     return _radiance(surfaces, normal, rays, distance, lit, light.sun, light.sun_rgb, light.sky_rgb, light.haze)
 
 
 def expose(
     light_at: NDArray[np.float32], exposure: NDArray[np.float32], grain: NDArray[np.float32]
 ) -> NDArray[np.uint8]:
-    """Return what a sensor makes of light: exposure, shot and read noise, a soft shoulder, sRGB.
+    """Return the sRGB values of a sensor: exposure, shot and read noise, a soft shoulder.
 
-    Parameters
-    ----------
-    light_at : ndarray of shape (n, 3), float32
-        Linear radiance.
-    exposure : ndarray of shape (n,), float32
-        Factor on it at each place: gain and vignetting.
-    grain : ndarray of shape (n, 3), float32
-        Standard normal numbers that the noise is made of; zeros for none.
-
-    Returns
-    -------
-    ndarray of shape (n, 3), uint8
-        sRGB values.
+    `light_at` is linear radiance, `exposure` a factor on it at each place (gain and vignetting), `grain` standard
+    normal numbers for the noise.
     """
     return _expose(light_at, exposure, grain, _CURVE)
 
@@ -154,7 +102,7 @@ def _expose(
 
 @njit(cache=True, nogil=True)
 def _clouds(dx: float, dy: float, dz: float) -> float:
-    """Return how much of the sky is cloud in a direction, 0 to 1."""
+    """Return the cloud cover in a direction of the sky, 0 to 1."""
     if dz < 0.02:
         return 0.0
     x, y = dx / (dz + 0.15), dy / (dz + 0.15)
@@ -177,7 +125,7 @@ def _radiance(
             nx, ny, nz = -nx, -ny, -nz
         direct = max(nx * sun[0] + ny * sun[1] + nz * sun[2], 0.0) if lit[i] else 0.0
         kind = surfaces.kind[i]
-        if kind == FOLIAGE:  # leaves let light through
+        if kind == FOLIAGE:  # leaves are translucent
             direct = 0.35 + 0.65 * direct if lit[i] else 0.0
         seen = np.isfinite(distance[i])
         fade = np.exp(-haze * distance[i]) if seen else 0.0

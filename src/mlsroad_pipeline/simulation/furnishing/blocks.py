@@ -1,4 +1,4 @@
-"""Blocks of a street with all that stands and moves in them, ready to be handed to whoever casts rays into them."""
+"""Blocks of a street with all static and moving objects, ready for ray casting."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from mlsroad_pipeline.simulation.furnishing.placement import Box, Placed, box_ar
 from mlsroad_pipeline.simulation.furnishing.traffic import draw_traffic
 from mlsroad_pipeline.simulation.objects.dimensions import Measures, measure
 from mlsroad_pipeline.simulation.rays.moving import Mover
-from mlsroad_pipeline.simulation.rays.standing import Soup, gather
+from mlsroad_pipeline.simulation.rays.static import TriangleSoup, triangle_soup
 from mlsroad_pipeline.simulation.street.drive import Drive
 from mlsroad_pipeline.simulation.street.ground_mesh import ground_mesh
 from mlsroad_pipeline.simulation.street.street import BLOCK, Street
 
 PASS_INSTANCES = 10_000_000
-"""Moving objects of a further pass are numbered this much higher, as they are others."""
+"""Offset of the instance numbers of moving objects per further pass."""
 
 
 class ObjectRecord(NamedTuple):
-    """The truth about one object.
+    """Truth about one object.
 
     Parameters
     ----------
     instance, label : int
-        Its number and the taxonomy code of the whole.
+        Instance number and taxonomy code of the whole.
     design : str
-        Name of what it was built from.
+        Name of its design.
     base : ndarray of shape (3,), float64
-        Where it stands, street-local metres; of a moving object when the van passes it.
+        Base point, street-local metres; of a moving object when the van passes it.
     moving : bool
         Whether it moves.
     box : Box
-        The box around it.
+        Its box.
     hard_case : str
-        Why it is hard to tell from its neighbour, where it was placed so.
+        Kind of confusable neighbour, if it was placed as such.
     measures : Measures
-        Lean and plates of poles and signs; those of the panel's middle are street-local.
+        Lean and plates of poles and signs; the panel's middle is street-local.
     """
 
     instance: int
@@ -55,68 +55,39 @@ class ObjectRecord(NamedTuple):
 
 @dataclass(frozen=True)
 class Block:
-    """A populated block.
+    """Block with its objects.
 
     Parameters
     ----------
-    soup : Soup
-        What stands in it.
+    soup : TriangleSoup
+        Static geometry.
     movers : list of Mover
-        What moves and is met in it.
+        Moving objects that the van meets in it.
     records : list of ObjectRecord
-        The truth about both.
+        Truth about both.
     """
 
-    soup: Soup
+    soup: TriangleSoup
     movers: list[Mover]
     records: list[ObjectRecord]
 
 
 def block_centre(street: Street, number: int) -> tuple[NDArray[np.float64], float]:
-    """Return the middle of a block in whole metres, and the direction of the street there.
-
-    Parameters
-    ----------
-    street : Street
-        The street.
-    number : int
-        The block.
-
-    Returns
-    -------
-    centre : ndarray of shape (3,), float64
-        Street-local metres.
-    heading : float
-        Radians.
-    """
+    """Return the middle of a block in whole metres, street-local, and the heading of the street there."""
     xy, heading = street.alignment.place([(number + 0.5) * BLOCK], [0.0])
     z = street.ground.height([(number + 0.5) * BLOCK], [0.0])
     return np.round(np.array([xy[0, 0], xy[0, 1], z[0]])), float(heading[0])
 
 
 def build_block(street: Street, drive: Drive, number: int, *, pass_number: int = 0) -> Block:
-    """Populate a block.
+    """Build a block and its objects; the result is deterministic.
 
-    Parameters
-    ----------
-    street : Street
-        The street.
-    drive : Drive
-        The vehicle's way through it, which the traffic meets.
-    number : int
-        The block.
-    pass_number : int, default 0
-        Which pass through the street it is; others move when the vehicle comes again.
-
-    Returns
-    -------
-    Block
-        The block; another call gives the same one.
+    Traffic is timed to meet the `drive`; each pass has its own.
     """
     placed = populate(street, number)
     centre, heading = block_centre(street, number)
     meshes = [ground_mesh(street, number), *(p.mesh for p in placed)]
-    soup = gather(meshes, [0, *(p.instance for p in placed)], centre, heading=heading)
+    soup = triangle_soup(meshes, [0, *(p.instance for p in placed)], centre, heading=heading)
     other = replace(street, seed=street.seed + 1_000_003 * pass_number)
     movers = [
         replace(m, instance=m.instance + PASS_INSTANCES * pass_number) for m in draw_traffic(other, drive, number)

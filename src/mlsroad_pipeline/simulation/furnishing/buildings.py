@@ -1,4 +1,4 @@
-"""Buildings and what stands on property lines. Local x is along the street, -y faces it, the front is at y = 0."""
+"""Buildings, fences and walls. Local x is along the street, -y faces it, the front is at y = 0."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from mlsroad_pipeline.simulation.model.materials import material
 from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
 from mlsroad_pipeline.simulation.model.solids import box, quads
 
-_UNDERGROUND = 1.5  # walls go this deep, so that slopes leave no gap
+_UNDERGROUND = 1.5  # depth of walls below ground, so that slopes leave no gap, metres
 
 
 class _Plan:
-    """The measures that all openings of one front share."""
+    """Measures shared by all openings of one front."""
 
     def __init__(self, rng: np.random.Generator, length: float, *, shop: bool, plinth: float) -> None:
         self.length, self.plinth = length, plinth
@@ -40,7 +40,7 @@ class _Plan:
         opened = np.where(shop, max(wide - 0.5, self.width), self.width)
         left, right = x0 + (wide - opened) / 2, x0 + (wide + opened) / 2
         sill = np.where(shop, 0.35, np.where(door, 0.02, self.sill))
-        # Some windows of the upper floors reach down to the floor.
+        # Some windows of the upper storeys reach down to the floor.
         french = (level > 0) & (rng.random(len(level)) < 0.25)
         sill = np.where(french, 0.12, sill)
         high = np.where(shop, 2.5, np.where(door, 2.15, self.sill + self.tall))
@@ -53,21 +53,9 @@ class _Plan:
 def building(rng: np.random.Generator, length: float, *, shop: bool = False, plinth: float = 0.0) -> Mesh:
     """Return a building of one to five storeys: windows in reveals with rooms behind the glass, a door, a roof.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its design, measures and colours.
-    length : float
-        Length of the front along x, metres.
-    shop : bool, default False
-        Whether there are shop windows on the ground floor, with signs and awnings.
-    plinth : float, default 0
-        Height of the ground floor above the ground, metres; stairs lead up to the door.
-
-    Returns
-    -------
-    Mesh
-        Centred on x = 0, 7 to 12 m deep towards +y, walls 1.5 m into the ground; faces are `building`, steps `stairs`.
+    It is centred on x = 0, 7 to 12 m deep towards +y, its walls 1.5 m into the ground. `plinth` is the height of the
+    ground floor, with stairs to the door. A `shop` has shop windows, signs and awnings. Faces are `building`, steps
+    `stairs`.
     """
     plan = _Plan(rng, length, shop=shop, plinth=plinth)
     skin = material(str(rng.choice(["plaster", "brick", "stone", "concrete"])), "building", rng)
@@ -92,7 +80,7 @@ def building(rng: np.random.Generator, length: float, *, shop: bool = False, pli
 
 
 def _shell(rng: np.random.Generator, plan: _Plan, skin: Surface, room: Surface) -> list[Mesh]:
-    """Return the walls without openings, floors, the rooms' back wall, a cornice and the roof."""
+    """Return the walls without openings, floors, the rear wall of the rooms, a cornice and the roof."""
     h, depth = plan.length / 2, rng.uniform(7, 12)
     height = plan.top + rng.uniform(0.2, 0.6)
     base = [[-h, 0, -_UNDERGROUND], [h, 0, -_UNDERGROUND], [h, 0, plan.plinth], [-h, 0, plan.plinth]]
@@ -120,7 +108,7 @@ def _roof(rng: np.random.Generator, length: float, depth: float, height: float) 
         [[-h, far, low], [-h, middle, ridge], [h, middle, ridge], [h, far, low]],
     ]
     gables = [[[x, 0, height], [x, depth, height], [x, middle, ridge], [x, middle, ridge]] for x in (-h, h)]
-    # A gutter along the eaves and a pipe down the front.
+    # A gutter along the eaves and a downpipe at the front.
     pipe = material("galvanised", "building", rng)
     drain = boxes(
         [[2 * h, 0.12, 0.1], [0.09, 0.09, height]], [[0, -over - 0.05, low], [h - 0.2, -0.08, height / 2]], pipe
@@ -129,20 +117,7 @@ def _roof(rng: np.random.Generator, length: float, depth: float, height: float) 
 
 
 def fence(rng: np.random.Generator, length: float) -> Mesh:
-    """Return a run of fence along x, centred: palings, railings, or wire mesh on posts.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its design, measures and colour.
-    length : float
-        Length of the run, metres.
-
-    Returns
-    -------
-    Mesh
-        0.9 to 1.9 m high; every face is `fence`.
-    """
+    """Return a run of fence along x, centred, 0.9 to 1.9 m high: palings, railings, or wire mesh on posts."""
     design = int(rng.integers(3))
     skin = material(["wood", "painted_metal", "galvanised"][design], "fence", rng)
     height, h = rng.uniform(0.9, 1.9), length / 2
@@ -167,19 +142,9 @@ def fence(rng: np.random.Generator, length: float) -> Mesh:
 
 
 def wall(rng: np.random.Generator, length: float) -> Mesh:
-    """Return a run of garden wall along x, centred, with a cap and sometimes pillars or railings on top.
+    """Return a run of garden wall along x, centred, 0.6 to 2.1 m high, with a cap and sometimes pillars or railings.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its material, measures and pillars.
-    length : float
-        Length of the run, metres.
-
-    Returns
-    -------
-    Mesh
-        0.6 to 2.1 m high, caps, pillars and railings on top; every face is `wall`, railings `fence`.
+    Faces are `wall`, railings `fence`.
     """
     skin = material(str(rng.choice(["brick", "stone", "plaster", "concrete"])), "wall", rng)
     height, thick = rng.uniform(0.6, 2.1), rng.uniform(0.18, 0.34)

@@ -1,4 +1,4 @@
-"""Junctions and crossings: what is kept free there, signals, signs and queues, and the furniture of side streets."""
+"""Junctions and crossings: clearances, signals, signs and queues, and the furniture of side streets."""
 
 from __future__ import annotations
 
@@ -27,20 +27,7 @@ _SIGNS = {"stop": ("octagonal_sign",), "give_way": ("yield_sign",), "zebra": ("s
 
 
 def sign(site: Site, meaning: str) -> Design:
-    """Choose a traffic sign for a purpose, any sign where the catalogue has none of its shape.
-
-    Parameters
-    ----------
-    site : Site
-        Source of the choice.
-    meaning : str
-        ``"stop"``, ``"give_way"``, ``"zebra"`` or ``"name"``.
-
-    Returns
-    -------
-    Design
-        The design.
-    """
+    """Choose a traffic sign for a purpose (a key of `_SIGNS`), any sign if the catalogue has none of its shape."""
     known = {design.name for design in catalogue.designs()["traffic_sign"]}
     fitting = [name for name in _SIGNS[meaning] if name in known]
     name = str(site.rng.choice(fitting)) if fitting else None
@@ -54,13 +41,7 @@ def arms_of(site: Site) -> list[NDArray[np.float64]]:
 
 
 def keep_clear(site: Site) -> None:
-    """Keep crossings, driveways and side streets free.
-
-    Parameters
-    ----------
-    site : Site
-        The block.
-    """
+    """Keep crossings, driveways and side streets free."""
     ground = site.street.ground
     for at, half in ground.crossings:
         if site.start - 10 < at < site.end + 10:
@@ -83,13 +64,7 @@ def keep_clear(site: Site) -> None:
 
 
 def furnish(site: Site) -> None:
-    """Place signals, signs and waiting cars at junctions, signals or signs at crossings.
-
-    Parameters
-    ----------
-    site : Site
-        The block.
-    """
+    """Place signals, signs and waiting cars at junctions, signals or signs at crossings."""
     for arm in arms_of(site):
         _hold(site, arm)
     stations = site.street.ground.arms[:, STATION]
@@ -103,7 +78,7 @@ def furnish(site: Site) -> None:
 
 
 def _at_crossing(site: Site, at: float, half: float, side: int, *, signalled: bool) -> None:
-    # Right-hand traffic comes to the crossing from below on the right, from above on the left.
+    # Right-hand traffic approaches from lower stations on the right, from higher ones on the left.
     left = site.street.kerb_zone(side)
     for away in (0.7, 1.1, 1.6):
         station = at + (half + away) * (1 if side == 0 else -1)
@@ -117,7 +92,7 @@ def _at_crossing(site: Site, at: float, half: float, side: int, *, signalled: bo
 
 
 def _hold(site: Site, arm: NDArray[np.float64]) -> None:
-    """Place what holds the traffic of a side street, the street's name, and cars that wait."""
+    """Place the traffic control of a side street, its street name sign, and waiting cars."""
     ground, rng = site.street.ground, site.rng
     side = int(arm[SIDE])
     half, way = float(ground.section[side, 0]), 1.0 if side == 0 else -1.0
@@ -147,13 +122,7 @@ def _hold(site: Site, arm: NDArray[np.float64]) -> None:
 
 
 def furnish_side_streets(site: Site) -> None:
-    """Place parked cars, lamps, trees and people along side streets.
-
-    Parameters
-    ----------
-    site : Site
-        The block.
-    """
+    """Place parked cars, lamps, trees and people along side streets."""
     rng, ground = site.rng, site.street.ground
     for arm in arms_of(site):
         side = int(arm[SIDE])
@@ -179,5 +148,5 @@ def furnish_side_streets(site: Site) -> None:
                         s, left = arm_place(arm, half, float(t), flank * (float(arm[HALF_WIDTH]) - 1.1))
                         design = catalogue.choose("car", rng)
                         mesh = design.build(rng)
-                        # Side streets are kept clear; only other cars stand in the way there.
+                        # Side streets are kept clear of all but cars.
                         site.add(design, mesh, s, left, float(outward), tilt=True)

@@ -1,4 +1,4 @@
-"""What stands between the curb and the property line: lamps, trees in rows, signs, bus stops, furniture, people."""
+"""Objects between the curb and the property line: lamps, rows of trees, signs, bus stops, furniture, people."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from mlsroad_pipeline.simulation.objects.people import WALKERS, conversation
 from mlsroad_pipeline.simulation.objects.sign_plates import sign_plate
 from mlsroad_pipeline.simulation.street.street import generator
 
-_FREE = ("palm", "tree", "cycas", "brushwood", "hydrant")  # these look any way
+_FREE = ("palm", "tree", "cycas", "brushwood", "hydrant")  # of any heading
 _EVERY_BLOCK = (
     ("palm", "traffic_sign", "brushwood", "cycas", "bin", "bollard", "tree"),
     ("tree", "traffic_sign", "cycas", "bench", "brushwood", "palm", "other_object", "bicycle"),
 )
-"""What every street has on one side of a block or the other, as far as its parameters leave it in."""
+"""Classes on one side of each block and on the other, unless the parameters exclude them."""
 
 _CLUTTER = ("bin", "hydrant", "mail_box", "bollard", "other_object", "bench", "parking_meter", "bicycle", "animal",
             "motorcycle")  # fmt: skip
-_GROUPS = 0.25  # share of places where people stand that are taken by several
+_GROUPS = 0.25  # share of groups among standing people
 
 
-def _wanted(site: Site, label: str) -> float:
-    """Return how many of a class the street's parameters ask for, 1 as a rule."""
+def _factor(site: Site, label: str) -> float:
+    """Return the street's factor on the usual number of a class."""
     parameters = site.parameters
     named = {"tree": parameters.trees, "palm": parameters.palms, "cycas": parameters.cycas, "person": parameters.people,
              "brushwood": parameters.shrubs, "traffic_sign": parameters.signs}  # fmt: skip
@@ -36,11 +36,11 @@ def _wanted(site: Site, label: str) -> float:
 
 
 def _strip(site: Site, side: int, label: str) -> float:
-    """Return the offset of a place across the strip along the curb, or across a wide verge."""
+    """Return the offset of a place on the strip along the curb, or on a wide verge."""
     half, _, curb, verge, _ = (float(v) for v in site.street.ground.section[side])
     way = 1.0 if side == 0 else -1.0
     if label in _FREE and verge > 2.6:
-        # Low plants edge the lane, the others are spread over the strip.
+        # Low plants are near the lane, the others anywhere on the strip.
         far = min(verge - 0.7, 1.8) if label == "cycas" else verge - 0.7
         return way * (half + curb + float(site.rng.uniform(0.9, far)))
     return site.street.kerb_zone(side) + float(site.rng.normal(0, 0.06))
@@ -57,26 +57,7 @@ def _turned(site: Site, label: str, left: float) -> float:
 
 
 def somewhere(site: Site, label: str, side: int, *, tries: int = 12, design: Design | None = None) -> Placed | None:
-    """Place an object of a class at a free place along one curb.
-
-    Parameters
-    ----------
-    site : Site
-        The block.
-    label : str
-        Taxonomy class.
-    side : int
-        0 is left.
-    tries : int, default 12
-        Places to look at before giving up.
-    design : Design, optional
-        The design; None chooses one.
-
-    Returns
-    -------
-    Placed or None
-        The object, None where no free place was found.
-    """
+    """Place an object of a class at a free place along one curb (side 0 is left), or return None after all tries."""
     chosen = design or catalogue.choose(label, site.rng)
     mesh = chosen.build(site.rng)
     width = float(site.street.ground.section[side, 2:].sum())
@@ -85,7 +66,7 @@ def somewhere(site: Site, label: str, side: int, *, tries: int = 12, design: Des
         yaw = _turned(site, label, left)
         if site.street.ground.edge([s], [left])[0][0] < 0.05:
             continue
-        # Wide crowns of shrubs may hang over the curb, not into the lane.
+        # Wide shrubs may overhang the curb, but not the lane.
         least = 0.05 if label not in _FREE else -0.25
         placed = site.try_add(chosen, s, left, yaw, edge=(least, width + 0.8), tilt=label == "bicycle", mesh=mesh)
         if placed is not None:
@@ -94,13 +75,7 @@ def somewhere(site: Site, label: str, side: int, *, tries: int = 12, design: Des
 
 
 def lamps(site: Site) -> None:
-    """Place street lamps at their spacing; on a median they have two arms.
-
-    Parameters
-    ----------
-    site : Site
-        The block.
-    """
+    """Place street lamps at their spacing; on a median they have two arms."""
     street = site.street
     rng = generator(street.seed, 11)
     spacing = street.parameters.lamp_spacing or float(rng.uniform(25, 40))
@@ -128,7 +103,7 @@ def lamps(site: Site) -> None:
 
 
 def _plate_on(site: Site, lamp: Placed, s: float, left: float) -> None:
-    """Hang a traffic sign on some lamps whose design has none of its own."""
+    """Hang a traffic sign on some lamps whose design has no sign."""
     if "sign" in lamp.design or site.rng.random() > 0.3 * site.parameters.signs:
         return
     (sheet, half), name = sign_plate(site.rng), "plate_on_lamp"
@@ -138,13 +113,7 @@ def _plate_on(site: Site, lamp: Placed, s: float, left: float) -> None:
 
 
 def bus_stops(site: Site) -> None:
-    """Place bus stops, one in every second block where there are as many as usual, on either side in turn.
-
-    Parameters
-    ----------
-    site : Site
-        The block.
-    """
+    """Place bus stops, by default one in every second block, on alternate sides."""
     number, often = site.block + site.street.seed, site.parameters.stations / 2
     for k in range(math.ceil((number + 1) * often) - math.ceil(number * often)):
         _bus_stop(site, (site.block // 2 + k) % 2)
@@ -169,13 +138,7 @@ def _bus_stop(site: Site, side: int) -> None:
 
 
 def tree_rows(site: Site) -> None:
-    """Plant rows of one species along the curb, at a spacing that is the side's, with gaps.
-
-    Parameters
-    ----------
-    site : Site
-        The block.
-    """
+    """Plant rows of one species along the curb at the spacing of that side, with gaps."""
     parameters = site.parameters
     weights = np.array([3.0 * parameters.palms, 2.5 * parameters.trees])
     if weights.sum() == 0:
@@ -190,26 +153,20 @@ def tree_rows(site: Site) -> None:
             continue
         width = float(site.street.ground.section[side, 2:].sum())
         for k in range(int(np.ceil(site.start / spacing)), int(np.ceil(site.end / spacing))):
-            if site.rng.random() < kept * min(_wanted(site, label), 1.0):
+            if site.rng.random() < kept * min(_factor(site, label), 1.0):
                 other = design if site.rng.random() < 0.9 else catalogue.choose(label, site.rng)
                 s, left = k * spacing + float(site.rng.normal(0, 0.15)), site.street.kerb_zone(side)
                 site.try_add(other, s, left, float(site.rng.uniform(0, 6.28)), edge=(0.05, width))
 
 
 def furnish(site: Site) -> None:
-    """Place what every street has, then plants and things by its parameters, then people.
-
-    Parameters
-    ----------
-    site : Site
-        The block.
-    """
+    """Place the objects of every street, then plants and furniture by the parameters, then people."""
     rng, parameters = site.rng, site.parameters
     known = catalogue.designs()
     for side in range(2):
-        labels = [label for label in _EVERY_BLOCK[(side + site.block) % 2] if _wanted(site, label) > 0]
+        labels = [label for label in _EVERY_BLOCK[(side + site.block) % 2] if _factor(site, label) > 0]
         for label, mean in (("brushwood", 2.0), ("cycas", 1.0), ("palm", 1.0), ("tree", 0.8), ("traffic_sign", 1.2)):
-            labels += [label] * int(rng.poisson(mean * _wanted(site, label)))
+            labels += [label] * int(rng.poisson(mean * _factor(site, label)))
         clutter = [label for label in _CLUTTER if label in known]
         labels += [str(label) for label in rng.choice(clutter, int(rng.poisson(3.0 * parameters.clutter)))]
         for label in labels:
@@ -222,7 +179,7 @@ def furnish(site: Site) -> None:
 
 
 def _row_of(site: Site, first: Placed) -> None:
-    """Set more bollards of the same design beside one."""
+    """Place more bollards of the same design in a row."""
     s, left = site.where[-1]
     design = catalogue.choose("bollard", site.rng, first.design)
     for k in range(1, int(site.rng.integers(3, 6))):
@@ -230,7 +187,7 @@ def _row_of(site: Site, first: Placed) -> None:
 
 
 def _on_pavement(site: Site, side: int) -> None:
-    """Place people who stand, and bins at the property line."""
+    """Place standing people, and bins at the property line."""
     line, way = site.street.ground.property_line(side), 1.0 if side == 0 else -1.0
     pavement = float(site.street.ground.section[side, 4])
     width = float(site.street.ground.section[side, 2:].sum())
@@ -249,11 +206,11 @@ def _on_pavement(site: Site, side: int) -> None:
 
 
 def _group(site: Site, s: float, left: float, edge: tuple[float, float]) -> None:
-    """Place people who stand in a ring and talk, where all of them have room."""
+    """Place people who stand in a ring and talk, if all of them fit."""
     ring = []
     for body in conversation(site.rng):
         x, y = (float(v) for v in body.vertices[:, :2].mean(axis=0))
-        # They look at each other.
+        # They face each other.
         yaw = float(np.arctan2(-y, -x))
         ring.append((body.moved([-x, -y, 0.0]).moved([0.0, 0.0, 0.0], yaw=-yaw), s + x, left + y, yaw))
     if all(site.fits(site.footprint(*who), edge=edge) for who in ring):
@@ -263,13 +220,7 @@ def _group(site: Site, s: float, left: float, edge: tuple[float, float]) -> None
 
 
 def plant_median(site: Site) -> None:
-    """Plant palms, trees, cycas and shrubs on the median.
-
-    Parameters
-    ----------
-    site : Site
-        The block.
-    """
+    """Plant palms, trees, cycas and shrubs on the median."""
     median, rng, parameters = float(site.street.ground.shape[5]), site.rng, site.parameters
     if median == 0:
         return

@@ -1,4 +1,4 @@
-"""Fronts of buildings, all cells at once. Local x runs along the front, -y faces the street, the wall is at y = 0."""
+"""Fronts of buildings, all cells at once. Local x is along the front, -y faces the street, the wall is at y = 0."""
 
 from __future__ import annotations
 
@@ -18,20 +18,7 @@ _SIDES = np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3
 
 
 def boxes(sizes: ArrayLike, centres: ArrayLike, surface: Surface) -> Mesh:
-    """Return many cuboids of one surface.
-
-    Parameters
-    ----------
-    sizes, centres : array-like of shape (n, 3) or (3,)
-        Lengths along x, y and z, and middles, metres; they are broadcast against each other.
-    surface : Surface
-        What they are made of.
-
-    Returns
-    -------
-    Mesh
-        Twelve triangles each.
-    """
+    """Return cuboids of one surface; sizes and middles of shape (n, 3) or (3,) broadcast."""
     size, centre = np.broadcast_arrays(np.atleast_2d(np.asarray(sizes, float)), np.atleast_2d(centres))
     corners = centre[:, None] + _UNIT * size[:, None]
     return quads(corners[:, _SIDES].reshape(-1, 4, 3), surface)
@@ -51,11 +38,11 @@ class Openings:
     Parameters
     ----------
     cell : ndarray of shape (n, 4), float64
-        Left, right, bottom and top of the part of the wall that holds it, metres.
+        Left, right, bottom and top of the part of the wall around it, metres.
     left, right, low, high : ndarray of shape (n,), float64
         The opening itself, metres.
     recess : ndarray of shape (n,), float64
-        How far its pane lies behind the wall, metres.
+        Depth of its pane behind the wall, metres.
     """
 
     cell: NDArray[np.float64]
@@ -89,7 +76,7 @@ class Openings:
         return quads(np.concatenate([*fronts, *reveals]), skin)
 
     def panes(self, surface: Surface, *, behind: float = 0.0) -> Mesh:
-        """Return what closes the openings."""
+        """Return the panes of the openings."""
         return quads(_sheet(self.left, self.right, self.recess + behind, self.low, self.high), surface)
 
     def frames(self, surface: Surface, *, sill: bool) -> Mesh:
@@ -107,7 +94,7 @@ class Openings:
         return boxes(np.concatenate([s for s, _ in bars]), np.concatenate([c for _, c in bars]), surface)
 
     def curtains(self, surface: Surface, rng: np.random.Generator) -> Mesh:
-        """Return cloths that hang down to some height behind the panes."""
+        """Return curtains of different lengths behind the panes."""
         edge = self.low + rng.uniform(0, 0.85, len(self.low)) * (self.high - self.low)
         return quads(_sheet(self.left, self.right, self.recess + 0.12, edge, self.high), surface)
 
@@ -123,22 +110,7 @@ class Openings:
 
 
 def balconies(windows: Openings, slab: Surface, metal: Surface, depth: float) -> list[Mesh]:
-    """Return balconies under windows: a slab, a hand rail and bars.
-
-    Parameters
-    ----------
-    windows : Openings
-        The windows that have one.
-    slab, metal : Surface
-        What slab and railing are made of.
-    depth : float
-        How far they stand out, metres.
-
-    Returns
-    -------
-    list of Mesh
-        Slabs and railings.
-    """
+    """Return balconies of a depth under windows: a slab, a hand rail and bars."""
     half = np.minimum((windows.right - windows.left) / 2 + 0.35, (windows.cell[:, 1] - windows.cell[:, 0]) / 2 - 0.05)
     x, z = (windows.left + windows.right) / 2, windows.cell[:, 2]
     n = len(x)
@@ -160,20 +132,7 @@ def balconies(windows: Openings, slab: Surface, metal: Surface, depth: float) ->
 
 
 def shop_front(rng: np.random.Generator, left: float, right: float, high: float) -> list[Mesh]:
-    """Return a sign board and often an awning over a shop window, now and then a sign that stands out.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of measures and colours.
-    left, right, high : float
-        Sides and upper edge of the shop window, metres.
-
-    Returns
-    -------
-    list of Mesh
-        Parts of the `building`.
-    """
+    """Return a sign board and often an awning over a shop window, sometimes a projecting sign."""
     wide, middle = right - left, (left + right) / 2
     tall = rng.uniform(0.35, 0.65)
     board = cloth("building", rng)
@@ -204,22 +163,7 @@ def shop_front(rng: np.random.Generator, left: float, right: float, high: float)
 
 
 def stairs(rng: np.random.Generator, middle: float, width: float, top: float) -> Mesh:
-    """Return steps up to a door, towards -y.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of their measures.
-    middle, width : float
-        Of the door, metres.
-    top : float
-        Height of its sill, metres.
-
-    Returns
-    -------
-    Mesh
-        Every face is `stairs`; they go 0.5 m into the ground.
-    """
+    """Return steps up to a door towards -y, 0.5 m into the ground; every face is `stairs`."""
     stone = material("concrete", "stairs", rng)
     count = max(int(np.ceil(top / rng.uniform(0.15, 0.18))), 1)
     run = rng.uniform(0.27, 0.32)

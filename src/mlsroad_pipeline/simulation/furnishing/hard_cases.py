@@ -1,4 +1,4 @@
-"""What is hard to tell apart: things placed so that they touch, stand inside each other, or hide one another."""
+"""Hard cases: objects that touch, contain or occlude each other."""
 
 from __future__ import annotations
 
@@ -19,17 +19,11 @@ _PARTNERS: dict[str, tuple[str, ...]] = {
     "car": ("plant_at_car",),
     "van": ("plant_at_car",),
 }
-"""Which cases there are for an object of each class."""
+"""Hard cases for objects of each class."""
 
 
 def add(site: Site) -> None:
-    """Give a share of the objects along the curb a partner that they are hard to tell from.
-
-    Parameters
-    ----------
-    site : Site
-        The block, furnished.
-    """
+    """Place confusable neighbours beside a share of the objects along the curb of a furnished block."""
     if site.parameters.hard_cases == 0:
         return
     for number in range(len(site.placed)):
@@ -82,7 +76,7 @@ def _partner(site: Site, number: int, s: float, left: float, case: str) -> None:
 
 
 def _beside(site: Site, label: str, s: float, left: float, yaw: float, case: str, number: int, *, touch: bool) -> None:
-    """Place a partner where it meets nothing but, if it may touch, the object it belongs to."""
+    """Place a partner that overlaps nothing but, if it may touch, the object it belongs to."""
     design = catalogue.choose(label, site.rng)
     mesh = design.build(site.rng)
     box = site.footprint(mesh, s, left, yaw)

@@ -1,4 +1,4 @@
-"""What stands in a street, and where: one block at a time, each drawn from its own seed."""
+"""Layout of static objects in a street, block by block, each drawn from its own seed."""
 
 from __future__ import annotations
 
@@ -16,20 +16,7 @@ from mlsroad_pipeline.simulation.street.street import Street
 
 
 def populate(street: Street, block: int) -> list[Placed]:
-    """Return everything that stands still in a block.
-
-    Parameters
-    ----------
-    street : Street
-        The street.
-    block : int
-        Number of the block, from ``-MARGIN``.
-
-    Returns
-    -------
-    list of Placed
-        The objects; another call gives the same ones.
-    """
+    """Return all static objects of a block, numbered from ``-MARGIN``; the result is deterministic."""
     site = Site(street, block)
     corners.keep_clear(site)
     premises.build(site)

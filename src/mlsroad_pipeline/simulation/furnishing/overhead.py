@@ -1,4 +1,4 @@
-"""Overhead wires: poles along one property line, wires that sag between them, and lines to the houses."""
+"""Overhead lines: poles along one property line, sagging wires, lines to the houses; gantries over the road."""
 
 from __future__ import annotations
 
@@ -22,21 +22,9 @@ _GANTRIES = 0.2  # per block of a road of several lanes with a median
 
 
 def dry_station(street: Street, s: float, left: float, *, least: float = 0.15) -> float:
-    """Return the station nearest to one where a line along the street is off the carriageway and off driveways.
+    """Return the nearest station at which a line along the street is off the carriageway, driveways and crossings.
 
-    Parameters
-    ----------
-    street : Street
-        The street.
-    s, left : float
-        Station and offset, metres.
-    least : float, default 0.15
-        Distance to keep from the curb line, metres.
-
-    Returns
-    -------
-    float
-        Station, metres; `s` itself where there is none within 20 m.
+    It keeps `least` metres from the curb line; without such a station within 20 m, `s` itself is returned.
     """
     side = 0 if left >= 0 else 1
     gates = np.array([lot.driveway for lot in street.lots if lot.side == side and lot.arm < 0])
@@ -52,24 +40,7 @@ def dry_station(street: Street, s: float, left: float, *, least: float = 0.15) -
 
 
 def wire(start: ArrayLike, end: ArrayLike, sag: float, radius: float, rng: np.random.Generator) -> Mesh:
-    """Return a wire that hangs between two points as a parabola, `sag` metres below their chord at its middle.
-
-    Parameters
-    ----------
-    start, end : array-like of shape (3,)
-        Its ends, metres.
-    sag : float
-        Metres.
-    radius : float
-        Metres.
-    rng : numpy.random.Generator
-        Source of its colour.
-
-    Returns
-    -------
-    Mesh
-        24 straight pieces; every face is `wire`.
-    """
+    """Return a wire of 24 straight pieces along a parabola, `sag` metres below the chord at its middle."""
     f = np.linspace(0, 1, 25)[:, None]
     path = np.asarray(start) + f * (np.asarray(end) - np.asarray(start))
     path[:, 2] -= 4 * sag * (f * (1 - f))[:, 0]
@@ -77,7 +48,7 @@ def wire(start: ArrayLike, end: ArrayLike, sag: float, radius: float, rng: np.ra
 
 
 class _Line:
-    """A line of poles: where the k-th stands, and where its wires hang."""
+    """Line of utility poles with their stations and the attachment points of their wires."""
 
     def __init__(self, street: Street) -> None:
         rng = generator(street.seed, 12)
@@ -85,7 +56,7 @@ class _Line:
         self.exists = rng.random() < street.parameters.overhead_wires
         self.spacing = float(rng.uniform(29, 40))
         self.left = (street.ground.property_line(self.side) - 0.35) * (1 if self.side == 0 else -1)
-        # A line is of one kind; a transformer or a lamp hangs on a pole here and there.
+        # All poles of a line are of one kind; some carry a transformer or a lamp.
         self.design = catalogue.choose("utility_pole", rng, str(rng.choice(_LINES)))
         self.sag, self.radius = float(rng.uniform(0.3, 0.9)), float(rng.uniform(0.008, 0.014))
 
@@ -100,7 +71,7 @@ class _Line:
         return design, *utility_poles.hung_pole(design.name, rng)
 
     def hang(self, k: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where the wires of a pole hang, street-local coordinates."""
+        """Return the attachment points of a pole, street-local coordinates."""
         s = self.station(k)
         xy, heading = self.street.alignment.place([s], [self.left])
         base = np.array([*xy[0], float(self.street.ground.height([s], [self.left])[0])])
@@ -109,13 +80,7 @@ class _Line:
 
 
 def utility_line(site: Site) -> None:
-    """Place the utility poles of a block with the wires from each to the next one and to the houses.
-
-    Parameters
-    ----------
-    site : Site
-        The block.
-    """
+    """Place the utility poles of a block with wires to the next pole and to the houses."""
     line = _Line(site.street)
     if not line.exists:
         return
@@ -131,7 +96,7 @@ def utility_line(site: Site) -> None:
 
 
 def _to_houses(site: Site, line: _Line, pole: Placed, k: int, start: NDArray[np.float64]) -> None:
-    """Hang a thin line from a pole to every house that is nearest to it."""
+    """Hang a thin line from a pole to each house nearest to it."""
     ground = site.street.ground
     for lot in site.street.lots:
         middle = (lot.start + lot.end) / 2
@@ -154,13 +119,7 @@ def _wire(
 
 
 def over_the_road(site: Site) -> None:
-    """Place gantries over some blocks of a road with a median.
-
-    Parameters
-    ----------
-    site : Site
-        The block.
-    """
+    """Place gantries over some blocks of a road with a median."""
     if site.street.ground.shape[5] == 0:
         return
     number = int(_GANTRIES * site.parameters.gantries + 1 - site.rng.random())
@@ -170,7 +129,7 @@ def over_the_road(site: Site) -> None:
 
 
 def _gantry(site: Site, first: float, last: float) -> None:
-    """Place a gantry between two stations, where there is room for both legs."""
+    """Place a gantry between two stations if both legs fit."""
     ground, rng = site.street.ground, site.rng
     s = dry_station(site.street, float(rng.uniform(first, last)), _leg(site, 0))
     if not site.start + 2 < s < site.end - 2:

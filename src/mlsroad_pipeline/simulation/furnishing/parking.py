@@ -1,4 +1,4 @@
-"""Parked vehicles, each in a bay that is painted."""
+"""Parked vehicles in painted bays."""
 
 from __future__ import annotations
 
@@ -14,13 +14,7 @@ _SHARES = (0.86, 0.12, 0.02)
 
 
 def park(site: Site) -> None:
-    """Fill the bays of a block; bays, driveways, junctions and crossings stay free as they do in a street.
-
-    Parameters
-    ----------
-    site : Site
-        The block.
-    """
+    """Fill the bays of a block; bays at driveways, junctions and crossings stay free."""
     ground = site.street.ground
     slant = float(ground.shape[6])
     pitch = SLANTED_BAY if slant > 0 else BAY
@@ -52,13 +46,13 @@ def _one(site: Site, s: float, left: float, slant: float, depth: float) -> None:
         if long > 4.95:
             return
     else:
-        # Right-hand traffic: few stand against it.
+        # Right-hand traffic: few park against it.
         yaw = (np.pi if left >= 0 else 0.0) + (np.pi if rng.random() < 0.1 else 0.0)
         s += float(rng.normal(0, 0.15))
         if long > BAY - 0.3:
             return
     wide = float(np.ptp(mesh.vertices[mesh.vertices[:, 2] < 0.9, 1]))
-    # A car that stands askew takes up more of its bay.
+    # A slanted car takes up more of its bay.
     askew = float(np.clip(rng.normal(0, 0.015), -0.03, 0.03))
     slack = max((depth - wide - abs(askew) * long) / 2 - 0.04, 0.0) if slant == 0 else 0.05
     left += float(np.clip(rng.normal(0, 0.08), -slack, slack))

@@ -1,4 +1,4 @@
-"""Putting objects into a block of street: on the ground, turned to it, without running into each other."""
+"""Placement of objects in a block of street: on the ground, oriented to the street, without overlaps."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from mlsroad_pipeline.simulation.model.meshes import Mesh
 from mlsroad_pipeline.simulation.street.street import BLOCK, MARGIN, Street, generator
 
 INSTANCES_PER_BLOCK = 2048
-"""Instance numbers reserved for each block, so that they are unique along a street of any length."""
+"""Instance numbers reserved for each block, so that they are unique along the street."""
 
 FOOTPRINT_HEIGHT = 1.7
-"""What is lower than this belongs to an object's footprint, metres: trunks and cars, not crowns and arms."""
+"""Height below which parts belong to an object's footprint, metres: trunks and cars, not crowns and arms."""
 
 _GAP = 0.04  # free room around a footprint, metres
 
 
 class Box(NamedTuple):
-    """The upright box around an object.
+    """Upright box around an object.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Box(NamedTuple):
     heading : float
         Direction of the x axis, radians counter-clockwise from east.
     x, y : float
-        Middle of the box, street-local metres; an arm moves it away from the base.
+        Middle of the box, street-local metres; an arm shifts it from the base.
     """
 
     length: float
@@ -48,24 +48,24 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True)
 class Placed:
-    """An object where it stands.
+    """Placed object.
 
     Parameters
     ----------
     label : int
         Taxonomy code of the whole; faces of its mesh may have finer ones.
     instance : int
-        Its number, unique along the street; 0 for facades, fences, walls and hedges.
+        Instance number, unique along the street; 0 for facades, fences, walls and hedges.
     mesh : Mesh
         Faces in street-local coordinates (m).
     base : ndarray of shape (3,), float64
-        Where it meets the ground (m).
+        Base point on the ground (m).
     design : str
-        Name of what it was built from.
+        Name of its design.
     box : Box
-        The box around it.
+        Its box.
     hard_case : str, default ""
-        Why it is hard to tell from its neighbour, where it was placed so.
+        Kind of confusable neighbour, if it was placed as such.
     """
 
     label: int
@@ -79,7 +79,7 @@ class Placed:
 
 @njit(cache=True, nogil=True)
 def _extent(vertices: NDArray[np.float64], below: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the least and the largest coordinates of the vertices below a height, of all where none is."""
+    """Return the bounds of the vertices below a height, or of all if none is."""
     least, most = np.full(3, np.inf), np.full(3, -np.inf)
     for i in range(len(vertices)):
         if vertices[i, 2] < below:
@@ -92,22 +92,7 @@ def _extent(vertices: NDArray[np.float64], below: float) -> tuple[NDArray[np.flo
 
 
 def box_around(mesh: Mesh, base: NDArray[np.float64], heading: float) -> Box:
-    """Return the box around a mesh given in its own frame.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Foot at the origin, front along +x.
-    base : ndarray of shape (3,), float64
-        Where it stands, metres.
-    heading : float
-        Where its front looks, radians counter-clockwise from east.
-
-    Returns
-    -------
-    Box
-        The box.
-    """
+    """Return the box of a mesh (foot at the origin, front along +x) that is placed at a base and a heading."""
     low, high = _extent(mesh.vertices, np.inf)
     middle = (low + high) / 2
     c, s = np.cos(heading), np.sin(heading)
@@ -118,21 +103,9 @@ def box_around(mesh: Mesh, base: NDArray[np.float64], heading: float) -> Box:
 
 @njit(cache=True, nogil=True)
 def overlaps(boxes: NDArray[np.float64], box: NDArray[np.float64], gap: float) -> int:
-    """Return the first of some rectangles that a rectangle meets (separating axes), -1 if none.
+    """Return the row of the first rectangle that overlaps another one (separating axes), -1 if none.
 
-    Parameters
-    ----------
-    boxes : ndarray of shape (n, 5), float64
-        Middle (x, y), half length, half width (m) and direction (rad) of each.
-    box : ndarray of shape (5,), float64
-        The rectangle.
-    gap : float
-        Room that must lie in between, metres.
-
-    Returns
-    -------
-    int
-        Row of `boxes`.
+    Rectangles are middle (x, y), half length, half width (m) and direction (rad); `gap` is the clearance, metres.
     """
     for k in range(len(boxes)):
         other = boxes[k]
@@ -159,7 +132,7 @@ def _corners(box: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 class Site:
-    """One block of a street while it is being furnished.
+    """Block of a street that is being furnished.
 
     Parameters
     ----------
@@ -174,7 +147,7 @@ class Site:
         self.start, self.end = block * BLOCK, (block + 1) * BLOCK
         self.rng = generator(street.seed, 10, block)
         self.placed: list[Placed] = []
-        self.where: list[tuple[float, float]] = []  # station and offset of each, NaN for what hangs
+        self.where: list[tuple[float, float]] = []  # station and offset of each, NaN for hanging objects
         self.rows: list[int] = []  # its row of `boxes`, -1 for none
         self._boxes = np.empty((256, 5))
         self._count = 0
@@ -186,29 +159,29 @@ class Site:
         return self._boxes[: self._count]
 
     def block_out(self, s: float, left: float, half_length: float, half_width: float, angle: float = 0.0) -> None:
-        """Keep a rectangle free of what comes later."""
+        """Keep a rectangle free of later objects."""
         if self._count == len(self._boxes):
             self._boxes = np.concatenate([self._boxes, np.empty_like(self._boxes)])
         self._boxes[self._count] = s, left, half_length, half_width, angle
         self._count += 1
 
     def toward_road(self, left: float) -> float:
-        """Return the direction of the road from a side of it, relative to the street's."""
+        """Return the direction from a side of the road to the road, relative to the street's."""
         return -np.pi / 2 if left >= 0 else np.pi / 2
 
     def facing_traffic(self, left: float) -> float:
-        """Return the direction that oncoming traffic comes from on a side, relative to the street's."""
+        """Return the direction towards oncoming traffic on a side of the road, relative to the street's."""
         return 0.0 if left >= 0 else np.pi
 
     def footprint(self, mesh: Mesh, s: float, left: float, yaw: float) -> NDArray[np.float64]:
-        """Return the rectangle that a mesh takes up near the ground, in station and offset."""
+        """Return the rectangle of a mesh near the ground, in station and offset."""
         least, most = _extent(mesh.vertices, FOOTPRINT_HEIGHT)
         middle, half = (least[:2] + most[:2]) / 2, (most[:2] - least[:2]) / 2
         c, n = np.cos(yaw), np.sin(yaw)
         return np.array([s + c * middle[0] - n * middle[1], left + n * middle[0] + c * middle[1], *half, yaw])
 
     def fits(self, box: NDArray[np.float64], *, edge: tuple[float, float] | None = None, gap: float = _GAP) -> bool:
-        """Tell whether a footprint is free, and lies within distances from the curb where these are given."""
+        """Return whether a footprint is free and, with `edge`, within these distances from the curb."""
         corners = _corners(box)
         if corners[0].min() < self.start or corners[0].max() > self.end or overlaps(self.boxes, box, gap) >= 0:
             return False
@@ -221,7 +194,7 @@ class Site:
         self, design: Design | tuple[str, str], mesh: Mesh, s: float, left: float, yaw: float, *, tilt: bool = False,
         numbered: bool = True, solid: bool = True, hard_case: str = "",
     ) -> Placed:  # fmt: skip
-        """Place a mesh, whatever stands there already.
+        """Place a mesh without a check for overlaps.
 
         Parameters
         ----------
@@ -234,18 +207,13 @@ class Site:
         yaw : float
             Direction of its front, relative to the street's, radians.
         tilt : bool, default False
-            Whether it lies on the slope of the ground.
+            Whether it follows the slope of the ground.
         numbered : bool, default True
-            Whether it is an object with a number.
+            Whether it is an object with an instance number.
         solid : bool, default True
-            Whether nothing else may stand there afterwards.
+            Whether its footprint excludes later objects.
         hard_case : str, default ""
             See `Placed`.
-
-        Returns
-        -------
-        Placed
-            The object.
         """
         name, label = (design.name, design.label) if isinstance(design, Design) else design
         ground = self.street.ground
@@ -276,10 +244,7 @@ class Site:
     def add_at(
         self, design: tuple[str, str], mesh: Mesh, start: NDArray[np.float64], end: NDArray[np.float64]
     ) -> Placed:
-        """Place a mesh that hangs between two places; its base is below its middle, where it hangs lowest.
-
-        Its coordinates are street-local.
-        """
+        """Place a mesh that hangs between two places, in street-local coordinates; its base is below its middle."""
         heading = float(np.arctan2(*(end - start)[1::-1]))
         c, s = np.cos(-heading), np.sin(-heading)
         base = np.array([*((start + end) / 2)[:2], mesh.vertices[:, 2].min()])
@@ -298,7 +263,7 @@ class Site:
         self, design: Design, s: float, left: float, yaw: float, *, edge: tuple[float, float] | None = None,
         tilt: bool = False, hard_case: str = "", mesh: Mesh | None = None,
     ) -> Placed | None:  # fmt: skip
-        """Build an object and place it, unless something stands there already; see `add` and `fits`."""
+        """Build an object and place it if it fits; see `add` and `fits`."""
         built = design.build(self.rng) if mesh is None else mesh
         if not self.fits(self.footprint(built, s, left, yaw), edge=edge):
             return None

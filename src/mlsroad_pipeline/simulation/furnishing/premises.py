@@ -1,4 +1,4 @@
-"""What stands beyond the property line: buildings, fences, walls and hedges, gardens."""
+"""Objects beyond the property line: buildings, fences, walls and hedges, gardens."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _PIECE = 4.0  # length of a piece of fence, wall or hedge, metres
 
 
 class _Frame:
-    """Where a lot lies: along its own street, and away from that street's property line."""
+    """Frame of a lot: along its own street, and away from that street's property line."""
 
     def __init__(self, site: Site, lot: Lot) -> None:
         ground = site.street.ground
@@ -30,12 +30,12 @@ class _Frame:
         self.half = float(ground.section[side, 0])
         self.line = float(self.arm[HALF_WIDTH] + ground.section[side, 2:].sum())
         outward = (1.0 if side == 0 else -1.0) * (np.pi / 2 - np.arctan(self.arm[SKEW]))
-        # Fronts look at the side street: their backs look away from its axis.
+        # Fronts face the side street.
         turned = outward if (lot.side == 0) == (side == 1) else outward + np.pi
         self.yaw = float(turned)
 
     def place(self, along: float, beyond: float) -> tuple[float, float]:
-        """Return station and offset of a place, `beyond` metres behind the property line."""
+        """Return station and offset of a place `beyond` metres behind the property line."""
         if self.arm is None:
             return along, self.way * (self.line + beyond)
         return arm_place(self.arm, self.half, along, self.way * (self.line + beyond))
@@ -43,22 +43,16 @@ class _Frame:
 
 def _lots_of(site: Site) -> list[tuple[Lot, _Frame]]:
     arms = site.street.ground.arms
-    found = []
+    lots = []
     for lot in site.street.lots:
         s = (lot.start + lot.end) / 2 if lot.arm < 0 else float(arms[lot.arm, STATION])
         if site.start <= s < site.end:
-            found.append((lot, _Frame(site, lot)))
-    return found
+            lots.append((lot, _Frame(site, lot)))
+    return lots
 
 
 def build(site: Site) -> None:
-    """Build on the lots of a block: houses, and what stands on the property line.
-
-    Parameters
-    ----------
-    site : Site
-        The block.
-    """
+    """Build the houses of a block and the boundaries of its lots."""
     for lot, frame in _lots_of(site):
         if lot.kind != "open":
             _house(site, lot, frame)
@@ -78,7 +72,7 @@ def _house(site: Site, lot: Lot, frame: _Frame) -> None:
 
 
 def _boundary(site: Site, lot: Lot, frame: _Frame) -> None:
-    """Put up one design of fence, wall or hedge along a lot, in pieces that follow the ground."""
+    """Place one design of fence, wall or hedge along a lot, in pieces that follow the ground."""
     if lot.boundary == "none":
         return
     gate = (lot.driveway - 1.6, lot.driveway + 1.6) if np.isfinite(lot.driveway) else (lot.end, lot.end)
@@ -88,20 +82,14 @@ def _boundary(site: Site, lot: Lot, frame: _Frame) -> None:
         if high - low < 0.6:
             continue
         for a, b in pairwise(np.linspace(low, high, max(round((high - low) / _PIECE), 1) + 1)):
-            # Every piece is drawn from the same state, so that they are of one design.
+            # The same state for every piece: they are of one design.
             mesh = make(np.random.default_rng(state), float(b - a))
             s, left = frame.place(float(a + b) / 2, 0.3)
             site.add((lot.boundary, lot.boundary), mesh, s, left, frame.yaw, tilt=True, numbered=False)
 
 
 def plant_gardens(site: Site) -> None:
-    """Plant trees, palms and shrubs in front gardens and on open land.
-
-    Parameters
-    ----------
-    site : Site
-        The block.
-    """
+    """Plant trees, palms and shrubs in front gardens and on open land."""
     rng, parameters = site.rng, site.parameters
     weights = np.array([parameters.trees, parameters.palms, 2.0 * parameters.shrubs])
     if weights.sum() == 0:

@@ -1,4 +1,4 @@
-"""What moves: cars, vans, buses and cyclists in the lanes, people on the pavements, each timed to meet the van."""
+"""Moving objects: vehicles and cyclists in the lanes, people on the pavements, each timed to meet the van."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from mlsroad_pipeline.simulation.rays.scene import Motion, Mover
 from mlsroad_pipeline.simulation.street.drive import Drive
 from mlsroad_pipeline.simulation.street.street import BLOCK, MARGIN, Street, generator
 
-_SLOT = 30.0  # one vehicle at most is met per lane and stretch of this length, metres
+_SLOT = 30.0  # length of street with at most one met vehicle per lane, metres
 _VEHICLES = ("car", "van", "bus", "truck", "motorcycle")
 _SHARES = np.array([0.66, 0.14, 0.1, 0.06, 0.04])
 _MOTORCYCLES = ("ridden_motorcycle", "ridden_scooter")
 
 
 class _Meetings:
-    """The movers of one block."""
+    """Moving objects of one block."""
 
     def __init__(self, street: Street, drive: Drive, block: int) -> None:
         self.street, self.drive, self.block = street, drive, block
@@ -33,14 +33,14 @@ class _Meetings:
     def add(
         self, design: Design, station: float, speed: float, offset: float, rng: np.random.Generator | None = None
     ) -> None:
-        """Let something pass a station when the van does."""
+        """Add an object that passes a station at the same time as the van."""
         first = (self.block + MARGIN) * INSTANCES_PER_BLOCK + INSTANCES_PER_BLOCK // 2
         motion = Motion(station, self.drive.time_at(station), speed, offset)
         mesh = design.build(rng or self.rng)
         self.movers.append(Mover(TAXONOMY[design.label], first + len(self.movers), mesh, motion, design.name))
 
     def vehicle(self) -> Design:
-        """Draw a vehicle; motorcycles with who rides them."""
+        """Draw a vehicle; motorcycles with their riders."""
         label = _VEHICLES[int(self.rng.choice(len(_VEHICLES), p=self.shares))]
         if label == "motorcycle" and is_left_out(self.rng, self.street.parameters.two_wheelers):
             label = "car"
@@ -49,30 +49,17 @@ class _Meetings:
         return catalogue.choose(label, self.rng)
 
     def walker(self) -> Design:
-        """Draw someone who is on the way."""
+        """Draw a design of a walking person."""
         known = [catalogue.choose("person", self.rng, name) for name in WALKERS]
         weights = np.array([design.weight for design in known])
         return known[int(self.rng.choice(len(known), p=weights / weights.sum()))]
 
 
 def draw_traffic(street: Street, drive: Drive, block: int) -> list[Mover]:
-    """Return what the van meets while it is in a block.
+    """Return the moving objects that the van meets in a block.
 
-    Vehicles of one lane go at one speed, so that none runs into another.
-
-    Parameters
-    ----------
-    street : Street
-        The street.
-    drive : Drive
-        The van's drive; traffic keeps clear of it.
-    block : int
-        Number of the block.
-
-    Returns
-    -------
-    list of Mover
-        Oncoming vehicles, cyclists, vehicles in the other lanes, people who walk.
+    They are oncoming vehicles, cyclists, vehicles in the other lanes, and pedestrians. Vehicles of one lane have one
+    speed, so that none collides with another.
     """
     meet = _Meetings(street, drive, block)
     rng, parameters, ground = meet.rng, street.parameters, street.ground
@@ -87,7 +74,7 @@ def draw_traffic(street: Street, drive: Drive, block: int) -> list[Mover]:
             station = middle + float(rng.uniform(-6, 6))
             meet.add(meet.vehicle(), station, -float(oncoming[lane]), ground.lane_centre(lane))
     if lanes > 1 and block % 3 == 0 and rng.random() < 0.8 * parameters.traffic:
-        # At the van's own speed a vehicle would stay beside it; few are met, far apart.
+        # A vehicle at the van's own speed would stay beside it; the van meets few, far apart.
         lane = int(rng.integers(lanes - 1))
         meet.add(meet.vehicle(), (block + 0.5) * BLOCK, float(overtaking[lane]), -ground.lane_centre(lane))
     # Between the outermost lane and the curb or the parked cars on the other side of the street.

@@ -1,6 +1,6 @@
-"""Bicycles and motorcycles beyond those that every street has: parked at the curb, in rows and at walls, and ridden.
+"""Further bicycles and motorcycles: parked at the curb, in rows and at walls, and ridden.
 
-All of it is drawn from random numbers of its own, after everything else: the rest of a street stays as it is.
+They are drawn last, from random numbers of their own, so that the rest of a street does not change.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from mlsroad_pipeline.simulation.furnishing import catalogue
 from mlsroad_pipeline.simulation.furnishing.placement import Site
 from mlsroad_pipeline.simulation.street.street import BLOCK, Street, generator
 
-_PARKED = 2.0  # two-wheelers that a plain town parks in a block
+_PARKED = 2.0  # parked two-wheelers per block at a factor of 1
 _BICYCLES = 0.75  # share of bicycles among them
-_TRIES = 12  # places to look at for each that is wanted
-_ROOM = 8.0  # between those who ride behind each other, metres
-_RIDDEN = 0.45  # cyclists who are met in a block
+_TRIES = 12  # places tried for each
+_ROOM = 8.0  # between successive cyclists, metres
+_RIDDEN = 0.45  # cyclists per block
 
 
 class _Spot(NamedTuple):
-    """A place across the street."""
+    """Place across the street."""
 
     left: float  # offset of the middle, metres
     yaw: float  # direction relative to the street's, radians
@@ -29,49 +29,30 @@ class _Spot(NamedTuple):
 
 
 def is_left_out(rng: np.random.Generator, share: float) -> bool:
-    """Tell whether a two-wheeler is left out of a street that has fewer than others; draws nothing in one that has not.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Decides.
-    share : float
-        Share of the two-wheelers that stay; 1 or more is all.
-
-    Returns
-    -------
-    bool
-        True where it is left out.
-    """
+    """Return whether a two-wheeler is dropped at a share below 1; draws no random number at shares of 1 and more."""
     return share < 1.0 and bool(rng.random() >= share)
 
 
 def park(site: Site) -> None:
-    """Park what a street's multiplier asks for beyond 1, singly and in rows, where there is room.
-
-    Parameters
-    ----------
-    site : Site
-        The block, furnished.
-    """
+    """Park the two-wheelers beyond a factor of 1 on a furnished block, singly and in rows."""
     excess = site.parameters.two_wheelers - 1.0
     if excess <= 0:
         return
     rng = generator(site.street.seed, 18, site.block)
-    wanted = int(rng.poisson(_PARKED * excess))
-    for _ in range(_TRIES * wanted):
-        if wanted <= 0:
+    missing = int(rng.poisson(_PARKED * excess))
+    for _ in range(_TRIES * missing):
+        if missing <= 0:
             return
         label = "bicycle" if rng.random() < _BICYCLES else "motorcycle"
         size = 1 if rng.random() < 0.4 else int(rng.integers(2, 6 if label == "bicycle" else 4))
-        wanted -= _row(site, rng, label, min(size, wanted))
+        missing -= _row(site, rng, label, min(size, missing))
 
 
 def _spot(site: Site, rng: np.random.Generator, label: str, side: int, *, single: bool) -> _Spot:
     half, _, curb, _, _ = (float(v) for v in site.street.ground.section[side])
     way = 1.0 if side == 0 else -1.0
     if not single:
-        # Side by side, the front to the road or away from it.
+        # Side by side, facing the road or away from it.
         left = way * (half + curb + float(rng.uniform(1.05, 1.3)))
         return _Spot(left, site.toward_road(left) + float(rng.choice([0.0, np.pi])), True)
     along = float(rng.choice([0.0, np.pi])) + float(rng.normal(0, 0.1))
@@ -82,7 +63,7 @@ def _spot(site: Site, rng: np.random.Generator, label: str, side: int, *, single
 
 
 def _row(site: Site, rng: np.random.Generator, label: str, size: int) -> int:
-    """Park some two-wheelers beside each other from one place on, and tell how many found room."""
+    """Park two-wheelers side by side from one place on and return how many fitted."""
     side = int(rng.integers(2))
     spot = _spot(site, rng, label, side, single=size == 1)
     s = float(rng.uniform(site.start + 1, site.end - 1))
@@ -100,30 +81,16 @@ def _row(site: Site, rng: np.random.Generator, label: str, size: int) -> int:
 
 
 def cyclists(street: Street, block: int, taken: list[float]) -> tuple[np.random.Generator, list[float]]:
-    """Return where further cyclists are met in a block; they ride at one speed, so that none runs into another.
+    """Return the generator and the stations of further cyclists in a block; they have one speed, so that none collides.
 
-    Parameters
-    ----------
-    street : Street
-        The street.
-    block : int
-        Number of the block.
-    taken : list of float
-        Stations where others are met who ride on the same side, metres.
-
-    Returns
-    -------
-    rng : numpy.random.Generator
-        What they are drawn from.
-    stations : list of float
-        Metres.
+    `taken` are the stations of other cyclists on the same side, metres.
     """
     rng = generator(street.seed, 32, block)
     excess = street.parameters.two_wheelers - 1.0
     if excess <= 0:
         return rng, []
-    wanted = int(rng.poisson(_RIDDEN * street.parameters.traffic * excess))
+    count = int(rng.poisson(_RIDDEN * street.parameters.traffic * excess))
     middles = np.arange(block * BLOCK + _ROOM / 2, (block + 1) * BLOCK - _ROOM / 4, _ROOM)
     free = [float(m) for m in middles if all(abs(m - station) > _ROOM * 0.75 for station in taken)]
-    chosen = np.sort(rng.permutation(len(free))[:wanted])
+    chosen = np.sort(rng.permutation(len(free))[:count])
     return rng, [free[k] + float(rng.uniform(-2.0, 2.0)) for k in chosen]

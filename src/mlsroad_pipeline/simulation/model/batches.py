@@ -1,4 +1,4 @@
-"""Many bars and many leaves at once: what plants and bodies are made of, without a loop over their parts."""
+"""Batches of bars and leaves, for plants and bodies, without a loop over their parts."""
 
 from __future__ import annotations
 
@@ -14,57 +14,21 @@ Floats = NDArray[np.float64]
 
 
 def unit(vectors: ArrayLike) -> Floats:
-    """Return vectors of length one.
-
-    Parameters
-    ----------
-    vectors : array-like of shape (..., 3)
-        Any vectors; the zero vector stays zero.
-
-    Returns
-    -------
-    ndarray of shape (..., 3), float64
-        The same directions.
-    """
+    """Return vectors of length one."""
     v = np.asarray(vectors, dtype=np.float64)
     return v / (np.sqrt((v * v).sum(axis=-1, keepdims=True)) + 1e-12)
 
 
 def bearing(azimuth: ArrayLike, elevation: ArrayLike) -> Floats:
-    """Return unit vectors from azimuths and elevations.
-
-    Parameters
-    ----------
-    azimuth, elevation : array-like
-        Angles from +x, counter-clockwise, and above the horizontal, radians; they broadcast.
-
-    Returns
-    -------
-    ndarray of shape (..., 3), float64
-        The directions.
-    """
+    """Return unit vectors from azimuths (from +x, counter-clockwise) and elevations, radians."""
     a, e = np.broadcast_arrays(np.asarray(azimuth, dtype=np.float64), np.asarray(elevation, dtype=np.float64))
     return np.stack([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)], axis=-1)
 
 
 def bows(start: Floats, heading: Floats, end: Floats, steps: int, *, ease: float = 0.45) -> Floats:
-    """Return curves that leave `start` along `heading` and bend over to `end`.
+    """Return quadratic Bezier curves of `steps` points that leave `start` along `heading` and bend towards `end`.
 
-    Parameters
-    ----------
-    start, end : ndarray of shape (n, 3), float64
-        Ends of each, metres.
-    heading : ndarray of shape (n, 3), float64
-        Unit directions at the start.
-    steps : int
-        Points of each curve, at least two.
-    ease : float, default 0.45
-        How far the first direction is kept, over the distance between the ends: 0 is straight.
-
-    Returns
-    -------
-    ndarray of shape (n, steps, 3), float64
-        Points of quadratic Bezier curves.
+    `ease` is the distance over which the first direction holds, over that between the ends: 0 is straight.
     """
     reach = np.sqrt(((end - start) ** 2).sum(axis=1, keepdims=True))
     middle = start + ease * reach * heading
@@ -76,7 +40,7 @@ def tubes(
     paths: ArrayLike, radii: ArrayLike, surfaces: Surface | Sequence[Surface], *, sides: int = 5, closed: bool = False,
     flatten: ArrayLike | None = None,
 ) -> Mesh:  # fmt: skip
-    """Return round bars along polylines of equally many points.
+    """Return round bars along n polylines of m points each.
 
     Parameters
     ----------
@@ -85,14 +49,13 @@ def tubes(
     radii : array-like
         Radius at each point, metres; broadcast to (n, m).
     surfaces : Surface or sequence of n Surface
-        What all are, or each is, made of.
+        Surface of all bars, or of each.
     sides : int, default 5
         Corners of the cross-section.
     closed : bool, default False
         Whether the ends are closed.
     flatten : array-like, optional
-        Factors of the y coordinates of the cross-sections, about their points: below 1 the bar is flat; broadcast to
-        (n, m).
+        Factors on the y coordinates of the cross-sections, about their points; broadcast to (n, m).
 
     Returns
     -------
@@ -107,7 +70,7 @@ def tubes(
     tangents = np.empty_like(points)
     tangents[:, 1:-1] = points[:, 2:] - points[:, :-2]
     tangents[:, 0], tangents[:, -1] = points[:, 1] - points[:, 0], points[:, -1] - points[:, -2]
-    # One reference direction per bar, the axis that it follows least, keeps it from twisting.
+    # One reference direction per bar, the axis least parallel to it, avoids twists.
     reference = np.eye(3)[np.abs(tangents).max(axis=1).argmin(axis=1)][:, None]
     u = unit(np.cross(tangents, reference))
     v = unit(np.cross(tangents, u))
@@ -141,29 +104,10 @@ def blades(
     roots: ArrayLike, directions: ArrayLike, length: ArrayLike, width: ArrayLike, surface: Surface,
     rng: np.random.Generator, *, across: ArrayLike | None = None, spread: float = 0.18,
 ) -> Mesh:  # fmt: skip
-    """Return one triangle per leaf, wide at its root and pointed at its tip, no two of one colour.
+    """Return one triangle per leaf, wide at its root and pointed at its tip, each of its own colour.
 
-    Parameters
-    ----------
-    roots : array-like of shape (n, 3)
-        Where the leaves begin, metres.
-    directions : array-like of shape (n, 3)
-        Where each points; any length but zero.
-    length, width : float or array-like of shape (n,)
-        Size along and across the direction, metres.
-    surface : Surface
-        What the average leaf is made of.
-    rng : numpy.random.Generator
-        Source of the turn and of the colours.
-    across : array-like of shape (n, 3), optional
-        Direction of each leaf's width; at random without it.
-    spread : float, default 0.18
-        Standard deviation of the leaves' brightness about the average.
-
-    Returns
-    -------
-    Mesh
-        One face per leaf.
+    Roots and directions are (n, 3); `across` is the direction of each leaf's width (random by default), `spread` the
+    standard deviation of the leaves' brightness about the average.
     """
     root = np.asarray(roots, dtype=np.float64)
     n = len(root)
@@ -182,40 +126,12 @@ def blades(
 
 
 def scatter(rng: np.random.Generator, n: int, *, shell: float = 0.0) -> Floats:
-    """Draw places in the unit ball.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of the places.
-    n : int
-        How many.
-    shell : float, default 0
-        0 fills the ball evenly; the larger, the nearer they crowd to its surface.
-
-    Returns
-    -------
-    ndarray of shape (n, 3), float64
-        The places.
-    """
+    """Draw n places in the unit ball; `shell` 0 fills it evenly, larger values crowd them to its surface."""
     return unit(rng.normal(size=(n, 3))) * rng.random((n, 1)) ** (1 / (3 + shell))
 
 
 def lift(mesh: Mesh, *, margin: float = 0.1) -> Mesh:
-    """Bend what would dip into the ground so that it lies on it.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Leaves or fronds, metres.
-    margin : float, default 0.1
-        Height below which they are bent, metres.
-
-    Returns
-    -------
-    Mesh
-        The same faces; every vertex is above z = 0, and no two heights have become one.
-    """
+    """Bend vertices below a height `margin` upwards, so that all are above z = 0 and keep their order of height."""
     vertices = mesh.vertices.copy()
     low = vertices[:, 2] < margin
     vertices[low, 2] = margin * np.exp(np.maximum(vertices[low, 2] / margin - 1, -20.0))

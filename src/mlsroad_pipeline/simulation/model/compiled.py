@@ -1,4 +1,4 @@
-"""How small functions are compiled that read arrays and make none."""
+"""Compilation of leaf functions: small functions that read arrays and create none."""
 
 from __future__ import annotations
 
@@ -12,19 +12,10 @@ R = TypeVar("R")
 
 
 def leaf(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a function that is called for every ray without counting references to its arrays.
+    """Compile a function that is called for every ray, without reference counting of its arrays.
 
-    Counting them needs atomic operations at every call, which take several times as long as such a function.
-
-    Parameters
-    ----------
-    function : callable
-        It may read and write arrays and take views of them, but neither make nor return one; what it calls must be such
-        a function too.
-
-    Returns
-    -------
-    callable
-        The compiled function.
+    Reference counts need atomic operations at every call, which take several times as long as such a function. It may
+    read and write arrays and take views of them, but neither create nor return one; its callees must be such functions
+    too.
     """
     return cast(Callable[P, R], njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function))

@@ -1,4 +1,4 @@
-"""What a street can be furnished with: a design is a recipe that gives another object for every random stream."""
+"""Designs of street objects: recipes that build another object for every random stream."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ class Design:
     Parameters
     ----------
     name : str
-        Its name, unique among all designs, such as ``"double_arm_lamp"``.
+        Name, unique among all designs, such as ``"double_arm_lamp"``.
     label : str
         Taxonomy class of the whole; faces may have finer ones.
     build : callable
         From a random generator to a mesh in metres that stands on z = 0 with its foot at the origin, front or arm along
-        +x. The same stream gives the same mesh; no two streams give the same.
+        +x. Equal streams give equal meshes; no two streams give the same.
     clearance : float
-        Half of the length along the street that it keeps free for itself, metres.
+        Half of the length along the street that it keeps free, metres.
     weight : float, default 1
-        How often it is chosen among the designs of its class.
+        Relative frequency among the designs of its class.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What things are made of: albedo in the visible and at the scanner's wavelength, drawn anew for every object."""
+"""Materials: albedo in the visible and at the scanner's wavelength, drawn for each object."""
 
 from __future__ import annotations
 
@@ -52,51 +52,18 @@ SIGN_RED, SIGN_WHITE, SIGN_BLUE, SIGN_YELLOW, SIGN_GREEN = (
 
 
 def material(name: str, label: str, rng: np.random.Generator) -> Surface:
-    """Return a surface of a named material whose tone, hue and reflectivity are drawn for this object.
-
-    Parameters
-    ----------
-    name : str
-        Key of the material table, such as ``"concrete"``.
-    label : str
-        Taxonomy class.
-    rng : numpy.random.Generator
-        Source of the variation.
-
-    Returns
-    -------
-    Surface
-        The surface.
-    """
+    """Return a surface of a named material of the table; its tone, hue and reflectivity are drawn."""
     rgb, reflectivity, spread, kind = _MATERIALS[name]
     tone = float(np.exp(rng.normal(0.0, spread)))
     drawn = np.clip(np.array(rgb) * tone * np.exp(rng.normal(0.0, 0.35 * spread, 3)), 0.01, 0.92)
-    # Tone in the near infrared follows the visible one only loosely.
+    # Tones in the near infrared and in the visible are loosely correlated.
     near_infrared = reflectivity * tone**0.4 * np.exp(rng.normal(0.0, 0.6 * spread))
     r, g, b = (float(c) for c in drawn)
     return Surface(TAXONOMY[label], (r, g, b), float(np.clip(near_infrared, 0.02, 0.95)), kind)
 
 
 def car_paint(label: str, rng: np.random.Generator) -> Surface:
-    """Return a body paint: a colour of the road with its own shade; dark paints give little back.
-
-    Parameters
-    ----------
-    label : str
-        Taxonomy class.
-    rng : numpy.random.Generator
-        Source of the colour.
-
-    Returns
-    -------
-    Surface
-        Of the kind `PAINT`.
-
-    Raises
-    ------
-    KeyError
-        If the taxonomy has no such class.
-    """
+    """Return a body paint: a common colour of cars in its own shade; dark paints reflect little."""
     row = int(np.searchsorted(_PAINT_SHARES, rng.random() * _PAINT_SHARES[-1], side="right"))
     tone = np.exp(rng.normal(0, 0.17)) * np.exp(rng.normal(0, 0.05, 3))
     r, g, b = (float(c) for c in np.clip(np.array(_PAINTS[row]) * tone + 0.005, 0.01, 0.9))
@@ -105,79 +72,39 @@ def car_paint(label: str, rng: np.random.Generator) -> Surface:
 
 
 def cloth(label: str, rng: np.random.Generator) -> Surface:
-    """Return clothing of any colour.
-
-    Parameters
-    ----------
-    label : str
-        Taxonomy class.
-    rng : numpy.random.Generator
-        Source of colour and reflectivity.
-
-    Returns
-    -------
-    Surface
-        Of the kind `DIFFUSE`.
-
-
-    Raises
-    ------
-    KeyError
-        If the taxonomy has no such class.
-    """
+    """Return clothing of any colour."""
     r, g, b = (float(c) for c in rng.uniform(0.03, 0.55, 3) * rng.uniform(0.3, 1.0))
     return Surface(TAXONOMY[label], (r, g, b), float(rng.uniform(0.2, 0.7)))
 
 
 def retroreflective(rgb: tuple[float, float, float], label: str, rng: np.random.Generator) -> Surface:
-    """Return sign sheeting, faded by its age.
-
-    Parameters
-    ----------
-    rgb : tuple of float
-        Albedo of the new sheeting, 0 to 1 and linear, such as `SIGN_RED`.
-    label : str
-        Taxonomy class.
-    rng : numpy.random.Generator
-        Source of its age and reflectivity.
-
-    Returns
-    -------
-    Surface
-        Of the kind `RETRO`.
-
-
-    Raises
-    ------
-    KeyError
-        If the taxonomy has no such class.
-    """
+    """Return sign sheeting, faded with age; `rgb` is the linear albedo of new sheeting, such as `SIGN_RED`."""
     fade = float(rng.uniform(0.55, 1.0))
     r, g, b = (float(c * fade + 0.12 * (1 - fade)) for c in rgb)
     return Surface(TAXONOMY[label], (r, g, b), float(rng.uniform(0.3, 0.8)) * fade, RETRO)
 
 
-# Odd numbers that spread the coordinates of lattice points over 64 bits.
+# Odd multipliers that spread lattice coordinates over 64 bits.
 _X, _Y, _Z, _SEED = 0x1E3779B97F4A7C15, 0x2545F4914F6CDD1D, 0x369DEA0F31A53F85, 0x3C6EF372FE94F82A
 _MIX = 0x14D049BB133111EB
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _scrambled(h: int) -> float:
-    """Return a number in [0, 1) from a sum of multiples of lattice coordinates."""
+    """Return a hash in [0, 1) of a sum of multiples of lattice coordinates."""
     h = (h ^ ((h >> 31) & 0x1FFFFFFFF)) * _MIX
     return ((h >> 40) & 0xFFFFFF) * (1.0 / 16777216.0)
 
 
 @leaf
 def lattice_value(ix: int, iy: int, iz: int) -> float:
-    """Return a pseudo-random number in [0, 1) that belongs to a lattice point."""
+    """Return the pseudo-random number in [0, 1) of a lattice point."""
     return _scrambled(ix * _X + iy * _Y + iz * _Z + _SEED)
 
 
 @leaf
 def plane_noise(x: float, y: float, layer: int) -> float:
-    """Return smooth noise in [0, 1) with unit lattice spacing; every layer is another pattern."""
+    """Return smooth noise in [0, 1) with unit lattice spacing; each layer has its own pattern."""
     fx, fy = np.floor(x), np.floor(y)
     u, v = x - fx, y - fy
     u, v = u * u * (3 - 2 * u), v * v * (3 - 2 * v)
@@ -200,7 +127,7 @@ def value_noise(x: float, y: float, z: float) -> float:
 
 @leaf
 def texture_tone(kind: int, x: float, y: float, z: float) -> float:
-    """Return the factor, about 1, by which a surface of a kind is lighter or darker at a place."""
+    """Return the brightness factor, about 1, of a surface of a kind at a place."""
     if kind == BARK:
         return 0.7 + 0.6 * value_noise(x * 25, y * 25, z * 6)
     if kind == FOLIAGE:

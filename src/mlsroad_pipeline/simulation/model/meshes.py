@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# How a face answers a pulse or a camera.
+# Kinds of reflection.
 DIFFUSE, GLASS, RETRO, FOLIAGE, PAINT, GROUND, BRICK, BARK = range(8)
 
 # Columns of `Mesh.attributes`.
@@ -17,7 +17,7 @@ LABEL, KIND, RED, GREEN, BLUE, REFLECTIVITY = range(6)
 
 @dataclass(frozen=True)
 class Surface:
-    """What one kind of face is made of.
+    """Surface of faces of one kind.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles.
+    """Triangle mesh.
 
     Parameters
     ----------
@@ -61,37 +61,13 @@ class Mesh:
     attributes: NDArray[np.float32]
 
     def moved(self, translation: ArrayLike, *, yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0) -> Mesh:
-        """Return the mesh turned by Rz(yaw) Ry(pitch) Rx(roll), then translated.
-
-        Parameters
-        ----------
-        translation : array-like of shape (3,)
-            Metres.
-        yaw, pitch, roll : float, default 0
-            Right-handed angles about z, y and x, radians.
-
-        Returns
-        -------
-        Mesh
-            New vertices with the same faces and attributes.
-        """
+        """Return the mesh rotated by Rz(yaw) Ry(pitch) Rx(roll), radians, then translated."""
         turned = self.vertices @ rotation_matrix(yaw, pitch, roll).T
         return Mesh(turned + np.asarray(translation, dtype=np.float64), self.faces, self.attributes)
 
 
 def rotation_matrix(yaw: float, pitch: float, roll: float) -> NDArray[np.float64]:
-    """Return the rotation Rz(yaw) Ry(pitch) Rx(roll).
-
-    Parameters
-    ----------
-    yaw, pitch, roll : float
-        Right-handed angles about z, y and x, radians.
-
-    Returns
-    -------
-    ndarray of shape (3, 3), float64
-        The matrix that column vectors are multiplied with.
-    """
+    """Return the rotation Rz(yaw) Ry(pitch) Rx(roll) of column vectors; angles are right-handed, radians."""
     (cy, cp, cr), (sy, sp, sr) = np.cos([yaw, pitch, roll]), np.sin([yaw, pitch, roll])
     return np.array(
         [
@@ -103,18 +79,7 @@ def rotation_matrix(yaw: float, pitch: float, roll: float) -> NDArray[np.float64
 
 
 def join(meshes: Sequence[Mesh]) -> Mesh:
-    """Return one mesh with the faces of all, in order; of no mesh, the empty one.
-
-    Parameters
-    ----------
-    meshes : sequence of Mesh
-        The meshes.
-
-    Returns
-    -------
-    Mesh
-        All of them; vertices are not merged.
-    """
+    """Return one mesh with the faces of all, in order; vertices are not merged."""
     if not meshes:
         return Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 6), dtype=np.float32))
     offsets = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])

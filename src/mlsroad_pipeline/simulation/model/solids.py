@@ -1,4 +1,4 @@
-"""The solids that street objects are put together from."""
+"""Basic solids of street objects."""
 
 from __future__ import annotations
 
@@ -19,44 +19,14 @@ _BOX_CORNERS = np.array(
 
 
 def box(size: ArrayLike, centre: ArrayLike, surface: Surface, *, taper: float = 1.0) -> Mesh:
-    """Return a cuboid; its top is `taper` times as wide and deep as its bottom.
-
-    Parameters
-    ----------
-    size : array-like of shape (3,)
-        Lengths along x, y and z, at the bottom, metres.
-    centre : array-like of shape (3,)
-        Its middle, metres.
-    surface : Surface
-        What it is made of.
-    taper : float, default 1
-        Width and depth of the top over those of the bottom.
-
-    Returns
-    -------
-    Mesh
-        Twelve triangles.
-    """
+    """Return a cuboid; its top is `taper` times as wide and deep as its bottom."""
     corners = _BOX_CORNERS * (np.asarray(size, dtype=np.float64) / 2)
     corners[4:, :2] *= taper
     return Mesh(corners + np.asarray(centre, dtype=np.float64), _BOX_FACES.astype(np.int64), surface.rows(12))
 
 
 def quads(corners: ArrayLike, surface: Surface) -> Mesh:
-    """Return quadrilaterals.
-
-    Parameters
-    ----------
-    corners : array-like of shape (q, 4, 3) or (4, 3)
-        Corners of each, going round, metres.
-    surface : Surface
-        What they are made of.
-
-    Returns
-    -------
-    Mesh
-        Two triangles per quadrilateral.
-    """
+    """Return quadrilaterals with corners of shape (q, 4, 3), each in cyclic order."""
     points = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 3)
     first = np.arange(0, 4 * len(points), 4)[:, None, None]
     faces = (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
@@ -64,30 +34,13 @@ def quads(corners: ArrayLike, surface: Surface) -> Mesh:
 
 
 def tube(path: ArrayLike, radius: ArrayLike, surface: Surface, *, sides: int = 8) -> Mesh:
-    """Return a round bar along a polyline, closed at both ends.
-
-    Parameters
-    ----------
-    path : array-like of shape (m, 3)
-        At least two points, metres.
-    radius : float or array-like of shape (m,)
-        Radius at each point, metres.
-    surface : Surface
-        What it is made of.
-    sides : int, default 8
-        Corners of the cross-section.
-
-    Returns
-    -------
-    Mesh
-        The bar.
-    """
+    """Return a round bar along a polyline of shape (m, 3), closed at both ends; `radius` may vary along it."""
     points = np.asarray(path, dtype=np.float64)
     radii = np.broadcast_to(np.asarray(radius, dtype=np.float64), (len(points),))
     tangents = np.empty_like(points)
     tangents[1:-1] = points[2:] - points[:-2]
     tangents[[0, -1]] = points[[1, -1]] - points[[0, -2]]
-    # One reference direction for the whole bar keeps it from twisting.
+    # One reference direction for the whole bar avoids twists.
     reference = np.zeros(3)
     reference[np.abs(tangents).max(axis=0).argmin()] = 1.0
     u = _unit(_cross(tangents, reference))
@@ -104,7 +57,7 @@ def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    # numpy.cross spends ten times as long on its bookkeeping for arrays as small as these.
+    # numpy.cross takes ten times as long for such small arrays.
     ax, ay, az = a.T
     bx, by, bz = b.T
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
@@ -125,26 +78,7 @@ def _tube_faces(m: int, sides: int) -> NDArray[np.int64]:
 
 
 def ellipsoid(centre: ArrayLike, radii: ArrayLike, surface: Surface, *, rings: int = 5, sides: int = 8) -> Mesh:
-    """Return an ellipsoid with upright axis.
-
-    Parameters
-    ----------
-    centre : array-like of shape (3,)
-        Its middle, metres.
-    radii : array-like of shape (3,)
-        Half axes along x, y and z, metres.
-    surface : Surface
-        What it is made of.
-    rings : int, default 5
-        Circles of latitude between the poles; more are rounder.
-    sides : int, default 8
-        Corners of each circle.
-
-    Returns
-    -------
-    Mesh
-        The ellipsoid, closed.
-    """
+    """Return a closed ellipsoid with upright axis; `rings` are its circles of latitude between the poles."""
     latitude = np.linspace(-np.pi / 2, np.pi / 2, rings + 2)
     path = np.stack([np.zeros(rings + 2), np.zeros(rings + 2), np.sin(latitude)], 1)
     unit = tube(path, np.maximum(np.cos(latitude), 1e-3), surface, sides=sides)
@@ -152,22 +86,7 @@ def ellipsoid(centre: ArrayLike, radii: ArrayLike, surface: Surface, *, rings: i
 
 
 def plate(outline: ArrayLike, front: Surface, back: Surface, *, thickness: float = 0.004) -> Mesh:
-    """Return a convex plate in the xz plane whose front looks along -y.
-
-    Parameters
-    ----------
-    outline : array-like of shape (m, 2)
-        x and z of its corners, going round, metres; at least three.
-    front, back : Surface
-        What its two faces are made of.
-    thickness : float, default 0.004
-        Distance between them, metres; the rim between them is open.
-
-    Returns
-    -------
-    Mesh
-        The two faces.
-    """
+    """Return a convex plate in the xz plane whose front faces -y; the rim between its two faces is open."""
     flat = np.asarray(outline, dtype=np.float64)
     m = len(flat)
     sheets = []
@@ -182,26 +101,7 @@ def leaves(
     centres: ArrayLike, directions: ArrayLike, length: ArrayLike, width: ArrayLike, surface: Surface,
     rng: np.random.Generator,
 ) -> Mesh:  # fmt: skip
-    """Return one quadrilateral leaf per centre, turned at random about its direction, no two of one colour.
-
-    Parameters
-    ----------
-    centres : array-like of shape (n, 3)
-        Middles of the leaves, metres.
-    directions : array-like of shape (n, 3)
-        Where each leaf points; any length but zero.
-    length, width : float or array-like of shape (n,)
-        Size along and across the direction, metres.
-    surface : Surface
-        What the average leaf is made of.
-    rng : numpy.random.Generator
-        Source of the turn and of the colours.
-
-    Returns
-    -------
-    Mesh
-        Two triangles per leaf.
-    """
+    """Return one quadrilateral leaf per centre, rotated at random about its direction, each of its own colour."""
     middle = np.asarray(centres, dtype=np.float64)
     along = np.asarray(directions, dtype=np.float64)
     along = along / (np.linalg.norm(along, axis=1, keepdims=True) + 1e-12)
@@ -218,21 +118,6 @@ def leaves(
 
 
 def polygon(n: int, radius: float, *, start: float = 0.0) -> NDArray[np.float64]:
-    """Return the corners of a regular polygon about the origin.
-
-    Parameters
-    ----------
-    n : int
-        How many.
-    radius : float
-        Their distance from the middle.
-    start : float, default 0
-        Direction of the first, radians counter-clockwise from the first axis.
-
-    Returns
-    -------
-    ndarray of shape (n, 2), float64
-        The corners, counter-clockwise.
-    """
+    """Return the corners of a regular polygon about the origin, counter-clockwise from the direction `start`."""
     angle = start + np.arange(n) * 2 * np.pi / n
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)

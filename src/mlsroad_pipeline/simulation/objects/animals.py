@@ -1,6 +1,6 @@
 """Dogs and cats: standing, walking, sitting and lying.
 
-Measures after breed standards: dogs of 0.2 to 0.75 m at the withers and 1.0 to 1.2 times as long, cats of 0.23 to
+Measures follow breed standards: dogs of 0.2 to 0.75 m at the withers and 1.0 to 1.2 times as long, cats of 0.23 to
 0.28 m.
 """
 
@@ -22,7 +22,7 @@ _FURS = ((0.03, 0.027, 0.025), (0.16, 0.095, 0.05), (0.36, 0.25, 0.14), (0.62, 0
 
 
 class _Shape(NamedTuple):
-    """Ranges of a kind of animal: height at the withers in metres, the rest over it."""
+    """Ranges of a kind of animal: height at the withers in metres, the others over it."""
 
     withers: tuple[float, float]
     length: tuple[float, float]
@@ -36,7 +36,7 @@ _CAT = _Shape((0.23, 0.28), (1.15, 1.35), (0.17, 0.23), (0.04, 0.08), (0.85, 1.1
 
 
 class _Frame(NamedTuple):
-    """Joints of an animal: rump and chest, hips and shoulders, paws, and where the head points."""
+    """Joints of an animal: rump and chest, hips and shoulders, paws, and the direction of the head."""
 
     rump: Floats
     chest: Floats
@@ -77,7 +77,7 @@ def _frame(rng: np.random.Generator, pose: str, s: float, length: float, girth: 
 
 
 def _animal(rng: np.random.Generator, *, shape: _Shape, pose: str) -> Mesh:
-    """Return a four-legged animal that looks along +x."""
+    """Return a four-legged animal that faces +x."""
     low, high = shape.withers
     s = float(low * (high / low) ** rng.random())
     length, girth = rng.uniform(*shape.length), rng.uniform(*shape.girth)

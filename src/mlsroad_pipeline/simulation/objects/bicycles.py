@@ -1,6 +1,6 @@
 """Bicycles: parked upright, leaning, locked to a hoop or ridden; and kick scooters.
 
-Measures after bicycle fitting tables: wheels of 0.3 to 0.36 m radius (0.2 to 0.26 m of folding ones), wheelbase 1.0
+Measures follow bicycle fitting tables: wheels of 0.3 to 0.36 m radius (0.2 to 0.26 m of folding ones), wheelbase 1.0
 to 1.15 m, handlebars of 0.4 to 0.66 m.
 """
 
@@ -31,31 +31,12 @@ class _Frame(NamedTuple):
     crank: Floats
     saddle: Floats
     head: Floats  # lower end of the steering tube
-    stem: Floats  # where stem and handlebar meet
-    low: bool  # whether the frame can be stepped through
+    stem: Floats  # joint of stem and handlebar
+    low: bool  # whether it is a step-through frame
 
 
 def wheel(centre: ArrayLike, radius: float, tyre: float, surface: Surface, *, points: int = 15) -> Mesh:
-    """Return a tyre that rolls along x.
-
-    Parameters
-    ----------
-    centre : array-like of shape (3,)
-        Its hub, metres.
-    radius : float
-        To the outside of the tyre, metres.
-    tyre : float
-        Half of the tyre's width, metres.
-    surface : Surface
-        What it is made of.
-    points : int, default 15
-        Corners of its circle; the first is the last.
-
-    Returns
-    -------
-    Mesh
-        A ring.
-    """
+    """Return a tyre that rolls along x, of a radius to its outside and half a width `tyre`, metres."""
     turn = np.linspace(0, 2 * np.pi, points)
     ring = np.column_stack([np.cos(turn), 0 * turn, np.sin(turn)]) * (radius - tyre)
     mesh = tubes((np.asarray(centre) + ring)[None], tyre, surface, sides=4)
@@ -65,7 +46,7 @@ def wheel(centre: ArrayLike, radius: float, tyre: float, surface: Surface, *, po
 
 
 def _measures(rng: np.random.Generator, leg: float) -> _Frame:
-    """Draw a bicycle whose saddle suits a leg length from hip to sole, metres."""
+    """Draw a bicycle whose saddle fits a leg length from hip to sole, metres."""
     folding = rng.random() < 0.1
     radius = rng.uniform(0.2, 0.26) if folding else rng.uniform(0.3, 0.36)
     base = rng.uniform(1.0, 1.15)
@@ -84,7 +65,7 @@ def _measures(rng: np.random.Generator, leg: float) -> _Frame:
 
 
 def _steered(mesh: Mesh, frame: _Frame, angle: float) -> Mesh:
-    """Turn fork, front wheel and handlebar about the steering tube."""
+    """Rotate fork, front wheel and handlebar about the steering tube."""
     axis = unit(frame.stem - frame.head)
     v = mesh.vertices - frame.head
     turned = v * np.cos(angle) + np.cross(axis, v) * np.sin(angle) + (v @ axis)[:, None] * axis * (1 - np.cos(angle))
@@ -102,7 +83,7 @@ def _spokes(rng: np.random.Generator, hub: Floats, radius: float, steel: Surface
 
 
 def _bicycle(rng: np.random.Generator, leg: float, steer: float) -> tuple[Mesh, Contacts]:
-    """Return an upright bicycle and where its rider touches it."""
+    """Return an upright bicycle and the contact points of its rider."""
     f = _measures(rng, leg)
     paint, tyre = car_paint("bicycle", rng), material("rubber", "bicycle", rng)
     paint = Surface(paint.label, paint.rgb, paint.reflectivity)
@@ -133,7 +114,7 @@ def _bicycle(rng: np.random.Generator, leg: float, steer: float) -> tuple[Mesh, 
 def _front(
     rng: np.random.Generator, f: _Frame, paint: Surface, steel: Surface, tyre: Surface, fat: float
 ) -> tuple[Mesh, Floats]:
-    """Return what turns with the handlebar, and its grips."""
+    """Return the parts that turn with the handlebar, and its grips."""
     side = np.array([0.0, 0.055, 0.0])
     half, back = rng.uniform(0.2, 0.33), rng.uniform(-0.08, 0.08)
     rise = rng.uniform(-0.03, 0.09)
@@ -153,7 +134,7 @@ def _front(
 
 
 def _extras(rng: np.random.Generator, f: _Frame, steel: Surface, tyre: Surface) -> list[Mesh]:
-    """Return mudguards, a carrier and what stands on it, a child's seat or a bag."""
+    """Return mudguards, a carrier with its load, a child's seat or a bag."""
     meshes = []
     if rng.random() < 0.6:
         turn = np.linspace(0.6, 2.9, 8)
@@ -177,7 +158,7 @@ def _extras(rng: np.random.Generator, f: _Frame, steel: Surface, tyre: Surface) 
 
 
 def _parked(rng: np.random.Generator, *, lean: tuple[float, float], stand: bool = False, hoop: bool = False) -> Mesh:
-    """Return a bicycle nobody sits on, tilted towards +y or -y."""
+    """Return a bicycle without rider, tilted towards +y or -y."""
     leg = rng.uniform(0.68, 0.92)
     mesh, _ = _bicycle(rng, leg, rng.normal(0.0, 0.35))
     roll = rng.uniform(*lean) * float(rng.choice([-1.0, 1.0]))

@@ -23,7 +23,7 @@ _LIDS = ((0.03, 0.16, 0.06), (0.03, 0.08, 0.3), (0.55, 0.42, 0.03), (0.25, 0.13,
 
 
 def wheelie_bin(rng: np.random.Generator) -> Mesh:
-    """Return a bin of two wheels, 80 to 240 litres, its lid shut, ajar or thrown open."""
+    """Return a bin of two wheels, 80 to 240 litres, its lid shut, ajar or open."""
     body = tinted(_LIDS[int(rng.integers(5))] if rng.random() < 0.5 else (0.08, 0.08, 0.085), "bin", 0.25, rng)
     lid = tinted(_LIDS[int(rng.integers(5))], "bin", 0.3, rng)
     dark = material("rubber", "bin", rng)
@@ -88,7 +88,7 @@ def litter_bin(rng: np.random.Generator) -> Mesh:
 
 
 def post_bin(rng: np.random.Generator) -> Mesh:
-    """Return a bin that hangs in front of its own post."""
+    """Return a bin in front of its own post."""
     metal = material("galvanised", "bin", rng)
     skin = tinted(_LIDS[int(rng.integers(5))], "bin", 0.3, rng, spread=0.4)
     height, radius, tall = rng.uniform(0.85, 1.2), rng.uniform(0.14, 0.21), rng.uniform(0.38, 0.6)
@@ -102,7 +102,7 @@ def post_bin(rng: np.random.Generator) -> Mesh:
 
 
 def bottle_bank(rng: np.random.Generator) -> Mesh:
-    """Return a bell for glass or paper with holes for throwing in."""
+    """Return a bell for glass or paper with insertion holes."""
     skin = tinted(_LIDS[int(rng.integers(5))], "bin", 0.35, rng, spread=0.3)
     dark = material("rubber", "bin", rng)
     radius, height = rng.uniform(0.6, 0.85), rng.uniform(1.4, 1.8)
@@ -143,7 +143,7 @@ def mail_box(rng: np.random.Generator) -> Mesh:
         f = np.linspace(0, np.pi, 7)
         cap = np.column_stack([depth / 2 * np.cos(f), top + rise * np.sin(f)]).tolist()
     outline = np.array([[-depth / 2, low], [depth / 2, low], *cap, [-depth / 2, top]])
-    # Corners that a cap repeats would make faces without area.
+    # Repeated corners of a cap would make faces without area.
     keep = np.hypot(*(outline - np.roll(outline, 1, axis=0)).T) > 1e-6
     parts = [prism(outline[keep], width, skin)]
     parts.append(panel(rectangle(0.7 * width, 0.04), dark, dark, [depth / 2 + 0.004, 0, top - 0.12]))
@@ -157,7 +157,7 @@ def mail_box(rng: np.random.Generator) -> Mesh:
 
 
 def cabinet(rng: np.random.Generator) -> Mesh:
-    """Return a cabinet of a telephone, power or signal company, now and then with stickers."""
+    """Return a cabinet of a telephone, power or signal company, sometimes with stickers."""
     skin = tinted((0.3, 0.32, 0.28), "other_object", 0.35, rng, spread=0.35)
     concrete = material("concrete", "other_object", rng)
     width, depth, tall = rng.uniform([0.45, 0.25, 0.75], [1.6, 0.6, 1.55])

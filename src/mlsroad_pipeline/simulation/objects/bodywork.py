@@ -1,7 +1,7 @@
 """Bodies of vehicles: one skin lofted along x with arches over the wheels, panes and openings, and its pillars.
 
 A body's cross-section has twelve corners: sill, flank, waist, belt line, roof edge and roof on the left, then the same
-on the right. What lies below the belt line is the tub, what lies above it the greenhouse; on a bonnet they nearly meet.
+on the right. The tub is below the belt line, the greenhouse above it; on a bonnet they nearly coincide.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _PAINT, _DARK, _GLASS, _COVER = range(4)
 
 @dataclass(frozen=True)
 class Body:
-    """What a skin is lofted from; x runs from the rear to the front, metres throughout.
+    """Lines of a lofted skin; x runs from the rear to the front, metres throughout.
 
     Parameters
     ----------
@@ -40,17 +40,17 @@ class Body:
     shoulder : sequence of (x, share)
         Half width of the roof or bonnet over that of the body.
     axles : sequence of float
-        Where wheels are.
+        Positions of the wheels.
     radius : float
         Of the wheels.
     rounding : float, default 0.45
-        Over which length the ends are drawn in, seen from above.
+        Length over which the ends are drawn in, seen from above.
     drawn_in : float, default 0.16
-        By which share of the width.
+        Share of the width by which the ends are drawn in.
     side_panes, top_panes : sequence of (x, x), default none
-        Where there is glass in the sides above the belt line, and over the whole width above: windscreen, rear window.
+        Glass in the sides above the belt line, and over the whole width above: windscreen, rear window.
     open : sequence of (x, x), default none
-        Where there is nothing above the belt line.
+        Stretches without skin above the belt line.
     """
 
     half: float
@@ -67,12 +67,12 @@ class Body:
     open: Spans = ()
 
     def at(self, knots: Knots, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a line of the body at some x."""
+        """Return the height or share of a line of the body at some x."""
         table = np.asarray(knots, dtype=np.float64)
         return np.interp(x, table[:, 0], table[:, 1])
 
     def half_width(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return half of the width at some x: the ends are rounded."""
+        """Return half of the width at some x; the ends are rounded."""
         rear, front = self.top[0][0], self.top[-1][0]
         near = np.clip(1 - np.minimum(x - rear, front - x) / self.rounding, 0, 1)
         return self.half * (1 - self.drawn_in * near**2.5)
@@ -84,7 +84,7 @@ class Body:
         spans = [x for span in (*self.side_panes, *self.top_panes, *self.open) for x in span]
         xs = np.unique(np.concatenate([lines, spans, rear + self.rounding * _ENDS, front - self.rounding * _ENDS]))
         xs = xs[(xs >= rear) & (xs <= front)]
-        # Sections next to each other only cost faces, but for the upright edges of the arches.
+        # Adjacent sections only add faces, except at the upright edges of the arches.
         xs = xs[np.concatenate([[True], np.diff(xs) > 0.015])]
         arches = np.array([axle + 1.14 * self.radius * _ARCH for axle in self.axles]).ravel()
         return np.unique(np.concatenate([xs, arches[(arches > rear) & (arches < front)], [front]]))
@@ -108,21 +108,9 @@ def _within(middle: NDArray[np.float64], spans: Spans) -> NDArray[np.bool_]:
 
 
 def skin(body: Body, paint: Surface, glass: Surface, under: Surface, *, roof: Surface | None = None) -> Mesh:
-    """Return the body's skin, closed at both ends and below, with its panes.
+    """Return the body's skin, closed at both ends and below, with its panes; some 24 faces per cross-section.
 
-    Parameters
-    ----------
-    body : Body
-        Its lines.
-    paint, glass, under : Surface
-        What it, its panes and its underside are made of.
-    roof : Surface, optional
-        What the roof between the outermost top panes is made of; by default as the rest.
-
-    Returns
-    -------
-    Mesh
-        Some 24 faces per cross-section.
+    `roof` is the surface between the outermost top panes, by default that of the rest.
     """
     x = body.stations()
     w, low = body.half_width(x), body.lower_edge(x)
@@ -153,24 +141,7 @@ def skin(body: Body, paint: Surface, glass: Surface, under: Surface, *, roof: Su
 
 
 def rails(body: Body, spans: Spans, thickness: float, paint: Surface) -> list[Mesh]:
-    """Return bars along both roof edges, such as the pillars that frame a windscreen.
-
-    Parameters
-    ----------
-    body : Body
-        The body.
-    spans : sequence of (x, x)
-        From where to where, metres.
-    thickness : float
-        Radius, metres.
-    paint : Surface
-        What they are made of.
-
-    Returns
-    -------
-    list of Mesh
-        Two per span.
-    """
+    """Return bars along both roof edges over spans of x, such as the pillars of a windscreen."""
     bars = []
     for low, high in spans:
         knots = [x for x, _ in body.top if low < x < high]

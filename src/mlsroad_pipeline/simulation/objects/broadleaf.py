@@ -1,7 +1,7 @@
 """Broadleaf trees: round, mature, columnar, vase-shaped, weeping, of several stems, young with stakes, bare in winter.
 
-Measures after common tables of street trees: 6 to 15 m high, mature ones to 20, crowns of 3 to 12 m, stems of 0.1 to
-0.6 m at breast height, the first limb above 1.8 m where people walk below.
+Measures follow common tables of street trees: 6 to 15 m high, mature ones to 20, crowns of 3 to 12 m, stems of 0.1 to
+0.6 m at breast height, the first limb above 1.8 m over pavements.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def _tree(rng: np.random.Generator, *, habit: Habit, leaf: str | None = None) ->
 
 
 def _staked(rng: np.random.Generator) -> Mesh:
-    """Return a young tree between its stakes, the ties among them; the stakes are posts."""
+    """Return a young tree tied to its stakes; the stakes are posts."""
     tree = grow_tree(rng, _YOUNG, _colours(rng), faces=2600)
     n = int(rng.integers(1, 4))
     azimuth = rng.uniform(0, 6.28) + np.arange(n) * 2 * np.pi / n
@@ -85,7 +85,7 @@ def _staked(rng: np.random.Generator) -> Mesh:
 
 
 def _blooming(rng: np.random.Generator) -> Mesh:
-    """Return a small tree in flower: most of what hangs on its twigs are petals."""
+    """Return a small tree in flower: most of its leaves are petals."""
     leafy = grow_tree(rng, _SEVERAL_STEMS if rng.random() < 0.5 else _ROUND_SMALL, _colours(rng), faces=3900)
     petals = foliage(("pink", "white", "purple", "red")[int(rng.integers(4))], "tree", rng)
     tips = leafy.vertices[leafy.faces[-1200:, 2]]

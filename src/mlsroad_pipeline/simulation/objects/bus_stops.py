@@ -1,4 +1,4 @@
-"""Bus stops: station signs look along +x; shelters open along +x, their length along y."""
+"""Bus stops: station signs face +x; shelters open along +x, their length along y."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _card(rng: np.random.Generator, metal: Surface) -> Mesh:
 
 
 def _flag(rng: np.random.Generator) -> Mesh:
-    """A plate that stands out from a post like a flag, the mark of the stop on both sides."""
+    """Return a plate that projects from a post like a flag, with the mark of the stop on both sides."""
     metal = material("galvanised", "station_sign", rng)
     height, radius = rng.uniform(2.5, 3.2), rng.uniform(0.026, 0.04)
     sheet = retroreflective(_COLOURS[int(rng.integers(5))], "station_sign", rng)
@@ -64,7 +64,7 @@ def _flag(rng: np.random.Generator) -> Mesh:
 
 
 def _totem(rng: np.random.Generator) -> Mesh:
-    """A slim pillar with coloured head and timetable."""
+    """Return a slim pillar with coloured head and timetable."""
     skin = tinted((0.2, 0.22, 0.24), "station_sign", 0.3, rng, spread=0.5)
     head = retroreflective(_COLOURS[int(rng.integers(5))], "station_sign", rng)
     width, deep, height = rng.uniform(0.3, 0.6), rng.uniform(0.1, 0.2), rng.uniform(2.2, 3.4)
@@ -78,14 +78,14 @@ def _totem(rng: np.random.Generator) -> Mesh:
 
 
 def _round_roof(depth: float, length: float, height: float, rise: float, skin: Surface) -> Mesh:
-    """Return a roof that is a piece of a barrel along y."""
+    """Return a barrel roof along y."""
     f = np.linspace(-0.5, 0.5, 7)
     arc = np.column_stack([depth * f, height + rise * (1 - 4 * f**2)])
     ring = np.concatenate([arc, arc[::-1] - [0, 0.05]])
     ends = np.array([length / 2, -length / 2])
     sections = np.empty((2, len(ring), 3))
     sections[:, :, [0, 2]], sections[:, :, 1] = ring, ends[:, None]
-    # A barrel's end is not convex: its two edges are closed cell by cell.
+    # The end of a barrel roof is not convex: it is closed cell by cell.
     skirts = [np.stack([s[:7], s[:6:-1]]) for s in sections]
     return join([loft(sections, skin, closed=False), *(grid_skin(s, [skin]) for s in skirts)])
 
@@ -103,7 +103,7 @@ def _seat(rng: np.random.Generator, x: float, length: float, y: float, skin: Sur
 
 
 def _glass_shelter(rng: np.random.Generator) -> Mesh:
-    """Posts, a roof, panes behind and at the sides, a bench and most often a poster case at one end."""
+    """Return a shelter of posts, a roof, panes behind and at the sides, a bench and usually a poster case."""
     metal, glass = material("painted_metal", "bus_shelter", rng), material("glass", "bus_shelter", rng)
     length, depth, height = rng.uniform([2.6, 1.1, 2.25], [5.2, 1.7, 2.6])
     back, low, high = -depth / 2, rng.uniform(0.1, 0.3), height - rng.uniform(0.05, 0.3)
@@ -134,7 +134,7 @@ def _glass_shelter(rng: np.random.Generator) -> Mesh:
 
 
 def _solid_shelter(rng: np.random.Generator) -> Mesh:
-    """Walls of brick, concrete or wood on three sides under a pitched or flat roof."""
+    """Return a shelter with walls of brick, concrete or wood on three sides under a pitched or flat roof."""
     skin = material(str(rng.choice(["brick", "concrete", "wood", "plaster"])), "bus_shelter", rng)
     tile = material(str(rng.choice(["roof_tile", "wood", "concrete"])), "bus_shelter", rng)
     length, depth, height = rng.uniform([2.4, 1.3, 2.1], [4.5, 2.0, 2.5])
@@ -162,7 +162,7 @@ def _solid_shelter(rng: np.random.Generator) -> Mesh:
 
 
 def _canopy(rng: np.random.Generator) -> Mesh:
-    """A roof on one or two posts."""
+    """Return a roof on one or two posts."""
     metal = material("painted_metal", "bus_shelter", rng)
     length, depth, height = rng.uniform([2.5, 1.2, 2.3], [5.0, 2.2, 2.9])
     posts = [0.0] if length < 3.2 else [-0.28 * length, 0.28 * length]

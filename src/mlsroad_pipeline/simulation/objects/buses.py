@@ -26,7 +26,7 @@ def _coach(
     rng: np.random.Generator, span: tuple[float, float], measures: tuple[float, float, float, float],
     skins: tuple[Surface, Surface, Surface], *, head: bool, axles: list[float],
 ) -> tuple[Body, list[Mesh]]:  # fmt: skip
-    """Return a body with a row of windows and the seats behind them; with a windscreen where it is the head."""
+    """Return a body with a row of windows and seats; the head has a windscreen."""
     half, height, clear, belt = measures
     paint, glass, dark = skins
     rear, front = span
@@ -70,7 +70,7 @@ def _skins(rng: np.random.Generator) -> tuple[Surface, Surface, Surface]:
 def _face(
     rng: np.random.Generator, body: Body, measures: tuple[float, float, float, float], dark: Surface
 ) -> list[Mesh]:
-    """Return what is at the front: mirrors on arms, sign, driver's seat, lamps."""
+    """Return the front: mirrors on arms, sign, driver's seat, lamps."""
     half, height, clear, belt = measures
     front = body.top[-1][0]
     lit = tinted((0.5, 0.35, 0.05), _LABEL, 0.3, rng, spread=0.3)
@@ -103,7 +103,7 @@ def bus(rng: np.random.Generator) -> Mesh:
 
 
 def articulated_bus(rng: np.random.Generator) -> Mesh:
-    """Return a bus of two cars with bellows between them, somewhat bent there."""
+    """Return a bus of two cars, somewhat bent at the bellows between them."""
     length, measures, skins = rng.uniform(17.2, 18.8), _measures(rng), _skins(rng)
     rear, front = -length / 2, length / 2
     joint = front - rng.uniform(9.6, 10.4)

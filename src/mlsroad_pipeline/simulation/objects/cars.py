@@ -1,7 +1,7 @@
-"""Cars: front along +x, wheels on z = 0; measures are those of the segments that are sold, from small to luxury cars.
+"""Cars: front along +x, wheels on z = 0; measures are those of market segments from small to luxury cars.
 
-Every line of a body is drawn from a range of its kind, so that cars of one kind differ in length, height, rake of
-windscreen and rear, belt line and wheels; none is a scaled copy of another.
+Every line of a body is drawn from a range of its kind: cars of one kind differ in length, height, rake of windscreen
+and rear, belt line and wheels; none is a scaled copy of another.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class CarRanges:
-    """From where to where the measures of a kind of car go.
+    """Ranges of the measures of a kind of car.
 
     Parameters
     ----------
     length, width, height : tuple of float
         Metres.
     cowl, screen_top, roof_end, tail : tuple of float
-        Where the windscreen begins and ends, and where the rear window does, as shares of the length from the front.
+        Lower and upper end of the windscreen, and of the rear window, as shares of the length from the front.
     belt : tuple of float
         Height of the belt line over the total height.
     deck : tuple of float
@@ -139,7 +139,7 @@ def _draw(kind: CarRanges, rng: np.random.Generator) -> tuple[_Lines, Body]:
 
 
 def _glazed(lines: _Lines, body: Body, rng: np.random.Generator, *, rear_pane: bool = True) -> tuple[Body, list[float]]:
-    """Return the body with its panes, and where the pillars between the side panes are."""
+    """Return the body with its panes, and the x of the pillars between the side panes."""
     begin = lines.cowl - rng.uniform(0.25, 0.5) * (lines.cowl - lines.screen_top)
     slope = lines.roof_end - lines.tail
     end = lines.roof_end - rng.uniform(0.1, 0.5) * slope if slope > 0.35 else lines.roof_end - 0.02
@@ -198,7 +198,7 @@ def _trim(rng: np.random.Generator, lines: _Lines, body: Body, paint: Surface) -
 
 
 def _closed(rng: np.random.Generator, *, kind: str) -> Mesh:
-    """A car with a roof: skin, pillars, wheels, what is inside and what is mounted on it."""
+    """Return a car with a roof: skin, pillars, wheels, interior and attachments."""
     lines, bare = _draw(_KINDS[kind], rng)
     body, doors = _glazed(lines, bare, rng)
     paint, glass = car_paint("car", rng), material("glass", "car", rng)
@@ -229,7 +229,7 @@ def _roof_box(rng: np.random.Generator, x: float, z: float) -> Mesh:
 
 
 def _convertible(rng: np.random.Generator) -> Mesh:
-    """A car without a fixed roof: open, its top folded behind the seats, or closed with a top of cloth."""
+    """Return a car without a fixed roof: open, its top folded behind the seats, or closed with a cloth top."""
     lines, bare = _draw(_KINDS["convertible"], rng)
     paint, glass = car_paint("car", rng), material("glass", "car", rng)
     under = tinted((0.03, 0.03, 0.03), "car", 0.15, rng)

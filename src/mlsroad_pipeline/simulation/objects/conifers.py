@@ -1,8 +1,7 @@
 """Conifers: spruces, pines, cedars, columns of cypress and small cones.
 
-Measures after common tables of park trees: spruces 5 to 15 m high and 0.3 to 0.45 times as wide, pines 6 to 14 m with
-the crown in the upper half, cypresses 4 to 12 m and 0.12 to 0.22 times as wide; stems of 1.6 to
-2.6 % of the height.
+Measures follow common tables of park trees: spruces 5 to 15 m high and 0.3 to 0.45 times as wide, pines 6 to 14 m with
+the crown in the upper half, cypresses 4 to 12 m and 0.12 to 0.22 times as wide; stems of 1.6 to 2.6 % of the height.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ _CEDAR = Habit(
 
 
 def _straight_stem(height: float, clear: float, radius: float, wood: Surface) -> Mesh:
-    """Return a straight stem, `trunk` up to where the branches begin."""
+    """Return a straight stem, `trunk` below the branches."""
     parts = []
     for heights, surface in ((np.array([-UNDERGROUND, 0.0, 0.2, clear]), wood),
                              (np.linspace(clear, height, 5), same_as(wood, "tree"))):  # fmt: skip

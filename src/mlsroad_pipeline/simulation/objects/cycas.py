@@ -1,7 +1,7 @@
 """Cycads: a short, scaly stem under a rosette of stiff fronds, alone, with side shoots, or tall.
 
-Measures after horticultural handbooks of Cycas revoluta: fronds of 0.5 to 1.5 m, stems of 0.15 to 0.35 m across, rarely
-above 2 m high.
+Measures follow horticultural handbooks of Cycas revoluta: fronds of 0.5 to 1.5 m, stems of 0.15 to 0.35 m across,
+rarely above 2 m high.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def _colours(rng: np.random.Generator) -> tuple[Surface, Surface]:
 
 
 def _single(rng: np.random.Generator, *, stem: tuple[float, float], reach: tuple[float, float]) -> Mesh:
-    """Return one rosette on a stem; some carry a cone of seeds in the middle."""
+    """Return one rosette on a stem; some have a seed cone in the middle."""
     height, colours = rng.uniform(*stem), _colours(rng)
     top = np.array([*rng.normal(0, 0.06 * height, 2), height])
     foot = np.array([0.0, 0.0, -UNDERGROUND])
@@ -59,7 +59,7 @@ def _single(rng: np.random.Generator, *, stem: tuple[float, float], reach: tuple
 
 
 def _family(rng: np.random.Generator) -> Mesh:
-    """Return an old plant with side shoots, each with a rosette of its own."""
+    """Return an old plant with side shoots, each with its own rosette."""
     colours, reach = _colours(rng), rng.uniform(0.55, 0.95)
     n = int(rng.integers(2, 5))
     azimuth = rng.uniform(0, 6.28) + np.arange(n) * 2 * np.pi / n

@@ -1,4 +1,4 @@
-"""What can be measured on a built mesh, as truth for those who measure it on points: lean of masts, plates of signs."""
+"""Measures of built meshes as truth: lean of masts, plates of signs."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from mlsroad_pipeline.simulation.objects.parts import UNDERGROUND
 
 
 class Plates(NamedTuple):
-    """The plates of traffic signs on a mesh, the largest first.
+    """Plates of traffic signs on a mesh, the largest first.
 
     Parameters
     ----------
     centre : ndarray of shape (p, 3), float64
         Their middles, metres.
     yaw : ndarray of shape (p,), float64
-        Where they look, radians counter-clockwise from +x.
+        Directions that they face, radians counter-clockwise from +x.
     width, height : ndarray of shape (p,), float64
         Metres.
     """
@@ -35,22 +35,22 @@ class Plates(NamedTuple):
 
 
 class Measures(NamedTuple):
-    """What an asset register says of a pole or a sign beside its box; NaN where an object has no such thing.
+    """Attributes of a pole or a sign in an asset register, beside its box; NaN where not applicable.
 
     Parameters
     ----------
     tilt : float
         Angle between the axis and the vertical, degrees.
     lean_azimuth : float
-        Direction in which the axis leans, degrees clockwise from grid north; of a tilt of 0 it means nothing.
+        Direction of the lean, degrees clockwise from grid north; without meaning at a tilt of 0.
     panels : int
-        Plates of traffic signs; the rest is said of the largest.
+        Number of plates of traffic signs; the other fields are those of the largest.
     panel_bottom, panel_centre : float
         Heights of its lower edge and its middle above the base, metres.
     panel_width, panel_height : float
         Metres.
     panel_azimuth : float
-        Where its front looks, degrees clockwise from grid north.
+        Direction that its front faces, degrees clockwise from grid north.
     panel_x, panel_y : float
         Its middle, metres, in the frame of the mesh.
     """
@@ -71,21 +71,9 @@ _MASTS = tuple(TAXONOMY[name] for name in ("light_pole", "utility_pole", "traffi
 
 
 def measure(mesh: Mesh, label: int, base: NDArray[np.float64]) -> Measures:
-    """Measure a pole or a sign where it stands.
+    """Measure a placed pole or sign (x east, y north, metres) with a base point.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        The object, x east and y north, metres.
-    label : int
-        Taxonomy code of the whole.
-    base : ndarray of shape (3,), float64
-        Where it stands, metres.
-
-    Returns
-    -------
-    Measures
-        All NaN and no panels for what is neither a pole nor a sign. A plate that hangs on another object has no tilt.
+    Other objects have NaN and no panels. Plates on other objects have no tilt.
     """
     if label not in _MASTS:
         return Measures()
@@ -114,7 +102,7 @@ def _off_vertical(axis: NDArray[np.float64]) -> float:
 
 
 def _axis(mesh: Mesh) -> NDArray[np.float64]:
-    """Return the upward unit axis of a mast: its foot was cut level before it was leaned."""
+    """Return the upward unit axis of a mast, from its foot, which was level before the mast was leaned."""
     z = mesh.vertices[:, 2]
     foot = mesh.vertices[z < z.min() + 0.1]
     axis = np.linalg.svd(foot - foot.mean(axis=0), full_matrices=False)[2][2]
@@ -122,23 +110,7 @@ def _axis(mesh: Mesh) -> NDArray[np.float64]:
 
 
 def tilt(mesh: Mesh) -> float:
-    """Return by how much a mast leans.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        A pole, sign or light of this package, which reaches below the ground.
-
-    Returns
-    -------
-    float
-        Angle between its axis and the vertical, degrees.
-
-    Raises
-    ------
-    ParameterError
-        If the mesh does not reach below the ground.
-    """
+    """Return the angle in degrees between a mast's axis and the vertical; the mesh must reach below the ground."""
     z = mesh.vertices[:, 2]
     if z.min() > -0.5 * UNDERGROUND:
         raise ParameterError(f"the mesh ends {z.min():.2f} m above the ground: only what is let into it has a foot")
@@ -146,18 +118,7 @@ def tilt(mesh: Mesh) -> float:
 
 
 def sign_plates(mesh: Mesh) -> Plates:
-    """Return the plates of traffic signs that a mesh carries.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Any mesh of this package.
-
-    Returns
-    -------
-    Plates
-        One entry per plate: border, field and marks count as one.
-    """
+    """Return the plates of traffic signs on a mesh; border, field and marks count as one plate."""
     chosen = (mesh.attributes[:, LABEL] == TAXONOMY["traffic_sign"]) & (mesh.attributes[:, KIND] == RETRO)
     faces = mesh.faces[chosen]
     used, corners = np.unique(faces, return_inverse=True)

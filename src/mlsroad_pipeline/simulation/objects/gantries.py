@@ -1,4 +1,4 @@
-"""Gantries for direction boards: beams along +x over the road, boards look along +y, 5 m and more above the ground."""
+"""Gantries for direction boards: beams along +x over the road, boards facing +y, at least 5 m above the ground."""
 
 from __future__ import annotations
 
@@ -61,20 +61,7 @@ def _boards(rng: np.random.Generator, x: tuple[float, float], level: float, coun
 
 
 def gantry(rng: np.random.Generator, span: float) -> Mesh:
-    """Return a gantry over the whole road.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its measures and boards.
-    span : float
-        From one leg, at the origin, to the other, metres.
-
-    Returns
-    -------
-    Mesh
-        `gantry`, its boards `traffic_sign`.
-    """
+    """Return a gantry over the whole road, with legs at 0 and at `span` metres; its boards are `traffic_sign`."""
     metal = material("galvanised" if rng.random() < 0.7 else "painted_metal", "gantry", rng)
     level, radius, sides = rng.uniform(5.4, 6.6), rng.uniform(0.14, 0.24), int(rng.choice([4, 8, 12]))
     parts = _beam(rng, (-0.3, span + 0.3), level, metal)
@@ -90,7 +77,7 @@ def _over_the_road(rng: np.random.Generator) -> Mesh:
 
 
 def _cantilever(rng: np.random.Generator) -> Mesh:
-    """One leg, one arm over the nearest lanes."""
+    """Return one leg with one arm over the nearest lanes."""
     metal = material("galvanised" if rng.random() < 0.7 else "painted_metal", "gantry", rng)
     level, reach = rng.uniform(5.4, 6.4), rng.uniform(3.5, 7.5)
     parts = _leg(rng, 0.0, level + 1.0, metal, rng.uniform(0.16, 0.26), int(rng.choice([4, 8, 12])))

@@ -1,4 +1,4 @@
-"""Street lamps: arms reach along +x over the road, and what signs they carry looks along +y.
+"""Street lamps: arms reach along +x over the road, and their signs face +y.
 
 Heights are those of lighting practice: 3 to 5 m for post tops, 5 to 12 m beside roads, 14 to 24 m for high masts.
 """
@@ -20,7 +20,7 @@ from mlsroad_pipeline.simulation.objects.sign_plates import sign_plate
 
 
 def _shaft(rng: np.random.Generator, low: float, high: float) -> tuple[list[Mesh], float, float, Surface]:
-    """Return a mast, its height, its radius at the ground and what it is made of."""
+    """Return a mast, its height, its radius at the ground and its surface."""
     height = rng.uniform(low, high)
     radius = rng.uniform(0.05, 0.09) + 0.006 * height
     surface = metal("light_pole", rng)
@@ -64,7 +64,7 @@ def _double_arm(rng: np.random.Generator) -> Mesh:
 
 
 def _curved_arm(rng: np.random.Generator) -> Mesh:
-    """A mast that bends over into its own arm."""
+    """Return a mast that bends over into its own arm."""
     surface = metal("light_pole", rng)
     height, reach = rng.uniform(5.5, 11.0), rng.uniform(0.8, 2.6)
     radius = rng.uniform(0.05, 0.085) + 0.006 * height
@@ -106,7 +106,7 @@ def _lantern(
 
 
 def _heritage_lantern(rng: np.random.Generator) -> Mesh:
-    """A turned iron column with one lantern on top or two to four on brackets."""
+    """Return a turned iron column with one lantern on top or two to four on brackets."""
     iron = tinted((0.03, 0.04, 0.035), "light_pole", 0.18, rng, spread=0.3)
     glass = material("glass", "light_pole", rng)
     height, foot = rng.uniform(2.8, 4.4), rng.uniform(0.14, 0.24)
@@ -143,7 +143,7 @@ def _banner_lamp(rng: np.random.Generator) -> Mesh:
 
 
 def _lamp_with_sign(rng: np.random.Generator) -> Mesh:
-    """A lamp that carries one to three plates, labelled as the signs that they are."""
+    """Return a lamp with one to three plates, labelled as signs."""
     parts, height, radius, surface = _shaft(rng, 5.5, 11.0)
     parts += _armed(rng, height, surface, rng.uniform(0.4, 2.6))
     bottom = rng.uniform(2.0, 2.8)
@@ -158,7 +158,7 @@ def _lamp_with_sign(rng: np.random.Generator) -> Mesh:
 
 
 def _post_top(rng: np.random.Generator) -> Mesh:
-    """A short mast with a globe, a cylinder, a mushroom or a disc of diodes on top."""
+    """Return a short mast with a globe, a cylinder, a mushroom or a disc of diodes on top."""
     surface = metal("light_pole", rng)
     height, radius = rng.uniform(2.9, 5.2), rng.uniform(0.045, 0.08)
     lens = tinted((0.65, 0.65, 0.62), "light_pole", 0.5, rng)

@@ -1,4 +1,4 @@
-"""Masts, arms and luminaires that several families of poles share."""
+"""Masts, arms and luminaires of several families of poles."""
 
 from __future__ import annotations
 
@@ -14,29 +14,12 @@ from mlsroad_pipeline.simulation.objects.parts import UNDERGROUND, lathe, loft, 
 
 
 def metal(label: str, rng: np.random.Generator) -> Surface:
-    """Return what a mast is made of: galvanised, painted, or weathered aluminium."""
+    """Return the surface of a mast: galvanised, painted, or weathered aluminium."""
     return material(str(rng.choice(["galvanised", "painted_metal", "aluminium"], p=[0.45, 0.4, 0.15])), label, rng)
 
 
 def mast(rng: np.random.Generator, height: float, radius: float, surface: Surface) -> Mesh:
-    """Return an upright mast with a foot of its own kind: conical or stepped, round to square.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its taper, its cross-section and its foot.
-    height : float
-        Of its top, metres.
-    radius : float
-        At the ground, metres.
-    surface : Surface
-        What it is made of.
-
-    Returns
-    -------
-    Mesh
-        From underground up.
-    """
+    """Return an upright mast, from below ground, with a foot: conical or stepped, round to square."""
     sides = int(rng.choice([6, 8, 10, 12], p=[0.1, 0.3, 0.4, 0.2]))
     top = radius * rng.uniform(0.5, 0.9)
     step = rng.uniform(0.9, 2.2)
@@ -69,23 +52,8 @@ def mast(rng: np.random.Generator, height: float, radius: float, surface: Surfac
 def arm(start: ArrayLike, reach: float, rise: float, bend: float, surface: Surface, radius: float) -> Mesh:
     """Return an arm along +x that leaves its mast steeply and ends flat.
 
-    Parameters
-    ----------
-    start : array-like of shape (3,)
-        Where it begins, metres.
-    reach, rise : float
-        How far and how high its end is from there, metres.
-    bend : float
-        0 for a straight arm, 1 for a quarter of an ellipse.
-    surface : Surface
-        What it is made of.
-    radius : float
-        At its beginning, metres.
-
-    Returns
-    -------
-    Mesh
-        The arm.
+    `reach` and `rise` are the place of its end from its `start`, metres; `bend` is 0 for a straight arm and 1 for a
+    quarter of an ellipse; `radius` is that at its beginning.
     """
     f = np.linspace(0, 1, 7 if bend > 0.05 else 2)
     lift = (1 - bend) * f + bend * np.sqrt(np.maximum(1 - (1 - f) ** 2, 0))
@@ -94,23 +62,9 @@ def arm(start: ArrayLike, reach: float, rise: float, bend: float, surface: Surfa
 
 
 def luminaire(rng: np.random.Generator, at: ArrayLike, surface: Surface, *, pitch: float = 0.0) -> Mesh:
-    """Return the head of a street lamp at the end of an arm along +x: a cobra head, a flat panel or a drop lens.
+    """Return the head of a street lamp at the end of an arm along +x, 0.4 to 0.95 m long.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its kind and measures.
-    at : array-like of shape (3,)
-        End of the arm, metres.
-    surface : Surface
-        What the housing is made of.
-    pitch : float, default 0
-        How far it looks upwards, radians.
-
-    Returns
-    -------
-    Mesh
-        0.4 to 0.95 m long.
+    It is a cobra head, a flat panel or a drop lens, tilted upwards by `pitch`, radians.
     """
     length, width = rng.uniform(0.45, 0.9), rng.uniform(0.18, 0.36)
     lens = tinted((0.6, 0.6, 0.56), "light_pole", 0.45, rng)
@@ -141,26 +95,7 @@ def luminaire(rng: np.random.Generator, at: ArrayLike, surface: Surface, *, pitc
 
 
 def banner(rng: np.random.Generator, low: float, radius: float, side: int, fabric: Surface, rod: Surface) -> Mesh:
-    """Return a banner between two rods beside a mast.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its measures.
-    low : float
-        Height of its lower edge, metres.
-    radius : float
-        Of the mast, metres.
-    side : int
-        1 towards +y, -1 towards -y.
-    fabric, rod : Surface
-        What it is made of.
-
-    Returns
-    -------
-    Mesh
-        0.45 to 0.8 m wide and 1 to 2.2 m high.
-    """
+    """Return a banner of 0.45 to 0.8 m by 1 to 2.2 m between two rods beside a mast; `side` is 1 for +y, -1 for -y."""
     width, tall, bulge = rng.uniform(0.45, 0.8), rng.uniform(1.0, 2.2), rng.uniform(-0.06, 0.06)
     f = np.linspace(0, 1, 5)
     grid = np.empty((5, 2, 3))

@@ -1,6 +1,6 @@
 """Motorcycles and scooters, parked on their stand or ridden.
 
-Measures after makers' data sheets: motorcycles 1.9 to 2.25 m long with wheels of 0.29 to 0.33 m radius and seats of
+Measures follow makers' data sheets: motorcycles 1.9 to 2.25 m long with wheels of 0.29 to 0.33 m radius and seats of
 0.72 to 0.86 m, scooters 1.7 to 1.95 m with wheels of 0.2 to 0.26 m and seats of 0.74 to 0.8 m.
 """
 
@@ -24,7 +24,7 @@ _LABEL = "motorcycle"
 
 
 def _common(rng: np.random.Generator, radius: float, base: float, tyre: float) -> tuple[list[Mesh], Surface, Surface]:
-    """Return wheels with rims, and the metal and rubber of the rest."""
+    """Return wheels with rims, and the surfaces of metal and rubber parts."""
     rubber, metal = material("rubber", _LABEL, rng), material("galvanised", _LABEL, rng)
     meshes = []
     for x in (-base / 2, base / 2):
@@ -56,7 +56,7 @@ def _handlebar(
 
 
 def _motorcycle(rng: np.random.Generator) -> tuple[Mesh, Contacts]:
-    """Return a motorcycle and where its rider touches it."""
+    """Return a motorcycle and the contact points of its rider."""
     radius, base = rng.uniform(0.29, 0.33), rng.uniform(1.32, 1.55)
     meshes, metal, rubber = _common(rng, radius, base, rng.uniform(0.05, 0.075))
     paint = car_paint(_LABEL, rng)
@@ -102,7 +102,7 @@ def _luggage(rng: np.random.Generator, place: np.ndarray, *, share: float) -> li
 
 
 def _scooter(rng: np.random.Generator) -> tuple[Mesh, Contacts]:
-    """Return a scooter with a leg shield and a flat floor, and where its rider touches it."""
+    """Return a scooter with a leg shield and a flat floor, and the contact points of its rider."""
     radius, base = rng.uniform(0.2, 0.26), rng.uniform(1.2, 1.36)
     meshes, metal, rubber = _common(rng, radius, base, rng.uniform(0.045, 0.06))
     paint = car_paint(_LABEL, rng)

@@ -1,6 +1,6 @@
 """Palms: royal, date, pygmy date, fan, coconut, in clumps, and young ones whose fronds start at the ground.
 
-Measures after horticultural handbooks: royal palms 6 to 16 m with trunks of 0.35 to 0.6 m, Canary date palms 3 to 10 m
+Measures follow horticultural handbooks: royal palms 6 to 16 m with trunks of 0.35 to 0.6 m, Canary date palms 3 to 10 m
 on 0.5 to 0.9 m, Washingtonias 5 to 16 m on 0.3 to 0.6 m, coconuts 5 to 12 m on 0.2 to 0.32 m; fronds of 2 to 4.5 m.
 """
 
@@ -88,7 +88,7 @@ class _Date:
 
 
 def _date(rng: np.random.Generator, *, kind: _Date) -> Mesh:
-    """Return a date palm: a stout trunk clothed in stubs under a globe of stiff fronds."""
+    """Return a date palm: a stout trunk covered in stubs under a globe of stiff fronds."""
     height, radius = rng.uniform(*kind.height), rng.uniform(*kind.radius)
     path, radii = _trunk(rng, height, radius, lean=rng.normal(0, 0.02), swell=rng.uniform(0.0, 0.3), rings=16)
     radii[-4:] *= np.array([1.05, 1.2, 1.3, 1.1])
@@ -107,7 +107,7 @@ def _date(rng: np.random.Generator, *, kind: _Date) -> Mesh:
 
 
 def _fan(rng: np.random.Generator) -> Mesh:
-    """Return a fan palm: a slender trunk, pleated leaves, and a skirt of dead ones that nobody cut."""
+    """Return a fan palm: a slender trunk, pleated leaves, and a skirt of dead ones."""
     height, radius = rng.uniform(4.0, 14.0), rng.uniform(0.14, 0.28)
     path, radii = _trunk(rng, height, radius, lean=rng.normal(0, 0.02), swell=rng.uniform(0.4, 0.9), rings=20)
     wood = bark("palm", "palm", rng)

@@ -1,4 +1,4 @@
-"""Solids that designs of built things share: skins of quadrilaterals, bodies of revolution, plates that face +x."""
+"""Solids of built objects: skins of quadrilaterals, bodies of revolution, plates that face +x."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from mlsroad_pipeline.simulation.model.meshes import DIFFUSE, Mesh, Surface, joi
 from mlsroad_pipeline.simulation.model.solids import plate
 
 UNDERGROUND = 0.3
-"""How far masts and feet reach below the ground, so that a sloping street leaves no gap, metres."""
+"""Depth of masts and feet below the ground, so that a sloping street leaves no gap, metres."""
 
-_SLIVER = 1e-9  # faces below this area are left out, square metres
+_SLIVER = 1e-9  # faces below this area are dropped, square metres
 
 
 @cache
@@ -30,21 +30,10 @@ def _cells(rows: int, columns: int) -> NDArray[np.int64]:
 
 
 def grid_skin(points: ArrayLike, surfaces: Sequence[Surface], which: ArrayLike = 0) -> Mesh:
-    """Return the skin over a grid of points, each cell of its own surface; cells without area are left out.
+    """Return the skin over a grid of points of shape (k, m, 3), metres; cells without area are dropped.
 
-    Parameters
-    ----------
-    points : array-like of shape (k, m, 3)
-        The grid, metres. A cell's front is where its corners (i, j), (i, j + 1), (i + 1, j + 1) run counter-clockwise.
-    surfaces : sequence of Surface
-        What cells are made of.
-    which : array-like of int, broadcastable to (k - 1, m - 1), default 0
-        Number of the surface of each cell, -1 for a hole.
-
-    Returns
-    -------
-    Mesh
-        At most 2 (k - 1) (m - 1) faces.
+    `which`, broadcast to (k - 1, m - 1), has the surface of each cell, -1 for a hole. A cell's front is where its
+    corners (i, j), (i, j + 1), (i + 1, j + 1) run counter-clockwise.
     """
     grid = np.asarray(points, dtype=np.float64)
     k, m = grid.shape[:2]
@@ -58,7 +47,7 @@ def grid_skin(points: ArrayLike, surfaces: Sequence[Surface], which: ArrayLike =
 
 
 def without_slivers(mesh: Mesh) -> Mesh:
-    """Return the mesh without the faces that have no area."""
+    """Return the mesh without faces of no area."""
     corners = mesh.vertices[mesh.faces]
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     cross = (a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]) ** 2
@@ -70,23 +59,10 @@ def without_slivers(mesh: Mesh) -> Mesh:
 
 
 def lathe(profile: ArrayLike, surface: Surface, *, at: ArrayLike = (0.0, 0.0, 0.0), sides: int = 10) -> Mesh:
-    """Return a body of revolution about an upright axis.
+    """Return a body of revolution about an upright axis through `at`.
 
-    Parameters
-    ----------
-    profile : array-like of shape (k, 2)
-        Radius and height of its outline, from the lowest up, metres; it is open where it does not begin or end at 0.
-    surface : Surface
-        What it is made of.
-    at : array-like of shape (3,), default the origin
-        Where height 0 of its axis is, metres.
-    sides : int, default 10
-        Corners of the cross-section.
-
-    Returns
-    -------
-    Mesh
-        At most 2 (k - 1) sides faces.
+    `profile` has radius and height of its outline, from the lowest up, (k, 2) metres; it is open at an end with a
+    radius above 0.
     """
     r, z = np.asarray(profile, dtype=np.float64).T
     angle = np.arange(sides + 1) * (2 * np.pi / sides)
@@ -97,22 +73,7 @@ def lathe(profile: ArrayLike, surface: Surface, *, at: ArrayLike = (0.0, 0.0, 0.
 
 
 def loft(sections: ArrayLike, surface: Surface, *, closed: bool = True) -> Mesh:
-    """Return the skin over a row of convex cross-sections.
-
-    Parameters
-    ----------
-    sections : array-like of shape (k, m, 3)
-        Corners of each, going round, metres.
-    surface : Surface
-        What it is made of.
-    closed : bool, default True
-        Whether the first and the last are closed.
-
-    Returns
-    -------
-    Mesh
-        The skin.
-    """
+    """Return the skin over a sequence of convex cross-sections of shape (k, m, 3), by default closed at both ends."""
     rings = np.asarray(sections, dtype=np.float64)
     skin = grid_skin(np.concatenate([rings, rings[:, :1]], axis=1), [surface])
     if not closed:
@@ -121,20 +82,7 @@ def loft(sections: ArrayLike, surface: Surface, *, closed: bool = True) -> Mesh:
 
 
 def fan(corners: ArrayLike, surface: Surface) -> Mesh:
-    """Return a convex polygon as triangles about its first corner.
-
-    Parameters
-    ----------
-    corners : array-like of shape (m, 3)
-        Going round, counter-clockwise as seen from its front, metres.
-    surface : Surface
-        What it is made of.
-
-    Returns
-    -------
-    Mesh
-        At most m - 2 faces.
-    """
+    """Return a convex polygon as triangles about its first corner; corners run counter-clockwise from its front."""
     points = np.asarray(corners, dtype=np.float64)
     m = len(points)
     faces = np.stack([np.zeros(m - 2, dtype=np.int64), np.arange(1, m - 1), np.arange(2, m)], axis=1)
@@ -142,24 +90,7 @@ def fan(corners: ArrayLike, surface: Surface) -> Mesh:
 
 
 def prism(outline: ArrayLike, width: float, surface: Surface, *, at: float = 0.0) -> Mesh:
-    """Return a convex outline of the xz plane made `width` thick along y.
-
-    Parameters
-    ----------
-    outline : array-like of shape (m, 2)
-        x and z of its corners, going round, metres.
-    width : float
-        Metres.
-    surface : Surface
-        What it is made of.
-    at : float, default 0
-        y of its middle, metres.
-
-    Returns
-    -------
-    Mesh
-        The prism, closed.
-    """
+    """Return a closed prism: a convex outline of the xz plane, `width` thick along y about y = `at`."""
     flat = np.asarray(outline, dtype=np.float64)
     sections = np.empty((2, len(flat), 3))
     sections[:, :, [0, 2]] = flat
@@ -168,20 +99,7 @@ def prism(outline: ArrayLike, width: float, surface: Surface, *, at: float = 0.0
 
 
 def rounded(width: float, height: float, radius: float) -> NDArray[np.float64]:
-    """Return the outline of a rectangle with rounded corners about the origin.
-
-    Parameters
-    ----------
-    width, height : float
-        Its sides, metres.
-    radius : float
-        Of its corners, metres; at most half of the shorter side.
-
-    Returns
-    -------
-    ndarray of shape (12, 2), float64
-        The corners, counter-clockwise.
-    """
+    """Return the 12 corners of a rectangle with rounded corners about the origin, counter-clockwise."""
     turn = np.array([0.0, np.pi / 4, np.pi / 2])
     corners = []
     for k, (sx, sy) in enumerate([(1, 1), (-1, 1), (-1, -1), (1, -1)]):
@@ -192,23 +110,9 @@ def rounded(width: float, height: float, radius: float) -> NDArray[np.float64]:
 
 
 def panel(outline: ArrayLike, front: Surface, back: Surface, at: ArrayLike, *, yaw: float = 0.0) -> Mesh:
-    """Return an upright convex plate.
+    """Return an upright convex plate, its middle at `at`, facing `yaw` radians counter-clockwise from +x.
 
-    Parameters
-    ----------
-    outline : array-like of shape (m, 2)
-        Its corners about its middle, to the right and up as seen from its front, counter-clockwise, metres.
-    front, back : Surface
-        What its two faces are made of.
-    at : array-like of shape (3,)
-        Its middle, metres.
-    yaw : float, default 0
-        Where its front looks, radians counter-clockwise from +x.
-
-    Returns
-    -------
-    Mesh
-        The two faces.
+    `outline` runs counter-clockwise about the middle, to the right and up as seen from its front.
     """
     return plate(outline, front, back).moved(at, yaw=yaw + np.pi / 2)
 
@@ -219,27 +123,10 @@ def rectangle(width: float, height: float) -> NDArray[np.float64]:
 
 
 def leaned(mesh: Mesh, rng: np.random.Generator, *, share: float = 0.25, limit: float = 3.0) -> Mesh:
-    """Return the mesh tilted about its foot: most masts by a fraction of a degree, some visibly.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        What stands upright at the origin.
-    rng : numpy.random.Generator
-        Source of direction and angle.
-    share : float, default 0.25
-        How many lean visibly, by 0.5 degrees or more.
-    limit : float, default 3
-        The largest tilt, degrees.
-
-    Returns
-    -------
-    Mesh
-        The tilted one.
-    """
+    """Return the mesh tilted about its foot: a `share` by 0.5 degrees to `limit`, the others mostly by less."""
     strong, direction = rng.random() < share, rng.uniform(0, 2 * np.pi)
     angle = np.radians(rng.uniform(0.5, limit) if strong else min(abs(rng.normal(0, 0.2)), limit))
-    # A turn about a horizontal axis.
+    # Rotation about a horizontal axis.
     turn = rotation_matrix(direction, 0, 0) @ rotation_matrix(0, angle, 0) @ rotation_matrix(-direction, 0, 0)
     return Mesh(mesh.vertices @ turn.T, mesh.faces, mesh.attributes)
 
@@ -248,27 +135,9 @@ def tinted(
     rgb: tuple[float, float, float], label: str, reflectivity: float, rng: np.random.Generator, *, spread: float = 0.15,
     kind: int = DIFFUSE,
 ) -> Surface:  # fmt: skip
-    """Return a surface near a colour that the table of materials does not have.
+    """Return a surface near a colour (linear albedo) that the table of materials lacks.
 
-    Parameters
-    ----------
-    rgb : tuple of float
-        Albedo, 0 to 1 and linear.
-    label : str
-        Taxonomy class.
-    reflectivity : float
-        Albedo at the scanner's wavelength, 0 to 1.
-    rng : numpy.random.Generator
-        Source of its own shade.
-    spread : float, default 0.15
-        Standard deviation of the logarithm of tone and reflectivity; that of the hue is a third of it.
-    kind : int, default DIFFUSE
-        One of the kinds of `meshes`.
-
-    Returns
-    -------
-    Surface
-        The surface.
+    `spread` is the standard deviation of the logarithm of tone and reflectivity; that of the hue is a third of it.
     """
     tone, infrared = np.exp(rng.normal(0, spread, 2))
     r, g, b = (float(c) for c in np.clip(np.array(rgb) * tone * np.exp(rng.normal(0, spread / 3, 3)), 0.005, 0.95))

@@ -1,7 +1,7 @@
 """People who stand, walk, run, sit, talk and carry things: capsules between the joints of a pose.
 
-Segment lengths after Drillis and Contini 1966; hip and knee angles of walking after common gait charts (hip some 25
-degrees either way, knee up to 60 degrees while the leg swings).
+Segment lengths follow Drillis and Contini 1966; hip and knee angles of walking follow common gait charts (hip some 25
+degrees either way, knee up to 60 degrees in swing).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Angles = tuple[Floats, Floats, Floats, Floats]
 def _pose(
     rng: np.random.Generator, build: Build, angles: Angles, *, lean: float = 0.0, spread: float = 0.02
 ) -> Skeleton:
-    """Return the joints of a body from its hip, knee, shoulder and elbow angles; its lower foot is on the ground."""
+    """Return the joints of a body from its hip, knee, shoulder and elbow angles, its lower foot on the ground."""
     thigh, knee, arm, elbow = angles
     h = build.height
     y = np.stack([0 * _SIDES, _SIDES, 0 * _SIDES], 1)
@@ -68,7 +68,7 @@ def _pose(
 
 
 def _standing(rng: np.random.Generator) -> tuple[Angles, float]:
-    """Return the angles of somebody who stands: arms down, folded, on the hips or at a telephone."""
+    """Return the angles of a standing person: arms down, folded, on the hips or at a telephone."""
     thigh, knee = rng.normal(0, 0.06, 2), np.abs(rng.normal(0, 0.07, 2))
     arm, elbow = rng.normal(0.02, 0.12, 2), rng.uniform(0.05, 0.4, 2)
     what = rng.random()
@@ -81,7 +81,7 @@ def _standing(rng: np.random.Generator) -> tuple[Angles, float]:
 
 
 def _walking(rng: np.random.Generator, *, run: bool = False) -> tuple[Angles, float]:
-    """Return the angles of a moment of a step; arms swing against the legs."""
+    """Return the angles at a moment of a step; arms swing against the legs."""
     phase = rng.uniform(0, 2 * np.pi) + np.array([0.0, np.pi])
     wide = rng.uniform(0.55, 0.85) if run else rng.uniform(0.3, 0.5)
     thigh = 0.05 + wide * np.sin(phase)
@@ -93,7 +93,7 @@ def _walking(rng: np.random.Generator, *, run: bool = False) -> tuple[Angles, fl
 
 
 def _talking(rng: np.random.Generator) -> tuple[Angles, float]:
-    """Return the angles of somebody who talks with the hands."""
+    """Return the angles of a person who talks with gestures."""
     thigh, knee = rng.normal(0, 0.07, 2), np.abs(rng.normal(0, 0.1, 2))
     arm, elbow = rng.uniform(0.1, 0.7, 2), rng.uniform(0.5, 1.7, 2)
     return (thigh, knee, arm, elbow), float(rng.normal(0.04, 0.03))
@@ -107,7 +107,7 @@ def _person(
     bag: str = "any",
     sport: bool = False,
 ) -> Mesh:
-    """Return a person in a pose; `bag` is what is carried, or any or nothing of it."""
+    """Return a person in a pose with a `bag`, or any or none."""
     build = draw_build(rng, child=child)
     if sport:
         build = build._replace(clothes=("trousers", "shorts")[int(rng.integers(2))])
@@ -122,7 +122,7 @@ def _person(
 
 
 def _luggage(rng: np.random.Generator, bones: Skeleton, build: Build, bag: str) -> list[Mesh]:
-    """Return what a person carries."""
+    """Return the luggage of a person."""
     h = build.height / 1.7
     stuff = cloth("person", rng)
     chest = 0.4 * bones.hips.mean(axis=0) + 0.6 * bones.shoulders.mean(axis=0)
@@ -145,7 +145,7 @@ def _luggage(rng: np.random.Generator, bones: Skeleton, build: Build, bag: str) 
 
 
 def _with_suitcase(rng: np.random.Generator) -> Mesh:
-    """Return somebody who pulls a suitcase on wheels."""
+    """Return a person who pulls a suitcase on wheels."""
     build = draw_build(rng)
     angles, lean = _walking(rng)
     angles[2][0], angles[3][0] = -0.45, 0.12
@@ -162,9 +162,9 @@ def _with_suitcase(rng: np.random.Generator) -> Mesh:
 
 
 def _sitting(rng: np.random.Generator) -> Mesh:
-    """Return somebody on a stool of their own, with hands on the knees or in the lap."""
+    """Return a person on a stool, with hands on the knees or in the lap."""
     build = draw_build(rng)
-    # Skirts and coats would have to be draped over the knees.
+    # Skirts and coats are not modelled over bent knees.
     build = build._replace(clothes={"trousers": "trousers", "coat": "trousers"}.get(build.clothes, "shorts"))
     h = build.height
     seat = 0.27 * h - rng.uniform(0.0, 0.05)
@@ -189,18 +189,7 @@ def _sitting(rng: np.random.Generator) -> Mesh:
 
 
 def conversation(rng: np.random.Generator) -> list[Mesh]:
-    """Return two to four people, sometimes a child among them, who stand in a ring and talk.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of who stands where.
-
-    Returns
-    -------
-    list of Mesh
-        One mesh per person, so that each can be an instance of its own; the ring's middle is the origin.
-    """
+    """Return two to four people, one mesh each, sometimes with a child, who talk in a ring about the origin."""
     n = int(rng.integers(2, 5))
     radius = rng.uniform(0.45, 0.6) + 0.12 * (n - 2)
     start = rng.uniform(0, 2 * np.pi)
@@ -215,7 +204,7 @@ def conversation(rng: np.random.Generator) -> list[Mesh]:
 
 
 WALKERS = ("walking_person", "person_with_backpack", "person_with_bag", "person_with_suitcase", "walking_child")
-"""Names of the designs for people who are on their way."""
+"""Names of the designs of walking people."""
 
 DESIGNS: tuple[Design, ...] = (
     Design("standing_person", "person", partial(_person, pose=_standing), 0.6, 3.0),

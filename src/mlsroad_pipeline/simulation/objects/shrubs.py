@@ -1,6 +1,6 @@
 """Brushwood: loose and flowering bushes, clipped shapes, ground cover, tufts of grass and rosettes of stiff leaves.
 
-Measures after planting lists: bushes of 0.6 to 2.2 m, clipped ones of 0.5 to 1.5 m, ground cover below 0.5 m.
+Measures follow planting lists: bushes of 0.6 to 2.2 m, clipped ones of 0.5 to 1.5 m, ground cover below 0.5 m.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def _leaf_name(rng: np.random.Generator) -> str:
 
 
 def _stems(rng: np.random.Generator, tips: Floats, radius: float) -> Mesh:
-    """Return stems that rise from one root and bend over to given places."""
+    """Return stems that rise from one root and bend over to end points."""
     n = len(tips)
     foot = np.column_stack([0.15 * tips[:, :2], np.full(n, -UNDERGROUND)])
     paths = bows(foot, unit(np.array([0, 0, 1.0]) + rng.normal(0, 0.15, (n, 3))), tips, 4)
@@ -34,7 +34,7 @@ def _stems(rng: np.random.Generator, tips: Floats, radius: float) -> Mesh:
 
 
 def _bush(rng: np.random.Generator, *, flowers: bool = False) -> Mesh:
-    """Return a loose bush of several lobes; in flower, a part of its leaves are petals at the outside."""
+    """Return a loose bush of several lobes; in flower, some of its leaves are petals at the outside."""
     height, width = rng.uniform(0.6, 2.1), rng.uniform(0.7, 2.2)
     n_lobes = int(rng.integers(2, 6))
     stretch = np.array([1.0, rng.uniform(0.6, 1.0), 1.0])
@@ -72,7 +72,7 @@ def _bush(rng: np.random.Generator, *, flowers: bool = False) -> Mesh:
 
 
 def _shell(rng: np.random.Generator, places: Floats, normals: Floats, area: float, leaf: str) -> Mesh:
-    """Return the small leaves of a clipped surface, which lie along it and stick out a little."""
+    """Return the small leaves of a clipped surface, mostly tangential to it."""
     n = len(places)
     direction = rng.normal(0, 0.6, (n, 3)) + rng.uniform(0.2, 0.8, (n, 1)) * normals
     size = float(np.clip(np.sqrt(2 * 2.2 * area / n / 0.7), 0.035, 0.14)) * rng.uniform(0.7, 1.3, n)
@@ -134,7 +134,7 @@ def _ground_cover(rng: np.random.Generator) -> Mesh:
 
 
 def _tuft(rng: np.random.Generator) -> Mesh:
-    """Return a tuft of long grass: blades that rise from one place and bow outwards, some with ears."""
+    """Return a tuft of long grass: blades from one root that bow outwards, some with ears."""
     height, spread = rng.uniform(0.45, 1.6), rng.uniform(0.25, 0.75)
     n = int(rng.integers(700, 1000))
     azimuth, lean = rng.uniform(0, 6.28, n), spread * np.sqrt(rng.random(n))
@@ -160,7 +160,7 @@ def _tuft(rng: np.random.Generator) -> Mesh:
 
 
 def _rosette(rng: np.random.Generator) -> Mesh:
-    """Return a rosette of thick, pointed leaves, as agaves and yuccas have."""
+    """Return a rosette of thick, pointed leaves, like those of agaves and yuccas."""
     n, reach = int(rng.integers(28, 60)), rng.uniform(0.4, 1.1)
     stem = rng.uniform(0.03, 0.5) if rng.random() < 0.4 else 0.03
     azimuth = 2.39996 * np.arange(n)

@@ -1,4 +1,4 @@
-"""Plates of traffic signs: every common shape, with a border, a field and a mark, drawn anew each time."""
+"""Plates of traffic signs: every common shape, with a drawn border, field and mark."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SHAPES = ("round", "triangle", "yield", "square", "rectangle", "octagon", "diamo
 Colour = tuple[float, float, float]
 
 _ORANGE: Colour = (0.6, 0.22, 0.03)
-# Border, field of each shape; a field of None leaves the border's colour over all.
+# Border, field of each shape; without a field (None) all has the border's colour.
 _COLOURS: dict[str, Sequence[tuple[Colour, Colour | None]]] = {
     "round": [(SIGN_RED, SIGN_WHITE), (SIGN_BLUE, None), (SIGN_RED, SIGN_BLUE), (SIGN_RED, SIGN_YELLOW)],
     "triangle": [(SIGN_RED, SIGN_WHITE), (SIGN_RED, SIGN_YELLOW)],
@@ -65,27 +65,10 @@ def _arrow(long: float, high: float, *, right: bool) -> NDArray[np.float64]:
 
 
 def sign_plate(rng: np.random.Generator, shape: str | None = None) -> tuple[Mesh, float]:
-    """Return the plate of a sign, its middle at the origin, looking along +x.
+    """Return the plate of a sign, its middle at the origin, facing +x, and half its height, metres.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its size, colours and mark, and of the shape where none is given.
-    shape : str, optional
-        One of `SHAPES`.
-
-    Returns
-    -------
-    plate : Mesh
-        0.6 to 0.9 m for round ones and octagons; what its mark leaves free is retro-reflective. Every face is
-        `traffic_sign`.
-    half : float
-        Half its height, metres.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such shape.
+    Without a `shape`, one of `SHAPES` is drawn. Round plates and octagons are 0.6 to 0.9 m wide. The plate is
+    retro-reflective beside its mark; every face is `traffic_sign`.
     """
     name = shape or str(rng.choice(SHAPES, p=[0.28, 0.15, 0.08, 0.12, 0.17, 0.06, 0.07, 0.07]))
     if name not in SHAPES:
@@ -109,7 +92,7 @@ def sign_plate(rng: np.random.Generator, shape: str | None = None) -> tuple[Mesh
 def _marks(
     rng: np.random.Generator, outline: NDArray[np.float64], middle: NDArray[np.float64], field: Colour
 ) -> list[Mesh]:
-    """Return bars and discs that stand for symbols and letters."""
+    """Return bars and discs in place of symbols and letters."""
     dark = tinted((0.04, 0.04, 0.045), "traffic_sign", 0.12, rng)
     mark = dark if sum(field) > 0.9 else retroreflective(SIGN_WHITE, "traffic_sign", rng)
     # The largest box about the middle that fits an outline is half as wide where it has three or four corners.
@@ -124,25 +107,10 @@ def _marks(
 
 
 def board(rng: np.random.Generator, width: float, height: float, colour: Colour, at: ArrayLike, yaw: float) -> Mesh:
-    """Return a direction board: a large plate with a border, lines of text and stiffeners behind.
+    """Return a direction board with its middle at `at`, facing `yaw` radians counter-clockwise from +x.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its sheeting and text.
-    width, height : float
-        Metres.
-    colour : tuple of float
-        Of its field, linear.
-    at : array-like of shape (3,)
-        Its middle, metres.
-    yaw : float
-        Where it looks, radians counter-clockwise from +x.
-
-    Returns
-    -------
-    Mesh
-        Every face is `traffic_sign`.
+    It has a border, lines of text and stiffeners behind; `colour` is that of its field, linear. Every face is
+    `traffic_sign`.
     """
     back = material("sign_back", "traffic_sign", rng)
     light = retroreflective(SIGN_WHITE, "traffic_sign", rng)
@@ -165,4 +133,4 @@ def board(rng: np.random.Generator, width: float, height: float, colour: Colour,
 
 
 BOARD_COLOURS: tuple[Colour, ...] = (SIGN_BLUE, SIGN_GREEN, SIGN_WHITE, SIGN_YELLOW)
-"""Fields that direction boards have."""
+"""Colours of the fields of direction boards."""

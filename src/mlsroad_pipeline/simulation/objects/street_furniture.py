@@ -1,6 +1,6 @@
-"""What stands about: benches, bollards, hydrants, racks, planters, columns, and the bins and boxes of `bins`.
+"""Street furniture: benches, bollards, hydrants, racks, planters, columns, and the bins and boxes of `bins`.
 
-Fronts look along +x, so that what is long lies along y, the street.
+Fronts face +x; long sides are along y, the street.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from mlsroad_pipeline.simulation.objects.parts import (
 
 
 def _bench(rng: np.random.Generator) -> Mesh:
-    """A bench of slats on two or three frames, with or without back and arm rests."""
+    """Return a bench of slats on two or three frames, with or without back and arm rests."""
     slat, leg = material("wood", "bench", rng), material("painted_metal", "bench", rng)
     length, height = rng.uniform(1.2, 2.2), rng.uniform(0.41, 0.49)
     wide, n = rng.uniform(0.06, 0.11), int(rng.integers(3, 6))
@@ -57,7 +57,7 @@ def _bench(rng: np.random.Generator) -> Mesh:
 
 
 def _block_bench(rng: np.random.Generator) -> Mesh:
-    """A block of concrete or stone, straight or bent along a curve."""
+    """Return a block of concrete or stone, straight or curved."""
     stone = material(str(rng.choice(["concrete", "stone"])), "bench", rng)
     length, deep, height = rng.uniform(1.3, 2.4), rng.uniform(0.4, 0.6), rng.uniform(0.4, 0.5)
     f, bow = np.linspace(-0.5, 0.5, 5), rng.choice([0.0, rng.uniform(0.05, 0.25)])
@@ -71,7 +71,7 @@ def _block_bench(rng: np.random.Generator) -> Mesh:
 
 
 def _metal_seats(rng: np.random.Generator) -> Mesh:
-    """Two to four seats of sheet metal on a rail."""
+    """Return two to four seats of sheet metal on a rail."""
     metal, skin = material("galvanised", "bench", rng), cloth("bench", rng)
     n, pitch = int(rng.integers(2, 5)), rng.uniform(0.5, 0.6)
     ys = (np.arange(n) - (n - 1) / 2) * pitch
@@ -90,7 +90,7 @@ def _metal_seats(rng: np.random.Generator) -> Mesh:
 
 
 def _bollard(rng: np.random.Generator) -> Mesh:
-    """A bollard of steel, iron, wood or concrete, its head flat, domed or a ball, with or without bands."""
+    """Return a bollard of steel, iron, wood or concrete, its head flat, domed or a ball, with or without bands."""
     skin = material(str(rng.choice(["concrete", "painted_metal", "galvanised", "wood"])), "bollard", rng)
     radius, height, kind = rng.uniform(0.04, 0.13), rng.uniform(0.55, 1.1), int(rng.integers(4))
     taper, sides = rng.uniform(0.7, 1.0), int(rng.choice([4, 6, 8, 12]))
@@ -113,12 +113,12 @@ def _bollard(rng: np.random.Generator) -> Mesh:
 
 
 def _bands(rng: np.random.Generator) -> tuple[float, ...]:
-    """Return at which shares of the height a bollard has reflecting bands."""
+    """Return the shares of the height of a bollard's reflecting bands."""
     return ((), (0.8,), (0.68, 0.86))[int(rng.choice(3, p=[0.4, 0.35, 0.25]))]
 
 
 def _flexible_post(rng: np.random.Generator) -> Mesh:
-    """A slim plastic post between lanes with reflecting bands."""
+    """Return a slim plastic post between lanes with reflecting bands."""
     skin = tinted((0.55, 0.12, 0.03) if rng.random() < 0.6 else (0.05, 0.2, 0.08), "bollard", 0.35, rng)
     radius, height = rng.uniform(0.03, 0.05), rng.uniform(0.7, 1.1)
     foot = rng.uniform(0.09, 0.13)
@@ -134,7 +134,7 @@ def _flexible_post(rng: np.random.Generator) -> Mesh:
 
 
 def _hydrant(rng: np.random.Generator) -> Mesh:
-    """A hydrant with bonnet, flanges, two hose outlets and one for the pump."""
+    """Return a hydrant with bonnet, flanges, two hose outlets and one for the pump."""
     colour = [SIGN_RED, SIGN_YELLOW, (0.05, 0.15, 0.45), (0.5, 0.5, 0.5)][int(rng.choice(4, p=[0.5, 0.3, 0.1, 0.1]))]
     skin, cap = tinted(colour, "hydrant", 0.35, rng), tinted((0.45, 0.46, 0.47), "hydrant", 0.4, rng, spread=0.4)
     height, radius = rng.uniform(0.58, 0.88), rng.uniform(0.085, 0.115)
@@ -152,7 +152,7 @@ def _hydrant(rng: np.random.Generator) -> Mesh:
 
 
 def _pillar_hydrant(rng: np.random.Generator) -> Mesh:
-    """A slim tall hydrant with two outlets below its head."""
+    """Return a slim tall hydrant with two outlets below its head."""
     skin = tinted(SIGN_RED if rng.random() < 0.7 else (0.03, 0.1, 0.35), "hydrant", 0.35, rng)
     metal = tinted((0.5, 0.5, 0.5), "hydrant", 0.4, rng)
     height, r = rng.uniform(0.85, 1.2), rng.uniform(0.07, 0.1)
@@ -166,7 +166,7 @@ def _pillar_hydrant(rng: np.random.Generator) -> Mesh:
 
 
 def _cycle_rack(rng: np.random.Generator) -> Mesh:
-    """Two to five hoops side by side along y, round, square or slanting; bicycles lean between them."""
+    """Return two to five hoops side by side along y, round, square or slanting."""
     metal = material("galvanised" if rng.random() < 0.6 else "painted_metal", "other_object", rng)
     n, pitch, radius = int(rng.integers(2, 6)), rng.uniform(0.75, 1.05), rng.uniform(0.018, 0.03)
     half, height, lean = rng.uniform(0.3, 0.45), rng.uniform(0.7, 0.95), rng.normal(0, 0.06)
@@ -180,7 +180,7 @@ def _cycle_rack(rng: np.random.Generator) -> Mesh:
 
 
 def _planter(rng: np.random.Generator) -> Mesh:
-    """A tub of concrete, wood or steel with soil and a low plant; what grows in it is labelled as such."""
+    """Return a tub of concrete, wood or steel with soil and a low plant that has its own label."""
     skin = material(str(rng.choice(["concrete", "wood", "painted_metal", "stone"])), "other_object", rng)
     wide, long, height = rng.uniform([0.45, 0.45, 0.4], [0.9, 1.8, 0.8])
     round_one = rng.random() < 0.35
@@ -207,7 +207,7 @@ def _planter(rng: np.random.Generator) -> Mesh:
 
 
 def _advertising_column(rng: np.random.Generator) -> Mesh:
-    """A round column for posters under a cap."""
+    """Return a round column for posters under a cap."""
     base, metal = material("concrete", "other_object", rng), material("painted_metal", "other_object", rng)
     radius, height = rng.uniform(0.45, 0.72), rng.uniform(2.4, 3.5)
     foot, cap = rng.uniform(0.2, 0.5), rng.uniform(0.2, 0.6)
@@ -225,7 +225,7 @@ def _advertising_column(rng: np.random.Generator) -> Mesh:
 
 
 def _poster_case(rng: np.random.Generator) -> Mesh:
-    """A lit case for posters on one or two feet."""
+    """Return a lit case for posters on one or two feet."""
     metal = material("painted_metal", "other_object", rng)
     width, tall, deep = rng.uniform(1.1, 1.4), rng.uniform(1.6, 2.0), rng.uniform(0.12, 0.25)
     low = rng.uniform(0.3, 0.8)
@@ -242,7 +242,7 @@ def _poster_case(rng: np.random.Generator) -> Mesh:
 
 
 def _cone(rng: np.random.Generator) -> Mesh:
-    """A traffic cone."""
+    """Return a traffic cone."""
     skin, band = tinted((0.6, 0.13, 0.02), "other_object", 0.4, rng), retroreflective(SIGN_WHITE, "other_object", rng)
     height, r = rng.uniform(0.45, 0.95), rng.uniform(0.12, 0.17)
     parts = [box([2.5 * r, 2.5 * r, 0.04], [0, 0, 0.02], skin), lathe([[r, 0.04], [0.02, height], [0, height]], skin)]

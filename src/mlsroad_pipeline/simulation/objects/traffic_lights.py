@@ -1,6 +1,6 @@
-"""Traffic lights: the road is along +x, where mast arms reach and signals for those who walk look.
+"""Traffic lights: the road is along +x; mast arms and pedestrian signals point there.
 
-Signals for vehicles look along +y, towards those who come on that side of the road where traffic keeps right.
+Signals for vehicles face +y, towards the traffic on that side of the road in right-hand traffic.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def _visor(radius: float, length: float, surface: Surface) -> Mesh:
 
 
 def _head(rng: np.random.Generator, housing: Surface, *, lenses: int, size: float) -> Mesh:
-    """Return a signal head with lenses one above the other, its middle at the origin, looking along +x."""
+    """Return a signal head with lenses one above the other, its middle at the origin, facing +x."""
     pitch = 1.18 * size
     tall = lenses * pitch
     parts = [box([0.55 * size, 1.12 * size, tall], [-0.28 * size, 0, 0], housing, taper=rng.uniform(0.95, 1.0))]
@@ -44,7 +44,7 @@ def _head(rng: np.random.Generator, housing: Surface, *, lenses: int, size: floa
 
 
 def _framed(rng: np.random.Generator, housing: Surface, *, lying: bool = False) -> Mesh:
-    """Return a vehicle signal, some with a target board, some lying."""
+    """Return a vehicle signal, some with a target board, some horizontal."""
     head = _head(rng, housing, lenses=3, size=float(rng.choice([0.21, 0.3])) * rng.uniform(0.95, 1.05))
     if rng.random() < 0.35:
         low, high = head.vertices.min(axis=0), head.vertices.max(axis=0)
@@ -65,7 +65,7 @@ def _pedestrian_head(rng: np.random.Generator, housing: Surface) -> Mesh:
 
 
 def _side_head(rng: np.random.Generator, radius: float, z: float, yaw: float, housing: Surface, head: Mesh) -> Mesh:
-    """Return a head held beside the mast by two brackets."""
+    """Return a head on two brackets beside the mast."""
     out, aside = radius + rng.uniform(0.15, 0.25), float(rng.choice([-1, 1])) * rng.uniform(0.0, 0.12)
     parts = [head.moved([out, aside, z])]
     half = 0.4 * float(np.ptp(head.vertices[:, 2]))
@@ -74,14 +74,14 @@ def _side_head(rng: np.random.Generator, radius: float, z: float, yaw: float, ho
 
 
 def _post_signal(rng: np.random.Generator) -> Mesh:
-    """A vehicle signal on a post, often with one for those who walk."""
+    """Return a vehicle signal on a post, often with one for pedestrians."""
     skin, housing = metal("traffic_light", rng), tinted((0.03, 0.035, 0.03), "traffic_light", 0.15, rng, spread=0.4)
     height, radius = rng.uniform(2.8, 3.9), rng.uniform(0.045, 0.08)
     parts = [mast(rng, height, radius, skin)]
     head = _framed(rng, housing)
     level = height - 0.5 * float(np.ptp(head.vertices[:, 2]))
     parts.append(_side_head(rng, radius, level, np.pi / 2, housing, head))
-    if rng.random() < 0.35:  # another for those who turn, or who come from the other side
+    if rng.random() < 0.35:  # another for turning or opposite traffic
         yaw = float(rng.choice([-np.pi / 2, np.pi])) + rng.normal(0, 0.1)
         parts.append(_side_head(rng, radius, level - rng.uniform(0.0, 0.3), yaw, housing, _framed(rng, housing)))
     if rng.random() < 0.5:
@@ -95,7 +95,7 @@ def _post_signal(rng: np.random.Generator) -> Mesh:
 
 
 def _lit_mast(rng: np.random.Generator, height: float, radius: float, skin: Surface) -> list[Mesh]:
-    """Return a mast that rises above its signals to a street lamp, which is labelled as such."""
+    """Return a mast that extends above its signals to a street lamp, which has its own label."""
     top, reach, rise = height + rng.uniform(1.2, 3.0), rng.uniform(0.6, 2.2), rng.uniform(0.05, 0.5)
     steel, start = metal("light_pole", rng), np.array([0, 0, top - 0.1])
     head = luminaire(rng, start + np.array([reach, 0, rise]), steel, pitch=rng.uniform(0, 0.15))
@@ -103,7 +103,7 @@ def _lit_mast(rng: np.random.Generator, height: float, radius: float, skin: Surf
 
 
 def _mast_arm(rng: np.random.Generator) -> Mesh:
-    """Heads along an arm over the road, one more on the mast, now and then signs between them or a lamp above."""
+    """Return heads along an arm over the road and one on the mast, sometimes with signs or a lamp."""
     skin, housing = metal("traffic_light", rng), tinted((0.03, 0.035, 0.03), "traffic_light", 0.15, rng, spread=0.4)
     height, reach = rng.uniform(5.6, 7.2), rng.uniform(3.0, 8.0)
     radius, rise = 0.07 + 0.009 * reach + rng.uniform(0.0, 0.04), rng.uniform(0.0, 0.6)
@@ -138,7 +138,7 @@ def _mast_arm(rng: np.random.Generator) -> Mesh:
 
 
 def _pedestrian_signal(rng: np.random.Generator) -> Mesh:
-    """A low post with a signal of two lenses that looks across the road, now and then another that looks along it."""
+    """Return a low post with a signal of two lenses that faces the road, sometimes with another along it."""
     skin, housing = metal("traffic_light", rng), tinted((0.03, 0.035, 0.03), "traffic_light", 0.15, rng, spread=0.4)
     height, radius = rng.uniform(2.6, 3.4), rng.uniform(0.042, 0.072)
     parts = [mast(rng, height, radius, skin), _button(rng, radius)]

@@ -1,4 +1,4 @@
-"""Traffic signs: plates on posts of their own, fronts along +x, lower edges mostly 2.0 to 2.5 m above the ground."""
+"""Traffic signs: plates on their own posts, fronts along +x, lower edges mostly 2.0 to 2.5 m above the ground."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from mlsroad_pipeline.simulation.objects.sign_plates import BOARD_COLOURS, board
 
 
 def _post(rng: np.random.Generator, height: float, metal: Surface, y: float = 0.0) -> tuple[list[Mesh], float]:
-    """Return a post, a tube or a channel, and how far its front is from its axis."""
+    """Return a post, a tube or a channel, and the distance of its front from its axis."""
     if rng.random() < 0.8:
         radius = rng.uniform(0.024, 0.045)
         parts = [tube([[0, y, -UNDERGROUND], [0, y, height]], radius, metal, sides=8)]
@@ -55,7 +55,7 @@ def _single(rng: np.random.Generator, *, shape: str) -> Mesh:
 
 
 def _several_plates(rng: np.random.Generator) -> Mesh:
-    """Two or three plates one above the other, now and then some that look back."""
+    """Return two or three plates one above the other, some of which face backwards."""
     metal = material("galvanised", "traffic_sign", rng)
     top, level = rng.uniform(2.0, 2.4), []
     for k in range(int(rng.choice([2, 3], p=[0.7, 0.3]))):
@@ -73,7 +73,7 @@ def _several_plates(rng: np.random.Generator) -> Mesh:
 
 
 def _two_posts(rng: np.random.Generator) -> Mesh:
-    """A direction board on two posts."""
+    """Return a direction board on two posts."""
     metal = material("galvanised", "traffic_sign", rng)
     width, tall, bottom = rng.uniform(1.2, 3.0), rng.uniform(0.5, 1.6), rng.uniform(1.2, 2.3)
     colour = BOARD_COLOURS[int(rng.integers(len(BOARD_COLOURS)))]
@@ -86,7 +86,7 @@ def _two_posts(rng: np.random.Generator) -> Mesh:
 
 
 def _street_names(rng: np.random.Generator) -> Mesh:
-    """Blades with street names, crossed on one post, read from both sides."""
+    """Return blades with street names, crossed on one post, legible from both sides."""
     metal = material("galvanised", "traffic_sign", rng)
     colour = [SIGN_BLUE, SIGN_GREEN, SIGN_WHITE][int(rng.integers(3))]
     height = rng.uniform(2.3, 3.1)
@@ -102,7 +102,7 @@ def _street_names(rng: np.random.Generator) -> Mesh:
 
 
 def _chevron(rng: np.random.Generator) -> Mesh:
-    """A low board with stripes that warns of a bend, an island or road works."""
+    """Return a low board with stripes for a bend, an island or road works."""
     metal = material("galvanised", "traffic_sign", rng)
     width, tall, bottom = rng.uniform(0.25, 0.6), rng.uniform(0.5, 1.0), rng.uniform(0.25, 1.2)
     parts, radius = _post(rng, bottom + tall, metal)

@@ -33,7 +33,7 @@ _LABEL = "truck"
 def _cab(
     rng: np.random.Generator, front: float, half: float, height: float, *, bonnet: float
 ) -> tuple[list[Mesh], float]:
-    """Return a driver's cab without wheels whose nose is at `front`, and the x of its rear wall."""
+    """Return a driver's cab without wheels with its nose at `front`, and the x of its rear wall."""
     deep = rng.uniform(1.5, 2.1) + bonnet
     rear, clear = front - deep, rng.uniform(0.38, 0.5)
     belt = min(rng.uniform(1.35, 1.6), 0.68 * height)
@@ -60,7 +60,7 @@ def _cab(
 def _running_gear(
     rng: np.random.Generator, axles: Sequence[float], steered: float, half: float, radius: float
 ) -> list[Mesh]:
-    """Return frame rails and wheels; all but the steered axle carry twin tyres."""
+    """Return frame rails and wheels; all but the steered axle have twin tyres."""
     tyre, rim = material("rubber", _LABEL, rng), material("aluminium", _LABEL, rng)
     dark = tinted((0.04, 0.04, 0.04), _LABEL, 0.15, rng)
     parts, turn = [], rng.normal(0, 0.06)
@@ -93,7 +93,7 @@ def _frame(rng: np.random.Generator, span: tuple[float, float], z: float, half: 
 
 
 def _contour(rng: np.random.Generator, span: tuple[float, float], half: float, z: float) -> list[Mesh]:
-    """Return the reflecting tape along the lower edges of a body's sides, as lorries must carry."""
+    """Return the prescribed reflecting tape along the lower edges of a lorry's sides."""
     tape = retroreflective(SIGN_WHITE if rng.random() < 0.5 else SIGN_YELLOW, _LABEL, rng)
     length, middle = span[1] - span[0], (span[0] + span[1]) / 2
     return [box([0.96 * length, 0.006, 0.06], [middle, y, z], tape) for y in (-half - 0.003, half + 0.003)]
@@ -181,7 +181,7 @@ def tipper_truck(rng: np.random.Generator) -> Mesh:
 
 
 def _trailer(rng: np.random.Generator, span: tuple[float, float], half: float, floor: float) -> list[Mesh]:
-    """Return what a semi-trailer carries: a curtain-sided box, a tank, or a container."""
+    """Return the load of a semi-trailer: a curtain-sided box, a tank, or a container."""
     length, middle = span[1] - span[0], (span[0] + span[1]) / 2
     kind = int(rng.choice(3, p=[0.55, 0.2, 0.25]))
     if kind == 0:
@@ -205,7 +205,7 @@ def _trailer(rng: np.random.Generator, span: tuple[float, float], half: float, f
 
 
 def articulated_lorry(rng: np.random.Generator) -> Mesh:
-    """Return a tractor with a semi-trailer, a little bent where they join."""
+    """Return a tractor with a semi-trailer, slightly bent at the joint."""
     half, length = 1.25, rng.uniform(14.0, 16.5)
     rear, front, radius, floor = -length / 2, length / 2, 0.5, rng.uniform(1.1, 1.25)
     parts, wall = _cab(rng, front, half * 0.99, rng.uniform(2.9, 3.8), bonnet=0.0)

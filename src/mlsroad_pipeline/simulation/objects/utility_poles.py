@@ -1,6 +1,6 @@
-"""Utility poles: cross-arms along x, so that wires run along y; every pole holds the same number of wires.
+"""Utility poles: cross-arms along x, so that wires run along y; every pole has the same number of wires.
 
-Poles are 7.5 to 12 m high and 0.2 to 0.4 m thick at the ground, as low and medium voltage lines have them.
+Poles are 7.5 to 12 m high and 0.2 to 0.4 m thick at the ground, as in low and medium voltage lines.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mlsroad_pipeline.simulation.objects.parts import UNDERGROUND, lathe, leaned
 from mlsroad_pipeline.simulation.objects.sign_plates import sign_plate
 
 WIRES = 6
-"""Wires that every pole holds: four conductors, a bundle of low voltage, a telephone cable."""
+"""Wires of each pole: four conductors, a low-voltage bundle, a telephone cable."""
 
 Hung = tuple[Mesh, NDArray[np.float64]]
 
@@ -88,7 +88,7 @@ def _cross_arm(
 
 
 def _low_lines(rng: np.random.Generator, height: float, radius: float) -> tuple[list[Mesh], list[NDArray[np.float64]]]:
-    """Return the clamps of the low-voltage bundle and of the telephone cable on the road's side."""
+    """Return the clamps of the low-voltage bundle and of the telephone cable on the road side."""
     metal = material("galvanised", "utility_pole", rng)
     parts, points = [], []
     for below in (rng.uniform(1.6, 2.2), rng.uniform(2.6, 3.4)):
@@ -153,7 +153,7 @@ def _transformer(rng: np.random.Generator, height: float, radius: float) -> list
 
 
 def _street_lamp(rng: np.random.Generator, height: float, radius: float) -> list[Mesh]:
-    """Return an arm with a luminaire, labelled as the lamp that it is."""
+    """Return an arm with a luminaire, which has its own label."""
     steel = material("galvanised", "light_pole", rng)
     start, reach = np.array([0.7 * radius, 0, height * rng.uniform(0.55, 0.75)]), rng.uniform(0.8, 2.2)
     rise = rng.uniform(0.1, 0.6)
@@ -162,7 +162,7 @@ def _street_lamp(rng: np.random.Generator, height: float, radius: float) -> list
 
 
 def _rack_pole(rng: np.random.Generator) -> Hung:
-    """A low-voltage pole: four conductors one above the other on spools at its side."""
+    """Return a low-voltage pole: four conductors one above the other on spools at its side."""
     parts, height, radius, _ = _shaft(rng, str(rng.choice(["wood", "concrete", "steel"])))
     ceramic = tinted((0.5, 0.48, 0.45), "utility_pole", 0.4, rng, spread=0.3)
     metal = material("galvanised", "utility_pole", rng)
@@ -182,7 +182,7 @@ def _rack_pole(rng: np.random.Generator) -> Hung:
 
 
 def _concrete_pole(rng: np.random.Generator) -> Hung:
-    """Three conductors on brackets in a triangle and an earth wire on the tip."""
+    """Return a pole with three conductors on brackets in a triangle and an earth wire on the tip."""
     parts, height, radius, _ = _shaft(rng, "concrete" if rng.random() < 0.7 else "steel")
     metal = material("galvanised", "utility_pole", rng)
     ceramic = tinted((0.4, 0.4, 0.42), "utility_pole", 0.35, rng, spread=0.4)
@@ -212,27 +212,10 @@ _WEIGHTS = {"transformer_pole": 0.4, "utility_pole_with_lamp": 0.6}
 
 
 def hung_pole(name: str, rng: np.random.Generator) -> Hung:
-    """Return a pole and where its wires hang, as `DESIGNS` builds it from the same stream.
+    """Return a pole, as the design of a name builds it from the same stream, and the attachment points of its wires.
 
-    Parameters
-    ----------
-    name : str
-        Name of one of `DESIGNS`.
-    rng : numpy.random.Generator
-        Source of its measures and colours.
-
-    Returns
-    -------
-    pole : Mesh
-        The pole.
-    points : ndarray of shape (WIRES, 3), float64
-        Four conductors by their x, the bundle of low voltage, the telephone cable; the k-th wire runs from the k-th
-        point of a pole to the k-th of the next one, of whatever design, metres.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such design.
+    The points, (WIRES, 3) metres, are four conductors by their x, the bundle of low voltage, and the telephone cable.
+    The k-th wire runs from the k-th point of a pole to the k-th of the next one, of whatever design.
     """
     if name not in _HUNG:
         raise ParameterError(f"utility pole must be one of {', '.join(_HUNG)}, got {name!r}")

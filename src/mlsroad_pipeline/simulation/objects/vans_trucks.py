@@ -39,7 +39,7 @@ def _cockpit(rng: np.random.Generator, label: str, dash: float, belt: float, flo
 
 
 def _van(rng: np.random.Generator, *, glazed: bool) -> Mesh:
-    """A delivery van, from a high roof to a box behind the seats of a small one, or one with windows all round."""
+    """Return a delivery van, with a high roof or small with a box behind the seats, or one with windows all round."""
     size = rng.random()  # from the smallest to the largest
     length, width = 4.2 + 2.3 * size + rng.normal(0, 0.1), 1.76 + 0.26 * size + rng.normal(0, 0.02)
     height = 1.8 + 0.85 * size * rng.uniform(0.5, 1.1) + rng.normal(0, 0.03)
@@ -97,7 +97,7 @@ def _ladder(rng: np.random.Generator, body: Body, span: tuple[float, float], hei
 
 
 def _pickup(rng: np.random.Generator) -> Mesh:
-    """A pick-up with one or two rows of seats and an open, covered or loaded bed."""
+    """Return a pick-up with one or two rows of seats and an open, covered or loaded bed."""
     length, half = rng.uniform(4.9, 5.8), rng.uniform(0.88, 1.0)
     height, clear, radius = rng.uniform(1.72, 1.95), rng.uniform(0.24, 0.32), rng.uniform(0.36, 0.42)
     rear, front = -length / 2, length / 2

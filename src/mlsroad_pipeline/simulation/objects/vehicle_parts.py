@@ -1,4 +1,4 @@
-"""What every vehicle has besides its body: wheels, lamps, licence plates, mirrors, seats, a steering wheel."""
+"""Parts that all vehicles have: wheels, lamps, licence plates, mirrors, seats, a steering wheel."""
 
 from __future__ import annotations
 
@@ -21,24 +21,9 @@ from mlsroad_pipeline.simulation.objects.parts import lathe, tinted
 
 
 def wheel(rng: np.random.Generator, radius: float, width: float, tyre: Surface, rim: Surface) -> Mesh:
-    """Return a wheel about the origin, its outer side towards +y.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of the shape of the rim.
-    radius, width : float
-        Metres.
-    tyre, rim : Surface
-        What it is made of.
-
-    Returns
-    -------
-    Mesh
-        About 90 faces.
-    """
+    """Return a wheel of about 90 faces about the origin, its outer side towards +y; radius and width in metres."""
     hub = rng.uniform(0.56, 0.7)
-    tread = [[1.0, -0.45], [1.0, 0.36], [hub, 0.5]]  # open towards the axle, where nobody looks
+    tread = [[1.0, -0.45], [1.0, 0.36], [hub, 0.5]]  # open towards the axle, which is out of view
     disc = [[hub, rng.uniform(0.2, 0.45)], [0.2, rng.uniform(0.1, 0.5)], [0.0, 0.35]]
     scale = np.array([radius, width])
     parts = [lathe(np.array(tread) * scale, tyre, sides=16), lathe(np.array(disc) * scale, rim, sides=10)]
@@ -46,26 +31,7 @@ def wheel(rng: np.random.Generator, radius: float, width: float, tyre: Surface, 
 
 
 def wheels(rng: np.random.Generator, body: Body, label: str, *, width: float, steered: float = 0.0) -> list[Mesh]:
-    """Return the wheels of a body.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of the rims.
-    body : Body
-        The body; its last axle is the steered one.
-    label : str
-        Taxonomy class.
-    width : float
-        Of a tyre, metres.
-    steered : float, default 0
-        By how much the front wheels are turned, radians.
-
-    Returns
-    -------
-    list of Mesh
-        Two per axle.
-    """
+    """Return the wheels of a body, two per axle, with tyres of a `width`; front wheels turned by `steered` rad."""
     tyre = material("rubber", label, rng)
     one = wheel(rng, body.radius, width, tyre, material("aluminium", label, rng))
     out = body.half - width / 2 - 0.02
@@ -80,25 +46,10 @@ def wheels(rng: np.random.Generator, body: Body, label: str, *, width: float, st
 def lamps(
     rng: np.random.Generator, body: Body, label: str, *, front: float | None, rear: float | None, upright: bool = False
 ) -> list[Mesh]:  # fmt: skip
-    """Return head lamps, tail lamps with their reflectors, and licence plates.
+    """Return head lamps, tail lamps with reflectors, and licence plates.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of their measures.
-    body : Body
-        The body.
-    label : str
-        Taxonomy class.
-    front, rear : float or None
-        Heights of the lamps, metres; None for an end without lamps and plate.
-    upright : bool, default False
-        Whether the tail lamps are higher than wide.
-
-    Returns
-    -------
-    list of Mesh
-        Plates and reflectors are retro-reflective.
+    `front` and `rear` are the heights of the lamps in metres, None for an end without lamps and plate; `upright` tail
+    lamps are higher than wide. Plates and reflectors are retro-reflective.
     """
     ends = np.array([body.top[0][0], body.top[-1][0]])
     w = body.half_width(ends)
@@ -122,26 +73,7 @@ def lamps(
 
 
 def mirrors(rng: np.random.Generator, body: Body, x: float, z: float, size: float, paint: Surface) -> list[Mesh]:
-    """Return outside mirrors.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of their measures.
-    body : Body
-        The body.
-    x, z : float
-        Where they are, metres.
-    size : float
-        Half of their height, metres.
-    paint : Surface
-        What they are made of.
-
-    Returns
-    -------
-    list of Mesh
-        Two, each on its foot.
-    """
+    """Return two outside mirrors on their feet; `size` is half their height, metres."""
     out = body.half + rng.uniform(0.04, 0.09)
     radii = [0.55 * size, rng.uniform(0.09, 0.12), size]
     meshes = []
@@ -154,25 +86,9 @@ def mirrors(rng: np.random.Generator, body: Body, x: float, z: float, size: floa
 def seats(
     label: str, rng: np.random.Generator, xs: Sequence[float], ys: Sequence[float], z: float, tall: float
 ) -> list[Mesh]:
-    """Return seats: cushion, back and head rest each.
+    """Return seats (cushion, back and head rest) in rows `xs` at places `ys`.
 
-    Parameters
-    ----------
-    label : str
-        Taxonomy class.
-    rng : numpy.random.Generator
-        Source of their colour and tilt.
-    xs, ys : sequence of float
-        Rows, and places in a row, metres.
-    z : float
-        Height of the cushions, metres.
-    tall : float
-        Height of the backs with head rests above them, metres.
-
-    Returns
-    -------
-    list of Mesh
-        One per seat.
+    `z` is the height of the cushions, `tall` that of the backs with head rests above them, metres.
     """
     cover = material("seat", label, rng)
     tilt = rng.uniform(0.1, 0.35)

@@ -1,4 +1,4 @@
-"""Laser scanners and how they are mounted."""
+"""Laser scanners and their mounting."""
 
 from __future__ import annotations
 
@@ -28,52 +28,51 @@ class Device:
     Parameters
     ----------
     pulse_rate : float
-        Pulses per second, all beams together, while the head looks into `field`.
+        Pulses per second of all beams together, while the head is within `field`.
     profile_rate : float
         Revolutions per second.
     lever : tuple of float, default (0.0, 0.0, 0.0)
-        Place on the vehicle, metres from the origin of its frame.
+        Position on the vehicle, metres from the origin of its frame.
     yaw, pitch, roll : float, default 0.0
         Mounting Rz(yaw) Ry(pitch) Rx(roll), degrees.
     elevations : tuple of float, default (0.0,)
-        Elevation of each beam out of the plane of rotation, degrees; beams fire in turn.
+        Elevation of each beam out of the plane of rotation, degrees; beams fire cyclically.
     field : tuple of float, default (-180.0, 180.0)
-        First and last angle of the head at which it measures, degrees.
+        First and last angle of the head at which it emits, degrees.
     divergence : float, default 0.0003
         Full angle of the beam, radians. Larger mixes more surfaces at edges.
     range_noise : float, default 0.005
         Precision: standard deviation of a strong return's range, metres.
     accuracy : float, default 0.008
-        How far ranges may be off as a whole, metres; half of it is the standard deviation of the device's bias.
+        Bound on the systematic error of ranges, metres; half of it is the standard deviation of the device's bias.
     range_step : float, default 0.0
-        Ranges are multiples of this, metres; 0 is continuous.
+        Quantisation of ranges, metres; 0 is continuous.
     min_range, max_range : float, default 1.2, 120.0
-        Ranges that are recorded, metres.
+        Bounds of the recorded ranges, metres.
     max_returns : int, default 5
-        Returns kept per pulse, 1 to 8, the strongest ones.
+        Number of returns kept per pulse, the strongest ones, 1 to 8.
     pulse_length : float, default 0.6
-        Surfaces nearer to each other than this along one pulse mix into one return, metres.
+        Distance along one pulse below which surfaces mix into one return, metres.
     sensitivity : float, default 0.0
-        Decibels above or below a receiver that sees a surface of 10 % at some 140 m.
+        Decibels above or below a receiver that detects a reflectivity of 10 % at some 140 m.
     blooming : float, default 0.0
-        Angle to which the glare of saturated returns spreads along a profile, radians.
+        Angle along a profile over which saturated returns bloom, radians.
     corrected : bool, default False
-        Whether intensity is reflectance, freed from the range, instead of amplitude.
+        Whether intensity is range-corrected reflectance instead of amplitude.
     intensity_scale : tuple of float or None, default None
-        Amplitudes that are recorded as intensity 0 and 1, decibels, linear in between; what the device really received,
-        its sensitivity and its power included. None is 0 and 50, as an ideal receiver at full power would have it.
+        Amplitudes recorded as intensity 0 and 1, decibels, linear in between: as received, with the effects of
+        sensitivity and power. None is 0 and 50 for an ideal receiver at full power.
     power_control : float, default 0.0
-        Most by which a beam's power is turned down while its returns are strong, decibels; 0 is a fixed power.
+        Largest reduction of a beam's power while its returns are strong, decibels; 0 is a fixed power.
     power_target : float, default 13.0
-        Amplitude that the control keeps, decibels. Higher wastes power, lower loses dark things beside bright ones.
+        Target amplitude of the control, decibels. Lower values lose dark surfaces beside bright ones.
     power_memory : int, default 64
-        Returns of a beam over which the control averages. Fewer even out what beams meet, and with it what tells
-        materials apart.
+        Number of a beam's returns over which the control averages. Fewer level out the contrast between materials.
     turf_gain : float, default 0.0
-        Decibels by which grass sends back more than rough ground of the same reflectivity: its blades stand across a
-        beam that comes low, and living leaves are brighter near 905 nm than near 1550 nm.
+        Backscatter of grass above that of rough ground of the same reflectivity, decibels: its blades face low beams,
+        and living leaves are brighter near 905 nm than near 1550 nm.
     gain_spread : float, default 0.0
-        Standard deviation, from beam to beam, of what calibration leaves of their gains in the intensity, decibels.
+        Standard deviation of the beams' residual gains in the intensity, decibels.
 
     Raises
     ------
@@ -162,13 +161,13 @@ class ScannerSystem:
     Parameters
     ----------
     name : str
-        What it is called.
+        Name of the system.
     devices : tuple of Device
-        One to eight scanners; their order is their number in the column `scanner`.
+        One to eight scanners; their index is the column `scanner`.
     platform : float, default 2.35
         Height of the vehicle's frame above the road, metres.
     body : tuple of float, default (-0.05, 5.0, -1.0, 1.0)
-        The vehicle below its frame, which hides what is behind it: from, to along x; from, to along y; metres.
+        Bounds of the vehicle, which occludes rays, below its frame: from, to along x; from, to along y; metres.
 
     Raises
     ------
@@ -198,7 +197,7 @@ class ScannerSystem:
         Parameters
         ----------
         **changes : float or None
-            Fields of `Device`; None leaves a field as it is.
+            Fields of `Device`; None leaves a field unchanged.
 
         Returns
         -------
@@ -210,8 +209,8 @@ class ScannerSystem:
         ParameterError
             If a value is outside its domain.
         """
-        given: dict[str, Any] = {name: value for name, value in changes.items() if value is not None}
-        return replace(self, devices=tuple(replace(device, **given) for device in self.devices)) if given else self
+        fields: dict[str, Any] = {name: value for name, value in changes.items() if value is not None}
+        return replace(self, devices=tuple(replace(device, **fields) for device in self.devices)) if fields else self
 
 
 def _floats(values: Any, name: str, size: int | None) -> tuple[float, ...]:

@@ -1,4 +1,4 @@
-"""Known laser scanners, and how to describe another one in configuration."""
+"""Known laser scanners, and scanners from configuration."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _vmq1ha() -> ScannerSystem:
 def _hdl64() -> ScannerSystem:
     # HDL-64E: 32 beams a third of a degree apart above 32 half a degree apart, 10 Hz, some 1.33 million pulses/s, 50 m
     # at a reflectivity of 10 %. Each laser's power follows its returns in eight steps (the maker's manual); target,
-    # memory, scale of intensity and noise are as two thirds of a recorded scan show them (docs/realism.md).
+    # memory, scale of intensity and noise are fitted to two thirds of a recorded scan (docs/realism.md).
     elevations = (*np.linspace(2.0, -8.33, 32), *np.linspace(-8.83, -24.8, 32))
     device = Device(
         1.333e6, 10.0, (0.0, 0.0, 0.63), pitch=-90.0, elevations=elevations, divergence=0.002, range_noise=0.007,
@@ -53,8 +53,8 @@ def _sick_side() -> ScannerSystem:
 
 
 def _oakland() -> ScannerSystem:
-    # One LMS 291 that looks left, as the scan lines of the Oakland recordings show it (docs/realism.md): half a degree,
-    # 1.85 m above the road, from 12 degrees off the nadir upwards, asphalt seen as far as it is free, some 19 m.
+    # One LMS 291 to the left, as fitted to the scan lines of the Oakland recordings (docs/realism.md): half a degree,
+    # 1.85 m above the road, from 12 degrees off the nadir upwards, free asphalt measured up to some 19 m.
     device = Device(
         27e3, 37.5, (0.0, 0.9, 0.05), field=(12.0, 180.0), divergence=0.012, range_noise=0.004, accuracy=0.02,
         range_step=0.01, min_range=0.5, max_range=80.0, max_returns=1, pulse_length=0.9, sensitivity=-14.5,
@@ -68,14 +68,14 @@ SCANNERS: dict[str, ScannerSystem] = {s.name: s for s in (_vmx450(), _vmq1ha(), 
 
 
 def scanner_system(config: str | Mapping[str, Any]) -> ScannerSystem:
-    """Read a scanner system from configuration.
+    """Return the scanner system that a configuration describes.
 
     Parameters
     ----------
     config : str or mapping
         A key of `SCANNERS`; or a mapping with ``name``, ``devices`` (a list of mappings with the fields of `Device`),
-        ``platform`` and ``body``, of which those left out are taken from the system that ``like`` names, if any.
-        Without ``devices``, fields of `Device` at the top level change all devices of that system.
+        ``platform`` and ``body``. Missing keys are those of the system that ``like`` names, if any. Without
+        ``devices``, fields of `Device` at the top level change all devices of that system.
 
     Returns
     -------
@@ -91,32 +91,32 @@ def scanner_system(config: str | Mapping[str, Any]) -> ScannerSystem:
         if config not in SCANNERS:
             raise ParameterError(f"scanner {config!r} is unknown (scanners: {', '.join(SCANNERS)})")
         return SCANNERS[config]
-    given = dict(config)
-    base = scanner_system(str(given.pop("like"))) if "like" in given else None
-    devices = given.pop("devices", None)
-    own: dict[str, Any] = {key: given.pop(key) for key in ("name", "platform", "body") if key in given}
-    _check_fields(given)
+    fields_left = dict(config)
+    base = scanner_system(str(fields_left.pop("like"))) if "like" in fields_left else None
+    devices = fields_left.pop("devices", None)
+    own: dict[str, Any] = {key: fields_left.pop(key) for key in ("name", "platform", "body") if key in fields_left}
+    _check_fields(fields_left)
     if devices is not None:
-        if given:
-            raise ParameterError(f"scanner: {', '.join(sorted(given))} must stand in each of its devices")
+        if fields_left:
+            raise ParameterError(f"scanner: {', '.join(sorted(fields_left))} must stand in each of its devices")
         own["devices"] = tuple(_device(one) for one in devices)
     if base is None:
         if "devices" not in own:
             raise ParameterError(f"scanner must have devices, or be like one of {', '.join(SCANNERS)}")
         return ScannerSystem(**{"name": "own", **own})
-    return replace(base, **own).changed(**given)
+    return replace(base, **own).changed(**fields_left)
 
 
-def _check_fields(given: Mapping[str, Any]) -> None:
-    unknown = sorted(set(given) - {field.name for field in fields(Device)})
+def _check_fields(config: Mapping[str, Any]) -> None:
+    unknown = sorted(set(config) - {field.name for field in fields(Device)})
     if unknown:
         known = ", ".join(field.name for field in fields(Device))
         raise ParameterError(f"unknown fields of a scanner: {', '.join(unknown)} (known: {known})")
 
 
-def _device(given: Mapping[str, Any]) -> Device:
-    _check_fields(given)
-    missing = [name for name in ("pulse_rate", "profile_rate") if name not in given]
+def _device(config: Mapping[str, Any]) -> Device:
+    _check_fields(config)
+    missing = [name for name in ("pulse_rate", "profile_rate") if name not in config]
     if missing:
         raise ParameterError(f"a scanner's device must have {' and '.join(missing)}")
-    return Device(**given)
+    return Device(**config)

@@ -1,4 +1,4 @@
-"""The parameters of a simulated survey, and named sets of them."""
+"""Parameters of a simulated survey, and presets."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mlsroad_pipeline.simulation.parameters.known_scanners import SCANNERS
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS, StreetParameters
 
 OF_THE_SCANNER = ("profile_rate", "pulse_rate", "range_noise", "beam_divergence", "max_range")
-"""Parameters that are None where the scanner's own values hold."""
+"""Parameters whose value None stands for the scanner's own."""
 
 _DOMAINS: tuple[tuple[str, float, float, str], ...] = (
     ("length", 10, 5000, " m"), ("range_noise", 0, 100, ""), ("trajectory_noise", 0, 100, ""),
@@ -29,58 +29,58 @@ _DOMAINS: tuple[tuple[str, float, float, str], ...] = (
 
 @dataclass(frozen=True)
 class SimulationParameters:
-    """What is surveyed, and how.
+    """Parameters of a simulated survey.
 
     Parameters
     ----------
     seed : int, default 0
-        Non-negative. The street, everything on it and all noise follow from it.
+        Non-negative. It determines the street, all objects and all noise.
     length : float, default 150
-        Surveyed length along the street, metres, 10 to 5000; the street itself goes on at both ends.
+        Surveyed length along the street, metres, 10 to 5000; the street continues at both ends.
     speed : float, default 10
-        Mean speed of the van, m/s. Slower is denser along the street.
+        Mean speed of the van, m/s. Lower speeds are denser along the street.
     scanner : ScannerSystem, default the RIEGL VMX-450
-        The scanners and how they are mounted; see `SCANNERS`.
+        Scanners and their mounting; see `SCANNERS`.
     profile_rate : float or None, default 200
-        Revolutions per second of each scanner. None, here and in the next four, is the scanner's own value.
+        Revolutions per second of each scanner. None, here and for the next four, is the scanner's own value.
     pulse_rate : float or None, default 180000
-        Pulses per second of each scanner; about two thirds of them come back. The VMX-450 reaches 550000.
+        Pulses per second of each scanner; about two thirds of them return. The VMX-450 reaches 550000.
     range_noise : float or None, default 0.005
         Standard deviation of a strong return's range, metres; weak returns are noisier.
     beam_divergence : float or None, default 0.0003
         Full angle of the beam, radians. Larger mixes more pixels at edges.
     max_range : float or None, default 120
-        Longest range that is recorded, metres.
+        Longest recorded range, metres.
     beam_rays : int, default 5
-        Rays that sample the beam where it may meet an edge, 1 to 9; more resolve foliage better and cost time.
+        Rays that sample the beam near edges, 1 to 9; more resolve foliage better and take longer.
     wetness : float, default 0.03
-        Share of paved ground that lies under a film of water, 0 to 1: dark, and a mirror at a slant.
+        Share of paved ground under a film of water, 0 to 1: dark, and a mirror at grazing incidence.
     trajectory_noise : float, default 1.0
-        Factor on the error of the reported trajectory, which is about 1 cm and 0.005 degrees at 1; 0 is none.
+        Factor on the errors of the reported trajectory, which are about 1 cm and 0.005 degrees at 1; 0 is none.
     boresight_error : float, default 0.003
-        Standard deviation of the error in each angle of a scanner's mounting, degrees; also the factor, in metres per
-        degree, on that of its lever arm.
+        Standard deviation of the error of each mounting angle of a scanner, degrees; the same number in metres is that
+        of its lever arm.
     passes : int, default 1
-        How often the street is driven through, 1 to 8; each pass has its own track, traffic and errors.
+        Number of passes through the street, 1 to 8; each has its own track, traffic and errors.
     pass_offset : float, default 0.03
-        How far the positions of each further pass are off as a whole, metres.
+        Constant offset of the reported positions of each further pass, metres.
     with_images : bool, default True
-        Whether three cameras take images that colour the points. Without them points have the colour of what they
-        hit under the sun, without cast shadows.
+        Whether three cameras take images that colour the points. Without images points have the colours of the
+        surfaces in the sun, without cast shadows.
     image_width, image_height : int, default 640, 480
         Size of the images, pixels.
     image_interval : float, default 8
         Distance between images of one camera, metres.
     image_readout : float, default 0.004
-        Time from the exposure of the first row of an image to that of the last, seconds; 0 is a global shutter.
+        Time between the exposures of the first and the last row of an image, seconds; 0 is a global shutter.
     easting, northing, height : float, default 389300, 5819700, 34
-        World coordinates where the street begins, metres.
+        World coordinates of the start of the street, metres.
     epsg : int, default 25833
         Projected coordinate reference system in metres.
     start_time : float, default 216000
         GPS seconds of the week at the start of the drive.
     street : StreetParameters
-        What kind of street it is; see `STREETS`.
+        Parameters of the street; see `STREETS`.
 
     Raises
     ------
@@ -135,7 +135,7 @@ class SimulationParameters:
 
     @property
     def devices(self) -> tuple[Device, ...]:
-        """The scanners with the rates, noise, divergence and range that these parameters give them."""
+        """The scanners with the rates, noise, divergence and range of these parameters."""
         changed = self.scanner.changed(
             profile_rate=self.profile_rate, pulse_rate=self.pulse_rate, range_noise=self.range_noise,
             divergence=self.beam_divergence, max_range=self.max_range,
@@ -183,6 +183,6 @@ PRESETS: dict[str, SimulationParameters] = {
 """Named parameters.
 
 ``tiny`` (some 30,000 points, for tests), ``small`` (half a million) and ``demo`` (2 to 4 million) are a VMX-450 at a
-fraction of its rate; ``vmx450``, ``vmq1ha``, ``hdl64``, ``sick_side`` and ``oakland`` are scanners as they are, the
-last three without images; ``oakland`` is a street of the kind ``campus``.
+fraction of its rate. ``vmx450``, ``vmq1ha``, ``hdl64``, ``sick_side`` and ``oakland`` are scanners at their own rates,
+the last three without images; the street of ``oakland`` is of the kind ``campus``.
 """

@@ -1,4 +1,4 @@
-"""The parameters of a street, and named sets of them."""
+"""Parameters of a street, and named kinds of streets."""
 
 from __future__ import annotations
 
@@ -11,57 +11,57 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 
 @dataclass(frozen=True)
 class StreetParameters:
-    """What kind of street is drawn; every seed is another street of the kind.
+    """Parameters of a kind of street; each seed is another street of the kind.
 
     Parameters
     ----------
     junction_spacing : float, default 140
         Mean distance between junctions, metres; at least 60, or 0 for none.
     crossroads : float, default 0.4
-        Share of the junctions where side streets join from both sides; the others are T-junctions.
+        Share of junctions with side streets on both sides; the others are T-junctions.
     signals : float, default 0.4
-        Share of the junctions with traffic lights; at the others side streets stop or give way.
+        Share of junctions with traffic lights; at the others side streets stop or give way.
     lanes : int, default 0
         Lanes per direction, 1 to 3; 0 draws one or two.
     median : float, default 0
         Width of a planted median, metres, 0 or 1.5 to 12.
     verges : float, default 0.75
-        Chance that a side has a strip of grass or soil between curb and pavement.
+        Probability of a strip of grass or soil between curb and pavement, per side.
     verge_width : float, default 1.8
-        Its mean width, metres, 0.8 to 8.
+        Mean width of that strip, metres, 0.8 to 8.
     grass_height : float, default 0.07
-        Mean height of blades, metres, 0 to 0.2; a beam ends somewhere in between them.
+        Mean height of blades, metres, 0 to 0.2; beams end between them.
     bare_soil : float, default 0.2
         Share of verges and gardens that are soil rather than grass.
     parking : float, default 0.65
-        Chance that a side has parking bays.
+        Probability of parking bays, per side.
     slanted_parking : float, default 0.25
-        Chance that its bays are slanted rather than along the curb.
+        Probability that bays are slanted rather than along the curb.
     parked : float, default 0.7
-        Share of the bays that are taken.
+        Share of occupied bays.
     lamp_spacing : float, default 0
         Distance between street lamps, metres, 10 to 100; 0 draws 25 to 40.
     buildings : float, default 1
-        How often land is built on; 0 leaves it open.
+        Probability that a lot is built on; 0 leaves all land open.
     boundaries : float, default 1
-        Share of the fences, walls and hedges on property lines that are there.
+        Share of property lines that keep their fence, wall or hedge.
     trees, palms, cycas, shrubs : float, default 1
-        How many there are; 0 is none, 2 about twice as many.
+        Factor on their numbers; 0 is none, 2 about twice as many.
     clutter, signs, people, traffic : float, default 1
-        Likewise for bins, benches, bollards and the like; for traffic signs; for people; for moving vehicles.
+        Factor on bins, benches, bollards and the like; on traffic signs; on people; on moving vehicles.
     stations, gantries : float, default 1
-        Likewise for bus stops, one in every second block of 60 m at 1, and for gantries over roads with a median, one
-        in every fifth block.
+        Factor on bus stops, one in every second block of 60 m at 1; on gantries over roads with a median, one in every
+        fifth block.
     lorries : float, default 1
-        How frequent trucks are among the vehicles that move, as multiples of the usual 6 of 100; 0 is none.
+        Factor on the share of trucks among moving vehicles, 6 % at 1; 0 is none.
     two_wheelers : float, default 1
-        Likewise for bicycles and motorcycles, parked and ridden. Above 1 some are added and all else stays as it is.
+        Factor on bicycles and motorcycles, parked and ridden. Values above 1 add some and change nothing else.
     overhead_wires : float, default 0.7
-        Chance of utility poles with wires along the street and to the houses.
+        Probability of utility poles with wires along the street and to the houses.
     hard_cases : float, default 0.3
-        Chance that a plant, a pole or a parked vehicle along the curb gets a partner that is hard to tell from it:
-        poles inside crowns, shrubs in a row or around a post, bins that lean on posts, plants that touch parked cars,
-        things that stand close behind trees. 0 is never; at 1 all do where there is room.
+        Probability that a plant, a pole or a parked vehicle along the curb gets a neighbour that is hard to separate
+        from it: poles inside crowns, shrubs in a row or around a post, bins against posts, plants that touch parked
+        cars, objects close behind trees. 0 is never; at 1 all do where there is room.
 
     Raises
     ------
@@ -143,7 +143,7 @@ STREETS: dict[str, StreetParameters] = {
 
 
 def street_parameters(config: object) -> StreetParameters:
-    """Read street parameters from configuration.
+    """Return the street parameters that a configuration describes.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Branching crowns: every order of branches reaches for places inside the crown's outline.
+"""Branching crowns: each order of branches grows towards places inside the crown's outline.
 
 A greedy form of space colonisation (Runions et al. 2007): places are drawn inside the outline, and each is joined to
-the nearest node of the branches that are already there, where a node that sap reaches by a long way counts as farther
-(Cuntz et al. 2010). Three orders suffice at the resolution of a street survey; what comes after them is leaves.
+the nearest node of older branches, where a long way along the branches counts as distance (Cuntz et al. 2010). Three
+orders suffice at the resolution of a street survey; leaves follow.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from mlsroad_pipeline.simulation.model.meshes import Mesh, Surface, join
 from mlsroad_pipeline.simulation.plants.habits import Habit, Outline
 
 UNDERGROUND = 0.25
-"""Stems go this deep, so that nothing floats on a slope, metres."""
+"""Depth of stems below ground, so that none floats on a slope, metres."""
 
 _GOLDEN = 2.39996
-_DETOUR = 0.35  # a metre of way along the branches counts as this much distance
+_DETOUR = 0.35  # distance per metre of way along the branches
 
 
 class Colours(NamedTuple):
-    """What a tree is made of.
+    """Surfaces of a tree.
 
     Parameters
     ----------
     trunk : Surface
-        The stem below the crown.
+        Stem below the crown.
     bark : Surface
-        Everything woody above.
+        Wood above it.
     leaf : Surface
-        The average leaf.
+        Average leaf.
     """
 
     trunk: Surface
@@ -59,23 +59,9 @@ class Wood(NamedTuple):
 
 
 def grow_tree(rng: np.random.Generator, habit: Habit, colours: Colours, *, faces: int = 5800) -> Mesh:
-    """Grow one tree.
+    """Grow one tree with its stem at the origin and its root `UNDERGROUND` deep.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its shape.
-    habit : Habit
-        How its kind grows.
-    colours : Colours
-        What it is made of.
-    faces : int, default 5800
-        Faces of the whole; what the wood leaves over goes to the leaves, or to twigs where it is bare.
-
-    Returns
-    -------
-    Mesh
-        Stem at the origin; its root lies `UNDERGROUND` deep.
+    `faces` is the number of all faces; those that the wood leaves over are leaves, or twigs of a bare tree.
     """
     height = rng.uniform(*habit.height)
     clear = height * rng.uniform(*habit.clear)
@@ -101,7 +87,7 @@ def grow_tree(rng: np.random.Generator, habit: Habit, colours: Colours, *, faces
 
 
 def _stems(rng: np.random.Generator, habit: Habit, height: float, clear: float, base: float, crown: float) -> Wood:
-    """Return stems with buttressed feet; several ones part from each other on their way up."""
+    """Return stems with buttressed feet; several stems diverge upwards."""
     n = int(rng.integers(habit.stems[0], habit.stems[1] + 1))
     top = clear + rng.uniform(*habit.leader) * (height - clear)
     knee = 0.92 * clear
@@ -122,13 +108,13 @@ def _stems(rng: np.random.Generator, habit: Habit, height: float, clear: float, 
 
 
 def _split(stems: Wood, clear: float) -> tuple[Wood, Wood]:
-    """Cut stems where the crown begins: what is below is trunk."""
+    """Cut stems at the foot of the crown; the trunk is below."""
     k = int(np.searchsorted(stems.paths[0, :, 2], clear - 1e-9))
     return (Wood(*(a[:, : k + 1] for a in stems)), Wood(*(a[:, k:] for a in stems)))
 
 
 def _limbs(rng: np.random.Generator, habit: Habit, outline: Outline, stems: Wood, clear: float) -> Wood:
-    """Return the limbs that leave the stems and carry the crown, the leaders' tips among them."""
+    """Return the limbs that leave the stems and carry the crown, including the leaders' tips."""
     n = int(rng.integers(habit.limbs[0], habit.limbs[1] + 1))
     azimuth = rng.uniform(0, 6.28) + _GOLDEN * np.arange(n) + rng.normal(0, 0.25, n)
     share = (np.arange(n) + rng.uniform(0.1, 0.9, n)) / n * 0.93 + 0.05
@@ -140,7 +126,7 @@ def _limbs(rng: np.random.Generator, habit: Habit, outline: Outline, stems: Wood
     z = np.clip(ends[:, 2] - out * np.tan(rise), clear, z_of[-1] - 0.02 * (z_of[-1] - clear))
     z = np.minimum(z, ends[:, 2] - 0.05)
     z = np.maximum(z, clear)
-    # Of several stems a limb leaves the one on its own side.
+    # A limb grows from the stem on its own side.
     crowns = stems.paths[:, -1, :2]
     which = ((ends[:, None, :2] - crowns) ** 2).sum(axis=2).argmin(axis=1)
     at = np.interp(z, z_of, np.arange(len(z_of)))
@@ -178,7 +164,7 @@ def _reach(
 
 
 def _hang(rng: np.random.Generator, twigs: Wood, habit: Habit) -> Wood:
-    """Let the twigs hang down, but not to the ground."""
+    """Bend the twigs down, but not to the ground."""
     drop = rng.uniform(*habit.droop) * rng.uniform(0.6, 1.3, len(twigs.paths))
     end = twigs.paths[:, -1]
     drop = np.minimum(drop, np.maximum(end[:, 2] - rng.uniform(1.1, 2.1, len(end)), 0.0))
@@ -209,7 +195,7 @@ def _leaves(rng: np.random.Generator, habit: Habit, outline: Outline, twigs: Woo
 
 
 def _bare_ends(rng: np.random.Generator, older: list[Wood], n: int, bark: Surface) -> Mesh:
-    """Return the last, finger-thin twigs of a tree without leaves."""
+    """Return the last, finger-thin twigs of a bare tree."""
     nodes = np.concatenate([w.paths[:, 1:].reshape(-1, 3) for w in older])
     heading = np.concatenate([np.diff(w.paths, axis=1).reshape(-1, 3) for w in older])
     which = rng.integers(0, len(nodes), n)

@@ -15,12 +15,12 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class Feather:
-    """How a feathered frond is built.
+    """Shape of a feathered frond.
 
     Parameters
     ----------
     bend : float
-        How far its tip has turned down from its first direction, radians.
+        Angle between the first and the last direction of the rib, radians.
     leaflets : int
         Leaflets on each side.
     leaflet : float
@@ -28,11 +28,11 @@ class Feather:
     width : float
         Of a leaflet, metres.
     lift : float, default 0.0
-        How far leaflets rise above the rib on both sides, as a keel does, radians; negative ones hang.
+        Angle of leaflets above the rib on both sides, like a keel, radians; negative ones hang.
     plumes : float, default 0.1
-        Standard deviation of the leaflets' directions: a large one gives a plume, a small one a comb.
+        Standard deviation of the leaflets' directions: large values make a plume, small ones a comb.
     forward : float, default 0.6
-        How far leaflets point to the tip.
+        Inclination of leaflets towards the tip.
     bare : float, default 0.12
         Share of the rib without leaflets.
     """
@@ -48,11 +48,11 @@ class Feather:
 
 
 def _ribs(root: Floats, azimuth: Floats, elevation: Floats, length: Floats, bend: Floats, steps: int) -> Floats:
-    """Return curves of given lengths that turn down along their way."""
+    """Return curves of given lengths that bend downwards along their way."""
     s = np.linspace(0, 1, steps)
     middle = (s[1:] + s[:-1]) / 2
     angle = elevation[:, None] - bend[:, None] * middle**1.4
-    # What has turned past the vertical hangs straight down.
+    # Beyond the vertical a rib hangs straight down.
     angle = np.maximum(angle, -1.5)
     step = (length / (steps - 1))[:, None, None] * bearing(azimuth[:, None], angle)
     return root[:, None] + np.concatenate([np.zeros((len(root), 1, 3)), np.cumsum(step, axis=1)], axis=1)
@@ -62,27 +62,10 @@ def feathers(
     rng: np.random.Generator, root: ArrayLike, azimuth: ArrayLike, elevation: ArrayLike, length: ArrayLike,
     shape: Feather, leaf: Surface,
 ) -> Mesh:  # fmt: skip
-    """Return fronds with a rib and leaflets on both of its sides.
+    """Return fronds with a rib and leaflets on both sides, ``24 + 2 leaflets`` faces each.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of all that differs from leaflet to leaflet.
-    root : array-like of shape (n, 3) or (3,)
-        Where the ribs begin, metres.
-    azimuth, elevation : array-like of shape (n,)
-        First direction of each rib, radians.
-    length : array-like
-        Length of each rib, metres; broadcasts to (n,).
-    shape : Feather
-        How they are built.
-    leaf : Surface
-        The average leaflet; the rib is a little paler.
-
-    Returns
-    -------
-    Mesh
-        ``24 + 2 leaflets`` faces per frond.
+    `root` is (n, 3) or (3,), metres; `azimuth` and `elevation` are the first direction of each rib, radians; the rib is
+    paler than the average `leaf`.
     """
     a, e = np.asarray(azimuth, dtype=np.float64), np.asarray(elevation, dtype=np.float64)
     n, k = len(a), 2 * shape.leaflets
@@ -93,7 +76,7 @@ def feathers(
     pale = Surface(leaf.label, (leaf.rgb[0] * 1.25, leaf.rgb[1] * 1.1, leaf.rgb[2]), leaf.reflectivity, leaf.kind)
     thick = (0.009 * long[:, None] + 0.004) * np.linspace(1, 0.25, 5)
     rib_mesh = tubes(ribs, thick, pale, sides=3)
-    # Where the leaflets of each frond sit: alternating, a little uneven.
+    # Places of the leaflets of each frond: alternating, a little uneven.
     s = np.linspace(shape.bare, 1.0, k) + rng.normal(0, 0.2 / k, (n, k))
     s = np.clip(s, 0, 1)
     low = np.minimum((4 * s).astype(np.int64), 3)
@@ -118,29 +101,10 @@ def fans(
     rng: np.random.Generator, root: ArrayLike, azimuth: ArrayLike, elevation: ArrayLike, stalk: ArrayLike,
     radius: float, leaf: Surface, *, segments: int = 13,
 ) -> Mesh:  # fmt: skip
-    """Return palmate leaves on stalks: a pleated disc, cut into pointed segments whose tips hang.
+    """Return palmate leaves on stalks: pleated discs of pointed segments with hanging tips.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of all that differs from leaf to leaf.
-    root : array-like of shape (n, 3) or (3,)
-        Where the stalks begin, metres.
-    azimuth, elevation : array-like of shape (n,)
-        First direction of each stalk, radians.
-    stalk : array-like
-        Length of each stalk, metres; broadcasts to (n,).
-    radius : float
-        Of the average leaf, metres.
-    leaf : Surface
-        The average leaf.
-    segments : int, default 13
-        Segments of a leaf.
-
-    Returns
-    -------
-    Mesh
-        ``12 + 2 segments`` faces per leaf.
+    `root` is (n, 3) or (3,), metres; `azimuth` and `elevation` are the first direction of each stalk, radians; `radius`
+    is that of the average leaf, metres. Each leaf has ``12 + 2 segments`` faces.
     """
     a, e = np.asarray(azimuth, dtype=np.float64), np.asarray(elevation, dtype=np.float64)
     n = len(a)
@@ -169,28 +133,7 @@ def fans(
 
 
 def boots(rng: np.random.Generator, path: Floats, radii: Floats, count: int, size: float, bark: Surface) -> Mesh:
-    """Return the stubs of old leaves that clothe a trunk, in a spiral.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of all that differs from stub to stub.
-    path : ndarray of shape (m, 3), float64
-        The trunk's axis, upwards, metres.
-    radii : ndarray of shape (m,), float64
-        Its radius at each point, metres.
-    count : int
-        How many stubs.
-    size : float
-        Length of a stub, metres.
-    bark : Surface
-        What they are made of.
-
-    Returns
-    -------
-    Mesh
-        One face per stub.
-    """
+    """Return the stubs of old leaves on a trunk with the axis `path`, in a spiral, one face each."""
     t = np.linspace(0.0, 1.0, count) * (len(path) - 1)
     place = np.column_stack([np.interp(t, np.arange(len(path)), path[:, k]) for k in range(3)])
     radius = np.interp(t, np.arange(len(path)), radii)

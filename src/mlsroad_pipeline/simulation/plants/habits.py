@@ -1,4 +1,4 @@
-"""How a kind of tree grows, and the outline of one crown."""
+"""Growth habits of trees, and the outline of one crown."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Habit:
-    """How a kind of tree grows; every pair is a range that an individual draws from.
+    """Growth habit of a kind of tree; individuals are drawn from the range of each pair.
 
     Parameters
     ----------
     height : tuple of float
-        Of the whole tree, metres.
+        Height of the tree, metres.
     width : tuple of float
         Diameter of the crown over the height.
     clear : tuple of float
@@ -28,23 +28,23 @@ class Habit:
         Exponents a and b of the outline t**a * (1 - t)**b, where t runs from the crown's foot to its top: equal ones
         give an egg, a larger a puts the widest place higher.
     leader : tuple of float
-        How far the stem goes up into the crown, 0 to 1.
+        Height of the stem's top within the crown, 0 to 1.
     rise : tuple of float
-        Elevation in which limbs leave the stem, radians.
+        Elevation of limbs at the stem, radians.
     girth : tuple of float
         Diameter of the crown over that of the stem at breast height; some 18 to 26 in open-grown street trees.
     limbs : tuple of int
-        How many limbs leave the stem.
+        Number of limbs.
     droop : tuple of float
-        How far the last twigs hang down, metres.
+        Drop of the last twigs, metres.
     density : tuple of float
         Leaf area per volume of the crown, 1/m; 0.5 to 1.2 in street trees. 0 is a bare tree.
     clump : tuple of float
-        Radius about the twigs in which leaves stand, metres.
+        Radius of the leaves about the twigs, metres.
     stems : tuple of int, default (1, 1)
-        How many stems rise from the ground.
+        Number of stems.
     shell : float, default 2
-        0 fills the crown evenly with twigs; the larger, the more they crowd to its outside.
+        0 fills the crown evenly with twigs; larger values crowd them to its outside.
     slenderness : float, default 0.75
         Width of a leaf over its length.
 
@@ -77,14 +77,14 @@ class Habit:
 
 
 class Outline:
-    """The outside of one crown, lopsided as no other.
+    """Irregular outline of one crown.
 
     Parameters
     ----------
     rng : numpy.random.Generator
         Source of its lobes.
     foot, top, radius : float
-        Heights where it begins and ends, and its largest radius, metres.
+        Heights of its lower and upper end, and its largest radius, metres.
     profile : tuple of float
         See `Habit`.
     """
@@ -102,21 +102,10 @@ class Outline:
         self.volume = float(np.pi * (self._radius**2).mean() * (top - foot))
 
     def place(self, share: Floats, azimuth: Floats, depth: Floats) -> Floats:
-        """Return places in the crown, a little denser where it is narrow.
+        """Return places in the crown, (n, 3) metres about its axis, a little denser where it is narrow.
 
-        Parameters
-        ----------
-        share : ndarray of shape (n,), float64
-            How much of the crown lies below, 0 to 1.
-        azimuth : ndarray of shape (n,), float64
-            Direction from the axis, radians.
-        depth : ndarray of shape (n,), float64
-            0 on the axis, 1 on the outline.
-
-        Returns
-        -------
-        ndarray of shape (n, 3), float64
-            The places, metres, about the axis.
+        `share` is the share of the crown below a place, `azimuth` its direction in radians, `depth` 0 on the axis and 1
+        on the outline.
         """
         t = np.interp(share, self._share, self._t)
         wave = np.cos(np.arange(1, 4) * azimuth[:, None] + self._twist * t[:, None] + self._phase) @ self._lobes

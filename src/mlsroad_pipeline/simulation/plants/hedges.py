@@ -11,26 +11,13 @@ from mlsroad_pipeline.simulation.plants.plant_materials import bark, foliage
 
 
 def hedge(rng: np.random.Generator, length: float) -> Mesh:
-    """Return a clipped hedge along x, centred; its faces are leaves, its inside is twigs.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of its measures, leaves and colours.
-    length : float
-        Length along x, metres.
-
-    Returns
-    -------
-    Mesh
-        0.7 to 1.9 m high; every face is `hedge`.
-    """
+    """Return a clipped hedge along x, centred, 0.7 to 1.9 m high: leaves around twigs; every face is `hedge`."""
     height, depth = rng.uniform(0.7, 1.9), rng.uniform(0.4, 0.8)
     leaf, wood = foliage(("green", "dark", "light")[int(rng.integers(3))], "hedge", rng), bark("brown", "hedge", rng)
     area = 2 * length * height + length * depth
     n = int(260 * area)
     place = rng.uniform(-1, 1, (n, 3))
-    # Leaves crowd near the two faces and the top.
+    # Leaves are densest near the two faces and the top.
     pick = rng.random(n)
     place[:, 1] = np.where(pick < 0.75, np.sign(place[:, 1]) * (1 - 0.25 * rng.random(n) ** 2), place[:, 1])
     place[:, 2] = np.where(pick > 0.72, 1 - 0.2 * rng.random(n) ** 2, place[:, 2])

@@ -1,4 +1,4 @@
-"""Colours of leaves, blossoms and barks, drawn anew for every plant."""
+"""Colours of leaves, blossoms and barks, drawn for each plant."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.simulation.model.meshes import BARK, FOLIAGE, Surface
 
-# name: (linear rgb, near-infrared reflectivity). Needles hold more water and shade themselves: they give less back.
+# name: (linear rgb, near-infrared reflectivity). Needles hold more water and shade themselves: they reflect less.
 _LEAVES: dict[str, tuple[tuple[float, float, float], float]] = {
     "green": ((0.085, 0.19, 0.04), 0.44),
     "dark": ((0.045, 0.115, 0.03), 0.40),
@@ -47,75 +47,17 @@ def _drawn(
 
 
 def foliage(name: str, label: str, rng: np.random.Generator) -> Surface:
-    """Return the average leaf or petal of one plant.
-
-    Parameters
-    ----------
-    name : str
-        Its colour, such as ``"green"``, ``"needle"`` or ``"dry"``.
-    label : str
-        Taxonomy class.
-    rng : numpy.random.Generator
-        Source of tone, hue and reflectivity.
-
-    Returns
-    -------
-    Surface
-        Of the kind `FOLIAGE`.
-
-    Raises
-    ------
-    KeyError
-        If there is no such colour or class.
-    """
+    """Return the average leaf or petal of one plant, in a named colour such as ``"green"`` or ``"needle"``."""
     rgb, near = _LEAVES[name]
     return _drawn(rgb, near, label, FOLIAGE, rng, 0.2)
 
 
 def bark(name: str, label: str, rng: np.random.Generator) -> Surface:
-    """Return the bark of one plant.
-
-    Parameters
-    ----------
-    name : str
-        Its colour, such as ``"brown"``, ``"pale"`` or ``"palm"``.
-    label : str
-        Taxonomy class.
-    rng : numpy.random.Generator
-        Source of tone, hue and reflectivity.
-
-    Returns
-    -------
-    Surface
-        Of the kind `BARK`.
-
-    Raises
-    ------
-    KeyError
-        If there is no such colour or class.
-    """
+    """Return the bark of one plant, in a named colour such as ``"brown"`` or ``"palm"``."""
     rgb, near = _BARKS[name]
     return _drawn(rgb, near, label, BARK, rng, 0.22)
 
 
 def same_as(surface: Surface, label: str) -> Surface:
-    """Return the same material under another class.
-
-    Parameters
-    ----------
-    surface : Surface
-        The material.
-    label : str
-        Taxonomy class.
-
-    Returns
-    -------
-    Surface
-        The material with that class.
-
-    Raises
-    ------
-    KeyError
-        If there is no such class.
-    """
+    """Return the same material under another class."""
     return Surface(TAXONOMY[label], surface.rgb, surface.reflectivity, surface.kind)

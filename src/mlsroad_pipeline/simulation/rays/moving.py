@@ -1,4 +1,4 @@
-"""What moves while it is scanned, and which rays come near it at their own times."""
+"""Moving objects, and the rays near them at each ray's own time."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from mlsroad_pipeline.simulation.street.alignment import interpolate
 from mlsroad_pipeline.simulation.street.ground import Ground, ground_height
 
 KNOT = 0.01
-"""Moving objects go straight for this long, seconds."""
+"""Time step of straight motion of moving objects, seconds."""
 
 FAR = 100.0
-"""Moving objects farther away than this are not looked at, metres."""
+"""Range beyond which moving objects are ignored, metres."""
 
-_BUNDLE = 16  # rays that are looked at together
-_LAG = 1.0  # no object goes farther while a bundle is sent, and from one knot to the next, metres
+_BUNDLE = 16  # rays that are tested together
+_LAG = 1.0  # bound on an object's way during a bundle and between two knots, metres
 
 
 class Motion(NamedTuple):
-    """How something moves along the street.
+    """Motion of an object along the street.
 
     Parameters
     ----------
     station, time : float
-        Where it is (m) at one moment (s).
+        Its station (m) at one moment (s).
     speed : float
         Speed along the alignment, m/s; negative against it.
     offset : float
@@ -45,20 +45,20 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class Mover:
-    """Something that moves while it is scanned.
+    """Object that moves while it is scanned.
 
     Parameters
     ----------
     label : int
         Taxonomy code of the whole.
     instance : int
-        Its number.
+        Instance number.
     mesh : Mesh
         Faces in its own frame, front along +x, z = 0 on the ground.
     motion : Motion
-        Where it is when.
+        Its motion.
     design : str, default ""
-        Name of what it was built from.
+        Name of its design.
     """
 
     label: int
@@ -85,7 +85,7 @@ def _poses(
 
 @leaf
 def _is_near(knots: NDArray[np.float64], rays: NDArray[np.float32]) -> bool:
-    """Tell whether an object ever comes nearer than `FAR` to where some of the rays begin."""
+    """Return whether an object comes within `FAR` of the origins of some of the rays."""
     for i in range(0, len(rays), max(len(rays) // 8, 1)):
         for k in (0, len(knots) // 2, len(knots) - 1):
             if max(abs(knots[k, 0] - rays[i, 0]), abs(knots[k, 1] - rays[i, 1])) <= FAR:
@@ -95,7 +95,7 @@ def _is_near(knots: NDArray[np.float64], rays: NDArray[np.float32]) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _bundles(rays: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return origin, axis, cosine and sine of the angle, and spread of origins of cones around `_BUNDLE` rays each."""
+    """Return origin, axis, cosine and sine of the angle, and spread of origins of a cone around each `_BUNDLE` rays."""
     out = np.empty(((len(rays) + _BUNDLE - 1) // _BUNDLE, 9))
     for b in range(len(out)):
         first, last = b * _BUNDLE, min((b + 1) * _BUNDLE, len(rays))
@@ -121,12 +121,12 @@ def _bundles(rays: NDArray[np.float32]) -> NDArray[np.float64]:
 
 @leaf
 def _misses(bundle: NDArray[np.float64], pose: NDArray[np.float64], reach: float) -> bool:
-    """Tell that no ray of a bundle comes within reach of a place."""
+    """Return whether no ray of a bundle comes within reach of a place."""
     x, y, z = pose[0] - bundle[0], pose[1] - bundle[1], pose[2] - bundle[2]
     squared, reach = x * x + y * y + z * z, reach + bundle[8] + _LAG
     if squared <= reach * reach:
         return False
-    # The direction to the place is off the axis by more than the cone and the place's own angle together.
+    # The place is farther off the axis than the angles of the cone and of the place together.
     along = x * bundle[3] + y * bundle[4] + z * bundle[5]
     return bool(along < bundle[6] * np.sqrt(squared - reach * reach) - bundle[7] * reach)
 
@@ -136,7 +136,7 @@ def rays_toward(
     rays: NDArray[np.float32], times: NDArray[np.float64], motions: NDArray[np.float64], reaches: NDArray[np.float64],
     centre: NDArray[np.float64], table: NDArray[np.float64], ground: Ground,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:  # fmt: skip
-    """Return the rays that pass within reach of each moving object, in its own frame at their times.
+    """Return the rays within reach of each moving object, in its own frame at their times.
 
     Returns CSR row pointers per object, rows of the rays, the rays, and the object's heading at their times.
     """
@@ -155,7 +155,7 @@ def rays_toward(
             u = times[i] / KNOT - first
             if i % _BUNDLE == 0:
                 last = min(i + _BUNDLE, len(rays)) - 1
-                # Rays that are sent on may lie seconds apart.
+                # The rays of a bundle may be seconds apart.
                 close = abs(times[last] - times[i]) < KNOT
                 missed = close and _misses(bundles[i // _BUNDLE], knots[min(int(u), len(knots) - 1)], reach)
             if missed:
@@ -185,7 +185,7 @@ def rays_toward(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def turned(normals: NDArray[np.float32], yaw: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return vectors turned about z, each by its own angle."""
+    """Return vectors rotated about z, each by its own angle."""
     out = np.empty_like(normals)
     for i in range(len(normals)):
         c, s = np.cos(yaw[i]), np.sin(yaw[i])

@@ -1,4 +1,4 @@
-"""What rays meet: the standing street and moving objects, each at its place at the ray's own time."""
+"""Ray casting into static and moving objects, each at its place at the ray's own time."""
 
 from __future__ import annotations
 
@@ -12,60 +12,61 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.simulation.model.meshes import GLASS, KIND, Mesh
 from mlsroad_pipeline.simulation.rays.moving import Motion, Mover, rays_toward, turned
-from mlsroad_pipeline.simulation.rays.standing import (
-    Standing,
-    build_standing,
+from mlsroad_pipeline.simulation.rays.static import (
+    StaticGeometry,
     casting_structure,
-    entering,
     keep_nearer,
+    rays_entering,
+    static_geometry,
 )
 from mlsroad_pipeline.simulation.rays.surfaces import Hits, Surfaces, resolve_hits, water_level
 from mlsroad_pipeline.simulation.street.street import Street
 
 __all__ = ["Motion", "Mover", "RayScene"]
 
-_PAST_GLASS = 0.003  # how far behind a pane a ray starts anew, metres
-_PANES = 4  # a ray through more panes than this is lost in reflections
+_PAST_GLASS = 0.003  # offset of a ray's new origin behind a pane, metres
+_PANES = 4  # panes that a ray can pass
 
 
 class RayScene:
-    """A stretch of street that rays can be cast into.
+    """Stretch of street for ray casting.
 
     Parameters
     ----------
     street : Street
-        Where moving objects move, and what covers the ground.
+        Moving objects follow it; its ground covers are looked up.
     meshes : sequence of Mesh
-        What stands still, street-local coordinates.
+        Static meshes, street-local coordinates.
     instances : sequence of int
         One number per mesh.
     movers : sequence of Mover
-        What moves.
+        Moving objects.
     centre : ndarray of shape (3,), float64
-        Rays are given relative to this place near them: float32 resolves micrometres there.
+        Origin of the rays' coordinates, near them: float32 resolves micrometres there.
     n_threads : int, default 1
-        Threads that cast rays; the answers do not depend on it.
+        Threads of ray casting; the hits do not depend on it.
     wetness : float, default 0
         Share of paved ground under a film of water.
-    standing : sequence of Standing, default ()
-        More that stands still, built before; the nearest to the rays first.
+    static : sequence of StaticGeometry, default ()
+        Static geometry built before, the nearest to the rays first.
     """
 
     def __init__(
         self, street: Street, meshes: Sequence[Mesh], instances: Sequence[int], movers: Sequence[Mover],
-        centre: NDArray[np.float64], *, n_threads: int = 1, wetness: float = 0.0, standing: Sequence[Standing] = (),
+        centre: NDArray[np.float64], *, n_threads: int = 1, wetness: float = 0.0,
+        static: Sequence[StaticGeometry] = (),
     ) -> None:  # fmt: skip
         self.n_threads, self._water = n_threads, water_level(wetness)
         self.street, self.centre, self.movers = street, centre, tuple(movers)
-        own = [build_standing(meshes, instances, centre)] if meshes else []
-        self._standing = (*own, *standing)
+        own = [static_geometry(meshes, instances, centre)] if meshes else []
+        self._static = (*own, *static)
         moving = [np.full(len(m.mesh.faces), m.instance, dtype=np.int32) for m in self.movers]
         self.attributes = np.concatenate(
-            [*(part.attributes for part in self._standing), *(m.mesh.attributes for m in self.movers)]
+            [*(part.attributes for part in self._static), *(m.mesh.attributes for m in self.movers)]
         )
-        self.instances = np.concatenate([*(part.instances for part in self._standing), *moving]).astype(np.int32)
+        self.instances = np.concatenate([*(part.instances for part in self._static), *moving]).astype(np.int32)
         self._moving = [casting_structure(m.mesh.vertices, m.mesh.faces) for m in self.movers]
-        counts = [0, *(len(part.instances) for part in self._standing), *(len(m) for m in moving)]
+        counts = [0, *(len(part.instances) for part in self._static), *(len(m) for m in moving)]
         self._first_face = np.cumsum(counts)
         self._motions = np.array([m.motion for m in self.movers], dtype=np.float64).reshape(-1, 4)
         self._reaches = np.array([np.sqrt((m.mesh.vertices**2).sum(axis=1).max()) for m in self.movers])
@@ -73,22 +74,10 @@ class RayScene:
     def cast(
         self, rays: NDArray[np.float32], times: NDArray[np.float64], *, passing: NDArray[np.float32] | None = None
     ) -> Hits:
-        """Cast rays and return what each meets first.
+        """Cast rays of shape (n, 6), origin relative to `centre` and unit direction, and return the first hit of each.
 
-        Parameters
-        ----------
-        rays : ndarray of shape (n, 6), float32
-            Origin relative to `centre` and unit direction.
-        times : ndarray of shape (n,), float64
-            When each ray is sent, seconds.
-        passing : ndarray of shape (n,), float32, optional
-            A random number in [0, 1) per ray: a ray goes through a pane where it is below the pane's transmission.
-            Without it no ray does.
-
-        Returns
-        -------
-        Hits
-            One row per ray.
+        `times` are the seconds at which rays are sent. A ray passes a pane if its `passing`, a random number in [0, 1),
+        is below the pane's transmission; without `passing` no ray does.
         """
         hits = self._cast_once(rays, times)
         if passing is None:
@@ -104,24 +93,11 @@ class RayScene:
         return hits
 
     def occluded(self, rays: NDArray[np.float32], times: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Tell which rays meet anything at all; glass counts.
-
-        Parameters
-        ----------
-        rays : ndarray of shape (n, 6), float32
-            Origin relative to `centre` and unit direction.
-        times : ndarray of shape (n,), float64
-            When each ray is sent, seconds.
-
-        Returns
-        -------
-        ndarray of shape (n,), bool
-            True where something stands or moves in the way.
-        """
+        """Return which rays hit anything, glass included; see `cast` for the parameters."""
         blocked = np.zeros(len(rays), dtype=np.bool_)
         limit = np.full(len(rays), np.inf, dtype=np.float32)
-        for part in self._standing:
-            index, moved = entering(rays, limit, part.box, self.centre - part.centre)
+        for part in self._static:
+            index, moved = rays_entering(rays, limit, part.box, self.centre - part.centre)
             if len(index):
                 blocked[index] |= part.structure.test_occlusions(_tensor(moved), nthreads=self.n_threads).numpy()
         for k, index, local, _ in self._toward(rays, times):
@@ -129,20 +105,7 @@ class RayScene:
         return blocked
 
     def resolve(self, hits: Hits, rays: NDArray[np.float32]) -> Surfaces:
-        """Return what the places are made of that rays met.
-
-        Parameters
-        ----------
-        hits : Hits
-            What `cast` gave.
-        rays : ndarray of shape (n, 6), float32
-            The rays that it was given.
-
-        Returns
-        -------
-        Surfaces
-            One row per ray, zero where it met nothing.
-        """
+        """Return the surfaces at the hits of `cast`, one row per ray, zero without a hit."""
         street = self.street
         near, _ = street.alignment.locate(self.centre[None, :2])
         return resolve_hits(
@@ -153,7 +116,7 @@ class RayScene:
     def _toward(
         self, rays: NDArray[np.float32], times: NDArray[np.float64]
     ) -> Iterator[tuple[int, NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]]:
-        """Yield number, rows, rays and headings of each moving object that rays come near."""
+        """Yield number, rows, rays and headings of each moving object with rays near it."""
         indptr, index, local, yaw = rays_toward(
             rays, times, self._motions, self._reaches, self.centre, self.street.alignment.table, self.street.ground
         )
@@ -164,17 +127,17 @@ class RayScene:
     def _cast_once(self, rays: NDArray[np.float32], times: NDArray[np.float64]) -> Hits:
         n = len(rays)
         hits = Hits(np.full(n, np.inf, np.float32), np.full(n, -1, np.int32), np.zeros((n, 3), np.float32))
-        for part, first in zip(self._standing, self._first_face, strict=False):
-            index, moved = entering(rays, hits.distance, part.box, self.centre - part.centre)
+        for part, first in zip(self._static, self._first_face, strict=False):
+            index, moved = rays_entering(rays, hits.distance, part.box, self.centre - part.centre)
             if len(index) == 0:
                 continue
-            answer = part.structure.cast_rays(_tensor(moved), nthreads=self.n_threads)
-            t, ids, normals = (answer[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_normals"))
+            result = part.structure.cast_rays(_tensor(moved), nthreads=self.n_threads)
+            t, ids, normals = (result[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_normals"))
             keep_nearer(index, t, ids, normals, first, (part.box[0], part.box[1]), *hits)
         for k, index, local, yaw in self._toward(rays, times):
-            answer = self._moving[k].cast_rays(_tensor(local), nthreads=self.n_threads)
-            t, ids, own = (answer[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_normals"))
-            first = self._first_face[len(self._standing) + k]
+            result = self._moving[k].cast_rays(_tensor(local), nthreads=self.n_threads)
+            t, ids, own = (result[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_normals"))
+            first = self._first_face[len(self._static) + k]
             keep_nearer(index, t, ids, turned(own, yaw), first, (1.0, 0.0), *hits)
         return hits
 
@@ -188,7 +151,7 @@ def _through_panes(
     rays: NDArray[np.float32], rows: NDArray[np.int64], cast: NDArray[np.float32], hits: Hits,
     attributes: NDArray[np.float32], passing: NDArray[np.float32],
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:  # fmt: skip
-    """Return which of some rays go on behind the pane that they met, and those rays from there on."""
+    """Return the rows of rays that continue behind the pane they hit, and those rays from there on."""
     active, behind = np.empty(len(rows), np.int64), np.empty((len(rows), 6), np.float32)
     n = 0
     for k in range(len(rows)):
@@ -212,7 +175,7 @@ def _through_panes(
 def _replace(
     hits: Hits, rows: NDArray[np.int64], behind: NDArray[np.float32], again: Hits, rays: NDArray[np.float32]
 ) -> None:
-    """Enter what rays met behind a pane, its distance counted from where the rays begin."""
+    """Replace the hits of rays by those behind a pane, with distances from the rays' origins."""
     for k in range(len(rows)):
         i = rows[k]
         travelled = 0.0

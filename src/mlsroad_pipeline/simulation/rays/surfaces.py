@@ -1,4 +1,4 @@
-"""What rays met, and what is there: label, albedo and relief of the place, textures and ground covers looked up."""
+"""Hits of rays, and the surfaces there: label, albedo and relief, with textures and ground covers."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from mlsroad_pipeline.simulation.street.ground import GRASS, SOIL, Ground
 from mlsroad_pipeline.simulation.street.junctions import Nearby, nearby
 
 WET = 8
-"""Kind of ground under a film of water, beside the kinds of `meshes`: no face has it, places get it."""
+"""Kind of ground under a film of water, assigned to places, not to faces; see `meshes` for the other kinds."""
 
-_CLOSE = 0.15  # a place that has been shifted by less is known to tenths of a millimetre, metres
+_CLOSE = 0.15  # last step of the search along the street, metres; the error is then tenths of a millimetre
 
 _SHARES = np.array([0.0, 0.01, 0.03, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 0.99, 1.0])
 _LEVELS = np.array([0.0, 0.157, 0.209, 0.291, 0.409, 0.5, 0.591, 0.709, 0.791, 0.843, 1.0])
 
 
 class Hits(NamedTuple):
-    """What rays met first.
+    """First hits of rays.
 
     Parameters
     ----------
     distance : ndarray of shape (n,), float32
-        Metres along the ray; infinite where it met nothing.
+        Metres along the ray; infinite without a hit.
     face : ndarray of shape (n,), int32
-        Row of the scene's attribute table, -1 where it met nothing.
+        Row of the scene's attribute table, -1 without a hit.
     normal : ndarray of shape (n, 3), float32
-        Unit normal of the face, either side.
+        Unit normal of the face, of either sign.
     """
 
     distance: NDArray[np.float32]
@@ -44,7 +44,7 @@ class Hits(NamedTuple):
 
 
 class Surfaces(NamedTuple):
-    """What the places are made of that rays met.
+    """Surfaces at the hits of rays.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Surfaces(NamedTuple):
     reflectivity : ndarray of shape (n,), float32
         Albedo at the scanner's wavelength.
     relief : ndarray of shape (n,), float32
-        Height of what grows or lies on the ground there, metres.
+        Height of vegetation or grain on the ground there, metres.
     """
 
     label: NDArray[np.uint8]
@@ -66,24 +66,13 @@ class Surfaces(NamedTuple):
 
 
 def water_level(wetness: float) -> float:
-    """Return the level below which a share of the ground lies under water.
-
-    Parameters
-    ----------
-    wetness : float
-        The share, 0 to 1.
-
-    Returns
-    -------
-    float
-        The quantile of the noise that stands for the ground's unevenness.
-    """
+    """Return the quantile of the unevenness noise below which a share of the ground, 0 to 1, is under water."""
     return float(np.interp(wetness, _SHARES, _LEVELS))
 
 
 @leaf
 def _is_wet(label: int, x: float, y: float, water: float) -> bool:
-    """Tell whether a film of water lies on the ground at a place: puddles of some metres on what is paved."""
+    """Return whether a film of water covers the ground at a place: puddles of some metres on paved ground."""
     if label in (GRASS, SOIL):
         return False
     coarse = 0.65 * plane_noise(x * 0.35, y * 0.35, 5)
@@ -96,7 +85,7 @@ def resolve_hits(
     attributes: NDArray[np.float32], centre: NDArray[np.float64], table: NDArray[np.float64], ground: Ground,
     ground_rgb: NDArray[np.float64], ground_reflectivity: NDArray[np.float64], near: float, water: float,
 ) -> Surfaces:  # fmt: skip
-    """Return what the places are made of that rays met; see `RayScene.resolve`."""
+    """Return the surfaces at hits; see `RayScene.resolve`."""
     n = len(face)
     label, kind = np.zeros(n, dtype=np.uint8), np.zeros(n, dtype=np.uint8)
     rgb, reflectivity = np.zeros((n, 3), dtype=np.float32), np.zeros(n, dtype=np.float32)

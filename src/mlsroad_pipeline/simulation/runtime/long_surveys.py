@@ -1,4 +1,4 @@
-"""Surveys without images of streets of any length, made and handed over piece by piece."""
+"""Surveys without images of streets of any length, yielded in chunks."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.simulation.furnishing.blocks import block_centre
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
-from mlsroad_pipeline.simulation.runtime.crew import pieces
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
 from mlsroad_pipeline.simulation.runtime.survey import as_float32
+from mlsroad_pipeline.simulation.runtime.worker_pool import run_survey
 
 
 def survey_chunks(parameters: SimulationParameters, *, n_points: int, n_threads: int = 1) -> Iterator[PointCloud]:
-    """Yield a long survey piece by piece, without images.
+    """Yield a long survey without images in chunks.
 
     Parameters
     ----------
     parameters : SimulationParameters
-        How it is surveyed; the length follows from `n_points`.
+        Survey parameters; the length follows from `n_points`.
     n_points : int
-        How many points to make in all.
+        Total number of points.
     n_threads : int, default 1
-        Threads to use. The points do not depend on it.
+        Number of workers. The points do not depend on it.
 
     Yields
     ------
     PointCloud
-        Some 100,000s of points each, in the order of gps_time, float32 relative to an origin of each piece's own, so
-        that a street of any length keeps its precision. Only a few blocks of street are in memory at a time. For the
-        trajectory, use `SurveyStream` itself.
+        Some 100,000s of points each, in the order of gps_time, float32 relative to an origin of each chunk, so that
+        streets of any length keep their precision. Only a few blocks of street are in memory at a time. Use
+        `SurveyStream` for the trajectory.
 
     Raises
     ------
     ParameterError
-        If `n_points` or `n_threads` is not at least 1.
+        If `n_points` or `n_threads` is below 1.
     DataError
-        If the street ends before there are as many points, because nearly no pulse came back.
+        If the street ends first, because hardly any pulse returned.
     """
     if n_points < 1:
         raise ParameterError(f"n_points must be >= 1, got {n_points!r}")
@@ -48,16 +48,16 @@ def survey_chunks(parameters: SimulationParameters, *, n_points: int, n_threads:
 
 
 def long_survey(parameters: SimulationParameters, *, n_points: int, n_threads: int = 1) -> SurveyStream:
-    """Return a survey without images of a street long enough for a number of points; it is made as it is read.
+    """Return a survey without images of a street long enough for a number of points; points are computed on demand.
 
     Parameters
     ----------
     parameters : SimulationParameters
-        How it is surveyed; its length and images are not used.
+        Survey parameters; their length and images are not used.
     n_points : int
-        How many points the street must give.
+        Number of points that the street must yield.
     n_threads : int, default 1
-        Threads to use. The points do not depend on it.
+        Number of workers. The points do not depend on it.
 
     Returns
     -------
@@ -69,38 +69,38 @@ def long_survey(parameters: SimulationParameters, *, n_points: int, n_threads: i
     ParameterError
         If `n_threads` is below 1.
     """
-    # As a rule 60 % of the pulses come back; a street longer than needed costs nothing.
+    # About 60 % of the pulses return; a street longer than needed costs nothing.
     pulses = sum(device.pulse_rate for device in parameters.devices)
     length = 60.0 + n_points / (pulses * 0.3) * parameters.speed
     return SurveyStream(replace(parameters, with_images=False), length=length, n_threads=n_threads)
 
 
 def stream_points(stream: SurveyStream, *, n_points: int) -> Iterator[PointCloud]:
-    """Yield the first points of a survey, piece by piece; see `survey_chunks`.
+    """Yield the first points of a survey in chunks; see `survey_chunks`.
 
     Parameters
     ----------
     stream : SurveyStream
         The survey.
     n_points : int
-        How many points to yield in all, at least 1.
+        Total number of points, at least 1.
 
     Yields
     ------
     PointCloud
-        Points in the order of gps_time, float32 relative to an origin of each piece's own.
+        Points in the order of gps_time, float32 relative to an origin of each chunk.
 
     Raises
     ------
     DataError
-        If the street ends before there are as many points.
+        If the street ends first.
     """
     left = n_points
-    for piece in pieces(stream):
-        if piece.cloud is None:
+    for chunk in run_survey(stream):
+        if chunk.cloud is None:
             continue
-        centre, _ = block_centre(stream.street, piece.number)
-        shifted = piece.cloud.moved_to(piece.cloud.origin + centre)
+        centre, _ = block_centre(stream.street, chunk.number)
+        shifted = chunk.cloud.moved_to(chunk.cloud.origin + centre)
         part = as_float32(shifted if len(shifted) <= left else shifted.select(np.arange(left)))
         left -= len(part)
         yield part

@@ -1,4 +1,4 @@
-"""A survey made piece by piece: blocks of street come and go as the vehicle passes them."""
+"""Survey computed block by block: only the blocks of street near the vehicle are in memory."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from mlsroad_pipeline.simulation.cameras.lighting import draw_light, shade
 from mlsroad_pipeline.simulation.furnishing.blocks import Block, block_centre, build_block
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.simulation.rays.scene import Mover, RayScene
-from mlsroad_pipeline.simulation.rays.standing import Standing, stand
-from mlsroad_pipeline.simulation.runtime.weaving import in_order_of_time
+from mlsroad_pipeline.simulation.rays.static import StaticGeometry, build_static
+from mlsroad_pipeline.simulation.runtime.time_merge import merge_by_time
 from mlsroad_pipeline.simulation.scanning.receiver import GHOST, receive
 from mlsroad_pipeline.simulation.scanning.scanner import draw_calibration, georeference, send_pulses
 from mlsroad_pipeline.simulation.street.drive import PAUSE, drive_along
 from mlsroad_pipeline.simulation.street.street import BLOCK, draw_street, generator
 
-_BEHIND, _AHEAD = 1, 2  # blocks around the vehicle's own that rays can meet
+_BEHIND, _AHEAD = 1, 2  # blocks before and after the vehicle's own within range of rays
 _PULSES = 262_144  # pulses of one scanner that are cast at once
 
 
 class SurveyStream:
-    """A survey that is made piece by piece, so that it need not fit into memory.
+    """Survey that is computed block by block, so that it need not fit into memory.
 
     Parameters
     ----------
     parameters : SimulationParameters
-        What is surveyed, and how.
+        Survey parameters.
     length : float, optional
         Length to survey instead of that of the parameters, metres; of any size.
     n_threads : int, default 1
-        Workers that `crew.pieces` uses for it. The points do not depend on it.
+        Number of workers. The points do not depend on it.
     number : int, default 0
-        Which pass through the street it is.
+        Number of the pass through the street.
     start : float, optional
         GPS seconds at its start; that of the parameters by default.
 
@@ -64,12 +64,12 @@ class SurveyStream:
         self.crs = parameters.crs_wkt()
         self._devices = parameters.devices
         self._calibrations = [draw_calibration(parameters, scanner=k) for k in range(len(self._devices))]
-        self._standing: dict[int, tuple[Standing, list[Mover]]] = {}
+        self._static: dict[int, tuple[StaticGeometry, list[Mover]]] = {}
         self._scene: tuple[int, RayScene] | None = None
 
     @property
     def trajectory(self) -> pd.DataFrame:
-        """The reported trajectory of the whole drive."""
+        """Reported trajectory of the whole drive."""
         return self.drive.table(self.parameters)
 
     def next_pass(self) -> SurveyStream:
@@ -80,33 +80,22 @@ class SurveyStream:
         )
 
     def block_count(self) -> int:
-        """Return how many blocks the drive passes."""
+        """Return the number of blocks along the drive."""
         return int(np.ceil(self.length / BLOCK))
 
     def build(self, number: int) -> Block:
-        """Return a populated block.
-
-        Parameters
-        ----------
-        number : int
-            The block.
-
-        Returns
-        -------
-        Block
-            The block.
-        """
+        """Return a block with its objects."""
         return build_block(self.street, self.drive, number, pass_number=self.number)
 
     def scene(self, number: int, blocks: Mapping[int, Block] | None = None) -> RayScene:
-        """Return what rays can meet while the vehicle is in a block.
+        """Return the geometry within range of rays while the vehicle is in a block.
 
         Parameters
         ----------
         number : int
             The block.
         blocks : mapping of int to Block, optional
-            `near` it, as `build` gives them; built here by default. Blocks farther behind are forgotten.
+            The blocks of `near`; built here by default. Blocks farther behind are dropped.
 
         Returns
         -------
@@ -115,49 +104,27 @@ class SurveyStream:
         """
         if self._scene is not None and self._scene[0] == number:
             return self._scene[1]
-        self._standing = {k: part for k, part in self._standing.items() if k >= number - _BEHIND}
+        self._static = {k: part for k, part in self._static.items() if k >= number - _BEHIND}
         movers = []
         for k in self.near(number):
-            if k not in self._standing:
+            if k not in self._static:
                 block = self.build(k) if blocks is None else blocks[k]
-                self._standing[k] = stand(block.soup), block.movers
-            movers += self._standing[k][1]
+                self._static[k] = build_static(block.soup), block.movers
+            movers += self._static[k][1]
         order = [number, *(number + k for k in range(1, _AHEAD + 1)), *(number - k for k in range(1, _BEHIND + 1))]
         scene = RayScene(
             self.street, [], [], movers, block_centre(self.street, number)[0], wetness=self.parameters.wetness,
-            standing=[self._standing[k][0] for k in order],
+            static=[self._static[k][0] for k in order],
         )  # fmt: skip
         self._scene = number, scene
         return scene
 
     def near(self, number: int) -> range:
-        """Return the blocks that rays can meet while the vehicle is in one.
-
-        Parameters
-        ----------
-        number : int
-            The block.
-
-        Returns
-        -------
-        range
-            Their numbers.
-        """
+        """Return the numbers of the blocks within range of rays while the vehicle is in a block."""
         return range(number - _BEHIND, number + _AHEAD + 1)
 
     def spans(self, number: int) -> list[tuple[float, float]]:
-        """Return the stretches of time in which a block is scanned.
-
-        Parameters
-        ----------
-        number : int
-            The block.
-
-        Returns
-        -------
-        list of tuple of float
-            Start and end of each, seconds since the start of the drive.
-        """
+        """Return start and end of the intervals in which a block is scanned, seconds since the start of the drive."""
         start = self.drive.time_at(number * BLOCK)
         end = self.drive.time_at(min((number + 1) * BLOCK, self.length))
         fastest = max(device.pulse_rate for device in self._devices)
@@ -165,18 +132,7 @@ class SurveyStream:
         return [(float(a), float(b)) for a, b in pairwise(edges)]
 
     def moments(self, number: int) -> list[int]:
-        """Return at which moments images are taken in a block.
-
-        Parameters
-        ----------
-        number : int
-            The block.
-
-        Returns
-        -------
-        list of int
-            How many image intervals lie before each.
-        """
+        """Return the numbers of the image intervals at whose start images are taken in a block."""
         interval = self.parameters.image_interval
         low, high = number * BLOCK, min((number + 1) * BLOCK, self.length)
         return list(range(int(np.ceil(low / interval)), int(np.ceil(high / interval))))
@@ -189,33 +145,33 @@ class SurveyStream:
         number : int
             The block, from 0 to `block_count` - 1.
         scene : RayScene
-            What `scene` gave for it.
+            Its `scene`.
 
         Yields
         ------
         PointCloud
-            Points in the order of gps_time, all scanners together; street-local float64 coordinates. Columns as in
-            `Survey`; rgb only without images, which colour the points otherwise.
+            Points of all scanners in the order of gps_time; street-local float64 coordinates. Columns as in `Survey`;
+            rgb only without images, which colour the points otherwise.
         """
         for span in self.spans(number):
             yield self.scan_span(scene, *span)
 
     def scan_span(self, scene: RayScene, start: float, end: float) -> PointCloud:
-        """Return the points measured between two times, all scanners together.
+        """Return the points of all scanners between two times.
 
         Parameters
         ----------
         scene : RayScene
-            What `scene` gave for the block.
+            The `scene` of the block.
         start, end : float
-            One of `spans`, seconds.
+            One of its `spans`, seconds.
 
         Returns
         -------
         PointCloud
-            As `scan` yields them.
+            Points as from `scan`.
         """
-        columns = in_order_of_time([self._measure(scene, k, start, end) for k in range(len(self._devices))])
+        columns = merge_by_time([self._measure(scene, k, start, end) for k in range(len(self._devices))])
         xyz = columns.pop("xyz")
         return PointCloud(xyz, columns, self.origin, self.crs, "simulated survey")
 
@@ -248,21 +204,21 @@ class SurveyStream:
         return columns
 
     def photograph(self, number: int, scene: RayScene) -> tuple[list[Image], list[NDArray[np.float32]]]:
-        """Take the images that fall into a block.
+        """Take the images of a block.
 
         Parameters
         ----------
         number : int
             The block, from 0 to `block_count` - 1.
         scene : RayScene
-            What `scene` gave for it.
+            Its `scene`.
 
         Returns
         -------
         images : list of Image
-            By time, all cameras at each moment.
+            Images by time, of all cameras at each moment.
         depths : list of ndarray of shape (height, width), float32
-            Of each image: depth along the optical axis in metres, infinite in the sky.
+            Depth of each image along the optical axis, metres; infinite in the sky.
         """
         images, depths = [], []
         for moment in self.moments(number):
@@ -277,21 +233,21 @@ class SurveyStream:
         Parameters
         ----------
         scene : RayScene
-            What `scene` gave for the block.
+            The `scene` of the block.
         moment : int
-            One of `moments`.
+            One of its `moments`.
 
         Returns
         -------
         images, depths : list
-            As `photograph` gives them.
+            As from `photograph`.
         """
-        before = f"{self.number}_" if self.number else ""
+        prefix = f"{self.number}_" if self.number else ""
         time = self.drive.time_at(moment * self.parameters.image_interval)
         pairs = [
             take_image(
                 scene, self.drive, self.light, self.parameters,
-                camera=camera, time=time, name=f"{before}{moment:05d}_{camera}",
+                camera=camera, time=time, name=f"{prefix}{moment:05d}_{camera}",
             )
             for camera in CAMERAS
         ]  # fmt: skip

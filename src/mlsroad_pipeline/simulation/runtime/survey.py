@@ -1,4 +1,4 @@
-"""The whole survey: drive along a street, scan it, photograph it, and hand over what a mapping company delivers."""
+"""Simulated surveys: points, trajectory, images and truth, as a mapping company would deliver them."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud, concatenate
-from mlsroad_pipeline.simulation.cameras.cameras import Image, pose_at
+from mlsroad_pipeline.simulation.cameras.cameras import Image
 from mlsroad_pipeline.simulation.cameras.colouring import colour_points, spread_colours
 from mlsroad_pipeline.simulation.furnishing.blocks import ObjectRecord
 from mlsroad_pipeline.simulation.model.meshes import rotation_matrix
 from mlsroad_pipeline.simulation.objects.dimensions import Measures
 from mlsroad_pipeline.simulation.parameters.devices import Device
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
-from mlsroad_pipeline.simulation.runtime.crew import pieces
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
+from mlsroad_pipeline.simulation.runtime.worker_pool import run_survey
 from mlsroad_pipeline.simulation.street.drive import Drive
+from mlsroad_pipeline.simulation.street.poses import pose_at
 from mlsroad_pipeline.simulation.street.street import Street
 
 _COLOUR_REACH = 0.5  # metres
@@ -41,21 +42,21 @@ class Survey:
         Points in the order of gps_time, coordinates relative to `origin`; columns rgb, intensity, gps_time, scanner,
         label (uint8, taxonomy codes), instance (0 is none), return_number, number_of_returns, scan_angle (degrees).
     trajectory : pandas.DataFrame
-        The reported one: gps_time, x, y, z (world metres), roll, pitch, heading (radians; see `Drive`).
+        Reported trajectory: gps_time, x, y, z (world metres), roll, pitch, heading (radians; see `Drive`).
     images : list of Image
-        In the order of time.
+        Images in the order of time.
     objects : pandas.DataFrame
-        The truth behind `instance`: instance, label, x, y, z (world metres of the base point; of a moving object when
-        the van passes it), moving, design, length, width, height (of the upright box along its front, metres; the
-        height is that of its top above the base point), heading (of its front, radians counter-clockwise from east),
-        box_x, box_y (world metres of the box's middle), hard_case (why it is hard to tell from a neighbour, or empty),
-        and of poles and signs what `Measures` says (panel_x and panel_y in world metres).
+        Truth about each `instance`: instance, label, x, y, z (world metres of the base point; of a moving object when
+        the van passes it), moving, design, length, width, height (of the upright box along its front, metres; height is
+        that of its top above the base point), heading (of its front, radians counter-clockwise from east), box_x, box_y
+        (world metres of the middle of the box), hard_case (kind of confusable neighbour, or empty), and the fields of
+        `Measures` for poles and signs (panel_x and panel_y in world metres).
     origin : ndarray of shape (3,), float64
         World coordinates of the local zero, metres.
     crs : str
         Coordinate reference system as WKT.
     street : Street
-        What was surveyed.
+        The surveyed street.
     """
 
     cloud: PointCloud
@@ -73,19 +74,19 @@ def simulate_survey(parameters: SimulationParameters, *, n_threads: int = 1) -> 
     Parameters
     ----------
     parameters : SimulationParameters
-        What is surveyed, and how; see `PRESETS`.
+        Survey parameters; see `PRESETS`.
     n_threads : int, default 1
-        Threads to use; two take little more than half the time of one.
+        Number of workers; two take little more than half the time of one.
 
     Returns
     -------
     Survey
-        Points, trajectory, images and truth. The same parameters give the same bytes, whatever the number of threads.
+        Points, trajectory, images and truth. The same parameters give the same bytes for any number of workers.
 
     Raises
     ------
     ParameterError
-        If `n_threads` is not at least 1.
+        If `n_threads` is below 1.
     """
     survey, images = SurveyPieces(parameters, n_threads=n_threads), []
     clouds = []
@@ -98,19 +99,19 @@ def simulate_survey(parameters: SimulationParameters, *, n_threads: int = 1) -> 
 
 
 class SurveyPieces:
-    """A survey that is read once, piece by piece, coloured by its images; all its passes, one after the other.
+    """Survey that is read once, in chunks, coloured by its images; its passes follow each other.
 
     Parameters
     ----------
     parameters : SimulationParameters
-        What is surveyed, and how; see `PRESETS`.
+        Survey parameters; see `PRESETS`.
     n_threads : int, default 1
-        Threads to use; nothing but the time depends on it.
+        Number of workers; only the computing time depends on it.
 
     Raises
     ------
     ParameterError
-        If `n_threads` is not at least 1.
+        If `n_threads` is below 1.
     """
 
     def __init__(self, parameters: SimulationParameters, *, n_threads: int = 1) -> None:
@@ -127,7 +128,7 @@ class SurveyPieces:
 
     @property
     def objects(self) -> pd.DataFrame:
-        """The truth behind the instances read so far; see `Survey`."""
+        """Truth about the instances read so far; see `Survey`."""
         return _object_table([r for i, r in self._truth.items() if i in self._present], self.origin)
 
     def __iter__(self) -> Iterator[tuple[PointCloud, list[Image]]]:
@@ -136,13 +137,13 @@ class SurveyPieces:
         for number in range(self._parameters.passes):
             stream = stream if number == 0 else stream.next_pass()
             self._drives.append(stream.drive)
-            make = _coloured_pieces if self._parameters.with_images else _bare
-            for cloud, images in make(stream, self._truth):
+            chunks = _coloured_chunks if self._parameters.with_images else _plain_chunks
+            for cloud, images in chunks(stream, self._truth):
                 self._present.update(np.unique(cloud["instance"]).tolist())
                 yield cloud, images
 
     def pass_of(self, gps_time: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return which pass times belong to, and the seconds since its start.
+        """Return the pass of each time, and the seconds since its start.
 
         Parameters
         ----------
@@ -161,14 +162,14 @@ class SurveyPieces:
         return number, gps_time - starts[number]
 
     def piece_of(self, gps_time: NDArray[np.float64], piece_length: float) -> NDArray[np.int64]:
-        """Return the piece of street, counted through all passes, in which the vehicle was at times.
+        """Return the piece of street, counted through all passes, that the vehicle was on at each time.
 
         Parameters
         ----------
         gps_time : ndarray of shape (n,), float64
             GPS seconds within the passes read so far.
         piece_length : float
-            Street per piece, metres.
+            Length of a piece, metres.
 
         Returns
         -------
@@ -186,7 +187,7 @@ class SurveyPieces:
         return number * per_pass + within
 
     def sensor_pose(self, number: int, time: float, device: Device) -> NDArray[np.float64]:
-        """Return where a device was by the reported trajectory, with the axes of the vehicle.
+        """Return the pose of a device by the reported trajectory, with the axes of the vehicle.
 
         Parameters
         ----------
@@ -200,7 +201,7 @@ class SurveyPieces:
         Returns
         -------
         ndarray of shape (4, 4), float64
-            From the device's place to the world less the survey's origin.
+            Transformation from the device to the world minus the survey's origin.
         """
         pose = pose_at(self._drives[number].reported, time)
         out = np.eye(4)
@@ -209,29 +210,29 @@ class SurveyPieces:
         return out
 
     def moving_instances(self) -> list[int]:
-        """Return the instances read so far that move."""
+        """Return the moving instances read so far."""
         return [instance for instance, record in self._truth.items() if record.moving]
 
 
-def _bare(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
-    for piece in pieces(stream):
-        truth.update({record.instance: record for record in piece.records})
-        if piece.cloud is not None:
-            yield piece.cloud, []
+def _plain_chunks(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
+    for chunk in run_survey(stream):
+        truth.update({record.instance: record for record in chunk.records})
+        if chunk.cloud is not None:
+            yield chunk.cloud, []
 
 
-def _coloured_pieces(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
-    """Yield points once the images of the block after theirs are taken."""
+def _coloured_chunks(stream: SurveyStream, truth: dict[int, ObjectRecord]) -> Iterator[tuple[PointCloud, list[Image]]]:
+    """Yield points as soon as the images of the next block are taken."""
     waiting: list[PointCloud] = []
     taken: list[tuple[list[Image], list[NDArray[np.float32]]]] = []
-    for _, steps in groupby(pieces(stream), key=lambda piece: piece.number):
+    for _, chunks in groupby(run_survey(stream), key=lambda chunk: chunk.number):
         scanned: list[PointCloud] = []
         taken = [*taken[-2:], ([], [])]
-        for piece in steps:
-            truth.update({record.instance: record for record in piece.records})
-            scanned += [] if piece.cloud is None else [piece.cloud]
-            taken[-1][0].extend(piece.images)
-            taken[-1][1].extend(piece.depths)
+        for chunk in chunks:
+            truth.update({record.instance: record for record in chunk.records})
+            scanned += [] if chunk.cloud is None else [chunk.cloud]
+            taken[-1][0].extend(chunk.images)
+            taken[-1][1].extend(chunk.depths)
         images = taken[-1][0]
         for cloud in waiting:
             yield _coloured(cloud, taken), images

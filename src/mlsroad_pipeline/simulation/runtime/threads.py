@@ -1,4 +1,4 @@
-"""Threads that work a little ahead of what is asked for; results do not depend on their number."""
+"""Thread pool with look-ahead; results do not depend on the number of threads."""
 
 from __future__ import annotations
 
@@ -12,28 +12,17 @@ from typing import TypeVar
 T = TypeVar("T")
 R = TypeVar("R")
 
-_SWITCH = 0.0002  # seconds that a thread may hold the interpreter while others wait
+_SWITCH = 0.0002  # seconds a thread may hold the interpreter lock while others wait
 
 
 @contextmanager
-def workers(count: int) -> Iterator[ThreadPoolExecutor | None]:
-    """Yield a pool of threads, or None for no thread; what has not begun when it is left does not begin.
-
-    Parameters
-    ----------
-    count : int
-        Number of threads, at least 0.
-
-    Yields
-    ------
-    ThreadPoolExecutor or None
-        The pool.
-    """
+def thread_pool(count: int) -> Iterator[ThreadPoolExecutor | None]:
+    """Yield a pool of threads, or None for a count of 0; pending tasks are cancelled on exit."""
     if count == 0:
         yield None
         return
     pool = ThreadPoolExecutor(count)
-    # Compiled code runs without the interpreter's lock and comes back for it often: waiting for 5 ms each time adds up.
+    # Compiled code releases the interpreter lock and takes it back often: waits of 5 ms would add up.
     interval = sys.getswitchinterval()
     sys.setswitchinterval(min(interval, _SWITCH))
     try:
@@ -43,26 +32,13 @@ def workers(count: int) -> Iterator[ThreadPoolExecutor | None]:
         sys.setswitchinterval(interval)
 
 
-def ahead_of(
+def map_ahead(
     pool: ThreadPoolExecutor | None, function: Callable[[T], R], items: Iterable[T], ahead: int
 ) -> Iterator[R]:
-    """Apply a function to items in order, with a few more in work than have been asked for.
+    """Apply a function to items and yield the results in order.
 
-    Parameters
-    ----------
-    pool : ThreadPoolExecutor or None
-        Who does it; None is the caller, item by item.
-    function : callable
-        From an item to a result.
-    items : iterable
-        The items.
-    ahead : int
-        How many results are worked on beyond the one asked for, which bounds what is held in memory.
-
-    Yields
-    ------
-    object
-        Results in the order of the items.
+    At most `ahead` results beyond the next one are computed early, which bounds the memory. Without a pool the caller's
+    thread computes item by item.
     """
     if pool is None:
         yield from map(function, items)

@@ -1,4 +1,4 @@
-"""How strong a return is, what intensity is recorded of it, and how far its range strays."""
+"""Amplitude of a return, its recorded intensity, and its range noise."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from mlsroad_pipeline.simulation.model.meshes import GLASS, GROUND, PAINT, RETRO
 from mlsroad_pipeline.simulation.rays.surfaces import WET
 
 FULL_SCALE_DB = 50.0
-"""Amplitude that is intensity 1, decibels above one photon-starved unit."""
+"""Amplitude of intensity 1, decibels above the unit of amplitude."""
 
 SATURATION_DB = 44.0
-"""Amplitude from which on a return glares, decibels."""
+"""Amplitude from which on a return saturates and blooms, decibels."""
 
-_WHITE_DB = 38.0  # amplitude of a white surface met squarely 10 m away
+_WHITE_DB = 38.0  # amplitude of a white surface at normal incidence, 10 m away
 _NEPER = 0.23025850929940458  # ln(10) / 10
-_ROUGHNESS = 0.6  # standard deviation of the slopes of asphalt's grains, gravel and soil, radians
+_ROUGHNESS = 0.6  # standard deviation of the micro-slopes of asphalt, gravel and soil, radians
 _ROUGH_A = 1.0 - 0.5 * _ROUGHNESS**2 / (_ROUGHNESS**2 + 0.33)
 _ROUGH_B = 0.45 * _ROUGHNESS**2 / (_ROUGHNESS**2 + 0.09)
 
@@ -29,8 +29,8 @@ def deviation(range_noise: float, amplitude: float, stretch: float) -> float:
 
 @leaf
 def amplitude_of(reflectivity: float, kind: int, cosine: float, distance: float) -> float:
-    """Return the amplitude of a return in decibels: the inverse square, Lambert, gloss and the like."""
-    # Closer than some metres the receiver does not see the whole spot.
+    """Return the amplitude of a return in decibels, by inverse square law, Lambert's law and gloss."""
+    # Within some metres the spot is larger than the receiver's field of view.
     spread = (distance * distance + 16.0) / 100.0
     seen = backscatter(cosine) if kind == GROUND else max(cosine, 0.02)
     decibels = _WHITE_DB + 10 * np.log10(max(reflectivity * seen, 1e-6) / spread)
@@ -47,24 +47,24 @@ def amplitude_of(reflectivity: float, kind: int, cosine: float, distance: float)
 
 @leaf
 def backscatter(cosine: float) -> float:
-    """Return what rough ground sends back over what a smooth white surface does that is met squarely.
+    """Return the backscatter of rough ground over that of a smooth white surface at normal incidence.
 
-    Oren and Nayar (1994), their qualitative model, with light and eye in one direction: grains turn some of their faces
-    to a beam however low it comes. Lambert's law is a roughness of 0.
+    The qualitative model of Oren and Nayar (1994) with light and eye in one direction. A roughness of 0 is Lambert's
+    law.
     """
     return _ROUGH_A * cosine + _ROUGH_B * (1.0 - cosine * cosine)
 
 
 @leaf
 def _gloss(cosine: float, width: float, height: float) -> float:
-    """Return what a lobe of a width in degrees about the normal adds, decibels."""
+    """Return the gain of a lobe about the normal, decibels; its width is in degrees."""
     slant = np.degrees(np.arccos(min(cosine, 1.0))) / width
     return height * np.exp(-slant * slant)
 
 
 @leaf
 def mirrored_share(cosine: float) -> float:
-    """Return the share of light that a pane or a film of water mirrors, after Schlick."""
+    """Return the share of light that a pane or a film of water reflects like a mirror (Schlick's approximation)."""
     return 0.06 + 0.94 * (1.0 - cosine) ** 5
 
 

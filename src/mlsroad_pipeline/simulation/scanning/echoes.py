@@ -1,4 +1,4 @@
-"""What one pulse's echoes amount to: mixed ranges, detection, glare."""
+"""Echoes of one pulse: mixed ranges, detection, blooming."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ THRESHOLD_DB = 4.0
 """Amplitude at which half of the returns are detected, decibels."""
 
 GLARE_LOSS_DB = 20.0
-"""How much weaker than the saturated return its glare begins, decibels."""
+"""Loss from a saturated return to its blooming on the adjacent pulse, decibels."""
 
 _MOST = 20  # echoes of one pulse before they mix
 
 
 class Receiver(NamedTuple):
-    """What `measure` needs to know of a device; see `Device`.
+    """Properties of a device that `measure` uses; see `Device`.
 
     Parameters
     ----------
     min_range, max_range, range_noise, range_step, pulse_length, sensitivity, blooming, divergence, step : float
         Fields and properties of `Device`.
     beams, max_returns : int
-        Number of beams, and of returns that are kept.
+        Numbers of beams and of returns kept.
     corrected : bool
         Whether intensity is reflectance.
     dark, bright : float
-        The amplitudes of `Device.intensity_scale`; both 0 without it.
+        Amplitudes of `Device.intensity_scale`; both 0 without it.
     """
 
     min_range: float
@@ -56,7 +56,7 @@ class Receiver(NamedTuple):
 
 
 class Slots(NamedTuple):
-    """Which rays beside the central one sample a pulse's beam.
+    """Rays that sample a pulse's beam beside the central one.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Slots(NamedTuple):
     more : ndarray of shape (n,), int64
         Row of the first of `n_more` further ones, or -1.
     ghost : ndarray of shape (n,), int64
-        Row of the ray that a mirror sent on, or -1.
+        Row of the ray reflected by a mirror, or -1.
     n_more : int
         See `more`.
     """
@@ -84,11 +84,29 @@ def _recorded(amplitude: float, distance: float, gain: float, receiver: Receiver
     return intensity_of(amplitude + gain - receiver.sensitivity, distance, receiver.corrected)
 
 
+class Echoes(NamedTuple):
+    """Echo of each ray, before the echoes of a pulse mix.
+
+    Parameters
+    ----------
+    distance : ndarray of shape (n,), float32
+        Range, metres; infinite without a hit.
+    amplitude : ndarray of shape (n,), float32
+        At full power, decibels; -99 without a hit.
+    tangent : ndarray of shape (n,), float32
+        Tangent of the angle of incidence.
+    """
+
+    distance: NDArray[np.float32]
+    amplitude: NDArray[np.float32]
+    tangent: NDArray[np.float32]
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def answers(
+def ray_echoes(
     hits: Hits, surfaces: Surfaces, rays: NDArray[np.float32], sensitivity: float, turf_gain: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Return range, amplitude and tangent of the incidence of what each ray met, infinite where nothing."""
+) -> Echoes:
+    """Return the echo of each ray."""
     n = len(hits.face)
     distance, amplitude = np.full(n, np.inf, np.float32), np.full(n, -99.0, np.float32)
     tangent = np.zeros(n, np.float32)
@@ -99,14 +117,14 @@ def answers(
         for r in range(3):
             cosine += hits.normal[i, r] * rays[i, 3 + r]
         cosine = min(abs(cosine), 1.0)
-        # Blades and clods stand above the ground's mesh.
+        # Blades of grass and clods rise above the ground's mesh.
         shortened = min(surfaces.relief[i] / max(cosine, 0.12), 0.4)
         distance[i] = hits.distance[i] - shortened
         amplitude[i] = sensitivity + amplitude_of(surfaces.reflectivity[i], int(surfaces.kind[i]), cosine, distance[i])
         if turf_gain != 0.0 and surfaces.label[i] == GRASS and surfaces.kind[i] == GROUND:
             amplitude[i] += turf_gain
         tangent[i] = np.sqrt(1.0 - cosine * cosine) / max(cosine, 0.1)
-    return distance, amplitude, tangent
+    return Echoes(distance, amplitude, tangent)
 
 
 @leaf
@@ -143,7 +161,7 @@ def _mix(
 
 @leaf
 def _strongest(count: int, most: int, r: NDArray, a: NDArray, source: NDArray, slant: NDArray) -> int:
-    """Keep the strongest echoes, in place and in order, and return how many they are."""
+    """Keep the strongest echoes, in place and in order, and return their number."""
     while count > most:
         weakest = 0
         for k in range(1, count):
@@ -160,11 +178,11 @@ def _glare(
     i: int, r: NDArray[np.float32], a: NDArray[np.float32], kind: NDArray[np.uint8],
     receiver: Receiver,
 ) -> tuple[float, float, int]:  # fmt: skip
-    """Return range, amplitude and source of the strongest glare of pulses beside one on the same profile."""
+    """Return range, amplitude and source of the strongest blooming onto a pulse from others of the same profile."""
     reach = min(int(receiver.blooming / receiver.step), 12)
     if reach == 0 or kind[i] == RETRO:
         return np.inf, -99.0, -1
-    best, found = -99.0, -1
+    best, source = -99.0, -1
     for side in (-1, 1):
         for k in range(1, reach + 1):
             j = i + side * k * receiver.beams
@@ -174,32 +192,33 @@ def _glare(
                 continue
             glare = a[j] - GLARE_LOSS_DB - 14.0 * (k * receiver.step / receiver.blooming) ** 2
             if glare > best:
-                best, found = glare, j
-    return (np.inf, -99.0, -1) if found < 0 else (float(r[found]), best, found)
+                best, source = glare, j
+    return (np.inf, -99.0, -1) if source < 0 else (float(r[source]), best, source)
 
 
 @leaf
 def _gather(
-    i: int, central: tuple[NDArray, NDArray, NDArray], extra: tuple[NDArray, NDArray, NDArray], slots: Slots,
+    i: int, central: Echoes, extra: Echoes, slots: Slots,
     chance: float, r: NDArray[np.float64], a: NDArray[np.float64], source: NDArray[np.int64],
     slant: NDArray[np.float64],
 ) -> int:  # fmt: skip
-    """Write what the rays of one pulse's beam met, each with its share of the energy, and return how many did."""
+    """Write the echoes of one pulse's rays, each with its share of the energy, and return their number."""
     n, count, aside = len(slots.edge), 0, 0.0
     edge, more, ghost = slots.edge[i], slots.more[i], slots.ghost[i]
     rays = slots.n_more if more >= 0 else 0
     if edge >= 0:
         aside = 0.2 + 0.35 * chance if rays == 0 else 0.65 / (1.0 + rays)
-    if np.isfinite(central[0][i]):
+    if np.isfinite(central.distance[i]):
         share = 1.0 - aside * (1 + rays)
-        r[0], a[0], slant[0], source[0] = central[0][i], central[1][i] + 10 * np.log10(share), central[2][i], i
+        r[0], a[0] = central.distance[i], central.amplitude[i] + 10 * np.log10(share)
+        slant[0], source[0] = central.tangent[i], i
         count = 1
     for k in range(rays + 2):
         e, share = (ghost, 1.0) if k == rays + 1 else (edge if k == 0 else more + k - 1, aside)
-        if e < 0 or (edge < 0 and k <= rays) or not np.isfinite(extra[0][e]):
+        if e < 0 or (edge < 0 and k <= rays) or not np.isfinite(extra.distance[e]):
             continue
-        r[count], a[count] = extra[0][e], extra[1][e] + 10 * np.log10(share)
-        slant[count], source[count] = extra[2][e], n + e
+        r[count], a[count] = extra.distance[e], extra.amplitude[e] + 10 * np.log10(share)
+        slant[count], source[count] = extra.tangent[e], n + e
         count += 1
     return count
 
@@ -209,11 +228,11 @@ def _detect(
     i: int, count: int, chance: NDArray[np.float32], noise: NDArray[np.float32], receiver: Receiver,
     r: NDArray[np.float64], a: NDArray[np.float64], source: NDArray[np.int64], slant: NDArray[np.float64],
 ) -> int:  # fmt: skip
-    """Keep the echoes that are detected, in place and with their noise, and return how many they are."""
+    """Keep the detected echoes, in place and with their noise, and return their number."""
     kept = 0
     for k in range(count):
         row = i if k == 0 else (i + 7919 * k) % len(chance)
-        # Detection fails softly around the threshold, and rarely anywhere.
+        # Detection is probabilistic around the threshold, and fails rarely at any amplitude.
         needed = THRESHOLD_DB + 1.2 * noise[row, 1]
         if not receiver.min_range < r[k] < receiver.max_range or a[k] < needed:
             continue
@@ -231,8 +250,8 @@ def _detect(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def measure(
-    central: tuple[NDArray, NDArray, NDArray], kind: NDArray[np.uint8],
-    extra: tuple[NDArray, NDArray, NDArray], slots: Slots, power: Power, chance: NDArray[np.float32],
+    central: Echoes, kind: NDArray[np.uint8],
+    extra: Echoes, slots: Slots, power: Power, chance: NDArray[np.float32],
     noise: NDArray[np.float32], receiver: Receiver,
 ) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray, NDArray]:  # fmt: skip
     """Return pulse, range, intensity, source row (extra rays after the central ones), number and total of returns."""
@@ -243,7 +262,7 @@ def measure(
     number, total = np.empty(room, np.uint8), np.empty(room, np.uint8)
     r, a, slant = np.empty(_MOST), np.empty(_MOST), np.empty(_MOST)
     source = np.empty(_MOST, np.int64)
-    of_centre, amplitude, tangent = central
+    of_centre, amplitude, tangent = central.distance, central.amplitude, central.tangent
     lowered, gain = power
     controlled, uneven = len(lowered) > 0, len(gain) > 0
     for i in range(n):
@@ -255,7 +274,7 @@ def measure(
         else:
             count = _gather(i, central, extra, slots, chance[i], r, a, source, slant)
         if receiver.blooming > 0.0:
-            distance_of_glare, glare, row = _glare(i, central[0], central[1], kind, receiver)
+            distance_of_glare, glare, row = _glare(i, of_centre, amplitude, kind, receiver)
             if row >= 0 and (count == 0 or abs(distance_of_glare - r[0]) > receiver.pulse_length):
                 r[count], a[count], slant[count], source[count] = distance_of_glare, glare, 0.0, row
                 count += 1

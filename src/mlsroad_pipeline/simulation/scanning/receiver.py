@@ -1,4 +1,4 @@
-"""Casting pulses into a scene: the beam's rays where it meets edges, mirrors, and what the receiver makes of it all."""
+"""Reception of pulses: extra rays at edges and mirrors, and the measured returns."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.simulation.rays.scene import RayScene
 from mlsroad_pipeline.simulation.rays.surfaces import WET, Hits, Surfaces
 from mlsroad_pipeline.simulation.scanning.amplitudes import FULL_SCALE_DB, deviation, mirrored_share
-from mlsroad_pipeline.simulation.scanning.echoes import THRESHOLD_DB, Receiver, Slots, answers, measure
+from mlsroad_pipeline.simulation.scanning.echoes import THRESHOLD_DB, Echoes, Receiver, Slots, measure, ray_echoes
 from mlsroad_pipeline.simulation.scanning.power import power_of
 from mlsroad_pipeline.simulation.scanning.scanner import Pulses
 
 __all__ = ["FULL_SCALE_DB", "RESOLUTION", "THRESHOLD_DB", "Returns", "range_deviation", "receive"]
 
 RESOLUTION = Device.pulse_length
-"""Pulse length of a device unless said otherwise, metres (4 ns)."""
+"""Default pulse length of a device, metres (4 ns)."""
 
 GHOST = TAXONOMY["outlier"]
-"""Label of returns that came by way of a mirror and lie where nothing is."""
+"""Label of returns by way of a mirror, whose measured places are empty."""
 
-_OFF_MIRROR = 0.003  # how far from a mirror a ray starts anew, metres
-_APART = 0.12  # rays of one beam whose ranges differ by more met different surfaces, metres
+_OFF_MIRROR = 0.003  # offset of a reflected ray's origin from the mirror, metres
+_APART = 0.12  # rays of one beam with ranges farther apart hit different surfaces, metres
 
 
 class Returns(NamedTuple):
-    """What came back, in the order of the pulses.
+    """Measured returns, in the order of the pulses.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Returns(NamedTuple):
         0 to 1: amplitude over `FULL_SCALE_DB` with a soft limit, reflectance where the device corrects it, or amplitude
         on the device's own scale.
     face : ndarray of shape (m,), int32
-        Face that gave most of the return.
+        Face that contributed most to the return.
     normal : ndarray of shape (m, 3), float32
         Its unit normal.
     number, total : ndarray of shape (m,), uint8
@@ -63,27 +63,9 @@ class Returns(NamedTuple):
 def receive(
     scene: RayScene, pulses: Pulses, parameters: SimulationParameters, rng: np.random.Generator, *, scanner: int = 0
 ) -> tuple[Returns, Surfaces]:
-    """Cast pulses into a scene and measure what comes back.
+    """Cast the pulses of a scanner into a scene and return the measured returns with their surfaces.
 
-    Parameters
-    ----------
-    scene : RayScene
-        What there is to hit.
-    pulses : Pulses
-        The pulses.
-    parameters : SimulationParameters
-        The scanners, and how many rays sample a beam.
-    rng : numpy.random.Generator
-        Source of all noise.
-    scanner : int, default 0
-        Which scanner it is.
-
-    Returns
-    -------
-    returns : Returns
-        In the order of the pulses.
-    surfaces : Surfaces
-        Of each return; the label of a ghost is `GHOST`.
+    All noise is drawn from `rng`. The label of a ghost is `GHOST`.
     """
     device = parameters.devices[scanner]
     n = len(pulses.time)
@@ -94,10 +76,10 @@ def receive(
     slots, rays, extra = _extra_rays(scene, pulses, hits, central, parameters.beam_rays, device, chance, rng)
     around = scene.resolve(extra, rays)
     receiver = _receiver(device)
-    of_centre = answers(hits, central, pulses.rays, device.sensitivity, device.turf_gain)
-    of_extra = answers(extra, around, rays, device.sensitivity, device.turf_gain)
+    of_centre = ray_echoes(hits, central, pulses.rays, device.sensitivity, device.turf_gain)
+    of_extra = ray_echoes(extra, around, rays, device.sensitivity, device.turf_gain)
     _by_mirror(slots.ghost, of_centre, of_extra, hits, pulses.rays, around)
-    power = power_of(device, pulses.time, of_centre[1], seed=parameters.seed, scanner=scanner)
+    power = power_of(device, pulses.time, of_centre.amplitude, seed=parameters.seed, scanner=scanner)
     pulse, distance, intensity, source, number, total = measure(
         of_centre, central.kind, of_extra, slots, power, chance[:, 1], noise, receiver
     )
@@ -106,22 +88,11 @@ def receive(
 
 
 def range_deviation(range_noise: float, amplitude: float, *, stretch: float = 0.0) -> float:
-    """Return the standard deviation of a measured range.
+    """Return the standard deviation of a measured range, metres.
 
-    Parameters
-    ----------
-    range_noise : float
-        That of a strong return, metres.
-    amplitude : float
-        Of the return, decibels.
-    stretch : float, default 0
-        Standard deviation of the ranges within the spot, metres: a quarter of the divergence times the range times the
-        tangent of the incidence.
-
-    Returns
-    -------
-    float
-        ``sqrt(range_noise ** 2 * (1 + 10 ** ((14 - amplitude) / 10)) + stretch ** 2)``, metres.
+    It is ``sqrt(range_noise ** 2 * (1 + 10 ** ((14 - amplitude) / 10)) + stretch ** 2)`` with `range_noise` in metres
+    and `amplitude` in decibels. `stretch` is the standard deviation of the ranges within the spot, metres: a quarter of
+    the divergence times the range times the tangent of the incidence.
     """
     return float(deviation(range_noise, amplitude, stretch))
 
@@ -138,7 +109,7 @@ def _extra_rays(
     scene: RayScene, pulses: Pulses, hits: Hits, central: Surfaces, beam_rays: int, device: Device,
     chance: NDArray[np.float32], rng: np.random.Generator,
 ) -> tuple[Slots, NDArray[np.float32], Hits]:  # fmt: skip
-    """Cast a second ray where a profile is not plane, more where that one met something else, and mirrored ones."""
+    """Cast a second ray where a profile is not plane, more rays where it hits something else, and mirrored ones."""
     n, spot = len(pulses.time), device.divergence / 2
     edges, mores, ghosts = (np.full(n, -1, np.int64) for _ in range(3))
     slots = Slots(edges, mores, ghosts, max(beam_rays - 2, 0))
@@ -166,7 +137,7 @@ _NONE = np.zeros(0, np.int64)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _may_mix(distance: NDArray[np.float32], max_range: float, beams: int, reach: int) -> NDArray[np.int64]:
-    """Return which pulses pass near an edge: on a plane the inverse range is a sinusoid of the angle.
+    """Return the pulses near an edge: on a plane the inverse range is a sinusoid of the angle.
 
     `reach` is how many pulses beyond the next one a beam is wide to either side.
     """
@@ -183,7 +154,7 @@ def _may_mix(distance: NDArray[np.float32], max_range: float, beams: int, reach:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _differ(edge: NDArray[np.int64], hits: Hits, aside: Hits, attributes: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Tell where the second ray shows that the beam meets more than one surface, or leaves."""
+    """Return where the second ray shows that the beam hits more than one surface, or partly none."""
     out = np.zeros(len(edge), np.bool_)
     for k in range(len(edge)):
         i = edge[k]
@@ -201,7 +172,7 @@ def _differ(edge: NDArray[np.int64], hits: Hits, aside: Hits, attributes: NDArra
 def _tilted(
     rays: NDArray[np.float32], rows: NDArray[np.int64], chance: NDArray[np.float32], angle: float
 ) -> NDArray[np.float32]:
-    """Return some rays turned to a random place of the outer three quarters of the beam's cross-section."""
+    """Return rays tilted to random places of the outer three quarters of the beam's cross-section."""
     out = np.empty((len(rows), 6), np.float32)
     for k in range(len(rows)):
         x, y, z = rays[rows[k], 3], rays[rows[k], 4], rays[rows[k], 5]
@@ -225,7 +196,7 @@ def _tilted(
 def _mirrored(
     rays: NDArray[np.float32], hits: Hits, kind: NDArray[np.uint8]
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Return the rays that a pane or water sends on, and which pulses they belong to."""
+    """Return the rays reflected by panes or water, and the rows of their pulses."""
     rows, out, m = np.empty(len(rays), np.int64), np.empty((len(rays), 6), np.float32), 0
     for i in range(len(rays)):
         if hits.face[i] < 0 or (kind[i] != GLASS and kind[i] != WET):
@@ -245,22 +216,22 @@ def _mirrored(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _by_mirror(
-    ghost: NDArray[np.int64], central: tuple[NDArray, NDArray, NDArray], extra: tuple[NDArray, NDArray, NDArray],
-    hits: Hits, rays: NDArray[np.float32], surfaces: Surfaces,
+    ghost: NDArray[np.int64], central: Echoes, extra: Echoes, hits: Hits, rays: NDArray[np.float32],
+    surfaces: Surfaces,
 ) -> None:  # fmt: skip
-    """Turn what mirrored rays met into ghosts behind the mirror: a longer way, and a loss each time it is met."""
+    """Place the hits of mirrored rays behind the mirror as ghosts: a longer path, and a loss per reflection."""
     for i in range(len(ghost)):
         e = ghost[i]
-        if e < 0 or not np.isfinite(extra[0][e]):
+        if e < 0 or not np.isfinite(extra.distance[e]):
             continue
         cosine = 0.0
         for r in range(3):
             cosine += hits.normal[i, r] * rays[i, 3 + r]
-        there, beyond = float(central[0][i]), float(extra[0][e]) + _OFF_MIRROR
+        there, beyond = float(central.distance[i]), float(extra.distance[e]) + _OFF_MIRROR
         loss = 20 * np.log10(mirrored_share(abs(cosine)))
         near, far = np.sqrt(beyond * beyond + 16.0), np.sqrt((there + beyond) ** 2 + 16.0)
-        extra[1][e] += loss + 20 * np.log10(near / far)
-        extra[0][e] = there + beyond
+        extra.amplitude[e] += loss + 20 * np.log10(near / far)
+        extra.distance[e] = there + beyond
         surfaces.label[e] = GHOST
 
 
@@ -268,7 +239,7 @@ def _by_mirror(
 def _chosen(
     source: NDArray[np.int64], hits: Hits, central: Surfaces, extra: Hits, around: Surfaces
 ) -> tuple[NDArray[np.int32], NDArray[np.float32], Surfaces]:
-    """Return face, normal and surface of the ray that gave most of each return."""
+    """Return face, normal and surface of the ray that contributed most to each return."""
     m, n = len(source), len(hits.face)
     face, normal = np.empty(m, np.int32), np.empty((m, 3), np.float32)
     label, kind = np.empty(m, np.uint8), np.empty(m, np.uint8)

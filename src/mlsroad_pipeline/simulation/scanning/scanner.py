@@ -1,4 +1,4 @@
-"""Where the pulses of a scanner go, and where returns lie by the reported trajectory."""
+"""Pulses of a scanner, and georeferencing of returns by the reported trajectory."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from mlsroad_pipeline.simulation.model.compiled import leaf
 from mlsroad_pipeline.simulation.model.meshes import rotation_matrix
 from mlsroad_pipeline.simulation.parameters.devices import Device
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
-from mlsroad_pipeline.simulation.street.drive import RATE, Drive
+from mlsroad_pipeline.simulation.street.drive import Drive
+from mlsroad_pipeline.simulation.street.poses import pose_between
 from mlsroad_pipeline.simulation.street.street import generator
 
-_ANEW = 64  # pulses after which the sine of the angle is computed anew
+_ANEW = 64  # pulses after which sine and cosine of the angle are recomputed
 
 
 class Pulses(NamedTuple):
@@ -30,7 +31,7 @@ class Pulses(NamedTuple):
     beam : ndarray of shape (n, 3), float32
         Direction in the vehicle's frame.
     rays : ndarray of shape (n, 6), float32
-        Origin relative to the scene's centre, and direction, both as they truly are.
+        True origin relative to the scene's centre, and true direction.
     """
 
     time: NDArray[np.float64]
@@ -40,16 +41,16 @@ class Pulses(NamedTuple):
 
 
 class Calibration(NamedTuple):
-    """What the survey wrongly believes about a scanner.
+    """Errors of a scanner's calibration.
 
     Parameters
     ----------
     turn : ndarray of shape (3, 3), float64
-        Rotation from true to believed beam directions, in the vehicle's frame.
+        Rotation from true to calibrated beam directions, in the vehicle's frame.
     shift : ndarray of shape (3,), float64
-        Believed less true lever arm, metres.
+        Calibrated minus true lever arm, metres.
     bias : float
-        Measured less true range, metres.
+        Measured minus true range, metres.
     """
 
     turn: NDArray[np.float64]
@@ -62,19 +63,9 @@ EXACT = Calibration(np.eye(3), np.zeros(3), 0.0)
 
 
 def draw_calibration(parameters: SimulationParameters, *, scanner: int) -> Calibration:
-    """Draw the errors of a scanner's calibration; they stay the same through a survey.
+    """Draw the calibration errors of a scanner; they are constant throughout a survey.
 
-    Parameters
-    ----------
-    parameters : SimulationParameters
-        Seed, boresight error and the scanners.
-    scanner : int
-        Number of the scanner.
-
-    Returns
-    -------
-    Calibration
-        Its errors; none where `boresight_error` is 0 but the bias of the range.
+    With a `boresight_error` of 0 only the bias of the range remains.
     """
     rng = generator(parameters.seed, 22, scanner)
     turn = rotation_matrix(*(np.radians(parameters.boresight_error) * rng.standard_normal(3)))
@@ -85,27 +76,11 @@ def draw_calibration(parameters: SimulationParameters, *, scanner: int) -> Calib
 def send_pulses(
     drive: Drive, device: Device, *, scanner: int = 0, first: int, last: int, centre: NDArray[np.float64]
 ) -> Pulses:
-    """Return the pulses numbered first to last (exclusive) of one scanner.
+    """Return the pulses first to last (exclusive) of a scanner within its field of view that miss the vehicle itself.
 
-    Parameters
-    ----------
-    drive : Drive
-        Where the vehicle is.
-    device : Device
-        The scanner.
-    scanner : int, default 0
-        Its number; devices are never in step.
-    first, last : int
-        Numbers of pulses since the start.
-    centre : ndarray of shape (3,)
-        What ray origins are relative to, metres.
-
-    Returns
-    -------
-    Pulses
-        Those within the field of view that do not hit the vehicle itself.
+    Origins of rays are relative to `centre`, metres.
     """
-    # The next scanner is half a pulse and a third of a turn behind.
+    # Scanners are out of phase, each by half a pulse and a third of a revolution.
     phase = (0.5 * scanner, scanner / 3.0)
     elevations = np.radians(np.asarray(device.elevations))
     field = (np.radians(device.field[0]), np.radians(device.field[1]))
@@ -125,64 +100,14 @@ def georeference(
     *,
     calibration: Calibration = EXACT,
 ) -> NDArray[np.float64]:
-    """Return where returns are by the reported trajectory, street-local metres.
+    """Return the coordinates of returns by the reported trajectory, street-local metres, shape (m, 3).
 
-    Parameters
-    ----------
-    pulses : Pulses
-        All pulses.
-    rows : ndarray of shape (m,), int64
-        The pulse of each return.
-    distance : ndarray of shape (m,), float64
-        Its measured range, metres.
-    drive : Drive
-        The drive.
-    device : Device
-        The scanner.
-    calibration : Calibration, default EXACT
-        The errors of its calibration.
-
-    Returns
-    -------
-    ndarray of shape (m, 3), float64
-        Coordinates.
+    `rows` are the pulses of the returns, `distance` their measured ranges in metres.
     """
     lever = np.asarray(device.lever) + calibration.shift
     return _georeference(
         pulses.time, pulses.beam, rows, distance, lever, calibration.turn, calibration.bias, drive.reported
     )
-
-
-@leaf
-def pose_matrix(roll: float, pitch: float, yaw: float, turn: NDArray[np.float64]) -> None:
-    """Write the rotation Rz(yaw) Ry(pitch) Rx(roll) into a buffer."""
-    cr, sr, cp, sp, cy, sy = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw)
-    turn[0, 0], turn[0, 1], turn[0, 2] = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
-    turn[1, 0], turn[1, 1], turn[1, 2] = sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr
-    turn[2, 0], turn[2, 1], turn[2, 2] = -sp, cp * sr, cp * cr
-
-
-@leaf
-def pose_between(
-    time: float, poses: NDArray[np.float64], knot: int, ends: NDArray[np.float64],
-    position: NDArray[np.float64], turn: NDArray[np.float64],
-) -> int:  # fmt: skip
-    """Write position and rotation at a time into two buffers and return the knot that `ends` holds the rotations of.
-
-    Rotations are interpolated element by element: within 5 ms a vehicle turns so little that it changes no length by
-    more than 1e-6.
-    """
-    u = min(max(time * RATE, 0.0), len(poses) - 1.000001)
-    k = int(u)
-    f = u - k
-    if k != knot:
-        pose_matrix(poses[k, 3], poses[k, 4], poses[k, 5], ends[0])
-        pose_matrix(poses[k + 1, 3], poses[k + 1, 4], poses[k + 1, 5], ends[1])
-    for r in range(3):
-        position[r] = poses[k, r] + f * (poses[k + 1, r] - poses[k, r])
-        for c in range(3):
-            turn[r, c] = ends[0, r, c] + f * (ends[1, r, c] - ends[0, r, c])
-    return k
 
 
 @leaf
@@ -216,7 +141,7 @@ def _rays(
         time = (i + phase[0]) / pulse_rate
         turns = time * profile_rate + phase[1]
         angle = 2 * np.pi * (turns - np.floor(turns + 0.5))
-        # Turned on from the pulse before, and set anew before rounding adds up.
+        # Rotated from the previous pulse, and recomputed before rounding errors accumulate.
         if (i - first) % _ANEW == 0:
             cosine, sine = np.cos(angle), np.sin(angle)
         else:

@@ -1,4 +1,4 @@
-"""The centre line of a street: a smooth curve that every place along it is reckoned from."""
+"""Centre line of a street: a smooth curve from which stations and offsets are counted."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ STEP = 0.5
 
 @dataclass(frozen=True)
 class Alignment:
-    """A centre line, tabulated every `STEP` metres of its length.
+    """Centre line, tabulated every `STEP` metres of its length.
 
     Parameters
     ----------
     start : float
-        Station of the first row, metres; station 0 lies at the local origin.
+        Station of the first row, metres; station 0 is at the local origin.
     table : ndarray of shape (m, 5), float64
         x, y (metres), heading (radians, counter-clockwise from x, continuous), its cosine and its sine at each station.
     """
@@ -31,19 +31,9 @@ class Alignment:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, *, start: float, end: float) -> Alignment:
-        """Draw a curve between two stations; another range of the same draw is the same curve.
+        """Draw a curve between two stations (start at most 0) with radii above about 120 m.
 
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Source of heading and bends.
-        start, end : float
-            Stations, metres; start must be at most 0.
-
-        Returns
-        -------
-        Alignment
-            The curve. Its bends keep a radius above about 120 m.
+        The same random stream gives the same curve for another range of stations.
         """
         first = rng.uniform(0, 2 * np.pi)
         wavelength = rng.uniform([180.0, 350.0], [350.0, 900.0])
@@ -61,41 +51,16 @@ class Alignment:
         return cls(start, np.column_stack([xy, heading, np.cos(heading), np.sin(heading)]))
 
     def place(self, station: ArrayLike, offset: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Turn street coordinates into plane ones.
-
-        Parameters
-        ----------
-        station : array-like of shape (n,)
-            Metres along the centre line.
-        offset : array-like of shape (n,)
-            Metres to the left of it.
-
-        Returns
-        -------
-        xy : ndarray of shape (n, 2), float64
-            Plane coordinates, metres.
-        heading : ndarray of shape (n,), float64
-            Direction of the centre line there, radians.
-        """
+        """Return plane coordinates, (n, 2), and headings of the centre line at stations and offsets to the left."""
         s, left = np.broadcast_arrays(np.asarray(station, dtype=np.float64), np.asarray(offset, dtype=np.float64))
         grid = self.start + STEP * np.arange(len(self.table))
         x, y, heading = (np.interp(s, grid, self.table[:, k]) for k in range(3))
         return np.stack([x - left * np.sin(heading), y + left * np.cos(heading)], axis=-1), heading
 
     def locate(self, xy: ArrayLike, *, near: float = 0.0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Turn plane coordinates into station and offset; the inverse of `place`.
+        """Return stations and offsets of plane coordinates within 100 m of the centre line; the inverse of `place`.
 
-        Parameters
-        ----------
-        xy : array-like of shape (n, 2)
-            Plane coordinates, metres, within 100 m of the centre line.
-        near : float, default 0
-            A station near which to begin the search.
-
-        Returns
-        -------
-        station, offset : ndarray of shape (n,), float64
-            Metres.
+        The search begins at the station `near`.
         """
         points = np.ascontiguousarray(xy, dtype=np.float64)
         return _locate(points, self.table, self.start, near)
@@ -103,7 +68,7 @@ class Alignment:
 
 @leaf
 def interpolate(table: NDArray[np.float64], start: float, s: float) -> tuple[float, float, float]:
-    """Return x, y and heading at a station, held at the ends."""
+    """Return x, y and heading at a station, constant beyond the ends."""
     u = min(max((s - start) / STEP, 0.0), len(table) - 1.000001)
     k = int(u)
     f = u - k
@@ -118,7 +83,7 @@ def interpolate(table: NDArray[np.float64], start: float, s: float) -> tuple[flo
 def locate_one(
     x: float, y: float, table: NDArray[np.float64], start: float, near: float, close: float
 ) -> tuple[float, float]:
-    """Return station and offset of one point by Newton steps along the tangent, until one is shorter than `close`."""
+    """Return station and offset of a point by Newton steps along the tangent, until one is shorter than `close`."""
     s = near
     left = 0.0
     for _ in range(30):
@@ -126,7 +91,7 @@ def locate_one(
         k = int(u)
         f = u - k
         turn = table[k + 1, 2] - table[k, 2]
-        # Within a step the heading turns by some hundredths: three terms of the series are exact to 1e-10.
+        # Within a step the heading turns by some hundredths of a radian: three terms of the series are exact to 1e-10.
         small = f * turn
         flat, steep = 1.0 - small * small * (0.5 - small * small / 24.0), small * (1.0 - small * small / 6.0)
         c, n = table[k, 3] * flat - table[k, 4] * steep, table[k, 4] * flat + table[k, 3] * steep
@@ -135,7 +100,7 @@ def locate_one(
         ahead, left = dx * c + dy * n, dy * c - dx * n
         # On the inside of a bend a step along the tangent is a longer one along the curve.
         s += ahead / max(1.0 - turn * left / STEP, 0.3)
-        # What such a step misses by is its length times the turn within it.
+        # The error of a step is its length times the turn within it.
         if abs(ahead) < close:
             break
     return s, left

@@ -1,4 +1,4 @@
-"""What covers the ground at a place: its class, how light it is, and how high it stands above the ground's mesh."""
+"""Ground cover at a place: class, brightness, and height above the mesh of the ground."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _off_carriageway(
     side = 0 if left >= 0 else 1
     a = abs(left)
     curb, strip, pavement = section[side, 2], section[side, 3], section[side, 4]
-    # Edges of grass and soil fray.
+    # Edges of grass and soil are ragged.
     row = int(min(max((s + 0.3 * lattice_value(int(a * 8), int(s * 8), 3) - start) / STEP, 0.0),
                   verge.shape[1] - 1.0))  # fmt: skip
     c = near.crossing
@@ -82,7 +82,7 @@ def _off_carriageway(
         planted = SOIL if verge[0, row] == SOIL else GRASS
     elif arm >= 0:
         zebra = arms[arm, ZEBRA]
-        # At corners people tread on what would be verge.
+        # Verges are trodden at corners.
         paved = t < max(zebra + ZEBRA_HALF, 0.7 * arms[arm, RADIUS])
     if arm != -2 and d > curb + strip + pavement:
         return int(lot[side, row])
@@ -106,13 +106,13 @@ def _label(
 
 @leaf
 def _even_noise(x: float, y: float, layer: int) -> float:
-    """Return smooth noise that keeps nearer to its middle, as the mean of two layers does."""
+    """Return smooth noise with less contrast, as the mean of two layers has."""
     return 0.15 + 0.7 * plane_noise(x, y, layer)
 
 
 @leaf
 def surface_tone(label: int, s: float, left: float) -> float:
-    """Return the factor, about 1, by which the ground is lighter or darker at a place: patches, wear, tufts, slabs."""
+    """Return the brightness factor, about 1, of the ground at a place: patches, wear, tufts, slabs."""
     fine = plane_noise(s * 30, left * 30, label)
     patch = _even_noise(s * 0.35, left * 0.7, label + 64)
     if label == LANE_MARKING:
@@ -133,14 +133,14 @@ def surface_tone(label: int, s: float, left: float) -> float:
 @leaf
 def _relief(label: int, s: float, left: float, tone: float, grass: float) -> float:
     if label == GRASS:
-        # A beam goes in between the blades: how deep changes from one centimetre to the next.
+        # Beams penetrate between the blades; the depth varies within centimetres.
         tufts = _even_noise(s * 1.1, left * 1.1, 2)
         blade = grass * (0.4 + 1.2 * tufts * tufts)
         deep = lattice_value(int(np.floor(s * 160)), int(np.floor(left * 160)), 17)
         return blade * (1.0 - 0.8 * deep * deep)
     if label == SOIL:
         return 0.012 * (tone - 1.0) + 0.02 * max(_even_noise(s * 9, left * 9, 4) - 0.6, 0.0)
-    if label == MANHOLE:  # lids lie a little low
+    if label == MANHOLE:  # lids are slightly sunk
         return -0.006
     return 0.003 * (tone - 1.0)
 
@@ -151,26 +151,10 @@ def ground_cover(
     arms: NDArray[np.float64], crossings: NDArray[np.float64], holes: NDArray[np.float64],
     verge: NDArray[np.uint8], lot: NDArray[np.uint8], near: Nearby,
 ) -> tuple[int, float, float]:  # fmt: skip
-    """Return what covers the ground at one place.
+    """Return label, brightness factor (about 1) and relief (metres above the ground's mesh) of the cover at one place.
 
-    Parameters
-    ----------
-    s, left : float
-        Station and offset, metres.
-    start, section, shape, arms, crossings, holes, verge, lot : float or ndarray
-        Those of `Ground`, `holes` its `manholes`; compiled code is several times faster with arrays than with the
-        whole tuple of them.
-    near : Nearby
-        Where to look in them.
-
-    Returns
-    -------
-    label : int
-        Taxonomy code, one of `GROUND_LABELS`.
-    tone : float
-        Factor, about 1, on the albedo of that class.
-    relief : float
-        Height of blades, clods or grain above the ground's mesh, metres.
+    Arrays are those of `Ground` (`holes` are its `manholes`): compiled code is several times faster with arrays than
+    with the whole tuple. `near` are the rows where the search begins.
     """
     d, arm, t, q = edge_distance(s, left, section, shape[5], arms, near.arm)
     label = _label(s, left, d, arm, t, q, start, section, shape, arms, crossings, holes, verge, lot, near)
@@ -197,20 +181,7 @@ def _labels(s: NDArray[np.float64], left: NDArray[np.float64], ground: Ground) -
 
 
 def ground_labels(ground: Ground, station: ArrayLike, offset: ArrayLike) -> NDArray[np.uint8]:
-    """Return the taxonomy code of the ground's surface.
-
-    Parameters
-    ----------
-    ground : Ground
-        The ground.
-    station, offset : array-like
-        Metres along the centre line and to the left of it; shapes must broadcast.
-
-    Returns
-    -------
-    ndarray of uint8
-        Codes, each one of `GROUND_LABELS`, in the shape that both broadcast to.
-    """
+    """Return the taxonomy codes of the ground, of `GROUND_LABELS`, at stations and offsets, which broadcast."""
     s, left = np.broadcast_arrays(np.asarray(station, dtype=np.float64), np.asarray(offset, dtype=np.float64))
     flat = _labels(np.ascontiguousarray(s).ravel(), np.ascontiguousarray(left).ravel(), ground)
     return flat.reshape(s.shape)

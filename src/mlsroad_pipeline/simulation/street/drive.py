@@ -1,4 +1,4 @@
-"""The van's drive: where it truly was, and what its positioning system reports."""
+"""Drive of the van: true poses, and those that its positioning system reports."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Drive:
         return float(self.time[-1])
 
     def time_at(self, station: float) -> float:
-        """Return when the van passes a station; beyond the ends, when it would at the mean speed."""
+        """Return when the van passes a station; beyond the ends, extrapolated at the mean speed."""
         speed = (self.station[-1] - self.station[0]) / self.duration
         if station < self.station[0]:
             return float((station - self.station[0]) / speed)
@@ -74,23 +74,9 @@ class Drive:
 def drifting(
     rng: np.random.Generator, time: NDArray[np.float64], *, deviation: float, slow: float, fast: float
 ) -> NDArray:
-    """Return smooth noise of a given standard deviation, with periods between `fast` and `slow` seconds.
+    """Return smooth noise over time, seconds: eight sinusoids with periods between `fast` and `slow` seconds.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of eight periods and phases.
-    time : ndarray of shape (m,), float64
-        Seconds.
-    deviation : float
-        Standard deviation over a long time, in the unit that the noise is to have.
-    slow, fast : float
-        Longest and shortest period, seconds; slow sinusoids are the stronger ones.
-
-    Returns
-    -------
-    ndarray of shape (m,), float64
-        The noise.
+    Its long-term standard deviation is `deviation`; slow sinusoids are stronger.
     """
     period = np.exp(rng.uniform(np.log(fast), np.log(slow), 8))
     weight = period**0.5
@@ -104,26 +90,10 @@ def drifting(
 def drive_along(
     street: Street, parameters: SimulationParameters, *, length: float, number: int = 0, start: float | None = None
 ) -> Drive:
-    """Drive along a street in the rightmost lane.
+    """Drive along a street in the rightmost lane, from station 0 to `length`.
 
-    Parameters
-    ----------
-    street : Street
-        The street.
-    parameters : SimulationParameters
-        Speed and the noise of the reported trajectory.
-    length : float
-        Where the drive ends, metres.
-    number : int, default 0
-        Which pass it is. All after the first keep to another track, and their reported positions are off by
-        `pass_offset` as a whole.
-    start : float, optional
-        GPS seconds at its start; that of the parameters by default.
-
-    Returns
-    -------
-    Drive
-        From station 0 on.
+    Passes with a `number` above 0 have another track, and their reported positions a constant offset of `pass_offset`.
+    `start` is in GPS seconds, that of the parameters by default.
     """
     rng = generator(street.seed, 20) if number == 0 else generator(street.seed, 20, number)
     phase = rng.uniform(0, 2 * np.pi, 2)

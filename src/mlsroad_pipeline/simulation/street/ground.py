@@ -1,4 +1,4 @@
-"""The ground of a street: its height and its surface at every station and offset."""
+"""Ground of a street: height and surface at every station and offset."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _GUTTER_DEPTH = 0.012
 
 
 class Ground(NamedTuple):
-    """Everything that the ground's height and surface depend on; plain arrays, for compiled code.
+    """Tables that determine the ground's height and surface; plain arrays, for compiled code.
 
     Parameters
     ----------
@@ -63,8 +63,8 @@ class Ground(NamedTuple):
         Station and half width of zebra crossings, sorted by station, metres.
     arms : ndarray of shape (k, 9), float64
         Side streets, sorted by station: station, side (0 is left), half width, corner radius, skew (tangent),
-        curvature of the main street there (1/m), how its traffic is held, middle of its zebra crossing (metres beyond
-        the main carriageway; 0 is none), crown (slope). See `junctions`.
+        curvature of the main street there (1/m), traffic control, middle of its zebra crossing (metres beyond the main
+        carriageway; 0 is none), crown (slope). See `junctions`.
     """
 
     start: float
@@ -79,37 +79,16 @@ class Ground(NamedTuple):
     arms: NDArray[np.float64]
 
     def height(self, station: ArrayLike, offset: ArrayLike) -> NDArray[np.float64]:
-        """Return the height of the ground.
-
-        Parameters
-        ----------
-        station, offset : array-like
-            Metres along the centre line and to the left of it; shapes must broadcast. Beyond the tables' ends the
-            profile is held.
-
-        Returns
-        -------
-        ndarray of float64
-            Heights in metres, in the shape that both broadcast to.
-        """
+        """Return the height of the ground at stations and offsets, metres; constant profile beyond the ends."""
         s, left = np.broadcast_arrays(np.asarray(station, dtype=np.float64), np.asarray(offset, dtype=np.float64))
         flat = _heights(np.ascontiguousarray(s).ravel(), np.ascontiguousarray(left).ravel(), self)
         return flat.reshape(s.shape)
 
     def edge(self, station: ArrayLike, offset: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the distance to the nearest curb line and which street's land it is.
+        """Return the distance to the nearest curb line and the street to which the land belongs.
 
-        Parameters
-        ----------
-        station, offset : array-like
-            Metres along the centre line and to the left of it; shapes must broadcast.
-
-        Returns
-        -------
-        distance : ndarray of float64
-            Metres, positive off the carriageway, in the shape that both broadcast to.
-        arm : ndarray of int64
-            Row of `arms`, -1 for the main street, -2 for the median.
+        Distances are in metres, positive off the carriageway. Streets are rows of `arms`, -1 for the main street, -2
+        for the median.
         """
         s, left = np.broadcast_arrays(np.asarray(station, dtype=np.float64), np.asarray(offset, dtype=np.float64))
         distance, arm = _edges(np.ascontiguousarray(s).ravel(), np.ascontiguousarray(left).ravel(), self)
@@ -132,7 +111,7 @@ def _smooth(x: float) -> float:
 
 @leaf
 def _curb_left(full: float, d: float, t: float, arm: int, curb: float, ground: Ground) -> float:
-    """Return the share of the curb's height that driveways and crossings leave at a distance from the curb line."""
+    """Return the share of the curb's height left by driveways and crossings, at a distance from the curb line."""
     if arm >= 0 and ground.arms[arm, ZEBRA] > 0:
         gap = abs(t - ground.arms[arm, ZEBRA])
         full = min(full, max((gap - ZEBRA_HALF) / 0.9, 0.1))
@@ -166,13 +145,13 @@ def ground_height(s: float, left: float, ground: Ground) -> float:
     if arm == -2:
         full = min(low[1] + f * (high[1] - low[1]), low[2] + f * (high[2] - low[2]))
         step = ground.shape[2] * min(d / CURB_FACE, 1.0)
-        bed = 0.04 * (1.0 - np.exp(-max(d - curb, 0.0)))  # soil is heaped up between the curbs
+        bed = 0.04 * (1.0 - np.exp(-max(d - curb, 0.0)))  # soil is raised between the curbs
         return z + min(max(full, 0.1), 1.0) * (step + bed) + uneven
-    if arm >= 0:  # the side street has a crown of its own
+    if arm >= 0:  # the side street's own crown
         z += ground.arms[arm, CROWN] * max(ground.arms[arm, HALF_WIDTH] - abs(q), 0.0) * _smooth((t - 2.0) / 10.0)
     slope = low[3 + side] + f * (high[3 + side] - low[3 + side])
     beyond = max(a - half - width, 0.0)
-    # The land levels out away from the street.
+    # The slope of the land levels out away from the street.
     z += slope * 15.0 * np.tanh(beyond / 15.0) * beyond / (beyond + 3.0)
     if d <= 0:
         return z + gutter + uneven

@@ -1,4 +1,4 @@
-"""The mesh of a street's ground: a grid along the street, refitted to the curbs where side streets join."""
+"""Mesh of a street's ground: a grid along the street, refitted to the curbs at side streets."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from mlsroad_pipeline.simulation.street.junctions import (
 )
 from mlsroad_pipeline.simulation.street.street import BLOCK, HALF_DEPTH, Street
 
-_CLEAR = 0.2  # grid points closer to a curb that is not part of the grid are left out, metres
+_CLEAR = 0.2  # grid points closer to a curb off the grid are dropped, metres
 
 
 def _across(street: Street) -> NDArray[np.float64]:
-    """Return the offsets of the grid's lines, which follow curbs."""
+    """Return the offsets of the grid lines, some of which follow curbs."""
     ground = street.ground
     median = float(ground.shape[5])
     offsets: list[float] = [0.0]
@@ -41,7 +41,7 @@ def _across(street: Street) -> NDArray[np.float64]:
 
 
 def _curves(street: Street, arms: NDArray[np.float64], stations: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the places of the curbs' feet and tops that the grid does not follow."""
+    """Return places on the feet and tops of curbs between the grid lines."""
     ground = street.ground
     places = []
     median = float(ground.shape[5])
@@ -62,9 +62,9 @@ def _curves(street: Street, arms: NDArray[np.float64], stations: NDArray[np.floa
                 places += [
                     np.stack([arm[STATION] + k * along, sign * off], axis=1) for k in (-1, 1) for sign in (-1, 1)
                 ]
-    found = np.concatenate(places)
-    inside = (found[:, 0] > stations[0] + 0.1) & (found[:, 0] < stations[-1] - 0.1)
-    return found[inside & (np.abs(found[:, 1]) <= HALF_DEPTH)]
+    points = np.concatenate(places)
+    inside = (points[:, 0] > stations[0] + 0.1) & (points[:, 0] < stations[-1] - 0.1)
+    return points[inside & (np.abs(points[:, 1]) <= HALF_DEPTH)]
 
 
 def _refitted(
@@ -75,7 +75,7 @@ def _refitted(
     distance, arm = ground.edge(grid[:, 0], grid[:, 1])
     undisturbed, _ = ground._replace(arms=np.zeros((0, 9))).edge(grid[:, 0], grid[:, 1])
     moved = (arm >= 0) | (np.abs(distance - undisturbed) > 1e-9)
-    # Points of the grid that are close to a curved curb would be in its way.
+    # Grid points close to a curved curb would distort it.
     keep = ~(moved & (np.abs(distance - CURB_FACE / 2) < _CLEAR))
     places = np.concatenate([grid[keep], curves])
     places = places[np.unique(np.round(places, 4), axis=0, return_index=True)[1]]
@@ -99,20 +99,10 @@ def _lattice(
 
 
 def ground_mesh(street: Street, block: int) -> Mesh:
-    """Return the ground of one block; what covers it is looked up where a pulse meets it.
+    """Return the ground of one block; its covers are looked up at the hits of rays.
 
-    Parameters
-    ----------
-    street : Street
-        The street.
-    block : int
-        Number of the block; block 0 begins at station 0.
-
-    Returns
-    -------
-    Mesh
-        A grid, finer across than along, that follows curbs; where side streets join, triangles between its points and
-        points along their curbs (Delaunay).
+    The mesh is a grid, finer across than along, that follows curbs. At side streets it is a Delaunay triangulation of
+    grid points and points along their curbs.
     """
     ground = street.ground
     across = _across(street)

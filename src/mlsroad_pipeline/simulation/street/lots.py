@@ -1,4 +1,4 @@
-"""The land beside a street: what each piece is used for, and where it ends at junctions."""
+"""Lots beside a street: their use, and their ends at junctions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _END = 52.0  # side streets are built on up to here, metres from the main street
 
 @dataclass(frozen=True)
 class Lot:
-    """A piece of land beside the street, or beside a side street.
+    """Lot beside the street, or beside a side street.
 
     Parameters
     ----------
@@ -27,11 +27,11 @@ class Lot:
     kind : str
         ``"row"`` (facade at the pavement), ``"house"`` (behind a front garden) or ``"open"``.
     boundary : str
-        What stands on the property line: ``"fence"``, ``"wall"``, ``"hedge"`` or ``"none"``.
+        Boundary on the property line: ``"fence"``, ``"wall"``, ``"hedge"`` or ``"none"``.
     setback : float
         Distance of the building from the property line, metres.
     driveway : float
-        Station of the driveway's middle, NaN where there is none.
+        Station of the driveway's middle, NaN without one.
     arm : int, default -1
         Row of the side street in `Ground.arms`; -1 is the main street.
     """
@@ -49,26 +49,11 @@ class Lot:
 def free_land(
     side: int, start: float, end: float, section: NDArray[np.float64], arms: NDArray[np.float64]
 ) -> list[tuple[float, float]]:
-    """Return the stretches of one side of a street between its side streets.
-
-    Parameters
-    ----------
-    side : int
-        0 is left.
-    start, end : float
-        Stations, metres.
-    section, arms : ndarray
-        See `Ground`.
-
-    Returns
-    -------
-    list of tuple of float
-        First and last station of each.
-    """
+    """Return start and end of the stretches of one side of a street between its side streets; side 0 is left."""
     width = float(section[side, 2:].sum())
     stretches, at = [], start
     for arm in arms[arms[:, SIDE] == side]:
-        # Corners of buildings keep off the rounded corner of the pavement; skewed streets need room behind.
+        # Corners of buildings keep clear of the rounded corner of the pavement; skewed streets need more room.
         margin = arm[HALF_WIDTH] + width + 0.45 * max(arm[RADIUS] - width, 0.0) + abs(arm[SKEW]) * 20.0 + 0.6
         stretches.append((at, float(arm[STATION] - margin)))
         at = float(arm[STATION] + margin)
@@ -102,26 +87,7 @@ def draw_lots(
     rng: np.random.Generator, side: int, start: float, end: float, section: NDArray[np.float64],
     arms: NDArray[np.float64], parameters: StreetParameters,
 ) -> list[Lot]:  # fmt: skip
-    """Draw the land on one side of a street, and on both sides of the streets that join there.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of sizes and uses.
-    side : int
-        0 is left.
-    start, end : float
-        Stations, metres.
-    section, arms : ndarray
-        See `Ground`.
-    parameters : StreetParameters
-        How much is built.
-
-    Returns
-    -------
-    list of Lot
-        Along the street, then along its side streets.
-    """
+    """Draw the lots on one side of a street, then those on both sides of its side streets there."""
     shares, edges = rng.dirichlet([2.5, 2.5, 0.8]), rng.dirichlet([2.0, 2.0, 2.0, 0.7])
     lots: list[Lot] = []
     for stretch in free_land(side, start, end, section, arms):

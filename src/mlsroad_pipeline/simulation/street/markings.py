@@ -1,4 +1,4 @@
-"""Paint on the carriageway: lane, edge and bay lines, stop and give-way lines, arrows and zebra crossings."""
+"""Road markings: lane, edge and bay lines, stop and give-way lines, arrows and zebra crossings."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _ARROW = 5.0  # metres
 
 @leaf
 def _arrow(ahead: float, across: float, turns: int) -> bool:
-    """Tell whether an arrow covers a place given from its tail; turns is 0 straight on, 1 left too, -1 right too."""
+    """Return whether an arrow covers a place given from its tail; turns is 0 straight on, 1 left too, -1 right too."""
     if not (0.0 <= ahead <= _ARROW and abs(across) < 0.8):
         return False
     if abs(across) < 0.09 and ahead < 3.4:
@@ -50,7 +50,7 @@ def _arrow(ahead: float, across: float, turns: int) -> bool:
 
 @leaf
 def _side_street(t: float, q: float, row: NDArray[np.float64]) -> bool:
-    """Tell whether a place of a side street is painted."""
+    """Return whether a place of a side street is painted."""
     half, zebra = row[HALF_WIDTH], row[ZEBRA]
     if zebra > 0 and abs(t - zebra) < ZEBRA_HALF:
         return abs(q) < half - 0.25 and (q % 1.0) < 0.5
@@ -67,7 +67,7 @@ def _side_street(t: float, q: float, row: NDArray[np.float64]) -> bool:
 def _near_junction(
     s: float, left: float, arms: NDArray[np.float64], shape: NDArray[np.float64], lane_edge: float, first: int
 ) -> int:
-    """Return 0 away from junctions, 1 where a side street joins, 2 on an arrow, 3 opposite a side street."""
+    """Return 0 away from junctions, 1 at the mouth of a side street, 2 on an arrow, 3 opposite a side street."""
     for k in range(first, len(arms)):
         row = arms[k]
         along = s - row[STATION]
@@ -117,7 +117,7 @@ def _at_crossing(
 
 @leaf
 def _between_lanes(s: float, a: float, edge: float, shape: NDArray[np.float64]) -> bool:
-    """Tell whether a place lies on the centre line, on a line between lanes or on that along the median."""
+    """Return whether a place is on the centre line, on a line between lanes or on that along the median."""
     lane, lanes, median = shape[3], shape[4], shape[5]
     if median == 0 and a < _LINE:
         return bool(lanes > 1 or (s % 9.0) < 3.0)
@@ -134,7 +134,7 @@ def _at_the_edge(
     s: float, left: float, edge: float, section: NDArray[np.float64], shape: NDArray[np.float64],
     arms: NDArray[np.float64], crossings: NDArray[np.float64], near: Nearby,
 ) -> bool:  # fmt: skip
-    """Tell whether a place lies on the edge line or on the lines of parking bays."""
+    """Return whether a place is on the edge line or on the lines of parking bays."""
     side = 0 if left >= 0 else 1
     if section[side, 1] == 0 or edge < -_LINE:
         return section[side, 1] == 0 and abs(edge + 0.45) < _LINE
@@ -153,21 +153,9 @@ def main_street_marking(
     s: float, left: float, section: NDArray[np.float64], shape: NDArray[np.float64], arms: NDArray[np.float64],
     crossings: NDArray[np.float64], near: Nearby,
 ) -> bool:  # fmt: skip
-    """Tell whether a place of the main carriageway is painted.
+    """Return whether a place of the main carriageway is painted.
 
-    Parameters
-    ----------
-    s, left : float
-        Station and offset, metres.
-    section, shape, arms, crossings : ndarray
-        Those of `Ground`; compiled code is several times faster with arrays than with the whole tuple of them.
-    near : Nearby
-        Where to look in them.
-
-    Returns
-    -------
-    bool
-        True where there is paint.
+    Arrays are those of `Ground`: compiled code is several times faster with arrays than with the whole tuple.
     """
     a, side = abs(left), 0 if left >= 0 else 1
     lane_edge = section[side, 0] - section[side, 1]
@@ -189,26 +177,7 @@ def marked(
     s: float, left: float, arm: int, t: float, q: float, section: NDArray[np.float64], shape: NDArray[np.float64],
     arms: NDArray[np.float64], crossings: NDArray[np.float64], near: Nearby,
 ) -> bool:  # fmt: skip
-    """Tell whether a place of the carriageway is painted.
-
-    Parameters
-    ----------
-    s, left : float
-        Station and offset, metres.
-    arm : int
-        Whose land it is, from `edge_distance`.
-    t, q : float
-        Place along and across that side street, metres.
-    section, shape, arms, crossings : ndarray
-        Those of `Ground`.
-    near : Nearby
-        Where to look in them.
-
-    Returns
-    -------
-    bool
-        True where there is paint.
-    """
+    """Return whether a place of the carriageway is painted; `arm`, t and q are those of `edge_distance`."""
     side = 0 if left >= 0 else 1
     if abs(left) <= section[side, 0]:
         return main_street_marking(s, left, section, shape, arms, crossings, near)

@@ -1,4 +1,4 @@
-"""A street drawn from a seed: alignment, profile, cross-section, side streets, crossings, and the land beside it."""
+"""Street drawn from a seed: alignment, profile, cross-section, side streets, crossings, and lots."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ from mlsroad_pipeline.simulation.street.junctions import (
 from mlsroad_pipeline.simulation.street.lots import Lot, draw_lots
 
 BLOCK = 60.0
-"""Length of the pieces that a street is populated in, metres."""
+"""Length of the blocks of a street, metres."""
 
 MARGIN = 3
 """Blocks of street before the survey's start and after its end."""
 
 HALF_DEPTH = 55.0
-"""How far the ground reaches to either side, metres."""
+"""Width of the ground on either side of the centre line, metres."""
 
 
 @dataclass(frozen=True)
@@ -50,19 +50,19 @@ class Street:
     Parameters
     ----------
     seed : int
-        What it was drawn from.
+        Its seed.
     alignment : Alignment
-        Its centre line.
+        Centre line.
     ground : Ground
-        Its ground.
+        Ground.
     lots : tuple of Lot
-        The land on both sides.
+        Lots on both sides.
     ground_rgb : ndarray of shape (256, 3), float64
         Albedo of each ground surface by taxonomy code.
     ground_reflectivity : ndarray of shape (256,), float64
-        Its albedo at the scanner's wavelength.
+        Albedo at the scanner's wavelength.
     parameters : StreetParameters
-        What kind of street it is.
+        Parameters of its kind.
     """
 
     seed: int
@@ -74,31 +74,16 @@ class Street:
     parameters: StreetParameters
 
     def kerb_zone(self, side: int) -> float:
-        """Return the offset of the line along the curb on which trees, lamps and signs stand."""
+        """Return the offset of the line of trees, lamps and signs along the curb."""
         half, _, curb, verge, _ = self.ground.section[side]
         offset = half + curb + (verge / 2 if verge > 0 else 0.45)
         return float(offset if side == 0 else -offset)
 
 
 def generator(seed: int, *path: int) -> np.random.Generator:
-    """Return the generator of one part of a simulation; parts do not share random numbers.
+    """Return the random generator of one part of a simulation; parts do not share random numbers.
 
-    Parameters
-    ----------
-    seed : int
-        The survey's seed, non-negative.
-    *path : int
-        Which part it is; other numbers give independent random numbers. None may be below -1024.
-
-    Returns
-    -------
-    numpy.random.Generator
-        A new generator; the same arguments give the same numbers.
-
-    Raises
-    ------
-    ValueError
-        If `seed` or a number of the path is too small.
+    Each `path` of numbers, none below -1024, is a part with independent random numbers.
     """
     return np.random.default_rng([seed, *(p + 1024 for p in path)])
 
@@ -126,7 +111,7 @@ def _section(rng: np.random.Generator, parameters: StreetParameters) -> tuple[ND
 def _arms(
     rng: np.random.Generator, alignment: Alignment, blocks: range, parameters: StreetParameters
 ) -> NDArray[np.float64]:
-    """Draw side streets; each joins near the middle of a block, so that its corners lie within it."""
+    """Draw side streets; each joins near the middle of a block, so that its corners are within it."""
     rows: list[list[float]] = []
     if parameters.junction_spacing == 0:
         return np.zeros((0, 9))
@@ -204,20 +189,20 @@ def _ground_materials(rng: np.random.Generator) -> tuple[NDArray[np.float64], ND
 
 
 def _crossings(rng: np.random.Generator, start: float, end: float, arms: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Draw zebra crossings: before junctions, and here and there between them."""
-    found = []
+    """Draw zebra crossings: before junctions, and some between them."""
+    crossings = []
     for station in np.unique(arms[:, STATION]):
         joined = arms[arms[:, STATION] == station]
         away = float((joined[:, HALF_WIDTH] + joined[:, RADIUS]).max()) + 2.4
         for direction in (-1, 1):
             if joined[0, CONTROL] == SIGNALS or rng.random() < 0.35:
-                found.append((float(station) + direction * away, float(rng.uniform(1.4, 2.0))))
+                crossings.append((float(station) + direction * away, float(rng.uniform(1.4, 2.0))))
     at = start + float(rng.uniform(20, 120))
     while at < end:
         if len(arms) == 0 or np.abs(arms[:, STATION] - at).min() > 32:
-            found.append((at, float(rng.uniform(1.4, 2.2))))
+            crossings.append((at, float(rng.uniform(1.4, 2.2))))
         at += float(rng.uniform(80, 180))
-    return np.array(sorted(found)).reshape(-1, 2)
+    return np.array(sorted(crossings)).reshape(-1, 2)
 
 
 def _lids(
@@ -238,21 +223,9 @@ def _lids(
 
 
 def draw_street(seed: int, *, length: float, parameters: StreetParameters | None = None) -> Street:
-    """Draw a street.
+    """Draw a street without its objects.
 
-    Parameters
-    ----------
-    seed : int
-        Non-negative; another seed is another street.
-    length : float
-        Surveyed length in metres; the street goes on for `MARGIN` blocks at either end.
-    parameters : StreetParameters, optional
-        What kind of street it is; None is a town's.
-
-    Returns
-    -------
-    Street
-        The street, without what stands on it.
+    It is `length` metres long and continues for `MARGIN` blocks at either end; without `parameters` it is a town's.
     """
     kind = parameters or StreetParameters()
     last = int(np.ceil(length / BLOCK)) + MARGIN
@@ -277,7 +250,7 @@ def draw_street(seed: int, *, length: float, parameters: StreetParameters | None
     rgb, reflectivity = _ground_materials(generator(seed, 6))
     lids = _lids(rng, start, end, section, float(shape[5]), float(rng.uniform(0.28, 0.36)))
     ground = Ground(start, profile, section, shape, waves, verge, lot_codes, lids, crossings, arms)
-    # Drains lie in gutters that are there.
+    # Drains without a gutter, at side streets, are dropped.
     distance, _ = ground.edge(lids[:, 0], lids[:, 1])
     ground = ground._replace(manholes=lids[(lids[:, 2] > 0) | (np.abs(distance + 0.24) < 0.02)])
     return Street(seed, alignment, ground, tuple(lots), rgb, reflectivity, kind)

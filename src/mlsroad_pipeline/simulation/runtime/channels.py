@@ -1,4 +1,4 @@
-"""How two processes of a survey talk: small things over a pipe, arrays through memory that both of them see."""
+"""Channels between two processes: a pipe for small objects, shared memory for arrays."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ import numpy as np
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 
 SLOTS = 2
-"""Messages that may be on their way in one direction before the first of them must have been received."""
+"""Messages that may be in transit in one direction."""
 
-_SLOT = 24 * 2**20  # bytes; a message that is larger goes over the pipe
+_SLOT = 24 * 2**20  # bytes; larger messages go over the pipe
 _ALIGN = 64  # bytes
 
 
-class Wire:
-    """One end of a line between two processes.
+class Channel:
+    """One end of a two-way channel between processes.
 
-    A pipe of 64 KiB at a time would need the interpreter for every piece of a message, and who casts rays does not let
-    go of it. So arrays lie in a file that both ends map, in a slot of their message's own; slots are used in turn.
+    A pipe passes 64 KiB at a time and needs the interpreter lock for each part, and ray casting holds that lock. Arrays
+    therefore go through a file that both ends map. Each message has a slot; the slots are used cyclically.
 
     Parameters
     ----------
     pipe : Connection
         This end of the pipe.
     path : str
-        The file.
+        The shared file, see `create_shared_file`.
     end : int
-        0 for who made the file, 1 for the other.
+        0 for the process that created the file, 1 for the other.
     """
 
     def __init__(self, pipe: Connection, path: str, end: int) -> None:
@@ -45,10 +45,10 @@ class Wire:
         self._out, self._in = SLOTS * end, SLOTS * (1 - end)
         self._sent = self._received = 0
 
-    def send(self, thing: Any) -> None:
-        """Send an object; no more than `SLOTS` may be on their way."""
+    def send(self, message: Any) -> None:
+        """Send an object; at most `SLOTS` may be in transit."""
         buffers: list[pickle.PickleBuffer] = []
-        head = pickle.dumps(thing, protocol=5, buffer_callback=buffers.append)
+        head = pickle.dumps(message, protocol=5, buffer_callback=buffers.append)
         raw = [buffer.raw() for buffer in buffers]
         starts = np.cumsum([0, *(-(-part.nbytes // _ALIGN) * _ALIGN for part in raw)])
         fits = int(starts[-1]) <= _SLOT
@@ -63,7 +63,7 @@ class Wire:
                 self._pipe.send_bytes(part)
 
     def receive(self) -> Any:
-        """Return the next object; EOFError or OSError says that the other end is gone."""
+        """Return the next object; raises EOFError or OSError when the other end is closed."""
         head, sizes, starts = self._pipe.recv()
         buffers = [np.empty(size, np.uint8) for size in sizes]
         slot = (self._in + self._received % SLOTS) * _SLOT
@@ -76,22 +76,14 @@ class Wire:
         return pickle.loads(head, buffers=buffers)
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the pipe."""
         self._pipe.close()
 
 
-def shared_file() -> str:
-    """Make the file of a line, in memory where the system has such a place and room in it.
+def create_shared_file() -> str:
+    """Create the file of a channel, in memory where the system has room there, and return its path.
 
-    Returns
-    -------
-    str
-        Its path; `forget` it when both ends have it.
-
-    Raises
-    ------
-    DataError
-        If there is no room for it on the disk either.
+    Call `unlink_shared_file` when both ends have mapped it. Raises DataError if the disk has no room either.
     """
     size = 2 * SLOTS * _SLOT
     for folder in ("/dev/shm", None):
@@ -99,12 +91,12 @@ def shared_file() -> str:
             continue
         number, path = tempfile.mkstemp(prefix="survey_", dir=folder)
         try:
-            # Reserved, as writing into a file that cannot grow ends the process.
+            # Writing into a mapped file without room for the page would end the process.
             os.posix_fallocate(number, 0, size)
         except OSError as error:
-            forget(path)
+            unlink_shared_file(path)
             if folder is None:
-                raise DataError(f"{path}: no room for {size} bytes to share between processes") from error
+                raise DataError(f"{path}: no room for {size} bytes of memory shared between processes") from error
             continue
         finally:
             os.close(number)
@@ -112,7 +104,7 @@ def shared_file() -> str:
     raise AssertionError("the last folder returns or raises")
 
 
-def forget(path: str) -> None:
-    """Remove the name of a shared file; who has mapped it keeps it."""
+def unlink_shared_file(path: str) -> None:
+    """Remove a shared file; processes that have mapped it keep its memory."""
     with suppress(OSError):
         Path(path).unlink()

@@ -1,4 +1,4 @@
-"""What stands still, as a structure that rays are cast into."""
+"""Static geometry as an acceleration structure for ray casting."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ _SLACK = 0.05  # metres
 
 
 @dataclass(frozen=True)
-class Standing:
-    """A piece of what stands still; it is built once and serves all scenes that it is part of.
+class StaticGeometry:
+    """Piece of static geometry; it is built once and shared by all scenes that contain it.
 
     Parameters
     ----------
     structure : open3d.t.geometry.RaycastingScene
-        Its faces, relative to `centre` and turned so that `box` is upright: along the axes of a street that runs askew
-        of them rays meet fewer boxes of the tree.
+        Faces relative to `centre`, rotated into the frame of `box`: along the axes of a street oblique to them rays
+        meet fewer boxes of the tree.
     attributes : ndarray of shape (f, 6), float32
         As those of `Mesh`.
     instances : ndarray of shape (f,), int32
         Number of each face's object.
     centre : ndarray of shape (3,), float64
-        A place in its middle, street-local metres: float32 resolves micrometres around it.
+        Its middle, street-local metres: float32 resolves micrometres around it.
     box : ndarray of shape (8,), float64
-        Cosine and sine of its direction, then from and to along that, to its left, and upwards, relative to `centre`.
+        Cosine and sine of its direction, then bounds along that, to its left, and upwards, relative to `centre`.
     """
 
     structure: o3d.t.geometry.RaycastingScene
@@ -43,8 +43,8 @@ class Standing:
 
 
 @dataclass(frozen=True)
-class Soup:
-    """The faces of a piece of what stands still, as arrays that another process can be given.
+class TriangleSoup:
+    """Faces of a piece of static geometry, as arrays that can be sent to another process.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Soup:
     faces : ndarray of shape (f, 3), uint32
         Vertex indices.
     attributes, instances, centre, box
-        As those of `Standing`.
+        As those of `StaticGeometry`.
     """
 
     vertices: NDArray[np.float32]
@@ -64,82 +64,48 @@ class Soup:
     box: NDArray[np.float64]
 
 
-def gather(
+def triangle_soup(
     meshes: Sequence[Mesh], instances: Sequence[int], centre: NDArray[np.float64], *, heading: float = 0.0
-) -> Soup:
-    """Put meshes together.
+) -> TriangleSoup:
+    """Join meshes in street-local coordinates into one triangle soup about a centre, with one instance number per mesh.
 
-    Parameters
-    ----------
-    meshes : sequence of Mesh
-        Street-local coordinates.
-    instances : sequence of int
-        One number per mesh.
-    centre : ndarray of shape (3,), float64
-        What faces are stored relative to, metres.
-    heading : float, default 0
-        Direction of the bounding box, radians; along the street it is the tightest.
-
-    Returns
-    -------
-    Soup
-        Their faces.
+    `heading` is the direction of the bounding box, radians; the street's direction gives the tightest box.
     """
     whole = join(meshes)
     c, n = np.cos(heading), np.sin(heading)
     x, y, z = (whole.vertices - centre).T
     vertices = np.stack([c * x + n * y, c * y - n * x, z], axis=1)
     numbers = np.repeat(np.asarray(instances, dtype=np.int32), [len(m.faces) for m in meshes])
-    return Soup(
+    return TriangleSoup(
         vertices.astype(np.float32), whole.faces.astype(np.uint32), whole.attributes, numbers, centre,
         _box(vertices, c, n),
     )  # fmt: skip
 
 
-def stand(soup: Soup) -> Standing:
-    """Build the structure that rays are cast into.
+def build_static(soup: TriangleSoup) -> StaticGeometry:
+    """Build the acceleration structure of a triangle soup.
 
-    Parameters
-    ----------
-    soup : Soup
-        Its faces.
-
-    Returns
-    -------
-    Standing
-        The structure. It is built by one thread: built by several, two runs could answer a ray that meets an edge with
-        different faces.
+    One thread builds it: if several did, two runs could resolve hits on edges differently.
     """
     structure = casting_structure(soup.vertices, soup.faces)
-    return Standing(structure, soup.attributes, soup.instances, soup.centre, soup.box)
+    return StaticGeometry(structure, soup.attributes, soup.instances, soup.centre, soup.box)
 
 
-def build_standing(
+def static_geometry(
     meshes: Sequence[Mesh], instances: Sequence[int], centre: NDArray[np.float64], *, heading: float = 0.0
-) -> Standing:
-    """Build the structure of some meshes; see `gather` and `stand`.
-
-    Parameters
-    ----------
-    meshes, instances, centre, heading
-        As for `gather`.
-
-    Returns
-    -------
-    Standing
-        The structure.
-    """
-    return stand(gather(meshes, instances, centre, heading=heading))
+) -> StaticGeometry:
+    """Build the acceleration structure of meshes; see `triangle_soup` for the parameters."""
+    return build_static(triangle_soup(meshes, instances, centre, heading=heading))
 
 
 def casting_structure(vertices: NDArray, faces: NDArray) -> o3d.t.geometry.RaycastingScene:
-    """Return an acceleration structure that is ready to be cast into."""
+    """Return an acceleration structure that is ready for ray casting."""
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(
         o3d.core.Tensor.from_numpy(vertices.astype(np.float32, copy=False)),
         o3d.core.Tensor.from_numpy(faces.astype(np.uint32, copy=False)),
     )
-    # The first ray builds it.
+    # The first query builds it.
     scene.test_occlusions(o3d.core.Tensor.from_numpy(np.ones((1, 6), np.float32)), nthreads=1)
     return scene
 
@@ -151,10 +117,10 @@ def _box(vertices: NDArray[np.float64], c: float, s: float) -> NDArray[np.float6
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def entering(
+def rays_entering(
     rays: NDArray[np.float32], limit: NDArray[np.float32], box: NDArray[np.float64], offset: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Return the rays that enter a box before their limit, which they are, and they in the frame of the box."""
+    """Return the rows of the rays that enter a box before their limit, and these rays in the frame of the box."""
     index, moved = np.empty(len(rays), np.int64), np.empty((len(rays), 6), np.float32)
     c, s = box[0], box[1]
     n = 0
@@ -179,7 +145,7 @@ def entering(
 
 @leaf
 def _within(at: float, pace: float, low: float, high: float, near: float, far: float) -> tuple[float, float]:
-    """Return from where to where along a ray one of its coordinates lies between two bounds, and so before."""
+    """Return the bounds along a ray between which one coordinate is within its own bounds, cut to those given."""
     inverse = 1.0 / (pace if abs(pace) > 1e-12 else 1e-12)
     a, b = (low - at) * inverse, (high - at) * inverse
     return max(near, min(a, b)), min(far, max(a, b))
@@ -191,7 +157,7 @@ def keep_nearer(
     first: int, frame: tuple[float, float], distance: NDArray[np.float32], face: NDArray[np.int32],
     normal: NDArray[np.float32],
 ) -> None:  # fmt: skip
-    """Enter answers of some rays where they are nearer than what is known; `frame` has cosine and sine of theirs."""
+    """Replace hits of some rays by nearer ones; `frame` has cosine and sine of the frame of the new normals."""
     c, s = frame
     for k in range(len(rows)):
         i = rows[k]
