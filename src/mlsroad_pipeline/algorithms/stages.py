@@ -26,18 +26,27 @@ from mlsroad_pipeline.algorithms.ground.upward_growing import classify_ground
 from mlsroad_pipeline.algorithms.supervoxels.vccs import segment_supervoxels
 
 
-class Ground(TypedDict):
-    """Ground points of a scene and heights above them.
+class GroundMask(TypedDict):
+    """Ground points of a scene.
 
     Attributes
     ----------
     ground : ndarray of bool, shape (n,)
         True for ground points.
+    """
+
+    ground: NDArray[np.bool_]
+
+
+class Ground(GroundMask):
+    """Ground points of a scene and heights above them.
+
+    Attributes
+    ----------
     height : ndarray of float32, shape (n,)
         Height above the ground in metres; NaN for outliers, and for all points of a scene without ground.
     """
 
-    ground: NDArray[np.bool_]
     height: NDArray[np.float32]
 
 

@@ -112,7 +112,7 @@ def test_sample_is_balanced(rng):
     assert counts.tolist() == [40, 40, 0, 40]
     with pytest.raises(DataError, match="no labelled patches"):
         draw_training_patches(patches.with_columns(label=np.full(500, -1)), 40, seed=1)
-    with pytest.raises(DataError, match="without colour"):
+    with pytest.raises(DataError, match="have no colour"):
         patch_features(patches.with_columns(rgb=None), COLOURED)
     assert patch_features(patches, GEOMETRY).shape == (500, 9)
 
@@ -135,7 +135,7 @@ def test_one_scene_is_cut_into_folds_with_a_warning(rng, caplog):
 
 
 def test_too_little_to_train_a_machine_is_named(rng):
-    with pytest.raises(DataError, match="at least two classes, got class 3 alone"):
+    with pytest.raises(DataError, match="at least two classes, got only class 3"):
         fit_svm(planted(rng, 50, classes=(3,)))
     with pytest.raises(DataError, match="2 labelled patches are too few for 3 folds"):
         fit_svm(planted(rng, 50).take(np.array([0, 1])).with_columns(label=[0, 1]))

@@ -94,13 +94,13 @@ def test_one_point_is_one_patch_without_shape():
 
 
 def test_bad_input_is_named(street):
-    with pytest.raises(DataError, match="street: no points to make patches of"):
+    with pytest.raises(DataError, match="street: no points to extract patches from"):
         extract_patches(street, height=np.zeros(len(street)), keep=np.zeros(len(street), bool))
     height = np.zeros(len(street))
     height[3] = np.nan
     with pytest.raises(DataError, match="street: height is NaN for 1 of 4000 points"):
         extract_patches(street, height=height)
-    with pytest.raises(ParameterError, match=r"whole number of times patches.voxel_size, got 0\.2 and 0\.15"):
+    with pytest.raises(ParameterError, match=r"integer multiple of patches.voxel_size, got 0\.2 and 0\.15"):
         PatchParameters(voxel_size=0.15)
     with pytest.raises(ParameterError, match="whole number"):
         PatchParameters(voxel_size=0.4)

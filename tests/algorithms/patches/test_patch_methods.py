@@ -120,7 +120,7 @@ def flat(seed):
 @pytest.mark.parametrize(
     ("method", "message"),
     [
-        ("patch_svm", "patch_svm needs patches of at least two classes, got class 0 alone"),
+        ("patch_svm", "patch_svm needs patches of at least two classes, got only class 0"),
         ("max_margin_markov", "all training patches are of class 0: there is nothing to tell apart"),
         ("shape_based", "no labelled object in the training scenes: is everything ground"),
     ],

@@ -1,5 +1,6 @@
-"""Checks at the border of every public function: one clear message instead of a wrong answer later."""
+"""Validation of the arguments of public functions."""
 
+from collections.abc import Iterable, Mapping
 from numbers import Real
 
 import numpy as np
@@ -9,21 +10,21 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 
 
 def check_xyz(xyz: ArrayLike, *, minimum: int = 0, name: str = "xyz") -> NDArray[np.floating]:
-    """Return coordinates as a C-contiguous floating array, or say what is wrong with them.
+    """Validate coordinates and return them as a C-contiguous floating-point array.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Coordinates in metres; float32 and float64 are kept, anything else becomes float64.
     minimum : int, default 0
-        The fewest points that the caller can work with.
+        Minimum number of points.
     name : str, default "xyz"
-        What the message calls the array.
+        Name of the array in error messages.
 
     Returns
     -------
     ndarray of shape (n, 3), float32 or float64
-        The coordinates, copied only where the dtype or the layout requires it.
+        The coordinates, copied only if the dtype or the memory layout requires it.
 
     Raises
     ------
@@ -37,7 +38,7 @@ def check_xyz(xyz: ArrayLike, *, minimum: int = 0, name: str = "xyz") -> NDArray
         raise DataError(f"{name} must have shape (n, 3), got {array.shape}")
     if len(array) < minimum:
         raise DataError(f"{name} needs at least {minimum} points, got {len(array)}")
-    if not np.isfinite(array).all():  # row by row only where something is wrong: it is several times slower
+    if not np.isfinite(array).all():  # the row-wise test is several times slower: errors only
         finite = np.isfinite(array).all(axis=1)
         first = int(np.flatnonzero(~finite)[0])
         raise DataError(
@@ -48,14 +49,14 @@ def check_xyz(xyz: ArrayLike, *, minimum: int = 0, name: str = "xyz") -> NDArray
 
 
 def check_positive(value: float, name: str) -> float:
-    """Return a parameter that must be a positive, finite number.
+    """Check that a parameter is a positive, finite number and return it.
 
     Parameters
     ----------
     value : float
         The parameter.
     name : str
-        Its name, for the message.
+        Name in error messages.
 
     Returns
     -------
@@ -73,39 +74,39 @@ def check_positive(value: float, name: str) -> float:
 
 
 def check_at_least(value: float, least: float, name: str) -> None:
-    """Make sure that a parameter is not below the least that makes sense.
+    """Check that a parameter is not below its minimum.
 
     Parameters
     ----------
     value : float
         The parameter.
     least : float
-        The least.
+        The minimum.
     name : str
-        Its name, for the message.
+        Name in error messages.
 
     Raises
     ------
     ParameterError
-        If it is below.
+        If the value is below the minimum.
     """
     if value < least:
         raise ParameterError(f"{name} must be at least {least}, got {value!r}")
 
 
 def check_column(values: ArrayLike, n_points: int, name: str, width: int | None = None) -> NDArray:
-    """Return a per-point column whose length fits the points.
+    """Check the shape of a per-point column and return it as an array.
 
     Parameters
     ----------
     values : array-like of shape (n_points,) or (n_points, width)
         The column.
     n_points : int
-        How many points it must describe.
+        Number of points.
     name : str
-        Its name, for the message.
+        Name in error messages.
     width : int, optional
-        The number of values per point; None asks for a one-dimensional column.
+        Number of values per point; None for a one-dimensional column.
 
     Returns
     -------
@@ -115,10 +116,32 @@ def check_column(values: ArrayLike, n_points: int, name: str, width: int | None 
     Raises
     ------
     DataError
-        If the shape differs from what is asked for.
+        If the shape differs.
     """
     array = np.asarray(values)
     expected = (n_points,) if width is None else (n_points, width)
     if array.shape != expected:
         raise DataError(f"{name} must have shape {expected}, got {array.shape}")
     return array
+
+
+def check_arrays(arrays: Mapping[str, object], names: Iterable[str], owner: str) -> None:
+    """Check that the arrays of a stored object are complete.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        The arrays.
+    names : iterable of str
+        Required names.
+    owner : str
+        The object, for the message, such as ``"a forest"``.
+
+    Raises
+    ------
+    DataError
+        If an array is missing.
+    """
+    missing = [name for name in names if name not in arrays]
+    if missing:
+        raise DataError(f"the arrays of {owner} lack {', '.join(missing)}")

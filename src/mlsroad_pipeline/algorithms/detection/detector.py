@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.detection.descriptions import Description
 from mlsroad_pipeline.algorithms.detection.thresholds import detect_by_thresholds
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
-from mlsroad_pipeline.algorithms.stages import GroundParameters, ground_of
+from mlsroad_pipeline.algorithms.stages import GroundMask, GroundParameters, find_ground
 
 WITH_INTENSITY, GEOMETRY = "geometry+intensity", "geometry"
 """Variants of a model: a survey without intensity is judged by one that never saw any."""
@@ -170,7 +170,11 @@ def label_detected_objects(
     if "intensity" in bundle.metadata["attributes"] and "intensity" not in cloud:
         level = logging.INFO if "core" in cloud else logging.WARNING  # who cuts a survey into scenes says it once
         logger.log(level, "%s has no intensity: objects are looked for by their shape", cloud.source)
-    ground = ground_of(cloud, GroundParameters(**stored["ground"]))
+    ground: GroundMask
+    if "ground" in cloud:
+        ground = {"ground": cloud["ground"]}
+    else:
+        ground = find_ground(cloud, GroundParameters(**stored["ground"]))
     objects = segment_scene(cloud, ground, SegmentationParameters(**stored["segmentation"]))
     found = detect(objects)
     wanted = np.array(bundle.metadata["wanted"], dtype=np.int16)

@@ -14,6 +14,7 @@ from sklearn.exceptions import NotFittedError
 from sklearn.tree import DecisionTreeClassifier
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_arrays
 from mlsroad_pipeline.algorithms.detrended_forest.out_of_bag import out_of_bag_curves
 from mlsroad_pipeline.algorithms.features.supervoxel_features import SupervoxelFeatures
 from mlsroad_pipeline.algorithms.models.class_balance import (
@@ -252,9 +253,7 @@ class DetrendedForestClassifier(BaseEstimator):
         DataError
             If an array is missing.
         """
-        missing = [name for name in _OWN_ARRAYS if name not in arrays]
-        if missing:
-            raise DataError(f"the arrays of a classifier lack {', '.join(missing)}")
+        check_arrays(arrays, _OWN_ARRAYS, "a classifier")
         forest = FlatForest.from_arrays(arrays)
         n_classes = int(arrays["n_classes"])
         model = cls(n_classes, n_trees=len(forest), n_jobs=n_jobs)

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.scene_key import group_by_split
 from mlsroad_pipeline.algorithms.metrics.ground import count_ground, scores_of_counts
 from mlsroad_pipeline.algorithms.metrics.partition import evaluate_partition
-from mlsroad_pipeline.algorithms.stages import Ground, SupervoxelPartition, inliers
+from mlsroad_pipeline.algorithms.stages import GroundMask, SupervoxelPartition, inliers
 
 GROUND_CLASSES = (
     "road",
@@ -36,15 +36,15 @@ UNSCORED = ("unlabelled", "outlier")
 SUPERVOXEL_SCORES = ("boundary_recall", "under_segmentation_error", "accuracy_ceiling")
 
 
-def count_ground_points(scene: PointCloud, ground: Ground) -> dict[str, NDArray]:
+def count_ground_points(scene: PointCloud, ground: GroundMask) -> dict[str, NDArray]:
     """Count the core points of a scene by what they are and what the ground filter says.
 
     Parameters
     ----------
     scene : PointCloud
         The scene, with `label` and `core`.
-    ground : Ground
-        Its ground.
+    ground : GroundMask
+        Its ground points.
 
     Returns
     -------

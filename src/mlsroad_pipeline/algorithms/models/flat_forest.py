@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_arrays
 from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
 
 _ROWS = 32
@@ -130,9 +131,7 @@ class FlatForest:
             If an array is missing.
         """
         names = [field.name for field in fields(cls)]
-        missing = [name for name in names if name not in arrays]
-        if missing:
-            raise DataError(f"the arrays of a forest lack {', '.join(missing)}")
+        check_arrays(arrays, names, "a forest")
         found = {name: np.asarray(arrays[name]) for name in names}
         n_features = int(found.pop("n_features"))
         return cls(n_features=n_features, **found)

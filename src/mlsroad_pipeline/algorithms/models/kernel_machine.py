@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it has no stubs
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_arrays
 from mlsroad_pipeline.algorithms.models.pairwise import couple_probabilities
 
 _BLOCK = 64
@@ -186,8 +187,6 @@ class KernelMachine:
             If an array is missing.
         """
         names = [field.name for field in fields(cls)]
-        missing = [name for name in names if name not in arrays]
-        if missing:
-            raise DataError(f"the arrays of a kernel machine lack {', '.join(missing)}")
+        check_arrays(arrays, names, "a kernel machine")
         found: dict[str, Any] = {name: np.asarray(arrays[name]) for name in names}
         return cls(**{**found, "gamma": float(found["gamma"])})

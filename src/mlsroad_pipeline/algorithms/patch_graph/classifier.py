@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_positive
 from mlsroad_pipeline.algorithms.patch_graph.costs import CostWeights
 from mlsroad_pipeline.algorithms.patch_graph.iterations import SearchParameters
 from mlsroad_pipeline.algorithms.patch_graph.training_scenes import cut_scenes, thin_scenes
@@ -195,9 +195,7 @@ class PatchGraphClassifier:
             If an array is missing.
         """
         graph = TrainedGraph.from_arrays(arrays)
-        missing = [name for name in ("n_classes", "weights", "search") if name not in arrays]
-        if missing:
-            raise DataError(f"the arrays of a patch graph lack {', '.join(missing)}")
+        check_arrays(arrays, ("n_classes", "weights", "search"), "a patch graph")
         weights = CostWeights(*np.asarray(arrays["weights"]).tolist())
         return cls(graph, int(arrays["n_classes"]), weights=weights, search=_search(arrays["search"]))
 

@@ -9,8 +9,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.core.validation import check_at_least
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least
 from mlsroad_pipeline.algorithms.patch_graph.classifier import (
     PatchGraphClassifier,
     PatchGraphParameters,
@@ -150,9 +150,7 @@ class RefinedPatchGraphClassifier:
         DataError
             If an array is missing.
         """
-        missing = [name for name in ("refinement", "ground") if name not in arrays]
-        if missing:
-            raise DataError(f"the arrays of a refined patch graph lack {', '.join(missing)}")
+        check_arrays(arrays, ("refinement", "ground"), "a refined patch graph")
         smoothness, decay, penalty, floor, smooth_ground = np.asarray(arrays["refinement"]).tolist()
         parameters = RefinementParameters(smoothness, decay, penalty, floor, bool(smooth_ground))
         ground = GroundClasses(*np.asarray(arrays["ground"]).tolist())

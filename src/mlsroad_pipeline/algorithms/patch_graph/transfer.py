@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.core.validation import check_column
+from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_column
 from mlsroad_pipeline.algorithms.patch_graph.costs import N_ABSOLUTE, CostWeights
 from mlsroad_pipeline.algorithms.patch_graph.description_cells import DescriptionCells
 from mlsroad_pipeline.algorithms.patch_graph.iterations import (
@@ -79,9 +79,7 @@ class TrainedGraph:
         DataError
             If an array is missing.
         """
-        missing = [name for name in (*PatchIndex._fields, *DescriptionCells._fields, *_ARRAYS) if name not in arrays]
-        if missing:
-            raise DataError(f"the arrays of a match graph lack {', '.join(missing)}")
+        check_arrays(arrays, (*PatchIndex._fields, *DescriptionCells._fields, *_ARRAYS), "a match graph")
         index = PatchIndex(**{name: np.asarray(arrays[name]) for name in PatchIndex._fields})
         cells = DescriptionCells(**{name: np.asarray(arrays[name]) for name in DescriptionCells._fields})
         own = {name: np.asarray(arrays[name]) for name in _ARRAYS[:-1]}

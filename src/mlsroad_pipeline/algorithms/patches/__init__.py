@@ -1,1 +1,1 @@
-"""Patches of supervoxels and the methods that label them."""
+"""Octree patches and their classifiers."""

@@ -1,4 +1,4 @@
-"""Patches of Luo et al. 2016, section III-A: the leaves of an octree, each described by shape, colour and height."""
+"""Octree patches with shape, colour and height descriptors (Luo et al. 2016, section III-A)."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.core.validation import check_column, check_positive
+from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_column, check_positive
 from mlsroad_pipeline.algorithms.features.fpfh import compute_fpfh
 from mlsroad_pipeline.algorithms.features.normals import compute_normals
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import VoxelGrid, build_voxel_grid
 
 UNKNOWN = -1
-"""Label of patches whose class is not known, and patch of points that are in none."""
+"""Label of patches of unknown class; patch of points outside all patches."""
 
 logger = logging.getLogger(__name__)
 
@@ -34,23 +34,23 @@ _COLUMNS: dict[str, tuple[type[np.generic], int]] = {
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Patches of one scene or of several, one row each.
+    """Patches of one or more scenes, one row a patch.
 
     Parameters
     ----------
     fpfh : array-like of shape (n, d)
-        Histogram of each patch; kept as float32. What `extract_patches` makes sums to 1, or to 0 for a patch without
-        any neighbouring support point.
+        Histogram of each patch, stored as float32. Histograms of `extract_patches` sum to 1, or to 0 for a patch
+        without neighbouring support points.
     rgb : array-like of shape (n, 3) or None
-        Mean colour in [0, 1], kept as float32; None where the survey has no colour.
+        Mean colour in [0, 1], stored as float32; None without colour.
     height : array-like of shape (n,)
-        Height of the centroid above the local ground in metres, kept as float32.
+        Mean height of the points above the local ground in metres, stored as float32.
     centroid : array-like of shape (n, 3)
-        Mean of the patch's points in metres, kept as float64.
+        Mean of the patch's points in metres, stored as float64.
     scene : array-like of int, shape (n,)
-        Number of the scene that the patch is from, kept as int32.
+        Scene number, stored as int32.
     label : array-like of int, shape (n,)
-        Class of the patch, kept as int16; `UNKNOWN` (-1) where it is not known.
+        Class, stored as int16; `UNKNOWN` (-1) if unknown.
 
     Raises
     ------
@@ -84,17 +84,17 @@ class Patches:
         return len(self.height)
 
     def take(self, rows: NDArray) -> Patches:
-        """Return the patches at an index array or under a boolean mask."""
+        """Return the patches selected by an index array or a boolean mask."""
         return Patches.from_arrays({name: values[rows] for name, values in self.to_arrays().items()})
 
     def with_columns(self, **columns: Any) -> Patches:
-        """Return the same patches with columns replaced, such as `label`, or `rgb` by None."""
+        """Return a copy with some columns replaced."""
         return replace(self, **columns)
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return the patches as named plain arrays, without `rgb` where there is no colour."""
-        found = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {name: values for name, values in found.items() if values is not None}
+        """Return the columns as named arrays, without `rgb` if there is no colour."""
+        columns = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: values for name, values in columns.items() if values is not None}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Any]) -> Patches:
@@ -115,25 +115,23 @@ class Patches:
         DataError
             If an array other than `rgb` is missing, or the arrays do not fit together.
         """
-        missing = [name for name in _COLUMNS if name != "rgb" and name not in arrays]
-        if missing:
-            raise DataError(f"the arrays of patches lack {', '.join(missing)}")
+        check_arrays(arrays, (name for name in _COLUMNS if name != "rgb"), "patches")
         columns: dict[str, Any] = {name: arrays.get(name) for name in _COLUMNS}
         return cls(**columns)
 
 
 def join_patches(parts: Sequence[Patches]) -> Patches:
-    """Join patches of several scenes, one after another.
+    """Concatenate patches.
 
     Parameters
     ----------
     parts : sequence of Patches
-        At least one; their histograms have one length.
+        At least one element; all histograms have the same length.
 
     Returns
     -------
     Patches
-        All patches. They have colour only where every part has it.
+        All patches; with colour only if every part has it.
 
     Raises
     ------
@@ -152,30 +150,30 @@ def join_patches(parts: Sequence[Patches]) -> Patches:
 
 @dataclass(frozen=True)
 class PatchParameters:
-    """How patches are cut and described, and how points take their labels.
+    """Parameters of patch extraction and of the votes for point labels.
 
     Parameters
     ----------
     patch_size : float, default 0.2
-        Edge of a leaf of the octree, L, metres (luo2016: 0.2). Larger ones are fewer and mix what lies side by side.
+        Edge L of an octree leaf, metres (luo2016: 0.2). Larger patches are fewer and mix adjacent objects.
     voxel_size : float, default 0.1
-        Edge of the voxels whose centroids are the support points of the histograms, metres; a whole number of them
-        fills a leaf. Smaller ones follow finer shape; time grows with their number times their neighbours.
+        Edge of the voxels whose centroids are the support points of the histograms, metres; divides `patch_size`.
+        Smaller voxels resolve finer shape. Time grows with the number of voxels times that of their neighbours.
     normal_radius : float, default 0.3
-        Neighbourhood of the normals, metres.
+        Search radius of the normals, metres.
     fpfh_radius : float, default 0.8
-        Neighbourhood of the histograms, metres. Larger ones see more of an object and more of what is beside it.
+        Search radius of the histograms, metres. Larger values include more context and more adjacent objects.
     n_bins : int, default 4
-        Bins of each pair feature (luo2016: 16 values in all; read as 4 features of 4 bins).
+        Bins of each pair feature (luo2016: 16 values in total, read as 4 features of 4 bins).
     use_distance : bool, default True
-        Whether the distance is a pair feature beside the three angles.
+        Whether to use the distance as a fourth pair feature beside the three angles.
     area_radius : float, default 0.3
-        Distance up to which patches vote on a point's label, R_area, metres (luo2016: 0.3).
+        Radius R_area within which patches vote for the label of a point, metres (luo2016: 0.3).
 
     Raises
     ------
     ParameterError
-        If a length is not above zero, `n_bins` is not from 1 to 255, or voxels do not fill a leaf.
+        If a length is not above zero, `n_bins` is not in 1 to 255, or `voxel_size` does not divide `patch_size`.
     """
 
     patch_size: float = 0.2
@@ -194,23 +192,23 @@ class PatchParameters:
         ratio = self.patch_size / self.voxel_size
         if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6 * ratio:
             raise ParameterError(
-                f"patches.patch_size must be a whole number of times patches.voxel_size, "
+                f"patches.patch_size must be an integer multiple of patches.voxel_size, "
                 f"got {self.patch_size!r} and {self.voxel_size!r}"
             )
 
 
 @dataclass(frozen=True, eq=False)
 class PatchScene:
-    """The patches of one scene, and how they lie in it.
+    """Patches of one scene, with the relation of patches to points and to each other.
 
     Attributes
     ----------
     patches : Patches
-        The patches, numbered by place.
+        The patches.
     patch_of_point : ndarray of int32, shape (n,)
-        Patch of each point; `UNKNOWN` (-1) for points that take no part.
+        Patch of each point; `UNKNOWN` (-1) for excluded points.
     edges : ndarray of int32, shape (m, 2)
-        Pairs of patches whose leaves share a face, an edge or a corner, each pair once, the lower number first.
+        Pairs of 26-adjacent leaves, each pair once, the lower index first.
     """
 
     patches: Patches
@@ -226,46 +224,46 @@ def extract_patches(
     keep: ArrayLike | None = None,
     scene: int = 0,
 ) -> PatchScene:
-    """Cut a scene into patches and describe each (Luo et al. 2016, section III-A).
+    """Extract the patches of a scene and their descriptors (Luo et al. 2016, section III-A).
 
-    Patches are the occupied leaves of an octree whose corners are multiples of the leaf's size in world coordinates, so
-    that scenes of one survey agree on them. Support points of the histograms are the centroids of smaller voxels; a
-    patch takes the mean over its voxels, scaled to sum 1.
+    Patches are the occupied leaves of an octree. Leaf corners are multiples of the leaf size in world coordinates, so
+    that overlapping scenes of a survey share them. The support points of the histograms are the centroids of smaller
+    voxels. The histogram of a patch is the mean over its voxels, normalised to sum 1.
 
     Parameters
     ----------
     cloud : PointCloud
-        The scene; its column `rgb` gives the colours where it is there.
+        The scene; its column `rgb` is used if it exists.
     height : array-like of shape (n,)
-        Height of each point above the local ground, metres, as `find_ground` gives it. Where all are NaN, because no
-        point is ground, heights are measured from the scene's lowest point, with a warning.
+        Height of each point above the local ground, metres, see `stages.find_ground`. If all are NaN (a scene without
+        ground), heights are measured from the lowest point and a warning is logged.
     parameters : PatchParameters, optional
-        Sizes and radii; the defaults where None.
+        Sizes and radii; by default those of `PatchParameters()`.
     keep : array-like of bool, shape (n,), optional
-        Which points take part; all by default.
+        Points to use; all by default.
     scene : int, default 0
-        Number of the scene, stored with every patch.
+        Scene number, stored with every patch.
 
     Returns
     -------
     PatchScene
-        Patches without labels, patch of each point, and edges.
+        Unlabelled patches, patch of each point, and edges.
 
     Raises
     ------
     DataError
-        If no point takes part, a coordinate is not finite, or a column has another length.
+        If no point is used, a coordinate is not finite, or a column has another length.
     """
     sizes = parameters if parameters is not None else PatchParameters()
     used = np.ones(len(cloud), np.bool_) if keep is None else check_column(keep, len(cloud), "keep").astype(np.bool_)
     if not used.any():
-        raise DataError(f"{cloud.source}: no points to make patches of")
+        raise DataError(f"{cloud.source}: no points to extract patches from")
     everything = bool(used.all())
     xyz = cloud.xyz if everything else cloud.xyz[used]
     heights = _known_heights(xyz, check_column(height, len(cloud), "height")[used], cloud.source)
     anchor = -np.mod(np.asarray(cloud.origin, np.float64), sizes.patch_size)
     voxels = build_voxel_grid(xyz, voxel_size=sizes.voxel_size, anchor=anchor)
-    # Centres of voxels lie well inside their leaf, so that rounding cannot put one into the leaf beside it.
+    # Voxel centres lie well inside their leaf: rounding cannot move one into an adjacent leaf.
     centres = voxels.origin + (voxels.coords + 0.5) * sizes.voxel_size
     leaves = build_voxel_grid(centres, voxel_size=sizes.patch_size, anchor=anchor)
     owner = leaves.voxel_of_point[voxels.voxel_of_point]
@@ -288,7 +286,7 @@ def _known_heights(xyz: NDArray[np.floating], height: NDArray, source: str) -> N
     heights = height.astype(np.float64)
     missing = np.isnan(heights)
     if missing.all():
-        logger.warning("%s has no ground: heights of patches are measured from its lowest point", source)
+        logger.warning("%s has no ground points: heights of patches are measured from the lowest point", source)
         return xyz[:, 2].astype(np.float64) - float(xyz[:, 2].min())
     if missing.any():
         raise DataError(f"{source}: height is NaN for {int(missing.sum())} of {len(heights)} points")
@@ -305,7 +303,7 @@ def _means(values: NDArray, owner: NDArray[np.int32], counts: NDArray[np.float64
 def _leaf_centroids(
     voxels: VoxelGrid, leaf_of_voxel: NDArray[np.int32], counts: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the mean of each leaf's points, from the means of its voxels."""
+    """Return the mean of the points of each leaf, computed from the means of its voxels."""
     weighted = voxels.local_centroids * voxels.counts[:, None]
     sums = [np.bincount(leaf_of_voxel, weights=weighted[:, axis], minlength=len(counts)) for axis in range(3)]
     return voxels.origin + np.stack(sums, axis=1) / counts[:, None] * voxels.voxel_size
@@ -314,7 +312,7 @@ def _leaf_centroids(
 def _describe_leaves(
     voxels: VoxelGrid, leaf_of_voxel: NDArray[np.int32], n_leaves: int, sizes: PatchParameters
 ) -> NDArray[np.float32]:
-    """Return the mean histogram of each leaf's voxels, scaled to sum 1; 0 where none of them has a neighbour."""
+    """Return the mean histogram of the voxels of each leaf, normalised to sum 1; 0 without neighbours."""
     support = voxels.local_centroids * voxels.voxel_size
     normals = compute_normals(support, radius=sizes.normal_radius)
     histograms = compute_fpfh(

@@ -1,7 +1,6 @@
-"""What classifiers see of a patch: histogram, height and colour, the description of Luo et al. 2016, section III-A.
+"""Feature vectors of patches: histogram, height and colour (Luo et al. 2016, section III-A).
 
-A model holds a classifier for patches with colour, where the training scenes have it, and one for patches without, so
-that a survey without colour is labelled by a classifier that never saw any.
+A model holds one classifier for patches without colour and one for patches with colour, if the training scenes have it.
 """
 
 from __future__ import annotations
@@ -14,11 +13,11 @@ from mlsroad_pipeline.algorithms.models.class_balance import draw_per_class
 from mlsroad_pipeline.algorithms.patches.extraction import Patches
 
 GEOMETRY, COLOURED = "geometry", "geometry+rgb"
-"""The variants of a classifier."""
+"""Feature sets without and with colour."""
 
 
 def variants_of(patches: Patches) -> tuple[str, ...]:
-    """Return the variants that can be trained on patches, the one with most features last.
+    """Return the feature sets available for patches, the largest last.
 
     Parameters
     ----------
@@ -28,13 +27,13 @@ def variants_of(patches: Patches) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        `GEOMETRY`, and `COLOURED` where they have colour.
+        `GEOMETRY`, followed by `COLOURED` if the patches have colour.
     """
     return (GEOMETRY,) if patches.rgb is None else (GEOMETRY, COLOURED)
 
 
 def patch_features(patches: Patches, variant: str) -> NDArray[np.float32]:
-    """Return the features of patches.
+    """Return the feature vectors of patches.
 
     Parameters
     ----------
@@ -51,32 +50,32 @@ def patch_features(patches: Patches, variant: str) -> NDArray[np.float32]:
     Raises
     ------
     DataError
-        If the variant needs colour and the patches have none.
+        If `variant` is `COLOURED` and the patches have no colour.
     """
     parts = [patches.fpfh, patches.height[:, None]]
     if variant == COLOURED:
         if patches.rgb is None:
-            raise DataError("patches without colour cannot be described with it")
+            raise DataError("patches have no colour: features with colour cannot be computed")
         parts.append(patches.rgb)
     return np.concatenate(parts, axis=1)
 
 
 def draw_training_patches(patches: Patches, max_per_class: int, *, seed: int) -> Patches:
-    """Draw a balanced sample of labelled patches (Luo et al. 2016, section IV-C: 10,000 of each class).
+    """Draw a random sample with a maximum size per class (Luo et al. 2016, section IV-C: 10,000).
 
     Parameters
     ----------
     patches : Patches
-        Patches; those without a label are left out.
+        Patches; unlabelled ones are excluded.
     max_per_class : int
-        Most patches of a class; a class with fewer gives all of them.
+        Maximum patches per class; smaller classes are taken whole.
     seed : int
-        Seed of the draw.
+        Seed of the sample.
 
     Returns
     -------
     Patches
-        The sample, in the order of the patches.
+        The sample, in the order of `patches`.
 
     Raises
     ------

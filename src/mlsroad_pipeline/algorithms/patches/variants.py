@@ -1,4 +1,4 @@
-"""What the classifiers that take patches one by one share: a model for each variant of the features."""
+"""Base class of classifiers of single patches, with one model per feature set."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from mlsroad_pipeline.algorithms.patches.features import COLOURED, GEOMETRY, pat
 
 
 class PatchVariants:
-    """A trained classifier of patches, one model for each variant of the features.
+    """Trained classifier of patches with one model per feature set.
 
     Parameters
     ----------
     n_classes : int
         Classes of the scheme.
     trained_classes : ndarray of int64, shape (t,)
-        Those that training saw, ascending.
+        Classes with training samples, ascending.
     models : mapping of str to model
-        Variant to what was trained on its features: a `kind` with `predict_proba`, `to_arrays` and `from_arrays`.
+        Feature set to the model trained on it, an instance of `kind`.
     """
 
     kind: ClassVar[Any]
@@ -43,17 +43,17 @@ class PatchVariants:
         patches : Patches
             The patches, with or without colour.
         edges : ndarray of int32, shape (m, 2), optional
-            Not used: a patch is classified by itself.
+            Unused: patches are classified independently.
 
         Returns
         -------
         ndarray of float32, shape (n, n_classes)
-            Probabilities; 0 for classes that training did not see.
+            Probabilities; 0 for classes without training samples.
 
         Raises
         ------
         DataError
-            If the patches have other histograms than those of training.
+            If the histograms have another length than those of training.
         """
         variant = COLOURED if patches.rgb is not None and COLOURED in self.models else GEOMETRY
         out = np.zeros((len(patches), self.n_classes), np.float32)
@@ -61,7 +61,7 @@ class PatchVariants:
         return out
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return the models as named plain arrays.
+        """Return the models as named arrays.
 
         Returns
         -------
@@ -75,7 +75,7 @@ class PatchVariants:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild the models from what `to_arrays` returned.
+        """Rebuild a classifier from the arrays of `to_arrays`.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""From patches to points: the patches around a point vote on its class (Luo et al. 2016, equation 8)."""
+"""Point labels by majority vote of the surrounding patches (Luo et al. 2016, equation 8)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids, che
 def _near_patches(
     key: int, rows: NDArray, keys: NDArray, starts: NDArray, order: NDArray, found: NDArray
 ) -> NDArray[np.int32]:
-    """List the patches in a cell and in the 26 around it."""
+    """List the patches in a cell and in its 26 neighbours."""
     n = 0
     for j in range(len(rows)):
         low = key + rows[j, 2] - 1
@@ -50,7 +50,7 @@ def _vote(
     label: NDArray,
     confidence: NDArray,
 ) -> None:
-    """Label the points in cells first to last; points with no patch in reach keep label -1."""
+    """Label the points in cells `first` to `last`; points without a patch within the radius keep label -1."""
     n_classes = probabilities.shape[1]
     votes, sums = np.zeros(n_classes, np.int64), np.zeros(n_classes)
     buffer = np.empty(64, np.int32)
@@ -71,7 +71,7 @@ def _vote(
             for c in voters[:n_voters]:
                 votes[best[c]] += 1
             for c in voters[:n_voters]:
-                if sums[best[c]] == 0.0:  # the mean probability of each class that has a vote, once
+                if sums[best[c]] == 0.0:  # sum the probabilities of each voted class once
                     for other in voters[:n_voters]:
                         sums[best[c]] += probabilities[other, best[c]]
             winner = best[voters[0]]
@@ -91,28 +91,28 @@ def _vote(
 def vote_on_points(
     xyz: ArrayLike, centroids: ArrayLike, probabilities: ArrayLike, *, radius: float, n_threads: int = 1
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Give every point the class of most patches around it (Luo et al. 2016, equation 8).
+    """Label points by the majority vote of the patches within a radius (Luo et al. 2016, equation 8).
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Points in metres.
     centroids : array-like of shape (p, 3)
-        Centroids of the patches in the same frame, at least one.
+        Centroids of the patches in the same frame; at least one.
     probabilities : array-like of shape (p, c)
-        Class probabilities of the patches; a patch votes for its most probable class, of equal ones the lowest.
+        Class probabilities of the patches. A patch votes for its most probable class, the lowest of equal ones.
     radius : float
-        Distance up to which patches vote, R_area, metres (luo2016: 0.3). Larger ones smooth more. A point without a
-        patch in it takes the class of the nearest.
+        Radius R_area of the vote, metres (luo2016: 0.3). Larger values smooth more. A point without a patch within the
+        radius takes the class of the nearest patch.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
     Returns
     -------
     label : ndarray of int16, shape (n,)
-        Class of each point; of classes with equal votes the one that is more probable, then the lowest.
+        Class of each point. Ties go to the class with the larger summed probability, then to the lowest.
     confidence : ndarray of float32, shape (n,)
-        Mean probability of that class over the patches that voted.
+        Mean probability of that class over the voting patches.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def vote_on_points(
     label, confidence = np.full(len(points), -1, np.int16), np.zeros(len(points), np.float32)
     if len(points) == 0:
         return label, confidence
-    # A cell one part in a billion wider than the radius: rounding cannot put a patch two cells away.
+    # Cells are wider than the radius by a factor of 1 + 1e-9: rounding cannot put a neighbour two cells away.
     grid, patch_grid = build_cell_grids(points, seeds, cell_size=radius * (1 + 1e-9))
     rows = grid.row_offsets(1)
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_arrays
 from mlsroad_pipeline.algorithms.recognition.object_set import check_training
 
 
@@ -97,9 +97,7 @@ class ShapeRecogniser(ABC):
     @classmethod
     def _restored(cls, arrays: Mapping[str, NDArray], parameters: Any, *names: str) -> Self:
         """Begin to rebuild a recogniser: the parameters and the classes, once all arrays are known to be there."""
-        missing = [name for name in ("classes", *names) if name not in arrays]
-        if missing:
-            raise DataError(f"the arrays of {cls.slug} lack {', '.join(missing)}")
+        check_arrays(arrays, ("classes", *names), f"{cls.slug}")
         self = cls(parameters)
         self.classes_ = np.array(arrays["classes"])
         return self

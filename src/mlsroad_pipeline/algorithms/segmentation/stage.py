@@ -24,7 +24,7 @@ from mlsroad_pipeline.algorithms.segmentation.normalized_cut import cluster_poin
 from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
 from mlsroad_pipeline.algorithms.segmentation.two_step import TwoStepParameters, segment_two_step
 from mlsroad_pipeline.algorithms.segmentation.yang_dong import YangDongParameters, segment_yang_dong
-from mlsroad_pipeline.algorithms.stages import Ground, inliers
+from mlsroad_pipeline.algorithms.stages import GroundMask, inliers
 
 OBJECT_TOLERANCE = 0.3
 """Points of one class closer than this are one reference object where a survey has labels but no instances, metres."""
@@ -97,15 +97,15 @@ class SegmentationParameters:
         check_positive(self.min_points, "segmentation.min_points")
 
 
-def segment_scene(scene: PointCloud, ground: Ground, parameters: SegmentationParameters) -> dict[str, NDArray]:
+def segment_scene(scene: PointCloud, ground: GroundMask, parameters: SegmentationParameters) -> dict[str, NDArray]:
     """Segment the off-ground points of a scene into objects.
 
     Parameters
     ----------
     scene : PointCloud
         The scene.
-    ground : Ground
-        Its ground.
+    ground : GroundMask
+        Its ground points.
     parameters : SegmentationParameters
         The method and its parameters.
 

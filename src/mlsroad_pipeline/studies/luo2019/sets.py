@@ -43,7 +43,7 @@ def cut_street(
         segments = {"objects": instances - np.int32(1)}
     else:
         method = replace(segmentation, method=parameters.segmentation)
-        segments = segment_scene(whole, {"ground": whole["ground"], "height": whole["height"]}, method)
+        segments = segment_scene(whole, {"ground": whole["ground"]}, method)
     recognition = RecognitionParameters(min_points=parameters.min_points)
     cut = cut_objects(whole.without_columns(["label"]), segments, scheme=scheme, parameters=recognition)
     label = name_segments(

@@ -20,7 +20,7 @@ from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.oriented_points im
 )
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
+from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive
 from mlsroad_pipeline.algorithms.detection.descriptions import Description, object_bounds
 from mlsroad_pipeline.algorithms.detection.detector import detect_by_description, label_described_objects
 from mlsroad_pipeline.algorithms.detection.parts import relative_centres
@@ -179,9 +179,7 @@ class BottomUpTopDown:
         DataError
             If an array is missing.
         """
-        missing = [name for name in _ARRAYS if name not in arrays]
-        if missing:
-            raise DataError(f"the arrays of a bottom-up and top-down detector lack {', '.join(missing)}")
+        check_arrays(arrays, _ARRAYS, "a bottom-up and top-down detector")
         own = {name: np.asarray(arrays[name]) for name in ("centres", "normals", "objects")}
         own |= {"n_objects": np.array(len(arrays["kinds"])), "intensity": np.array(False)}
         rest = {name: np.asarray(arrays[name]) for name in _ARRAYS if name not in own}

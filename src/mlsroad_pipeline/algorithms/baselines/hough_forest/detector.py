@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.hough_forest._trees import vote
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
+from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive
 from mlsroad_pipeline.algorithms.detection.descriptions import Description, object_bounds
 from mlsroad_pipeline.algorithms.detection.detector import detect_by_description, label_described_objects
 from mlsroad_pipeline.algorithms.detection.parts import describe_parts, descriptors_of, heights_of
@@ -200,9 +200,7 @@ class HoughForest:
         DataError
             If an array is missing.
         """
-        missing = [name for name in (*_FOREST, "cells", "exponents", "thresholds") if name not in arrays]
-        if missing:
-            raise DataError(f"the arrays of a Hough forest lack {', '.join(missing)}")
+        check_arrays(arrays, (*_FOREST, "cells", "exponents", "thresholds"), "a Hough forest")
         own = {name: np.ascontiguousarray(arrays[name]) for name in (*_FOREST, "cells")}
         return cls(own, np.asarray(arrays["exponents"]), np.asarray(arrays["thresholds"]), intensity)
 

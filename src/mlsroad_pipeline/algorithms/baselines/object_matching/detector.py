@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.object_matching._correspondence import match_objects
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
+from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive
 from mlsroad_pipeline.algorithms.detection.descriptions import Description, object_bounds
 from mlsroad_pipeline.algorithms.detection.detector import detect_by_description, label_described_objects
 from mlsroad_pipeline.algorithms.detection.parts import describe_parts, descriptors_of, relative_centres
@@ -172,9 +172,7 @@ class ObjectMatcher:
         DataError
             If an array is missing.
         """
-        missing = [name for name in _ARRAYS if name not in arrays]
-        if missing:
-            raise DataError(f"the arrays of an object matcher lack {', '.join(missing)}")
+        check_arrays(arrays, _ARRAYS, "an object matcher")
         own = {name: np.asarray(arrays[name]) for name in ("descriptors", "centres", "objects")}
         own |= {"n_objects": np.array(len(arrays["kinds"])), "intensity": np.array(intensity)}
         return cls(own, arrays["kinds"], arrays["thresholds"], arrays["geometry"], intensity)

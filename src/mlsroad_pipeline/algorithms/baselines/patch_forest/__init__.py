@@ -1,1 +1,1 @@
-"""Baseline of Luo et al. 2016: patches labelled by a random forest."""
+"""Random forest on patches, a baseline of Luo et al. 2016."""

@@ -1,4 +1,4 @@
-"""Random forest on patches, a rival of Luo et al. 2016 (section IV-C): ten trees of depth fifteen."""
+"""Random forest on patches (Luo et al. 2016, section IV-C: ten trees of depth fifteen)."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class PatchForestParameters:
     Parameters
     ----------
     n_trees : int, default 10
-        Trees (luo2016: 10). More smooth the probabilities and cost time.
+        Trees (luo2016: 10). More trees give smoother probabilities; time grows linearly.
     max_depth : int, default 15
-        Greatest depth of a tree (luo2016: 15). Deeper trees follow rarer patches, and noise.
+        Maximum depth of a tree (luo2016: 15). Deeper trees fit rare patches, and noise.
     max_per_class : int, default 10000
-        Most patches of a class to train on (luo2016: 10,000).
+        Maximum patches per class in training (luo2016: 10,000).
     seed : int, default 2016
-        Seed of the sample, of the bootstrap and of the splits.
+        Seed of the sample, the bootstrap and the splits.
 
     Raises
     ------
@@ -52,16 +52,16 @@ class PatchForestParameters:
 
 
 class PatchForest(PatchVariants):
-    """A trained forest for each variant of the features.
+    """Trained forest for each feature set.
 
     Parameters
     ----------
     n_classes : int
         Classes of the scheme.
     trained_classes : ndarray of int64, shape (t,)
-        Those that training saw, ascending.
+        Classes with training samples, ascending.
     models : mapping of str to FlatForest
-        Variant to forest.
+        Feature set to forest.
     """
 
     kind, slug = FlatForest, SLUG
@@ -81,9 +81,9 @@ class PatchForest(PatchVariants):
         Parameters
         ----------
         patches : Patches
-            Patches of the training scenes; those with label -1 are left out.
+            Patches of the training scenes; those with label -1 are excluded.
         edges : ndarray of int32, shape (m, 2), optional
-            Not used: a patch is classified by itself.
+            Unused: patches are classified independently.
         parameters : PatchForestParameters
             Parameters of the forest.
         n_classes : int
@@ -101,7 +101,7 @@ class PatchForest(PatchVariants):
         DataError
             If no patch is labelled.
         """
-        from sklearn.ensemble import RandomForestClassifier  # noqa: PLC0415  labelling does without
+        from sklearn.ensemble import RandomForestClassifier  # noqa: PLC0415  not needed for prediction
 
         sample = draw_training_patches(patches, parameters.max_per_class, seed=parameters.seed)
         forests = {}

@@ -1,1 +1,1 @@
-"""Baseline of Luo et al. 2016: patches labelled by an RBF support vector machine."""
+"""Support vector machine on patches, a baseline of Luo et al. 2016."""

@@ -1,4 +1,4 @@
-"""Support vector machine on patches, a rival of Luo et al. 2016 (section IV-C): Gaussian kernel, one against one."""
+"""One-against-one support vector machine with a Gaussian kernel on patches (Luo et al. 2016, section IV-C)."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ SLUG = "patch_svm"
 
 @dataclass(frozen=True)
 class PatchSvmParameters:
-    """Parameters of the machine.
+    """Parameters of the support vector machine.
 
     Parameters
     ----------
     costs : sequence of float, default [3.0, 30.0, 300.0]
-        Values of C to choose from by cross-validation. Larger ones fit single patches more closely.
+        Values of C in the grid search. Larger values fit single patches more closely.
     gammas : sequence of float, default [0.003, 0.01, 0.03, 0.1]
-        Values of gamma to choose from, for features of standard deviation 1. Larger ones look at closer patches only.
+        Values of gamma in the grid search, for standardised features. Larger values narrow the kernel.
     n_folds : int, default 3
-        Folds of the cross-validation, at least 2; a scene is in one of them.
+        Folds of the cross-validation, at least 2; the patches of a scene share a fold.
     cv_per_class : int, default 150
-        Most patches of a class in the cross-validation. Its time grows with the square.
+        Maximum patches per class in the cross-validation; its time grows quadratically.
     max_per_class : int, default 2000
-        Most patches of a class to train on (luo2016: 10,000). Time of training grows with the square, of labelling
+        Maximum patches per class in training (luo2016: 10,000). Training time grows quadratically, prediction time
         linearly.
     seed : int, default 2016
         Seed of the samples and of the folds.
@@ -39,7 +39,7 @@ class PatchSvmParameters:
     Raises
     ------
     ParameterError
-        If a list is empty, a value in one is not above 0, or a number is too small.
+        If a list is empty, a value of a list is not above 0, or a number is below its minimum.
     """
 
     costs: Sequence[float] = field(default_factory=lambda: [3.0, 30.0, 300.0])
@@ -60,16 +60,16 @@ class PatchSvmParameters:
 
 
 class PatchSvm(PatchVariants):
-    """A trained machine for each variant of the features; `patch_svm_training` makes it.
+    """Trained support vector machine for each feature set; see `training.fit_patch_svm`.
 
     Parameters
     ----------
     n_classes : int
         Classes of the scheme.
     trained_classes : ndarray of int64, shape (t,)
-        Those that training saw, ascending.
+        Classes with training samples, ascending.
     models : mapping of str to KernelMachine
-        Variant to support vector machine.
+        Feature set to support vector machine.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Training the machine of `patch_svm`: C, gamma and the sigmoids come from cross-validation over training scenes."""
+"""Training of `patch_svm`, with cross-validation over the training scenes for C, gamma and the sigmoids."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ def fit_patch_svm(
 ) -> PatchSvm:
     """Train on labelled patches.
 
-    C and gamma are those with the best mean F1 on held-out scenes, of equal ones the smaller. With fewer scenes than
-    folds, each scene is cut across its longer side into as many parts as there are folds, with a warning. The sigmoids
-    that make probabilities are fitted to the decisions on held-out patches; a pair of classes that never meets among
-    them takes the sigmoid of all pairs together. A machine without colour takes the C and gamma of the one with it.
+    C and gamma maximise the mean F1 on held-out scenes; ties go to the smaller values. With fewer scenes than folds,
+    each scene is cut across its longer side into one part per fold, and a warning is logged. Sigmoids fitted to the
+    decisions on held-out patches give probabilities. A pair of classes without held-out decisions takes the sigmoid
+    of all pairs together. The machine without colour uses the C and gamma of the machine with colour.
 
     Parameters
     ----------
     patches : Patches
-        Patches of the training scenes; those with label -1 are left out.
+        Patches of the training scenes; those with label -1 are excluded.
     edges : ndarray of int32, shape (m, 2), optional
-        Not used: a patch is classified by itself.
+        Unused: patches are classified independently.
     parameters : PatchSvmParameters
         Parameters of the machine.
     n_classes : int
@@ -59,16 +59,16 @@ def fit_patch_svm(
     Raises
     ------
     DataError
-        If no patch is labelled, they are of one class only, or folds cannot be made of them.
+        If no patch is labelled, all are of one class, or the patches do not suffice for the folds.
     """
     sample = draw_training_patches(patches, parameters.max_per_class, seed=parameters.seed)
     trained = np.unique(sample.label).astype(np.int64)
     if len(trained) < 2:
-        raise DataError(f"{SLUG} needs patches of at least two classes, got class {int(trained[0])} alone")
+        raise DataError(f"{SLUG} needs patches of at least two classes, got only class {int(trained[0])}")
     small = draw_training_patches(patches, parameters.cv_per_class, seed=parameters.seed)
     folds = _folds(small, parameters)
     if not folds:
-        raise DataError(f"{SLUG}: no fold of the training scenes has patches of two classes to learn from")
+        raise DataError(f"{SLUG}: no fold has training patches of two classes: add training scenes")
     machines = {}
     choice: Choice | None = None
     for variant in reversed(variants_of(sample)):
@@ -97,12 +97,12 @@ train = partial(train_model, slug=SLUG, fit=fit_patch_svm, describe=_describe)
 
 
 def _groups(patches: Patches, n_folds: int) -> NDArray[np.int64]:
-    """Return the scene of each patch or, with too few scenes, its part of its scene."""
+    """Return the scene of each patch or, with fewer scenes than folds, its part of the scene."""
     scenes, groups = np.unique(patches.scene, return_inverse=True)
     if len(scenes) >= n_folds:
         return groups.astype(np.int64)
     logger.warning(
-        "%s: %d training scenes are fewer than %d folds: each is cut into %d parts, whose edges touch",
+        "%s: %d training scenes are fewer than %d folds: each is cut into %d adjacent parts",
         SLUG, len(scenes), n_folds, n_folds,
     )  # fmt: skip
     parts = np.zeros(len(groups), np.int64)
@@ -119,13 +119,13 @@ def _folds(patches: Patches, parameters: PatchSvmParameters) -> list[tuple[NDArr
     groups = _groups(patches, parameters.n_folds)
     if len(np.unique(groups)) < parameters.n_folds:
         raise DataError(
-            f"{SLUG}: {len(patches)} labelled patches are too few for {parameters.n_folds} folds: give more scenes"
+            f"{SLUG}: {len(patches)} labelled patches are too few for {parameters.n_folds} folds: add training scenes"
         )
     splitter = StratifiedGroupKFold(parameters.n_folds, shuffle=True, random_state=parameters.seed)
-    # Rare classes may miss a fold, which the sigmoids provide for; all of them count as one class here.
+    # Rare classes may be absent from a fold; the stratification treats them as one class.
     frequent = np.where(np.bincount(patches.label)[patches.label] >= parameters.n_folds, patches.label, -1)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="The least populated class")
         parts = list(splitter.split(groups, frequent, groups))
-    found = [(train, test) for train, test in parts if len(train) and len(test)]
-    return [fold for fold in found if len(np.unique(patches.label[fold[0]])) > 1]
+    filled = [(train, test) for train, test in parts if len(train) and len(test)]
+    return [fold for fold in filled if len(np.unique(patches.label[fold[0]])) > 1]
