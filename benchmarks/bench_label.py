@@ -29,7 +29,7 @@ import laspy
 import numpy as np
 import psutil
 
-from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS
+from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.simulation import long_survey, stream_points
 from mlsroad_pipeline.simulation.parameters.presets import PRESETS
 
@@ -129,7 +129,9 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only-make", action="store_true")
     arguments = parser.parse_args()
-    methods = [*LABELLERS, *DETECTORS] if arguments.methods == ["all"] else arguments.methods
+    methods = (
+        [*methods_of("labelling"), *methods_of("detection")] if arguments.methods == ["all"] else arguments.methods
+    )
     for millions in arguments.millions:
         survey = make_survey(arguments.folder, millions, n_threads=2)
         if arguments.only_make:

@@ -3,15 +3,15 @@
 from kedro.framework.project import configure_project, pipelines
 
 from mlsroad_pipeline.config import with_layers
-from mlsroad_pipeline.pipelines.methods import COMPARISON
+from mlsroad_pipeline.pipelines.composition import comparison
 
 
 def test_each_node_of_the_default_is_tagged_with_a_pipeline_that_has_it():
     configure_project("mlsroad_pipeline")
-    holders = {name: {node.name for node in pipelines[name].nodes} for name in COMPARISON}
+    holders = {name: {node.name for node in pipelines[name].nodes} for name in comparison()}
     for node in pipelines["__default__"].nodes:
         assert node.tags and all(node.name in holders[tag] for tag in node.tags), node.name
-    assert set().union(*(node.tags for node in pipelines["__default__"].nodes)) >= set(COMPARISON) - {"simulate"}
+    assert set().union(*(node.tags for node in pipelines["__default__"].nodes)) >= set(comparison()) - {"simulate"}
 
 
 def test_layers_come_from_paths_and_leave_other_entries_alone():

@@ -18,7 +18,7 @@ from helpers.wiring import REPOSITORY, TINY, run, session_of, shared_run, stage_
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.metrics.scores import COLUMNS
-from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS, RECOGNISERS
+from mlsroad_pipeline.algorithms.models.methods import methods_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -131,8 +131,8 @@ def test_quality_names_each_file_with_its_points_and_classes(project, catalog):
 
 def test_comparison_has_one_row_per_method_and_split(project):
     table = pd.read_csv(reporting(project, "comparison.csv"))
-    assert table[["method", "split"]].to_numpy().tolist() == [[method, "test"] for method in LABELLERS]
-    for row, method in enumerate(LABELLERS):
+    assert table[["method", "split"]].to_numpy().tolist() == [[method, "test"] for method in methods_of("labelling")]
+    for row, method in enumerate(methods_of("labelling")):
         scores = pd.read_csv(reporting(project, f"scores/{method}.csv")).set_index(["class", "metric"])["value"]
         for metric in ("overall_accuracy", "kappa", "mean_f1", "mean_iou"):
             assert table[metric][row] == pytest.approx(scores["all", metric])
@@ -141,8 +141,8 @@ def test_comparison_has_one_row_per_method_and_split(project):
 @pytest.mark.parametrize(
     ("name", "methods"),
     [
-        ("detection_comparison", DETECTORS),
-        ("recognition_comparison", RECOGNISERS),
+        ("detection_comparison", methods_of("detection")),
+        ("recognition_comparison", methods_of("recognition")),
         ("image_comparison", ("image_labels", "fusion", "fusion_pool", "detrended_forest")),
     ],
 )

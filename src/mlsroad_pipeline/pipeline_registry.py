@@ -1,21 +1,22 @@
-"""All pipelines by name."""
+"""Registry of pipelines."""
 
 from __future__ import annotations
 
-from kedro.framework.project import find_pipelines
+from kedro.framework import project
 from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.methods import COMPARISON, joined
-
-__all__ = ["COMPARISON", "register_pipelines"]
+from mlsroad_pipeline.pipelines.composition import comparison, create_pipeline, joined, pipeline_names
 
 
 def register_pipelines() -> dict[str, Pipeline]:
-    """Return the pipelines; the default is a whole comparison on the environment's survey.
+    """Return the pipelines by name; the default is the comparison on the survey of the environment.
 
-    Kedro imports only the pipelines that a command names, which keeps `label` from loading the simulator.
+    Only the pipelines that a command names are imported: `label` does not load the simulator.
     """
-    pipelines = find_pipelines(raise_errors=True)
-    if set(COMPARISON) <= set(pipelines):
-        pipelines["__default__"] = joined({name: pipelines[name] for name in COMPARISON})
+    named = project.pipelines._requested_pipelines  # Kedro's `find_pipelines` reads it too; it finds folders alone
+    if named is None or "__default__" in named:
+        named = pipeline_names()
+    pipelines = {name: create_pipeline(name) for name in pipeline_names() if name in named}
+    if set(comparison()) <= set(pipelines):
+        pipelines["__default__"] = joined({name: pipelines[name] for name in comparison()})
     return pipelines

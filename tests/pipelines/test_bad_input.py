@@ -10,10 +10,10 @@ from helpers.wiring import TINY, joined, label, last_line, make_project, run, sh
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.formats.ply.format import PlyFormat
-from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -176,7 +176,7 @@ def compared(tmp_path, train, test, *, to_nodes=None, **changes):
 def test_class_with_one_sample_and_classes_with_none_are_scored_as_documented(tmp_path, rng):
     xyz, labels = street(rng)
     labels[0] = TAXONOMY["car"]  # one point of a class, within the road
-    nodes = [f"score_{method}" for method in (*LABELLERS, *DETECTORS)]
+    nodes = [f"score_{method}" for method in (*methods_of("labelling"), *methods_of("detection"))]
     nodes += ["compare_methods", "compare_detectors", "picture_detrended_forest", "picture_hough_forest"]
     project = compared(tmp_path, (xyz, labels), (xyz + 0.001, labels), to_nodes=nodes)
     table = pd.read_csv(project / "data/08_reporting/scores/detrended_forest.csv").set_index(["class", "metric"])

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion, spread_confidence
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.datasets.models.model_registry_dataset import load_registered_bundle
-from mlsroad_pipeline.pipelines.image_labels.work import LabelledImages, images_of_drives
+from mlsroad_pipeline.surveys.drive_images import LabelledImages, images_of_drives
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import plan_comparison
 

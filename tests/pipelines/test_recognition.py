@@ -8,9 +8,11 @@ from kedro.io import DataCatalog, MemoryDataset
 from kedro.runner import SequentialRunner
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.formats.sydney import SydneyFormat
-from mlsroad_pipeline.pipelines.methods import RECOGNISERS
+
+RECOGNISERS = methods_of("recognition")
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 

@@ -12,8 +12,7 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.options import WriteOptions
-from mlsroad_pipeline.pipeline_registry import COMPARISON
-from mlsroad_pipeline.pipelines.methods import IMAGE_METHODS
+from mlsroad_pipeline.pipelines.composition import comparison
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -89,9 +88,11 @@ def test_registry_has_the_pipelines_of_the_contract(project):
         names = {name for name in pipelines if pipelines[name]}
     assert CONTRACT | {"__default__"} <= names
     assert {node.name for node in pipelines["__default__"].nodes} == {
-        node.name for name in COMPARISON for node in pipelines[name].nodes
+        node.name for name in comparison() for node in pipelines[name].nodes
     }
-    parts = {node.name for name in (*COMPARISON, "recognition", *IMAGE_METHODS) for node in pipelines[name].nodes}
+    parts = {
+        node.name for name in (*comparison(), "recognition", "image_labels", "fusion") for node in pipelines[name].nodes
+    }
     assert {node.name for node in pipelines["all_methods"].nodes} == parts | {"compare_image_methods"}
 
 

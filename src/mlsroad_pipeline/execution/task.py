@@ -77,8 +77,8 @@ class SourceFile:
 
     path: str
 
-    def load(self) -> str:
-        """Return the path."""
+    def load(self) -> Any:
+        """Return the path; subclasses read the file instead."""
         return str(self.path)
 
     def fingerprint_data(self) -> Any:

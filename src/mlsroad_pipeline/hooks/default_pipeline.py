@@ -7,8 +7,7 @@ from kedro.framework.hooks import hook_impl
 from kedro.framework.project import pipelines
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.pipeline_registry import COMPARISON
-from mlsroad_pipeline.pipelines.methods import joined
+from mlsroad_pipeline.pipelines.composition import comparison, joined
 
 KEY = "default_pipeline"
 """The parameter that names it."""
@@ -31,6 +30,6 @@ class DefaultPipelineHooks:
         if name is not None and name not in pipelines:
             raise ParameterError(f"{KEY} is {name!r}, which is no pipeline ({', '.join(sorted(pipelines))})")
         pipelines["__default__"] = (
-            joined({part: pipelines[part] for part in COMPARISON}) if name is None else pipelines[name]
+            joined({part: pipelines[part] for part in comparison()}) if name is None else pipelines[name]
         )
         self._changed = name is not None

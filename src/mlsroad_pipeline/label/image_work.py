@@ -18,7 +18,6 @@ from mlsroad_pipeline.algorithms.models.members import member
 from mlsroad_pipeline.algorithms.scenes.cutting import OutlierParameters, join_pieces
 from mlsroad_pipeline.algorithms.scenes.tiling import PiecedCloud, SceneSpan
 from mlsroad_pipeline.algorithms.stages import GroundParameters
-from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
 from mlsroad_pipeline.label.images import FUSION, IMAGE_LABELS
 from mlsroad_pipeline.label.scene import label_new_scene
 from mlsroad_pipeline.surveys.images import read_picture
@@ -91,7 +90,7 @@ def label_pieces_through_images(
     pieces: Sequence[Mapping[str, NDArray]],
     around: Sequence[Mapping[str, NDArray]],
     pictures: Sequence[str],
-    model: str,
+    model: ModelBundle,
     *,
     views: Sequence[tuple[str, str, Camera]],
     cameras: Sequence[str],
@@ -112,9 +111,7 @@ def label_pieces_through_images(
         for path, (image, group, camera) in zip(pictures, views, strict=True)
     ]
     labeller = ThroughImages(posed, points_around(around, span, reach, scene.origin), cameras)
-    found = label_new_scene(
-        scene, open_model(model), codes=codes, rules=rules, ground=ground, name=name, labeller=labeller
-    )
+    found = label_new_scene(scene, model, codes=codes, rules=rules, ground=ground, name=name, labeller=labeller)
     if labeller.seen is not None:
         found["counts"]["seen"] = np.array([(labeller.seen & scene["core"]).sum()])
     return found

@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.algorithms.scenes.corridor import Corridor
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters, corridor_from_arrays
-from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
+from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.label.image_work import label_pieces_through_images
@@ -28,14 +28,14 @@ def label_tasks(
     plan: SurveyPlan,
     pieces: SceneCollection,
     corridors: SceneCollection,
-    model: SourceFile,
+    model: ModelFile,
     images: LabelImages,
     ingest: IngestParameters,
     fixed: Mapping[str, Any],
 ) -> dict[str, SceneTask]:
     """Name the work that labels each scene."""
     bins, points = pieces.load_all("bins"), pieces.part("points", mapped=True)
-    through_images = needs_images(open_model(model.path).slug)
+    through_images = needs_images(model.load().slug)
     tasks = {}
     for drive in plan.drives():
         mine = {file.key for file in plan.files if file.drive == drive}

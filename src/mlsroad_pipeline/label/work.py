@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.scenes.cutting import OutlierParameters, corridor_from_arrays, join_pieces
 from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.stages import GroundParameters
-from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
 from mlsroad_pipeline.execution.task import StoredResult
 from mlsroad_pipeline.formats.las.copc import copc_path, write_copc
 from mlsroad_pipeline.formats.options import ReadOptions
@@ -32,7 +32,7 @@ SCENES_IN_MEMORY = 8
 
 def label_pieces(
     pieces: Sequence[Mapping[str, NDArray]],
-    model: str,
+    model: ModelBundle,
     *,
     span: SceneSpan,
     outliers: OutlierParameters,
@@ -44,7 +44,7 @@ def label_pieces(
 ) -> dict[str, Any]:
     """Assemble a scene of a new survey and label it."""
     scene = join_pieces(pieces, span, outliers, source)
-    return label_new_scene(scene, open_model(model), codes=codes, rules=rules, ground=ground, name=name)
+    return label_new_scene(scene, model, codes=codes, rules=rules, ground=ground, name=name)
 
 
 class SceneLabels:

@@ -16,6 +16,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.detection.descriptions import Description
 from mlsroad_pipeline.algorithms.detection.thresholds import detect_by_thresholds
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
 from mlsroad_pipeline.algorithms.stages import GroundMask, GroundParameters, find_ground
 
@@ -221,3 +222,23 @@ def label_described_objects(
     """
     stored = bundle.metadata["parameters"]
     return label_detected_objects(cloud, bundle, lambda objects: detect(describe(cloud, objects, stored), bundle))
+
+
+def detect_objects(parts: Description, bundle: ModelBundle) -> dict[str, NDArray]:
+    """Detect the described objects of a scene by the method of the model.
+
+    Parameters
+    ----------
+    parts : mapping
+        Description of the scene's objects.
+    bundle : ModelBundle
+        Model of a detector.
+
+    Returns
+    -------
+    dict of str to ndarray
+        ``label`` int16 (objects,): index in the wanted classes, -1 for none; ``score`` float32; ``scores`` float32
+        (objects, c).
+    """
+    detected: dict[str, NDArray] = METHODS[bundle.slug].load("use")(parts, bundle)
+    return detected

@@ -1,11 +1,13 @@
-"""Files of a model bundle: arrays as NPZ, the rest as JSON. Nothing is pickled."""
+"""Files of model bundles: arrays as NPZ, the rest as JSON. Nothing is pickled."""
 
 from __future__ import annotations
 
+import functools
 import json
 import struct
 import zipfile
 import zlib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ import numpy as np
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.execution.mapped_arrays import map_arrays
+from mlsroad_pipeline.execution.task import SourceFile
 
 FORMAT = 1
 """Version of the files' layout."""
@@ -29,7 +32,7 @@ def save_bundle(bundle: ModelBundle, folder: str | Path) -> None:
     bundle : ModelBundle
         The model.
     folder : str or Path
-        Where to; made if it is not there. Holds ``arrays.npz`` and ``model.json`` afterwards.
+        Folder that receives ``arrays.npz`` and ``model.json``; created if missing.
     """
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
@@ -52,18 +55,17 @@ def load_bundle(folder: str | Path, *, check: bool = True) -> ModelBundle:
     folder : str or Path
         A folder that `save_bundle` wrote.
     check : bool, default True
-        Whether to read everything once and compare it with its checksums.
+        Whether to read all arrays once and compare them with their checksums.
 
     Returns
     -------
     ModelBundle
-        The model. Its arrays are mapped into memory: what is not used is not read, and processes that use one model
-        share it.
+        The model. Its arrays are mapped into memory: unused parts are not read, and processes share the pages.
 
     Raises
     ------
     ReadError
-        If a file is missing, damaged, of a later format, or the arrays are not those that were written.
+        If a file is missing or damaged, if the format is another one, or if the arrays are not those listed.
     """
     source = Path(folder)
     try:
@@ -87,3 +89,25 @@ def _check_sums(path: Path) -> None:
         damaged = archive.testzip()
     if damaged is not None:
         raise ValueError(f"{damaged} differs from its checksum")
+
+
+@dataclass(frozen=True)
+class ModelFile(SourceFile):
+    """Handle of a stored model; a task's function gets the opened model.
+
+    Parameters
+    ----------
+    path : str
+        The model's folder. Its name and content count in fingerprints, its place does not.
+    """
+
+    def load(self) -> ModelBundle:
+        """Read the model, once per process as long as the files stay as they are; raises ReadError as `load_bundle`."""
+        marker = Path(self.path) / _JSON
+        return _open(self.path, marker.stat().st_mtime_ns if marker.exists() else 0)
+
+
+@functools.lru_cache(maxsize=2)
+def _open(path: str, modified: int) -> ModelBundle:
+    del modified
+    return load_bundle(path, check=False)  # fingerprints of the stages cover the content

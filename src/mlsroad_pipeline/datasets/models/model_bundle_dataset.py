@@ -1,8 +1,7 @@
-"""A trained model as a folder of plain files, where workers find it."""
+"""Trained models as folders of plain files."""
 
 from __future__ import annotations
 
-import functools
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,19 +10,18 @@ from typing import Any
 from kedro.io import AbstractDataset
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
-from mlsroad_pipeline.execution.task import SourceFile
+from mlsroad_pipeline.datasets.models.bundle_files import ModelFile, save_bundle
 
 
-class ModelBundleDataset(AbstractDataset[ModelBundle, SourceFile]):
-    """A model's folder. Saving writes it; loading gives a handle that tasks take as an input and workers read.
+class ModelBundleDataset(AbstractDataset[ModelBundle, ModelFile]):
+    """Folder of a trained model. Loading returns a handle: tasks take it as an input, and workers open the model.
 
     Parameters
     ----------
     filepath : str
-        A local folder; it is replaced as a whole.
+        Local folder; saving replaces it as a whole.
     metadata : mapping, optional
-        Anything; not used.
+        Notes of the catalog entry; not used.
 
     Examples
     --------
@@ -40,12 +38,12 @@ class ModelBundleDataset(AbstractDataset[ModelBundle, SourceFile]):
         self._folder = Path(filepath)
         self.metadata = metadata
 
-    def load(self) -> SourceFile:
+    def load(self) -> ModelFile:
         """Return a handle of the folder."""
-        return SourceFile(str(self._folder))
+        return ModelFile(str(self._folder))
 
     def save(self, data: ModelBundle) -> None:
-        """Write the model beside the old one, then replace it."""
+        """Write the model beside the previous one, then replace that."""
         fresh = self._folder.with_name(f".{self._folder.name}.new")
         shutil.rmtree(fresh, ignore_errors=True)
         save_bundle(data, fresh)
@@ -58,31 +56,3 @@ class ModelBundleDataset(AbstractDataset[ModelBundle, SourceFile]):
 
     def _describe(self) -> dict[str, Any]:
         return {"filepath": str(self._folder)}
-
-
-def open_model(path: str) -> ModelBundle:
-    """Read a model's folder, once per process as long as it stays as it is.
-
-    Parameters
-    ----------
-    path : str
-        The folder.
-
-    Returns
-    -------
-    ModelBundle
-        The model.
-
-    Raises
-    ------
-    ReadError
-        If there is no model, or it is damaged.
-    """
-    marker = Path(path) / "model.json"
-    return _open(path, marker.stat().st_mtime_ns if marker.exists() else 0)
-
-
-@functools.lru_cache(maxsize=2)
-def _open(path: str, modified: int) -> ModelBundle:
-    del modified
-    return load_bundle(path, check=False)  # the fingerprints of the stages cover its content

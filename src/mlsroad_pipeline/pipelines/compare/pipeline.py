@@ -2,8 +2,8 @@
 
 from kedro.pipeline import Node, Pipeline
 
+from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.pipelines.compare.nodes import compare_methods
-from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -12,13 +12,13 @@ def create_pipeline(**_: object) -> Pipeline:
         [
             Node(
                 compare_methods,
-                inputs=[f"{slug}.scores" for slug in LABELLERS],
+                inputs=[f"{slug}.scores" for slug in methods_of("labelling")],
                 outputs="comparison",
                 name="compare_methods",
             ),
             Node(
                 compare_methods,
-                inputs=[f"{slug}.scores" for slug in DETECTORS],
+                inputs=[f"{slug}.scores" for slug in methods_of("detection")],
                 outputs="detection_comparison",
                 name="compare_detectors",
             ),

@@ -6,16 +6,17 @@ from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.pipelines.methods import DETECTORS, IMAGE_LABELLER, LABELLERS, RECOGNISERS
+from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.reporting.html.report import build_report
 from mlsroad_pipeline.studies.comparison.report import compare_task, comparison_sections, costs_table
 from mlsroad_pipeline.studies.comparison.tables import TASKS, mean_scores, of_methods
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
-METHODS = ((*LABELLERS, IMAGE_LABELLER), DETECTORS, RECOGNISERS)
-"""Slugs of the methods of each task, in the order of `TASKS`."""
-PICTURED = (*LABELLERS, IMAGE_LABELLER)
+PICTURED = (*methods_of("labelling"), "image_labels")
 """Methods whose labels are shown side by side."""
+DETECTORS = methods_of("detection")
+METHODS = (PICTURED, DETECTORS, methods_of("recognition"))
+"""Slugs of the methods of each task, in the order of `TASKS`."""
 
 
 def compare_over_streets(costs: pd.DataFrame, survey: SurveyParameters, *parts: Any) -> tuple[Any, ...]:

@@ -2,8 +2,7 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.pipelines.comparison_report.nodes import METHODS, PICTURED, compare_over_streets
-from mlsroad_pipeline.pipelines.methods import DETECTORS
+from mlsroad_pipeline.pipelines.comparison_report.nodes import DETECTORS, METHODS, PICTURED, compare_over_streets
 from mlsroad_pipeline.studies.comparison.tables import TASKS
 
 

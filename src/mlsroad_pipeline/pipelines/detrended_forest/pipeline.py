@@ -1,17 +1,23 @@
-"""Wiring of the detrended forest."""
+"""Pipeline of the detrended forest."""
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.pipelines.detrended_forest.nodes import label_scenes, take_training_rows, train_forest
+from mlsroad_pipeline.algorithms.detrended_forest.labeller import label_scene
+from mlsroad_pipeline.algorithms.detrended_forest.training import training_rows
+from mlsroad_pipeline.pipelines.detrended_forest.nodes import train_forest
+from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
 
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: features to a model, and to labels of the scenes that it was not trained on."""
+    prepared = {"scene": "scenes", "supervoxels": "supervoxels", "features": "supervoxel_features"}
     return Pipeline(
         [
             Node(
-                take_training_rows,
-                inputs=["scenes", "supervoxels", "supervoxel_features", "params:survey", "params:classes"],
+                PerScene(training_rows, keys=training_keys, scheme=training_scheme),
+                inputs={**prepared, "survey": "params:survey", "classes": "params:classes"},
                 outputs="detrended_forest.training_set",
                 name="take_training_rows",
             ),
@@ -35,8 +41,8 @@ def create_pipeline(**_: object) -> Pipeline:
                 name="train_forest",
             ),
             Node(
-                label_scenes,
-                inputs=["scenes", "supervoxels", "supervoxel_features", "detrended_forest.model"],
+                PerScene(label_scene, keys=held_out_keys),
+                inputs={**prepared, "bundle": "detrended_forest.model"},
                 outputs="detrended_forest.labels",
                 name="label_scenes",
             ),

@@ -1,4 +1,4 @@
-"""Every labeller scored at full resolution by the same code."""
+"""Evaluation of all methods by the same code, at full resolution."""
 
 from mlsroad_pipeline.pipelines.evaluation.pipeline import create_pipeline
 

@@ -1,31 +1,45 @@
-"""Wiring of the evaluation: the same nodes for every labeller, and the same for every detector."""
+"""Pipeline of the evaluation, the same nodes for every labeller and for every detector."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from kedro.pipeline import Node, Pipeline
 
+from mlsroad_pipeline.algorithms.detection.scoring import count_detections_of_scene
+from mlsroad_pipeline.algorithms.evaluation.labelling import count_scene
+from mlsroad_pipeline.algorithms.evaluation.visibility import count_seen_scene
+from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.pipelines.evaluation.nodes import (
-    count_detections,
-    count_points,
-    count_seen_points,
     picture_detections,
     picture_labels,
     score_detector,
     score_method,
     score_seen_points,
 )
-from mlsroad_pipeline.pipelines.methods import DETECTORS, LABELLERS, fix_arguments
+from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments
+from mlsroad_pipeline.pipelines.schemes import detection_scheme, evaluation_scheme, training_scheme
+
+
+def _counting(slug: str, function: Callable[..., Any], **fixed: Any) -> Node:
+    """Return the node that counts the points of each labelled scene by true and predicted class."""
+    count = PerScene(function, over="labels", fixed=fixed, trained=training_scheme, scored=evaluation_scheme)
+    return Node(
+        count,
+        inputs={
+            "scene": "scenes",
+            "labels": f"{slug}.labels",
+            "survey": "params:survey",
+            "classes": "params:classes",
+        },
+        outputs=f"{slug}.confusions",
+        name=f"count_points_of_{slug}",
+    )
 
 
 def _nodes_of(slug: str) -> list[Node]:
     configured = ["params:survey", "params:classes"]
     return [
-        Node(
-            count_points,
-            inputs=["scenes", f"{slug}.labels", *configured],
-            outputs=f"{slug}.confusions",
-            name=f"count_points_of_{slug}",
-        ),
+        _counting(slug, count_scene),
         Node(
             fix_arguments(score_method, method=slug),
             inputs=[f"{slug}.confusions", f"{slug}.model", *configured],
@@ -46,15 +60,10 @@ def _picturing(slug: str) -> Node:
 
 
 def evaluate_seen(slug: str, answers: Mapping[str, str], *, suffix: str = "") -> list[Node]:
-    """Return the nodes that score a method which uses images, over all points and over those that cameras see."""
+    """Return the nodes that score a method with images, over all points and over those inside images."""
     configured = ["params:survey", "params:classes"]
     return [
-        Node(
-            fix_arguments(count_seen_points, answers=dict(answers)),
-            inputs=["scenes", f"{slug}.labels", *configured],
-            outputs=f"{slug}.confusions",
-            name=f"count_points_of_{slug}",
-        ),
+        _counting(slug, count_seen_scene, answers=dict(answers)),
         Node(
             fix_arguments(score_seen_points, method=slug, suffix=suffix),
             inputs=[f"{slug}.confusions", *configured],
@@ -68,8 +77,14 @@ def evaluate_seen(slug: str, answers: Mapping[str, str], *, suffix: str = "") ->
 def _nodes_of_detector(slug: str) -> list[Node]:
     return [
         Node(
-            count_detections,
-            inputs=["scenes", "objects", f"{slug}.detections", "params:detection", "params:classes"],
+            PerScene(count_detections_of_scene, over="detections", scheme=detection_scheme),
+            inputs={
+                "scene": "scenes",
+                "objects": "objects",
+                "detections": f"{slug}.detections",
+                "parameters": "params:detection",
+                "classes": "params:classes",
+            },
             outputs=f"{slug}.detection_counts",
             name=f"count_detections_of_{slug}",
         ),
@@ -89,6 +104,6 @@ def _nodes_of_detector(slug: str) -> list[Node]:
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: labels of every method to its scores and figures."""
-    labellers = [node for slug in LABELLERS for node in _nodes_of(slug)]
-    return Pipeline([*labellers, *(node for slug in DETECTORS for node in _nodes_of_detector(slug))])
+    """Return the pipeline: labels and detections of every method to its scores and figures."""
+    labellers = [node for slug in methods_of("labelling") for node in _nodes_of(slug)]
+    return Pipeline([*labellers, *(node for slug in methods_of("detection") for node in _nodes_of_detector(slug))])

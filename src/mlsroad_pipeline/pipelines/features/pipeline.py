@@ -1,8 +1,9 @@
-"""Wiring of the supervoxel features."""
+"""Pipeline of the supervoxel features."""
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.pipelines.features.nodes import describe_supervoxels_of_scenes
+from mlsroad_pipeline.algorithms.stages import describe_supervoxels
+from mlsroad_pipeline.pipelines.per_scene import PerScene
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -10,8 +11,13 @@ def create_pipeline(**_: object) -> Pipeline:
     return Pipeline(
         [
             Node(
-                describe_supervoxels_of_scenes,
-                inputs=["scenes", "ground", "supervoxels", "params:features"],
+                PerScene(describe_supervoxels),
+                inputs={
+                    "scene": "scenes",
+                    "ground": "ground",
+                    "supervoxels": "supervoxels",
+                    "parameters": "params:features",
+                },
                 outputs="supervoxel_features",
                 name="describe_supervoxels_of_scenes",
             ),

@@ -1,18 +1,23 @@
-"""Which method and which camera to believe, learned on test set 1; test set 2 fused."""
+"""Training of the fusion on test set 1, and fused labels of test set 2."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
-from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters, divide_scenes, fit, fusion_sample
+from mlsroad_pipeline.algorithms.fusion.labeller import (
+    FusionParameters,
+    divide_scenes,
+    fit,
+    fuse_scene,
+    fusion_sample,
+)
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.members import with_members
-from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
-from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
-from mlsroad_pipeline.execution.task import SceneTask, SourceFile, scene_tasks
-from mlsroad_pipeline.pipelines.fusion.work import fuse_labelled_scene
+from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
+from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
 
@@ -24,27 +29,26 @@ def take_test_set_1(
     survey: SurveyParameters,
     classes: Mapping[str, Any],
 ) -> dict[str, SceneTask]:
-    """Name the work that takes what is learned from each scene of test set 1."""
-    scheme = find_scheme(classes["schemes"], survey.scheme)
+    """Create one task per scene of test set 1: labels of both methods and the reference."""
     first, _ = divide_scenes(list(images), parameters.share)
     inputs = {"scene": scenes, "features": features, "images": images}
-    return scene_tasks(first, fusion_sample, inputs, {"scheme": scheme})
+    return scene_tasks(first, fusion_sample, inputs, {"scheme": training_scheme(survey, classes)})
 
 
 def learn_fusion(
     answers: SceneCollection,
-    features: SourceFile,
-    images: SourceFile,
+    features: ModelFile,
+    images: ModelFile,
     parameters: FusionParameters,
     survey: SurveyParameters,
     classes: Mapping[str, Any],
 ) -> tuple[ModelBundle, ModelBundle]:
-    """Learn preferences and weights."""
-    members = {"detrended_forest": open_model(features.path), "image_labels": open_model(images.path)}
+    """Train class preferences and weights."""
+    members = {"detrended_forest": features.load(), "image_labels": images.load()}
     learned = fit(
         list(answers.load_all().values()),
         parameters=parameters,
-        scheme=find_scheme(classes["schemes"], survey.scheme),
+        scheme=training_scheme(survey, classes),
         cameras=members["image_labels"].metadata["cameras"],
         trained_on={"survey": survey.root, "splits": "test set 1", "scenes": len(answers)},
     )
@@ -53,8 +57,8 @@ def learn_fusion(
 
 
 def fuse_scenes(
-    features: SceneCollection, images: SceneCollection, model: SourceFile, parameters: FusionParameters
+    features: SceneCollection, images: SceneCollection, model: ModelFile, parameters: FusionParameters
 ) -> dict[str, SceneTask]:
-    """Name the work that fuses the labels of each scene of test set 2."""
+    """Create one task per scene of test set 2."""
     _, second = divide_scenes(list(images), parameters.share)
-    return scene_tasks(second, fuse_labelled_scene, {"features": features, "images": images, "model": model})
+    return scene_tasks(second, fuse_scene, {"features": features, "images": images, "bundle": model})

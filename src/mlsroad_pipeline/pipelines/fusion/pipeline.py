@@ -1,4 +1,4 @@
-"""Wiring of the fusion."""
+"""Pipeline of the fusion."""
 
 from kedro.pipeline import Node, Pipeline
 
@@ -12,11 +12,11 @@ ANSWERS = {
     "detrended_forest": "feature_label",
     "image_labels": "image_label",
 }
-"""What is scored on test set 2, and the names of the labels."""
+"""Methods scored on test set 2, and the names of their labels in the store."""
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: labels of both methods to a model, learned on test set 1, and scores on test set 2.
+    """Return the pipeline: labels of both methods to a model, trained on test set 1, and scores on test set 2.
 
     Like `image_labels`, without which it cannot run, it is no part of the comparison.
     """

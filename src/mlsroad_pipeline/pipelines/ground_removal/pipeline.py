@@ -1,27 +1,26 @@
-"""Wiring of ground removal."""
+"""Pipeline of ground removal."""
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.pipelines.ground_removal.nodes import (
-    count_ground_of_scenes,
-    find_ground_of_scenes,
-    score_ground_removal,
-)
+from mlsroad_pipeline.algorithms.evaluation.stages import count_ground_points
+from mlsroad_pipeline.algorithms.stages import find_ground
+from mlsroad_pipeline.pipelines.ground_removal.nodes import score_ground_removal
+from mlsroad_pipeline.pipelines.per_scene import PerScene
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: scenes to ground masks and heights."""
+    """Return the pipeline: scenes to ground masks and heights, and their scores."""
     return Pipeline(
         [
             Node(
-                find_ground_of_scenes,
-                inputs=["scenes", "params:ground_removal"],
+                PerScene(find_ground),
+                inputs={"scene": "scenes", "parameters": "params:ground_removal"},
                 outputs="ground",
                 name="find_ground_of_scenes",
             ),
             Node(
-                count_ground_of_scenes,
-                inputs=["scenes", "ground"],
+                PerScene(count_ground_points),
+                inputs={"scene": "scenes", "ground": "ground"},
                 outputs="ground_counts",
                 name="count_ground_of_scenes",
             ),

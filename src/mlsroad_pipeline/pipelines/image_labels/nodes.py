@@ -1,28 +1,25 @@
-"""The network trained on the images of the training drives, and the other drives labelled through theirs."""
+"""Training on the images of the training drives, and labels of the other drives through theirs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
-from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
+from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
-from mlsroad_pipeline.pipelines.image_labels.work import (
-    DriveImages,
-    images_of_drives,
-    label_scene_through_images,
-    scenes_beside,
-    train_on_drives,
-)
+from mlsroad_pipeline.pipelines.image_labels.work import label_scene_through_images
+from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.surveys.drive_images import DriveImages, LabelledImages, images_of_drives
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
-from mlsroad_pipeline.surveys.plan import held_out_keys, plan_comparison
+from mlsroad_pipeline.surveys.plan import held_out_keys, plan_comparison, training_keys
 
 
 def find_images(
@@ -32,9 +29,9 @@ def find_images(
     ingest: IngestParameters,
     classes: Mapping[str, Any],
 ) -> dict[str, DriveImages]:
-    """Find the images of each drive."""
-    del scenes
-    return images_of_drives(plan_comparison(survey, ingest, classes["codings"]), parameters.calibration)
+    """Find the images of each drive that has scenes."""
+    drives = {SceneKey.parse(key).parent for key in scenes}
+    return images_of_drives(plan_comparison(survey, ingest, classes["codings"]), parameters.calibration, drives)
 
 
 def train_network(
@@ -44,16 +41,21 @@ def train_network(
     classes: Mapping[str, Any],
 ) -> tuple[ModelBundle, ModelBundle, pd.DataFrame]:
     """Train the network on the images of the training drives."""
-    scheme = find_scheme(classes["schemes"], survey.scheme)
-    trained_on = {"survey": survey.root, "splits": str(survey.splits.get("train"))}
-    model, losses = train_on_drives(drives, parameters, scheme, trained_on)
+    scheme = training_scheme(survey, classes)
+    model, losses = METHODS["image_labels"].load("train")(
+        LabelledImages([drives[drive] for drive in training_keys(drives)], parameters.labels, scheme),
+        parameters=parameters,
+        scheme=scheme,
+        cameras=sorted({group for images in drives.values() for group in images.images.groups}),
+        trained_on={"survey": survey.root, "splits": str(survey.splits.get("train"))},
+    )
     return model, model, pd.DataFrame({"step": range(len(losses)), "loss": losses})
 
 
 def label_scenes(
-    scenes: SceneCollection, drives: Mapping[str, DriveImages], model: SourceFile, parameters: ImageLabelsParameters
+    scenes: SceneCollection, drives: Mapping[str, DriveImages], model: ModelFile, parameters: ImageLabelsParameters
 ) -> dict[str, SceneTask]:
-    """Name the work that labels each scene that the network was not trained on."""
+    """Create one task per held-out scene."""
     tasks = {}
     for key in held_out_keys(scenes):
         images = drives.get(SceneKey.parse(key).parent)
@@ -66,3 +68,10 @@ def label_scenes(
         }
         tasks[key] = SceneTask(label_scene_through_images, inputs, {"reach": parameters.reach})
     return tasks
+
+
+def scenes_beside(key: str, keys: Iterable[str]) -> list[str]:
+    """Return the keys of the scenes before and after a scene on its drive."""
+    drive = [name for name in keys if SceneKey.parse(name).parent == SceneKey.parse(key).parent]
+    place = drive.index(key)
+    return [*drive[max(place - 1, 0) : place], *drive[place + 1 : place + 2]]

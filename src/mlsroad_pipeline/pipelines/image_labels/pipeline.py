@@ -1,4 +1,4 @@
-"""Wiring of the labels through images."""
+"""Pipeline of the labels through images."""
 
 from kedro.pipeline import Node, Pipeline
 

@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.quality.tables import quality_table
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
-from mlsroad_pipeline.datasets.models.model_bundle_dataset import open_model
+from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.label.images import LabelImages, images_to_label
@@ -45,16 +45,16 @@ def _quality(plan: SurveyPlan, pieces: SceneCollection) -> pd.DataFrame:
     return quality_table({f.source.name: f.key for f in plan.files}, pieces.load_all("quality"))
 
 
-def find_label_images(plan: SurveyPlan, model: SourceFile, parameters: LabelParameters) -> LabelImages:
+def find_label_images(plan: SurveyPlan, model: ModelFile, parameters: LabelParameters) -> LabelImages:
     """Find the images of the survey, where the model looks at any."""
-    return images_to_label(plan, open_model(model.path), parameters.images)
+    return images_to_label(plan, model.load(), parameters.images)
 
 
 def label_new_scenes(
     plan: SurveyPlan,
     pieces: SceneCollection,
     corridors: SceneCollection,
-    model: SourceFile,
+    model: ModelFile,
     images: LabelImages,
     parameters: LabelParameters,
     ingest: IngestParameters,
@@ -62,7 +62,7 @@ def label_new_scenes(
     classes: Mapping[str, Any],
 ) -> dict[str, SceneTask]:
     """Name the work that labels each scene."""
-    bundle = open_model(model.path)
+    bundle = model.load()
     for warning in attribute_warnings(bundle, _quality(plan, pieces)):
         logger.warning(warning)
     fixed = {
@@ -80,12 +80,12 @@ def write_labelled_files(
     corridors: SceneCollection,
     pieces: SceneCollection,
     results: SceneCollection,
-    model: SourceFile,
+    model: ModelFile,
     parameters: LabelParameters,
 ) -> dict[str, SceneTask]:
     """Name the work that writes each file with its labels, and the work that joins the objects meanwhile."""
     survey_crs(plan, files)  # an inventory needs a single one: that is better known before hours of writing
-    bundle = open_model(model.path)
+    bundle = model.load()
     rules = object_rules(bundle, parameters.inventory)
     copies = {"copc": parameters.copc, "coloured_ply": parameters.coloured_ply}
     outputs = planned_outputs(plan, pieces, results, str(parameters.output), **copies)
@@ -114,12 +114,12 @@ def write_report(
     results: SceneCollection,
     written: SceneCollection,
     inventory: RoadInventory,
-    model: SourceFile,
+    model: ModelFile,
     parameters: LabelParameters,
 ) -> str:
     """Put what was found on one page."""
     quality = _quality(plan, pieces)
     sections = label_report_sections(
-        open_model(model.path), parameters, quality, results.load_all("counts"), written.load_all(), inventory.objects
+        model.load(), parameters, quality, results.load_all("counts"), written.load_all(), inventory.objects
     )
     return build_report(sections, title="Labelled survey", subtitle=str(parameters.survey))

@@ -1,12 +1,10 @@
-"""Wiring of the recognition of objects in files."""
+"""Pipeline of the recognition of objects that are read from files."""
 
 from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.methods import RECOGNISERS
-from mlsroad_pipeline.pipelines.recognition.pipeline import read_folds, recogniser_pipeline, score_recognisers
+from mlsroad_pipeline.pipelines.recognition.pipeline import read_folds, score_recognisers, train_recognisers
 
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: files of objects to the scores of all recognisers."""
-    methods: list[Pipeline] = [recogniser_pipeline(slug) for slug in RECOGNISERS]
-    return sum([*methods, score_recognisers()], read_folds())
+    return read_folds() + train_recognisers() + score_recognisers()

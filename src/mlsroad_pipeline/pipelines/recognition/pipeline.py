@@ -1,47 +1,25 @@
-"""Wiring of what all recognisers share, and of one recogniser."""
+"""Pipeline of the recognition of objects."""
 
 from __future__ import annotations
 
 from kedro.pipeline import Node, Pipeline
 
+from mlsroad_pipeline.algorithms.models.methods import methods_of
+from mlsroad_pipeline.algorithms.recognition.cutting import cut_objects
 from mlsroad_pipeline.pipelines.compare.nodes import compare_methods
-from mlsroad_pipeline.pipelines.methods import RECOGNISERS, fix_arguments
-from mlsroad_pipeline.pipelines.recognition.nodes import (
-    cut_objects_of_scenes,
-    read_object_folds,
-    recognise_sets,
-    score_recogniser,
-    training_node,
-)
-
-PARAMETERS = {"hssi_net": "jointnet", "vqai_net": "jointnet", "vaai_net": "jointnet"}
-"""Methods that take the parameters of another."""
+from mlsroad_pipeline.pipelines.per_scene import PerScene, fix_arguments
+from mlsroad_pipeline.pipelines.recognisers import create_pipeline as recogniser_pipeline
+from mlsroad_pipeline.pipelines.recognition.nodes import read_object_folds, score_recogniser
+from mlsroad_pipeline.pipelines.schemes import recognition_scheme
 
 
-def recogniser_pipeline(slug: str) -> Pipeline:
-    """Return the pipeline of one recogniser."""
-    own, configured = f"params:{PARAMETERS.get(slug, slug)}", ["params:recognition"]
-    stages = ["params:ground_removal", "params:segmentation", "params:survey", "params:classes"]
-    return Pipeline(
-        [
-            Node(
-                training_node(slug),
-                inputs=["object_sets", own, *configured, *stages],
-                outputs=[f"{slug}.model", f"{slug}.registered_model"],
-                name=f"train_{slug}",
-            ),
-            Node(
-                fix_arguments(recognise_sets, method=slug),
-                inputs=["object_sets", f"{slug}.model", own, *configured, "params:classes"],
-                outputs=f"{slug}.recognitions",
-                name=f"recognise_with_{slug}",
-            ),
-        ]
-    )
+def train_recognisers() -> Pipeline:
+    """Return the pipelines of all recognisers."""
+    return sum((recogniser_pipeline(slug) for slug in methods_of("recognition")), Pipeline([]))
 
 
 def score_recognisers() -> Pipeline:
-    """Return the pipeline that scores all recognisers and puts them into one table."""
+    """Return the pipeline that scores all recognisers and compares them in a table."""
     scores = [
         Node(
             fix_arguments(score_recogniser, method=slug),
@@ -49,11 +27,11 @@ def score_recognisers() -> Pipeline:
             outputs=[f"{slug}.scores", f"{slug}.confusion_figure"],
             name=f"score_{slug}",
         )
-        for slug in RECOGNISERS
+        for slug in methods_of("recognition")
     ]
     compared = Node(
         compare_methods,
-        inputs=[f"{slug}.scores" for slug in RECOGNISERS],
+        inputs=[f"{slug}.scores" for slug in methods_of("recognition")],
         outputs="recognition_comparison",
         name="compare_recognisers",
     )
@@ -77,10 +55,14 @@ def read_folds() -> Pipeline:
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: scenes and their objects to sets of objects, and these to the scores of all recognisers."""
     cut = Node(
-        cut_objects_of_scenes,
-        inputs=["scenes", "objects", "params:recognition", "params:classes"],
+        PerScene(cut_objects, scheme=recognition_scheme),
+        inputs={
+            "scene": "scenes",
+            "objects": "objects",
+            "parameters": "params:recognition",
+            "classes": "params:classes",
+        },
         outputs="object_sets",
         name="cut_objects_of_scenes",
     )
-    methods: list[Pipeline] = [recogniser_pipeline(slug) for slug in RECOGNISERS]
-    return sum([*methods, score_recognisers()], Pipeline([cut]))
+    return Pipeline([cut]) + train_recognisers() + score_recognisers()

@@ -1,4 +1,4 @@
-"""What a comparison found, on one page."""
+"""Report of a comparison on one page."""
 
 from mlsroad_pipeline.pipelines.report.pipeline import create_pipeline
 

@@ -1,4 +1,4 @@
-"""What a comparison found, on one page."""
+"""Report of a comparison."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def write_report(
     figures: Mapping[str, Sequence[str]],
     names: Sequence[str],
 ) -> str:
-    """Put scores and figures of all methods on one page."""
+    """Write the scores and figures of all methods on one page."""
     given = dict(zip(names, parts, strict=True))
     methods = {slug: {name: given[f"{slug}.{name}_figure"] for name in mine} for slug, mine in figures.items()}
     scores = {slug: given[f"{slug}.scores"] for slug in figures}

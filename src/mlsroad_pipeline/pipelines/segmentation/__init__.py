@@ -1,4 +1,4 @@
-"""Off-ground points cut into objects."""
+"""Segmentation of off-ground points into objects."""
 
 from mlsroad_pipeline.pipelines.segmentation.pipeline import create_pipeline
 

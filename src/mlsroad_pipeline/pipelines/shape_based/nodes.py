@@ -1,27 +1,17 @@
-"""Shapes of objects learned from the training scenes and recognised in the others."""
+"""Training of shape-based recognition."""
 
 from __future__ import annotations
 
-from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import ShapeParameters, fit, training_objects
+from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import ShapeParameters, fit
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
-from mlsroad_pipeline.execution.task import SceneTask, SourceFile, scene_tasks
-from mlsroad_pipeline.pipelines.method_work import label_prepared_objects
-from mlsroad_pipeline.pipelines.patch_method import TrainingScenes
-from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.pipelines.patch_labellers import TrainingScenes
 
 
-def take_training_objects(
-    scenes: SceneCollection,
-    ground: SceneCollection,
-    patches: SceneCollection,
-    training: TrainingScenes,
-    parameters: ShapeParameters,
-) -> dict[str, SceneTask]:
-    """Name the work that cuts the objects out of each training scene."""
-    inputs = {"scene": scenes, "ground": ground, "patches": patches}
-    fixed = {"scheme": training.scheme, "parameters": parameters}
-    return scene_tasks(training_keys(scenes), training_objects, inputs, fixed)
+def scheme_of(training: TrainingScenes) -> ClassScheme:
+    """Return the classes that the method is trained on."""
+    return training.scheme
 
 
 def train_shape_based(
@@ -36,11 +26,3 @@ def train_shape_based(
         trained_on=training.trained_on,
     )
     return bundle, bundle
-
-
-def label_scenes_by_shape(
-    scenes: SceneCollection, ground: SceneCollection, patches: SceneCollection, model: SourceFile
-) -> dict[str, SceneTask]:
-    """Name the work that labels the objects of each scene that the model was not trained on."""
-    inputs = {"scene": scenes, "ground": ground, "patches": patches, "model": model}
-    return scene_tasks(held_out_keys(scenes), label_prepared_objects, inputs)

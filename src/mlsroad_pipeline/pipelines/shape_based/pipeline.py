@@ -1,19 +1,23 @@
-"""Wiring of shape-based recognition."""
+"""Pipeline of shape-based recognition."""
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.pipelines.patch_method import gathering
-from mlsroad_pipeline.pipelines.shape_based.nodes import label_scenes_by_shape, take_training_objects, train_shape_based
+from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import label_objects, training_objects
+from mlsroad_pipeline.pipelines.patch_labellers import gathering
+from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.pipelines.shape_based.nodes import scheme_of, train_shape_based
+from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
 
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: objects to a model, and to labels of the scenes that it was not trained on."""
+    prepared = {"scene": "scenes", "ground": "ground", "patches": "patches"}
     return Pipeline(
         [
             gathering(),
             Node(
-                take_training_objects,
-                inputs=["scenes", "ground", "patches", "patch_training", "params:shape_based"],
+                PerScene(training_objects, keys=training_keys, scheme=scheme_of),
+                inputs={**prepared, "training": "patch_training", "parameters": "params:shape_based"},
                 outputs="shape_based.training_set",
                 name="take_training_objects",
             ),
@@ -24,8 +28,8 @@ def create_pipeline(**_: object) -> Pipeline:
                 name="train_shape_based",
             ),
             Node(
-                label_scenes_by_shape,
-                inputs=["scenes", "ground", "patches", "shape_based.model"],
+                PerScene(label_objects, keys=held_out_keys),
+                inputs={**prepared, "bundle": "shape_based.model"},
                 outputs="shape_based.labels",
                 name="label_scenes_by_shape",
             ),

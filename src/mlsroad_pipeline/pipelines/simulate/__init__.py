@@ -1,4 +1,4 @@
-"""Simulated surveys, ray-cast and written as a real one is delivered."""
+"""Simulated surveys by ray casting, in the files of a recording."""
 
 from mlsroad_pipeline.pipelines.simulate.pipeline import create_pipeline
 

@@ -1,4 +1,4 @@
-"""Surveys simulated where the environment asks for them."""
+"""Simulated surveys, where the environment enables them."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from mlsroad_pipeline.surveys.simulated import (
 )
 
 THREADS = 2
-"""Workers of a survey that is simulated alone; several are simulated side by side with one each."""
+"""Threads of a survey that is simulated alone; several run in parallel with one thread each."""
 
 
 def simulate_surveys(simulation: Mapping[str, Any], survey: SurveyParameters) -> dict[str, SceneTask]:
-    """Name the work that simulates each survey."""
+    """Create one task per survey."""
     if not simulation["enabled"]:
         return {}
     if simulation["only"] not in (None, *simulation["surveys"]):

@@ -1,4 +1,4 @@
-"""Wiring of the simulator."""
+"""Pipeline of the simulator."""
 
 from kedro.pipeline import Node, Pipeline
 
@@ -6,7 +6,7 @@ from mlsroad_pipeline.pipelines.simulate.nodes import simulate_surveys
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: parameters to surveys below the root."""
+    """Return the pipeline: parameters to surveys below the survey root."""
     return Pipeline(
         [
             Node(

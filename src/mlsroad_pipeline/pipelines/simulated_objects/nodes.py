@@ -1,4 +1,4 @@
-"""Streets to objects, and these to sets with splits."""
+"""Objects of simulated streets, and sets with splits."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pandas as pd
 from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.algorithms.stages import GroundParameters
-from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.studies.luo2019.paper import OBJECTS
 from mlsroad_pipeline.studies.luo2019.set_parameters import SimulatedObjectsParameters
@@ -24,7 +24,7 @@ def cut_streets(
     segmentation: SegmentationParameters,
     classes: Mapping[str, Any],
 ) -> dict[str, SceneTask]:
-    """Name the work that simulates each street and cuts its objects out."""
+    """Create one task per street: simulation and extraction of the objects."""
     return {
         f"{name}.seed_{seed}": SceneTask(
             cut_street,
@@ -46,7 +46,7 @@ def cut_streets(
 def draw_splits(
     parameters: SimulatedObjectsParameters, streets: SceneCollection, classes: Mapping[str, Any]
 ) -> dict[str, SceneTask]:
-    """Name the work that draws the objects of each split of each set."""
+    """Create one task per split of each set: sampling of the objects."""
     return {
         f"{name}.{split}": SceneTask(
             draw_split,
@@ -64,7 +64,7 @@ def draw_splits(
 def tabulate_sets(
     parameters: SimulatedObjectsParameters, sets: SceneCollection, classes: Mapping[str, Any]
 ) -> pd.DataFrame:
-    """Tell what the sets are made of."""
+    """Return the composition of the sets."""
     schemes = {name: find_scheme(classes["schemes"], name) for name in parameters.chosen_sets()}
     wanted = {
         f"{name}.{split}": limits

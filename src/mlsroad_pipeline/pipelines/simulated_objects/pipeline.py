@@ -1,4 +1,4 @@
-"""Wiring of the simulated sets of objects."""
+"""Pipeline of the simulated sets of objects."""
 
 from kedro.pipeline import Node, Pipeline
 

@@ -1,27 +1,26 @@
-"""Wiring of the supervoxels."""
+"""Pipeline of the supervoxels."""
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.pipelines.supervoxelise.nodes import (
-    measure_supervoxels_of_scenes,
-    score_supervoxels,
-    supervoxelise_scenes,
-)
+from mlsroad_pipeline.algorithms.evaluation.stages import measure_supervoxels
+from mlsroad_pipeline.algorithms.stages import build_supervoxels
+from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.pipelines.supervoxelise.nodes import score_supervoxels
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: scenes to supervoxels."""
+    """Return the pipeline: scenes to supervoxels, and the quality of the partition."""
     return Pipeline(
         [
             Node(
-                supervoxelise_scenes,
-                inputs=["scenes", "params:supervoxelise"],
+                PerScene(build_supervoxels),
+                inputs={"scene": "scenes", "parameters": "params:supervoxelise"},
                 outputs="supervoxels",
                 name="supervoxelise_scenes",
             ),
             Node(
-                measure_supervoxels_of_scenes,
-                inputs=["scenes", "supervoxels"],
+                PerScene(measure_supervoxels),
+                inputs={"scene": "scenes", "supervoxels": "supervoxels"},
                 outputs="supervoxel_quality_of_scenes",
                 name="measure_supervoxels_of_scenes",
             ),

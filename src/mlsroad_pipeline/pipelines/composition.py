@@ -1,0 +1,53 @@
+"""Pipelines by name, and those that are composed of others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from pkgutil import iter_modules
+
+from kedro.pipeline import Pipeline
+
+from mlsroad_pipeline import pipelines
+from mlsroad_pipeline.algorithms.models.methods import METHODS, methods_of
+
+_OF_TASK = {"labelling": "patch_labellers", "detection": "detectors", "recognition": "recognisers"}
+"""Modules with the pipelines of methods that have no folder of their own."""
+
+
+def comparison() -> tuple[str, ...]:
+    """Return the parts of the default pipeline in their order."""
+    stages = ("simulate", "ingest", "ground_removal", "supervoxelise", "features", "patches")
+    methods = (*methods_of("labelling"), "segmentation", *methods_of("detection"))
+    return (*stages, *methods, "evaluation", "compare", "report")
+
+
+def all_parts() -> tuple[str, ...]:
+    """Return the parts of `all_methods` in their order, its report excepted."""
+    shared = (name for name in comparison() if name not in ("compare", "report"))
+    return (*shared, "recognition", *methods_of("labelling", needs_images=True), "compare")
+
+
+def _folders() -> set[str]:
+    return {module.name for module in iter_modules(pipelines.__path__) if module.ispkg}
+
+
+def pipeline_names() -> list[str]:
+    """Return the names of all pipelines."""
+    return sorted(_folders() | set(METHODS))
+
+
+def create_pipeline(name: str) -> Pipeline:
+    """Return a pipeline: that of its folder or, for a method without one, that of its task."""
+    own = name in _folders()
+    module = import_module(f"{pipelines.__name__}.{name if own else _OF_TASK[METHODS[name].task]}")
+    created: Pipeline = module.create_pipeline() if own else module.create_pipeline(name)
+    return created
+
+
+def joined(parts: Mapping[str, Pipeline]) -> Pipeline:
+    """Join pipelines and tag the nodes of each with its name.
+
+    `kedro viz` filters by the tags, and ``kedro run --tags=patch_graph`` runs a single method.
+    """
+    return sum((Pipeline(part, tags=name) for name, part in parts.items()), Pipeline([]))

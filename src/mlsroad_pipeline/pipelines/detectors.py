@@ -1,0 +1,96 @@
+"""Pipelines of detectors: described objects, a model, and detections in the scenes that it was not trained on."""
+
+# Annotations are evaluated: Kedro reads from them the class of the parameters, which differs between methods.
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from joblib import cpu_count
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.algorithms.detection.detector import DetectionStages, detect_objects
+from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS, Method
+from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
+from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import held_out_keys
+
+
+def create_pipeline(slug: str) -> Pipeline:
+    """Return the pipeline of a detector."""
+    method = METHODS[slug]
+    own, described, model = f"params:{slug}", f"{slug}.{method.described}", f"{slug}.model"
+    stages = (f"params:{name}" for name in ("ground_removal", "segmentation", "detection", "survey", "classes"))
+    return Pipeline(
+        [
+            Node(
+                _description(method),
+                inputs=["scenes", "objects", own],
+                outputs=described,
+                name=f"describe_objects_of_{slug}",
+            ),
+            Node(
+                _training(method),
+                inputs=[described, "object_classes", own, *stages],
+                outputs=[model, f"{slug}.registered_model"],
+                name=f"train_{slug}",
+            ),
+            Node(
+                PerScene(detect_objects, keys=held_out_keys),
+                inputs={"parts": described, "bundle": model},
+                outputs=f"{slug}.detections",
+                name=f"detect_by_{slug}",
+            ),
+        ]
+    )
+
+
+def _description(method: Method) -> Callable[..., dict[str, SceneTask]]:
+    """Return the node function that describes the objects of each scene."""
+    kind: Any = method.load("parameters")
+
+    def describe_objects(
+        scenes: SceneCollection,
+        objects: SceneCollection,
+        parameters: kind,
+    ) -> dict[str, SceneTask]:
+        """Create one task per scene."""
+        fixed = {"parameters": getattr(parameters, method.description)}
+        return scene_tasks(scenes, method.load("describe"), {"scene": scenes, "objects": objects}, fixed)
+
+    return describe_objects
+
+
+def _training(method: Method) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
+    """Return the node function that trains a detector; it returns the model for workers and for the registry."""
+    kind: Any = method.load("parameters")
+
+    def train_detector(
+        parts: SceneCollection,
+        labels: SceneCollection,
+        parameters: kind,
+        ground: GroundParameters,
+        segmentation: SegmentationParameters,
+        detection: DetectionParameters,
+        survey: SurveyParameters,
+        classes: Mapping[str, Any],
+    ) -> tuple[ModelBundle, ModelBundle]:
+        """Train the detector on the training scenes."""
+        bundle = method.load("train")(
+            {key: parts[key].load() for key in labels},
+            labels.load_all(),
+            parameters=parameters,
+            stages=DetectionStages(ground, segmentation),
+            detection=detection,
+            scheme=find_scheme(classes["schemes"], detection.scheme),
+            trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(labels)},
+            n_threads=cpu_count(),
+        )
+        return bundle, bundle
+
+    return train_detector

@@ -1,0 +1,154 @@
+"""Pipelines of methods that label patches: the training scenes, a model, and labels of the other scenes."""
+
+# Annotations are evaluated: Kedro reads from them the class of the parameters, which differs between methods.
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+from joblib import cpu_count
+from kedro.pipeline import Node, Pipeline
+from matplotlib.figure import Figure
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS, Method
+from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
+from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
+from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
+from mlsroad_pipeline.algorithms.patches.labelling import PatchStages, label_patch_scene
+from mlsroad_pipeline.algorithms.patches.training import PatchTraining, join_training_scenes, number_surveys
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.reporting.figures.training import objective_figure
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import held_out_keys
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingScenes:
+    """Training scenes in their stores, and facts for the metadata of a model.
+
+    Attributes
+    ----------
+    patches, labels : SceneCollection
+        Patches of all scenes, and the classes of the patches of the training scenes.
+    stages : PatchStages
+        Parameters of the preparation.
+    scheme : ClassScheme
+        The classes.
+    trained_on : mapping
+        Metadata of the training data.
+    """
+
+    patches: SceneCollection
+    labels: SceneCollection
+    stages: PatchStages
+    scheme: ClassScheme
+    trained_on: Mapping[str, Any]
+
+    def load(self) -> PatchTraining:
+        """Read the patches of all training scenes."""
+        joined = join_training_scenes({key: self.patches[key].load() for key in self.labels}, self.labels.load_all())
+        return PatchTraining(*joined, self.stages, self.scheme, self.trained_on, number_surveys(self.labels))
+
+
+def gather_training(
+    patches: SceneCollection,
+    patch_labels: SceneCollection,
+    ground: GroundParameters,
+    sizes: PatchParameters,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+) -> TrainingScenes:
+    """Gather the training scenes; nothing is read yet."""
+    trained_on = {"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(patch_labels)}
+    scheme = training_scheme(survey, classes)
+    return TrainingScenes(patches, patch_labels, PatchStages(ground, sizes), scheme, trained_on)
+
+
+def gathering() -> Node:
+    """Return the node that gathers the training scenes; the pipelines of all methods share it."""
+    parameters = (f"params:{name}" for name in ("ground_removal", "patches", "survey", "classes"))
+    return Node(
+        gather_training,
+        inputs=["patches", "patch_labels", *parameters],
+        outputs="patch_training",
+        name="gather_patch_training",
+    )
+
+
+def train_patch_graph(
+    training: TrainingScenes, parameters: PatchGraphParameters
+) -> tuple[ModelBundle, ModelBundle, pd.DataFrame, Figure]:
+    """Build the match graph."""
+    bundle = METHODS["patch_graph"].load("train")(training.load(), parameters=parameters, n_threads=cpu_count())
+    objective = pd.DataFrame({"objective": bundle.arrays["objective"]}).rename_axis("iteration").reset_index()
+    return bundle, bundle, objective, objective_figure(bundle.arrays["objective"], title="Patch match graph")
+
+
+def fit_refinement(
+    training: TrainingScenes, parameters: GridParameters, graph: ModelFile, graph_parameters: PatchGraphParameters
+) -> tuple[ModelBundle, ModelBundle]:
+    """Choose the parameters of the Markov random field by cross-validation."""
+    bundle = METHODS["patch_graph_mrf"].load("train")(
+        training.load(),
+        graph.load(),
+        graph_parameters=graph_parameters,
+        parameters=parameters,
+        n_threads=cpu_count(),
+    )
+    return bundle, bundle
+
+
+def _training(method: Method) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
+    """Return the node function that trains a method; it returns the model for workers and for the registry."""
+    kind: Any = method.load("parameters")
+
+    def train_method(
+        training: TrainingScenes,
+        parameters: kind,
+    ) -> tuple[ModelBundle, ModelBundle]:
+        """Train the method on the training scenes."""
+        bundle = method.load("train")(training.load(), parameters=parameters, n_threads=cpu_count())
+        return bundle, bundle
+
+    return train_method
+
+
+def _training_node(slug: str) -> Node:
+    """Return the node that trains a method."""
+    train: Callable[..., Any]
+    more_inputs, more_outputs = [], []
+    if slug == "patch_graph":
+        train, more_outputs = train_patch_graph, [f"{slug}.objective", f"{slug}.objective_figure"]
+    elif slug == "patch_graph_mrf":
+        train, more_inputs = fit_refinement, ["patch_graph.model", "params:patch_graph"]
+    else:
+        train = _training(METHODS[slug])
+    return Node(
+        train,
+        inputs=["patch_training", f"params:{slug}", *more_inputs],
+        outputs=[f"{slug}.model", f"{slug}.registered_model", *more_outputs],
+        name=f"train_{slug}",
+    )
+
+
+def create_pipeline(slug: str) -> Pipeline:
+    """Return the pipeline of a method that labels patches."""
+    label = PerScene(label_patch_scene, keys=held_out_keys, fixed={"classifier": METHODS[slug].load("use")})
+    return Pipeline(
+        [
+            gathering(),
+            _training_node(slug),
+            Node(
+                label,
+                inputs={"scene": "scenes", "patches": "patches", "bundle": f"{slug}.model"},
+                outputs=f"{slug}.labels",
+                name=f"label_by_{slug}",
+            ),
+        ]
+    )

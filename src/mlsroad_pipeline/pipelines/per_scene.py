@@ -1,0 +1,78 @@
+"""Node functions that create one task per scene."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial, update_wrapper
+from typing import Any, get_type_hints
+
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, SourceFile, scene_tasks
+
+
+class PerScene:
+    """Node function of a stage whose tasks call one function.
+
+    Its arguments are the required arguments of that function, by the same names. Stores and models become inputs of the
+    tasks, other values parameters. Kedro reads the classes of parameter groups from the annotations.
+
+    Parameters
+    ----------
+    function : callable
+        Function of the tasks, at the top level of a module.
+    over : str, optional
+        Argument whose scenes get tasks; the first store by default.
+    keys : callable, default list
+        Selects scenes.
+    fixed : mapping, optional
+        Arguments of the function that are the same in every run.
+    **derived : callable
+        Arguments of the function that are computed from parameters. The node takes the arguments of the callables
+        instead.
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        *,
+        over: str = "",
+        keys: Callable[[Iterable[str]], Iterable[str]] = list,
+        fixed: Mapping[str, Any] | None = None,
+        **derived: Callable[..., Any],
+    ) -> None:
+        self._function, self._over, self._keys = function, over, keys
+        self._fixed, self._derived = dict(fixed or {}), derived
+        own = [name for name in _required(function) if name not in {*self._fixed, *derived}]
+        self._own = own
+        more = [name for find in derived.values() for name in _required(find)]
+        kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
+        self.__name__ = function.__name__
+        self.__signature__ = inspect.Signature([inspect.Parameter(name, kind) for name in dict.fromkeys(own + more)])
+        self.__annotations__ = {
+            name: hint
+            for source in (*derived.values(), function)
+            for name, hint in get_type_hints(source).items()
+            if name in self.__signature__.parameters
+        }
+
+    def __call__(self, *args: Any, **kwargs: Any) -> dict[str, SceneTask]:
+        """Return the task of each scene."""
+        values = self.__signature__.bind(*args, **kwargs).arguments
+        inputs = {k: values[k] for k in self._own if isinstance(values[k], SceneCollection | SourceFile)}
+        parameters = {k: values[k] for k in self._own if k not in inputs}
+        for name, find in self._derived.items():
+            parameters[name] = find(**{k: values[k] for k in _required(find)})
+        stores = {name: value for name, value in inputs.items() if isinstance(value, SceneCollection)}
+        scenes = stores[self._over or next(iter(stores))]
+        return scene_tasks(self._keys(scenes), self._function, inputs, parameters | self._fixed)
+
+
+def _required(function: Callable[..., Any]) -> list[str]:
+    parameters = inspect.signature(function).parameters.values()
+    return [parameter.name for parameter in parameters if parameter.default is inspect.Parameter.empty]
+
+
+def fix_arguments(function: Callable[..., Any], **fixed: Any) -> Callable[..., Any]:
+    """Fix arguments of a node function; Kedro's messages keep its name."""
+    return update_wrapper(partial(function, **fixed), function)

@@ -1,0 +1,101 @@
+"""Pipelines of recognisers: sets of objects to a model and to the classes of the objects it was not trained on."""
+
+# Annotations are evaluated: Kedro reads from them the class of the parameters, which differs between methods.
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters
+from mlsroad_pipeline.algorithms.recognition.recogniser import recognise_objects, train_and_recognise
+from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
+from mlsroad_pipeline.pipelines.per_scene import fix_arguments
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
+
+
+def create_pipeline(slug: str) -> Pipeline:
+    """Return the pipeline of a recogniser."""
+    own = f"params:{METHODS[slug].group or slug}"
+    stages = (f"params:{name}" for name in ("ground_removal", "segmentation", "survey", "classes"))
+    return Pipeline(
+        [
+            Node(
+                _training(slug),
+                inputs=["object_sets", own, "params:recognition", *stages],
+                outputs=[f"{slug}.model", f"{slug}.registered_model"],
+                name=f"train_{slug}",
+            ),
+            Node(
+                fix_arguments(recognise_sets, method=slug),
+                inputs=["object_sets", f"{slug}.model", own, "params:recognition", "params:classes"],
+                outputs=f"{slug}.recognitions",
+                name=f"recognise_with_{slug}",
+            ),
+        ]
+    )
+
+
+def _training(slug: str) -> Callable[..., tuple[ModelBundle, ModelBundle]]:
+    """Return the node function that trains a recogniser; it returns the model for workers and for the registry."""
+    kind: Any = METHODS[slug].load("parameters")
+
+    def train_recogniser(
+        sets: SceneCollection,
+        parameters: kind,
+        recognition: RecognitionParameters,
+        ground: GroundParameters,
+        segmentation: SegmentationParameters,
+        survey: SurveyParameters,
+        classes: Mapping[str, Any],
+    ) -> tuple[ModelBundle, ModelBundle]:
+        """Train the recogniser on the training scenes, or on all folds."""
+        chosen = list(sets) if recognition.folds else training_keys(sets)
+        bundle = METHODS[slug].load("train")(
+            [sets[key].load() for key in chosen],
+            slug=slug,
+            parameters=parameters,
+            recognition=recognition,
+            stages=DetectionStages(ground, segmentation),
+            scheme=find_scheme(classes["schemes"], recognition.scheme),
+            trained_on={"survey": survey.root, "sets": chosen},
+        )
+        return bundle, bundle
+
+    return train_recogniser
+
+
+def recognise_sets(
+    sets: SceneCollection,
+    model: ModelFile,
+    parameters: Any,
+    recognition: RecognitionParameters,
+    classes: Mapping[str, Any],
+    *,
+    method: str,
+) -> dict[str, SceneTask]:
+    """Create one task per held-out scene, or per fold with a model trained on the other folds."""
+    if not recognition.folds:
+        return scene_tasks(held_out_keys(sets), recognise_objects, {"objects": sets, "bundle": model})
+    fixed = {
+        "slug": method,
+        "parameters": parameters,
+        "recognition": recognition,
+        "n_classes": len(find_scheme(classes["schemes"], recognition.scheme)),
+    }
+    return {
+        key: SceneTask(
+            train_and_recognise,
+            {"train": {other: sets[other] for other in sets if other != key}, "test": sets[key]},
+            fixed,
+        )
+        for key in sets
+    }

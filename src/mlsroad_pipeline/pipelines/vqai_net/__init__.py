@@ -1,9 +1,0 @@
-"""Objects recognised by `vqai_net`."""
-
-from functools import partial
-
-from mlsroad_pipeline.pipelines.recognition.pipeline import recogniser_pipeline
-
-create_pipeline = partial(recogniser_pipeline, "vqai_net")
-
-__all__ = ["create_pipeline"]

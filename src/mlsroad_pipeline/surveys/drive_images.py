@@ -1,0 +1,106 @@
+"""Images of the drives of a comparison, and their labels for training."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.image_labels.cityscapes import encode_label_image
+from mlsroad_pipeline.surveys.camera_files import read_images
+from mlsroad_pipeline.surveys.images import SurveyImages
+from mlsroad_pipeline.surveys.plan import SurveyPlan, training_keys
+
+logger = logging.getLogger(__name__)
+
+_CACHE_BYTES = 2**30
+
+
+@dataclass(frozen=True)
+class DriveImages:
+    """Images of a drive.
+
+    Parameters
+    ----------
+    calibration : str
+        File of cameras and poses.
+    images : SurveyImages
+        The images.
+    """
+
+    calibration: str
+    images: SurveyImages
+
+    @property
+    def folder(self) -> str:
+        """The folder of the pictures."""
+        return str(self.images[0].path.parent)
+
+
+def images_of_drives(
+    plan: SurveyPlan, calibration: str, drives: Collection[str] | None = None
+) -> dict[str, DriveImages]:
+    """Find the images of each drive of a survey, or of the named drives."""
+    found, without = {}, []
+    for drive, files in plan.drives().items():
+        if drives is not None and drive not in drives:
+            continue
+        path = Path(files[0].source.path).parent / calibration
+        images = read_images(path) if path.is_file() else SurveyImages(())
+        if len(images):
+            found[drive] = DriveImages(str(path), images)
+        else:
+            without.append(drive)
+    if not training_keys(found):
+        absent = "no drive" if not found else "no training drive"
+        raise ReadError(
+            f"labels through images need images: {absent} of the survey has a {calibration} with images beside its "
+            f"points, such as {Path(plan.files[0].source.path).parent / calibration}"
+        )
+    if without:
+        logger.warning("Drives without images, whose points no camera sees: %s", ", ".join(without))
+    return found
+
+
+class LabelledImages(Sequence[tuple[NDArray[np.uint8], NDArray[np.int16]]]):
+    """Images and their labels, read on access; the first GiB stays in memory.
+
+    Parameters
+    ----------
+    drives : sequence of DriveImages
+        Training drives.
+    folder : str
+        Name of the folder of label images beside that of the pictures.
+    scheme : ClassScheme
+        The classes.
+    """
+
+    def __init__(self, drives: Sequence[DriveImages], folder: str, scheme: ClassScheme) -> None:
+        self._images = [image for drive in drives for image in drive.images]
+        self._folder, self._scheme = folder, scheme
+        self._cache: dict[int, tuple[NDArray[np.uint8], NDArray[np.int16]]] = {}
+        self._room = _CACHE_BYTES
+
+    def __len__(self) -> int:
+        """Return the number of images."""
+        return len(self._images)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Return an image and its labels."""
+        if index in self._cache:
+            return self._cache[index]
+        image = self._images[index]
+        codes = image.load_labels(self._folder)
+        labels = encode_label_image(codes, self._scheme, source=f"labels of image {image.name!r}")
+        pair = image.load(), labels
+        if pair[0].nbytes + labels.nbytes <= self._room:
+            self._room -= pair[0].nbytes + labels.nbytes
+            self._cache[index] = pair
+        return pair
