@@ -1,1 +1,1 @@
-"""The inventory of road objects: from labelled points to measured objects of a whole survey."""
+"""Inventory of road objects: from labelled points to the measured objects of a survey."""

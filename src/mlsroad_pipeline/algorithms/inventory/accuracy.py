@@ -1,4 +1,4 @@
-"""How far the measures of an inventory are from the truth of a simulated survey."""
+"""Accuracy of the measures of an inventory against the truth of a simulated survey."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ UNITS = {
     "panel_centre": "m", "panel_height": "m", "panel_width": "m", "facing": "deg", "heading": "deg", "length": "m",
     "width": "m",
 }  # fmt: skip
-"""Measures that are compared, and their units."""
+"""Compared measures and their units."""
 
 LEAST_LEAN = 1.0
-"""The true tilt from which the direction of lean is compared, degrees."""
+"""Minimum true tilt for comparing the direction of lean, degrees."""
 
 
 def place_of(truth: pd.DataFrame) -> np.ndarray:
-    """Return where an inventory should have true objects.
+    """Return the positions of true objects.
 
     Parameters
     ----------
@@ -33,14 +33,14 @@ def place_of(truth: pd.DataFrame) -> np.ndarray:
     Returns
     -------
     ndarray of float64, shape (n, 2)
-        The middle of the box of a vehicle, the base of everything else, metres.
+        Centre of the box of a vehicle, base of other objects, metres.
     """
     vehicle = (truth["kind"] == "vehicle").to_numpy()[:, None]
     return np.where(vehicle, truth[["box_x", "box_y"]].to_numpy(), truth[["x", "y"]].to_numpy())
 
 
 def match_to_truth(objects: pd.DataFrame, truth: pd.DataFrame, *, reach: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Pair found and true objects of a kind, nearest first, each at most once.
+    """Match objects and true objects of the same kind, nearest pairs first, each at most once.
 
     Parameters
     ----------
@@ -49,12 +49,12 @@ def match_to_truth(objects: pd.DataFrame, truth: pd.DataFrame, *, reach: float =
     truth : DataFrame
         The simulator's table of objects, with `kind`.
     reach : float, default 1.0
-        The farthest that two of a pair may lie apart in plan, metres.
+        Largest distance of a pair in plan, metres.
 
     Returns
     -------
     found, true : ndarray of int64, shape (m,)
-        Rows of the pairs in the one and the other.
+        Rows of the pairs in `objects` and in `truth`.
     """
     where, expected = objects[["x", "y"]].to_numpy(), place_of(truth)
     pairs = []
@@ -62,39 +62,39 @@ def match_to_truth(objects: pd.DataFrame, truth: pd.DataFrame, *, reach: float =
         a, b = np.flatnonzero(objects["kind"] == kind), np.flatnonzero(truth["kind"] == kind)
         near = cKDTree(where[a]).sparse_distance_matrix(cKDTree(expected[b]), reach, output_type="coo_matrix")
         pairs += list(zip(near.data, a[near.row], b[near.col], strict=True))
-    used_a: set[int] = set()
-    used_b: set[int] = set()
+    matched_a: set[int] = set()
+    matched_b: set[int] = set()
     chosen = []
     for _, a, b in sorted(pairs):
-        if a not in used_a and b not in used_b:
-            used_a.add(a)
-            used_b.add(b)
+        if a not in matched_a and b not in matched_b:
+            matched_a.add(a)
+            matched_b.add(b)
             chosen.append((a, b))
     rows = np.array(sorted(chosen), dtype=np.int64).reshape(-1, 2)
     return rows[:, 0], rows[:, 1]
 
 
 def _turn(found: pd.Series, true: pd.Series, circle: float | np.ndarray) -> np.ndarray:
-    """Return the smaller angle from true to found, directions being the same after a circle."""
+    """Return the signed smaller angle from true to measured directions, modulo `circle`."""
     return (found.to_numpy() - true.to_numpy() + circle / 2) % circle - circle / 2
 
 
 def measurement_errors(found: pd.DataFrame, truth: pd.DataFrame) -> pd.DataFrame:
-    """Compare measures with the truth, object by object.
+    """Return the errors of measures, object by object.
 
     Parameters
     ----------
     found : DataFrame
-        Measured objects: the columns that `measures.measure` gives, and `kind`.
+        Measured objects: the columns of `ObjectMeasures`, and `kind`.
     truth : DataFrame
-        The true ones, row by row: the simulator's table of objects, with `kind`.
+        The true objects in the same order: the simulator's table of objects, with `kind`.
 
     Returns
     -------
     DataFrame
-        `class` (of the taxonomy), `design` and the columns of `UNITS`: found less true, NaN where one of both is not
-        known. `base` is the distance in plan. The heading of a vehicle is compared modulo 180 degrees, and so is the
-        facing of a panel whose side is not known; the direction of lean where the truth leans by `LEAST_LEAN`.
+        `class` (of the taxonomy), `design` and the columns of `UNITS`: measured minus true, NaN where one is unknown.
+        `base` is the distance in plan. The heading of a vehicle and the facing of a panel of unknown side are compared
+        modulo 180 degrees; the direction of lean only for true tilts of at least `LEAST_LEAN`.
 
     Raises
     ------
@@ -127,13 +127,13 @@ def summarise_errors(errors: pd.DataFrame) -> pd.DataFrame:
     Parameters
     ----------
     errors : DataFrame
-        What `measurement_errors` gives.
+        Errors, see `measurement_errors`.
 
     Returns
     -------
     DataFrame
-        One row per class and measure that was compared: `class`, `measure`, `unit`, `n`, `bias` (the median of the
-        errors), `median` and `quantile_90` of their sizes.
+        One row per class and compared measure: `class`, `measure`, `unit`, `n`, `bias` (median of the errors), `median`
+        and `quantile_90` of the absolute errors.
     """
     rows = []
     for name, group in errors.groupby("class", sort=True):
@@ -148,7 +148,7 @@ def summarise_errors(errors: pd.DataFrame) -> pd.DataFrame:
 
 
 def kinds_of_truth(truth: pd.DataFrame, kinds: Mapping[str, str]) -> pd.DataFrame:
-    """Keep the true objects that an inventory can hold, and say their kinds.
+    """Return the true objects that an inventory can contain, with their kinds.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def kinds_of_truth(truth: pd.DataFrame, kinds: Mapping[str, str]) -> pd.DataFram
     Returns
     -------
     DataFrame
-        The rows that stand still and have a kind, with a column `kind`.
+        The stationary objects that have a kind, with a column `kind`.
     """
     kind = truth["label"].map(lambda code: kinds.get(TAXONOMY_NAMES[code]))
     return truth.assign(kind=kind)[kind.notna() & ~truth["moving"].astype(bool)].reset_index(drop=True)

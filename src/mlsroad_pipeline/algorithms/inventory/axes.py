@@ -1,4 +1,4 @@
-"""Axes of poles and posts: a line through the middle of the shaft."""
+"""Axes of poles and posts."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-_SLICE = 0.25  # height of the slices whose medians an axis is fitted to, metres
-_BAND = 0.06  # how far a slice's median may lie from the axis, metres
-_SHAFT = 0.25  # how far the points of a shaft may lie from the first estimate of its axis, metres
-_TUKEY = 4.685  # deviations beyond which a slice has no weight: 95 % efficient for normal errors
-_LEAST_SPREAD = 0.003  # metres; slices are not trusted better than this
+_SLICE = 0.25  # height of the slices for the medians, metres
+_BAND = 0.06  # largest distance of a median from the axis, metres
+_SHAFT = 0.25  # largest distance of points of a shaft from the first estimate of its axis, metres
+_TUKEY = 4.685  # constant of the biweight: 95 % efficiency for normal errors
+_LEAST_SPREAD = 0.003  # lower bound of the deviation of medians, metres
 
 
 @dataclass(frozen=True)
 class Axis:
-    """The axis of a shaft.
+    """Axis of a shaft.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class Axis:
     slope : ndarray of float64, shape (2,)
         Change of x and y per metre of z.
     share : float
-        Share of the slices of 0.25 m between bottom and top that it passes.
+        Share of the slices of 0.25 m between bottom and top whose median lies on the axis.
     error : float
         Standard error of the slope, metres per metre.
     """
@@ -47,20 +47,20 @@ class Axis:
 
     @property
     def direction(self) -> float:
-        """Where it leans, degrees clockwise from north, 0 to 360."""
+        """Direction of lean, degrees clockwise from north, 0 to 360."""
         return float(np.degrees(np.arctan2(self.slope[0], self.slope[1])) % 360.0)
 
     def distance(self, xyz: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the horizontal distances of points from it."""
+        """Return the horizontal distances of points from the axis."""
         return np.hypot(*(xyz[:, :2] - self.foot - self.slope * xyz[:, 2:]).T)
 
 
 def fit_axis(xyz: NDArray[np.float64]) -> Axis | None:
-    """Fit the axis of a pole, blind to arms, signs and lamps on it.
+    """Fit the axis of a pole, robust to arms, signs and lamps.
 
-    The medians of slices of 0.25 m are taken; of all lines through two of them the one that most are near is kept: each
-    counts by 1 - (d / 0.06 m)^2, nothing beyond that. The medians are then taken anew from the points within 0.25 m of
-    it, and the line is refined on those that it passes by least squares with Tukey's weights.
+    The points are reduced to medians of slices of 0.25 m. Of all lines through two medians the one with the largest
+    sum of max(0, 1 - (d / 0.06 m)^2) over the medians is selected. The medians are recomputed from the points within
+    0.25 m of it, and the line is refined by least squares with Tukey's biweight.
 
     Parameters
     ----------
@@ -70,19 +70,19 @@ def fit_axis(xyz: NDArray[np.float64]) -> Axis | None:
     Returns
     -------
     Axis or None
-        None with fewer than three slices on a line.
+        None with fewer than three medians on a line.
     """
     if len(xyz) < 3:
         return None
     centre = xyz.mean(axis=0)
     local = xyz - centre
     order = np.argsort(local[:, 2], kind="stable")
-    found = _fit_line(local[order])
-    if found[6] < 3:
+    line = _fit_line(local[order])
+    if line[6] < 3:
         return None
-    slope = found[2:4].copy()
-    foot = found[:2] + centre[:2] - slope * centre[2]
-    return Axis(foot, slope, share=float(found[6] / found[5]), error=float(found[4]))
+    slope = line[2:4].copy()
+    foot = line[:2] + centre[:2] - slope * centre[2]
+    return Axis(foot, slope, share=float(line[6] / line[5]), error=float(line[4]))
 
 
 @njit(cache=True)
@@ -119,7 +119,7 @@ def _passing(medians: NDArray[np.float64], line: NDArray[np.float64]) -> NDArray
 
 @njit(cache=True)
 def _best_pair(medians: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the line through two medians that most pass near: each counts by 1 - (distance / band)^2."""
+    """Return the line through two medians with the largest sum of max(0, 1 - (distance / band)^2)."""
     best = np.zeros(4)
     most = 0.0
     for a in range(len(medians)):
@@ -160,7 +160,7 @@ def _weighted_line(medians: NDArray[np.float64], weight: NDArray[np.float64]) ->
 
 @njit(cache=True)
 def _fit_line(xyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return x0, y0, dx, dy, the slope's error, the number of slices and how many of them lie on the line."""
+    """Return x0, y0, dx, dy, the error of the slope, the number of slices and of medians on the line."""
     result = np.zeros(7)
     whole = _medians(xyz, np.zeros(4), np.inf)
     result[5] = int((xyz[-1, 2] - xyz[0, 2]) / _SLICE) + 1

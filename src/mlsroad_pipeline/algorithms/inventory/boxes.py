@@ -1,4 +1,4 @@
-"""Objects in plan: their convex hull, the rectangle of least area around it, and the box of a vehicle."""
+"""Outlines in plan: convex hull, rectangle of minimum area, and box of a vehicle."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-_NEAR_EDGE = 0.05  # distances to an edge below this count alike, metres: d0 of Zhang et al. 2017, algorithm 4
-_STRAY = 0.004  # share of points that may lie outside on each side: aerials, mixed pixels, mirrors
-_STRAY_ENDS = 0.0015  # and beyond each end: bumpers have no mirrors
-# Reach and step of the directions that are tried, degrees, and on how many points.
+_NEAR_EDGE = 0.05  # lower bound of distances to an edge, metres: d0 of Zhang et al. 2017, algorithm 4
+_STRAY = 0.004  # share of points outside each side: aerials, mixed pixels, mirrors
+_STRAY_ENDS = 0.0015  # share of points outside each end, which has no mirrors
+# Reach and step of the search over directions, degrees, and the number of points used.
 _STEPS = ((45.0, 2.0, 300), (2.0, 0.2, 600), (0.2, 0.04, 1200))
 
 
 def trimmed(values: NDArray[np.float64], share: float) -> tuple[float, float]:
-    """Return the limits of values when a share of them is left out at either end.
+    """Return the trimmed limits of values.
 
     Parameters
     ----------
     values : ndarray of float64
         Any values; at least one.
     share : float
-        What is left out at each end, 0 to 0.5, rounded down to whole values.
+        Share trimmed at each end, 0 to 0.5, rounded down to whole values.
 
     Returns
     -------
@@ -45,7 +45,7 @@ def convex_hull(xy: NDArray[np.float64]) -> NDArray[np.float64]:
     Returns
     -------
     ndarray of float64, shape (h, 2)
-        Its corners, counterclockwise, without points on its sides; fewer than three where all points lie on a line.
+        Corners, counterclockwise, without collinear points; fewer than three if all points are collinear.
     """
     outer = xy[_outside(xy)]
     return _hull(outer[np.lexsort((outer[:, 1], outer[:, 0]))])
@@ -53,7 +53,7 @@ def convex_hull(xy: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @njit(cache=True)
 def _outside(xy: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Mark the points that are not inside the octagon of the outermost points (Akl and Toussaint 1978)."""
+    """Return the points outside the octagon of the extreme points (Akl and Toussaint 1978)."""
     corner = np.zeros(8, np.int64)
     reach = np.full(8, -np.inf)
     for i in range(len(xy)):
@@ -98,7 +98,7 @@ def _hull(xy: NDArray[np.float64]) -> NDArray[np.float64]:
                 hull[size] = p
                 size += 1
         if size > first + 1 or half == 1:
-            size -= 1  # the last corner is the first of the other half
+            size -= 1  # the last corner is the first of the other chain
     return hull[: max(size, 1)].copy()
 
 
@@ -108,7 +108,7 @@ def polygon_area(corners: NDArray[np.float64]) -> float:
     Parameters
     ----------
     corners : ndarray of float64, shape (h, 2)
-        Its corners in order, metres.
+        Corners in order, metres.
 
     Returns
     -------
@@ -122,19 +122,19 @@ def polygon_area(corners: NDArray[np.float64]) -> float:
 
 
 def oriented_box(hull: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float, float]:
-    """Find the rectangle of least area around a convex hull; one of its sides lies on a side of the hull.
+    """Return the rectangle of minimum area around a convex hull; one of its sides lies on a side of the hull.
 
     Parameters
     ----------
     hull : ndarray of float64, shape (h, 2)
-        Corners, as `convex_hull` gives them, metres.
+        Corners of the hull, see `convex_hull`, metres.
 
     Returns
     -------
     centre : ndarray of float64, shape (2,)
         Centre of the rectangle.
     length, width : float
-        Its longer and its shorter side, metres.
+        Longer and shorter side, metres.
     azimuth : float
         Direction of the longer side, degrees clockwise from north, 0 to 180.
     """
@@ -144,7 +144,7 @@ def oriented_box(hull: NDArray[np.float64]) -> tuple[NDArray[np.float64], float,
     angle = np.arctan2(sides[:, 1], sides[:, 0])
     along, across = _project(moved, angle)
     spans = along.max(axis=0) - along.min(axis=0), across.max(axis=0) - across.min(axis=0)
-    # A line has no area at its own direction only: the perimeter decides among equally thin ones.
+    # The perimeter breaks ties between rectangles of (almost) no area.
     best = angle[[np.argmin(spans[0] * spans[1] + 1e-6 * (spans[0] + spans[1]))]]
     along, across = _project(moved, best)
     return _box(middle, float(best[0]), (along.min(), along.max(), across.min(), across.max()))
@@ -167,13 +167,12 @@ def _box(
 
 
 def vehicle_box(xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float, float]:
-    """Fit a rectangle to a vehicle of which one or two sides were seen, by the closeness criterion.
+    """Fit a rectangle to a vehicle with one or two visible sides, by the closeness criterion.
 
-    Of all directions the one whose rectangle has the points nearest to its sides is taken: the sum of the inverse
-    distances is largest (Zhang, Xu, Dong and Dolan 2017, "Efficient L-shape fitting for vehicle detection using laser
-    scanners", algorithms 2 and 4), in steps of 2, 0.2 and 0.04 degrees. Unlike there, four points in a thousand may
-    lie outside each side: an aerial or a mixed pixel would otherwise carry the side away from the body. Mirrors lie
-    outside, too.
+    The direction with the largest sum of inverse distances of points to the sides is searched in steps of 2, 0.2 and
+    0.04 degrees (Zhang, Xu, Dong and Dolan 2017, "Efficient L-shape fitting for vehicle detection using laser
+    scanners", algorithms 2 and 4). Unlike the paper, four points in a thousand may lie outside each side, which makes
+    the box robust to aerials, mirrors and mixed pixels.
 
     Parameters
     ----------
@@ -185,7 +184,7 @@ def vehicle_box(xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, fl
     centre : ndarray of float64, shape (2,)
         Centre of the rectangle.
     length, width : float
-        Its longer and its shorter side, metres.
+        Longer and shorter side, metres.
     azimuth : float
         Direction of the longer side, degrees clockwise from north, 0 to 180.
     """
@@ -205,8 +204,11 @@ def vehicle_box(xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, fl
 
 @njit(cache=True)
 def _limits(values: NDArray[np.float64], stray: int) -> tuple[float, float]:
-    """Return the limits of values when so many are left out at either end."""
-    low, high = np.full(stray + 1, np.inf), np.full(stray + 1, -np.inf)  # the least, ascending, and the largest
+    """Return the limits of values after trimming `stray` values at each end."""
+    low, high = (
+        np.full(stray + 1, np.inf),
+        np.full(stray + 1, -np.inf),
+    )  # smallest values, ascending, and largest, descending
     for value in values:
         if value < low[stray]:
             k = stray
@@ -225,7 +227,7 @@ def _limits(values: NDArray[np.float64], stray: int) -> tuple[float, float]:
 
 @njit(cache=True)
 def _closeness(xy: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the sums of the inverse distances to the nearest side of trimmed rectangles of several directions."""
+    """Return the sum of inverse distances to the nearest side of the trimmed rectangle for each direction."""
     score = np.zeros(len(angles))
     n = len(xy)
     stray = int(_STRAY * n)

@@ -1,4 +1,4 @@
-"""Circles of round shafts and trunks in cross-section."""
+"""Cross-sections of round shafts and trunks: circle fitting."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from numba import njit
 from numpy.typing import NDArray
 
 _CIRCLE_TRIALS = 200
-_CIRCLE_POINTS = 250  # the most that circles are tried on
+_CIRCLE_POINTS = 250  # maximum number of points in the search
 _RADIUS = (0.025, 0.75)  # of shafts and trunks, metres
-_SECTORS, _LEAST_ARC = 18, 5  # parts of a circle, and how many of them must have points
-_LEAST_SHARE = 0.5  # of the points near a circle that must lie on it
+_SECTORS, _LEAST_ARC = 18, 5  # sectors of a circle, and minimum number of sectors with points
+_LEAST_SHARE = 0.5  # minimum share on the circle of the points near it
 _LEAST_POINTS = 10
 _LARGEST_ERROR = 0.02  # standard error of the radius, metres
 
 
 @dataclass(frozen=True)
 class Circle:
-    """The cross-section of a shaft.
+    """Cross-section of a shaft.
 
     Parameters
     ----------
     centre : ndarray of float64, shape (2,)
-        Its middle, metres.
+        Centre, metres.
     diameter : float
-        Metres.
+        Diameter, metres.
     arc : float
-        Share of the circle that has points.
+        Share of the sectors with points.
     """
 
     centre: NDArray[np.float64]
@@ -39,30 +39,31 @@ class Circle:
 def fit_circle(xy: NDArray[np.float64], *, reach: float, band: float = 0.015) -> Circle | None:
     """Fit the circle of a round shaft to points projected along its axis.
 
-    Of the circles through three points the one that passes within `band` of most, compared with those inside of it and
-    just outside, is refined by geometric least squares. 200 triples are drawn from a fixed sequence.
+    RANSAC over 200 triples of a fixed pseudo-random sequence: the score is the number of points within `band` of the
+    circle minus half the number of points inside it or within 5 cm outside. The best circle is refined by geometric
+    least squares.
 
     Parameters
     ----------
     xy : ndarray of float64, shape (k, 2)
         Points, metres, relative to the expected centre.
     reach : float
-        How far the centre may lie from the expected one, metres.
+        Largest distance of the centre from the expected one, metres.
     band : float, default 0.015
-        How far a point may lie from the circle, metres: more for bark than for steel.
+        Largest distance of points from the circle, metres; larger for bark than for steel.
 
     Returns
     -------
     Circle or None
-        None where the points do not show one: fewer than ten on it, or than half of those inside and just outside, less
-        than a quarter of the way around, or a radius that is not known to 2 cm.
+        None if fewer than ten points or less than half of the points near the circle lie on it, if fewer than 5 of 18
+        sectors have points, or if the standard error of the radius exceeds 2 cm.
     """
     if len(xy) < _LEAST_POINTS:
         return None
-    found = _circle(np.ascontiguousarray(xy), np.ascontiguousarray(xy[:: len(xy) // _CIRCLE_POINTS + 1]), reach, band)
-    if found[3] < _LEAST_POINTS or found[4] < _LEAST_ARC or found[5] < _LEAST_SHARE or found[6] > _LARGEST_ERROR:
+    fit = _circle(np.ascontiguousarray(xy), np.ascontiguousarray(xy[:: len(xy) // _CIRCLE_POINTS + 1]), reach, band)
+    if fit[3] < _LEAST_POINTS or fit[4] < _LEAST_ARC or fit[5] < _LEAST_SHARE or fit[6] > _LARGEST_ERROR:
         return None
-    return Circle(found[:2].copy(), float(2 * found[2]), float(found[4] / _SECTORS))
+    return Circle(fit[:2].copy(), float(2 * fit[2]), float(fit[4] / _SECTORS))
 
 
 @njit(cache=True)
@@ -79,7 +80,7 @@ def _score(xy: NDArray[np.float64], x: float, y: float, radius: float, band: flo
 
 @njit(cache=True)
 def _through(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return centre and radius of the circle through three points; a radius of 0 where they lie on a line."""
+    """Return centre and radius of the circle through three points; a radius of 0 if they are collinear."""
     bx, by, cx, cy = b[0] - a[0], b[1] - a[1], c[0] - a[0], c[1] - a[1]
     twice = 2 * (bx * cy - by * cx)
     if abs(twice) < 1e-9:
@@ -91,7 +92,7 @@ def _through(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float
 
 @njit(cache=True)
 def _circle(xy: NDArray[np.float64], few: NDArray[np.float64], reach: float, band: float) -> NDArray[np.float64]:
-    """Return centre, radius, points on it, parts with points, share on it of those near, error of the radius."""
+    """Return centre, radius, points on the circle, sectors with points, share of near points on it, radius error."""
     result = np.zeros(7)
     n = len(xy)
     state = np.uint64(88172645463325252)

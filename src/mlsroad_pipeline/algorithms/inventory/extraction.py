@@ -1,15 +1,15 @@
-"""The inventory of road objects: labelled points in, measured objects out, none twice and none lost at scene borders.
+"""Extraction of road objects from labelled points, consistent across scene borders.
 
-A scene finds the connected objects of its core and buffers (`extract_objects`). What lies wholly in the core is
-measured there. Of an object that reaches into a buffer only the voxels of its core points are kept, and
-`merging.merge_across_scenes` joins those of all scenes that share a voxel and measures the whole: as cores
-share no point, nothing counts twice, and an object may be as long as it likes.
+`extract_objects` clusters the points of a scene's core and buffers. Objects wholly in the core are measured. Of objects
+that extend into a buffer only the voxels of core points are kept; `merging.merge_across_scenes` merges them by shared
+voxels and measures the whole. Cores are disjoint, so no point counts twice and objects may span any number of scenes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
-from mlsroad_pipeline.algorithms.inventory.measures import Voxels, measure
+from mlsroad_pipeline.algorithms.inventory.measures import ObjectMeasures, Voxels, measure
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.splitting import split_at_valleys
 from mlsroad_pipeline.algorithms.inventory.table import empty_table, object_table
@@ -26,16 +26,16 @@ from mlsroad_pipeline.algorithms.inventory.voxels import FRAGMENT_FIELDS, find_f
 
 @dataclass(frozen=True)
 class SceneObjects:
-    """What a scene knows of the inventory.
+    """Objects and fragments of a scene.
 
     Parameters
     ----------
     scene : str
         The scene's id.
     objects : DataFrame
-        Objects that lie wholly in the core: columns of `OBJECT_FIELDS`, `object_id` and `pole_id` still 0.
+        Objects wholly in the core: columns of `OBJECT_FIELDS`, `object_id` and `pole_id` are 0.
     fragments : DataFrame
-        Voxels of the objects that reach into a buffer: columns of `FRAGMENT_FIELDS`.
+        Voxels of the objects that extend into a buffer: columns of `FRAGMENT_FIELDS`.
     """
 
     scene: str
@@ -45,26 +45,26 @@ class SceneObjects:
 
 def measured_rows(
     voxels: Voxels, number: NDArray[np.int64], name: str, rule: ObjectRule, scenes: Sequence[str]
-) -> list[dict[str, float | int | str]]:
-    """Measure the objects of one class and drop the false ones.
+) -> list[dict[str, Any]]:
+    """Measure the objects of one class and discard those that violate the rule.
 
     Parameters
     ----------
     voxels : Voxels
-        Their voxels, sorted by object.
+        Voxels of the objects, sorted by object.
     number : ndarray of int64
-        The object of each voxel.
+        Object of each voxel.
     name : str
         The class.
     rule : ObjectRule
-        What its objects are like.
+        Rule of the class.
     scenes : sequence of str
-        Names of the scenes that `voxels` counts.
+        Names of the scenes numbered in `voxels`.
 
     Returns
     -------
     list of dict
-        One per object, with what `measures.measure` gives, class, kind and scene.
+        `ObjectMeasures` of each object, with `class`, `kind` and the name of the scene.
     """
     rows = []
     starts = np.flatnonzero(np.diff(number, prepend=-1))
@@ -78,13 +78,13 @@ def measured_rows(
             if part.count.sum() < rule.min_points:
                 continue
             row = measure(part, rule.kind)
-            height, clearance, extent = (float(row[key]) for key in ("height", "clearance", "extent"))
-            hangs = clearance > rule.max_clearance  # False where the ground is not known
+            height, clearance, extent = row["height"], row["clearance"], row["extent"]
+            hangs = clearance > rule.max_clearance  # False if the ground is unknown
             if rule.kind == "sign" and clearance > 0:
-                height -= clearance  # of what there is: a panel may hang anywhere
+                height -= clearance  # own height: a panel may hang at any height
             fits = rule.min_height <= height <= rule.max_height and rule.min_width <= extent <= rule.max_width
             if fits and not hangs:
-                rows.append({**row, "class": name, "kind": rule.kind, "scene": scenes[int(row["scene"])]})
+                rows.append({**row, "class": name, "kind": rule.kind, "scene": scenes[row["scene"]]})
     return rows
 
 
@@ -99,7 +99,7 @@ def extract_objects(
     height_above_ground: ArrayLike | None = None,
     scene: str = "scene_00000",
 ) -> SceneObjects:
-    """Find and measure the objects of a scene.
+    """Extract and measure the objects of a scene.
 
     Parameters
     ----------
@@ -110,32 +110,32 @@ def extract_objects(
     confidence : array-like of shape (n,)
         Confidence of the labels, 0 to 1.
     classes : mapping of str to ObjectRule
-        Class name to what makes its objects, such as `rules.rules_for_scheme` gives.
+        Class name to rule, see `rules.rules_for_scheme`.
     core : array-like of bool, shape (n,), optional
-        True in the scene's core; None takes the points as a whole survey. The buffer must be at least as wide as the
-        largest tolerance, or objects that touch the border are not recognised in both scenes.
+        True in the core of the scene; None treats the points as a whole survey. The buffer must be at least as wide as
+        the largest tolerance, otherwise fragments of an object at the border are not merged.
     origin : array-like of shape (3,), default zeros
-        World coordinates of the zero of `xyz`, metres.
+        World coordinates of the origin of `xyz`, metres.
     height_above_ground : array-like of shape (n,), optional
-        Metres. Without it the base of an object is its own lowest part, and clearances are not known.
+        Heights, metres. Without them the base of an object is its lowest part, and clearances are unknown.
     scene : str, default "scene_00000"
         The scene's id.
 
     Returns
     -------
     SceneObjects
-        Measured objects, and the fragments of those that reach into a buffer; `merging` makes the table.
+        Measured objects, and the fragments of objects that extend into a buffer.
 
     Raises
     ------
     DataError
-        If a coordinate, confidence or height is NaN or infinite, or the shapes do not fit.
+        If a coordinate, confidence or height is NaN or infinite, or the shapes differ.
     """
     points = check_xyz(xyz)
     n = len(points)
     label = check_column(labels, n, "labels")
     inside = np.ones(n, dtype=bool) if core is None else check_column(core, n, "core").astype(bool)
-    sure = _finite(confidence, n, "confidence")
+    certainty = _finite(confidence, n, "confidence")
     height = None if height_above_ground is None else _finite(height_above_ground, n, "height_above_ground")
     zero = np.asarray(origin, dtype=np.float64)
     rows, fragments = [], []
@@ -144,7 +144,7 @@ def extract_objects(
         whole, cut = find_fragments(
             points[mine].astype(np.float64),
             core=inside[mine],
-            confidence=sure[mine],
+            confidence=certainty[mine],
             height_above_ground=None if height is None else height[mine],
             origin=zero,
             rule=rule,
@@ -173,31 +173,31 @@ def measure_points(
     height_above_ground: ArrayLike | None = None,
     confidence: ArrayLike | None = None,
     origin: ArrayLike = (0.0, 0.0, 0.0),
-) -> dict[str, float | int | str]:
-    """Measure one object whose points are known.
+) -> ObjectMeasures:
+    """Measure one object from its points.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         The points of the object, metres relative to `origin`; at least one.
     rule : ObjectRule
-        Its kind and the size of the voxels; nothing is asked of the object otherwise.
+        Kind of the object and size of the voxels; the limits of the rule are not applied.
     height_above_ground : array-like of shape (n,), optional
-        Metres. Without it the base of the object is its own lowest part.
+        Heights, metres. Without them the base of the object is its lowest part.
     confidence : array-like of shape (n,), optional
         Confidence of the points, 0 to 1; None is 1.
     origin : array-like of shape (3,), default zeros
-        World coordinates of the zero of `xyz`, metres.
+        World coordinates of the origin of `xyz`, metres.
 
     Returns
     -------
-    dict of str to float, int or str
-        What `measures.measure` gives.
+    ObjectMeasures
+        Measures of the object.
 
     Raises
     ------
     DataError
-        If there is no point, a value is NaN or infinite, or the shapes do not fit.
+        If there is no point, a value is NaN or infinite, or the shapes differ.
     """
     points = check_xyz(xyz).astype(np.float64)
     n = len(points)

@@ -1,8 +1,8 @@
-"""Objects that the scenes of a survey cut, joined and measured in memory that does not grow with their number.
+"""Merging of objects across scenes in bounded memory.
 
-The scenes are read twice. The first time tells which fragments make up an object: those that share a voxel, directly
-or through others. The second time adds up voxels scene by scene, and an object is measured once its last scene has
-been read. So only the numbers of all voxels, and the objects that are still open, are held at a time.
+The scenes are read twice. The first pass links fragments that share a voxel, directly or through others. The second
+pass sums voxels scene by scene and measures an object after its last scene. Memory holds the indices of all voxels and
+the objects that are still open.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from mlsroad_pipeline.algorithms.inventory.voxels import join_voxels, voxel_orde
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 BATCH = 1 << 18
-"""Voxels that are gathered before objects are measured."""
+"""Number of voxels collected before objects are measured."""
 
 
 @dataclass
 class _Links:
-    """Fragments of one class: their voxels while the scenes are read, their objects afterwards."""
+    """Voxels of the fragments of one class, and their connected components."""
 
     corner: NDArray[np.int64] | None = None
     voxels: list[NDArray[np.int32]] = field(default_factory=list)
@@ -41,7 +41,7 @@ class _Links:
         """Add the fragments of the i-th scene."""
         numbers, fragment = np.unique(table["fragment"].to_numpy(), return_inverse=True)
         key = table[["i", "j", "k"]].to_numpy()
-        if self.corner is None:  # four bytes are enough relative to any voxel of the survey
+        if self.corner is None:  # relative indices fit into four bytes
             self.corner = key[0]
         offset = key - self.corner
         if np.abs(offset).max() > np.iinfo(np.int32).max:
@@ -53,7 +53,7 @@ class _Links:
         self.n_fragments += len(numbers)
 
     def join(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Return the object of each fragment, and the last scene of each object; the voxels are forgotten."""
+        """Return the object of each fragment and the last scene of each object; the voxels are released."""
         voxel, fragment = np.concatenate(self.voxels), np.concatenate(self.fragment)
         self.voxels, self.fragment = [], []
         order = voxel_order(voxel)
@@ -91,7 +91,7 @@ def _link(pieces: Sequence[SceneObjects], classes: Mapping[str, ObjectRule]) -> 
 
 
 class _Joiner:
-    """Adds up the voxels of one class and measures each object when it is complete."""
+    """Accumulator of the voxels of one class; measures each object once it is complete."""
 
     def __init__(self, name: str, rule: ObjectRule, links: _Links, scenes: Sequence[str]) -> None:
         self.name, self.rule = name, rule
@@ -104,7 +104,7 @@ class _Joiner:
         self.n_open, self.enough = 0, BATCH
 
     def add(self, i: int, table: pd.DataFrame) -> pd.DataFrame | None:
-        """Add the fragments of the i-th scene; return the objects that could be measured, if it was time to."""
+        """Add the fragments of the i-th scene; return the complete objects once enough voxels are collected."""
         fragment = np.unique(table["fragment"].to_numpy(), return_inverse=True)[1]
         number = self.number[fragment + self.starts[i]].astype(np.int64)
         self.open.append(table.assign(object=number, scene=self.rank[i]))
@@ -112,14 +112,14 @@ class _Joiner:
         return self.measure(i) if self.n_open >= self.enough else None
 
     def measure(self, i: int) -> pd.DataFrame | None:
-        """Measure the objects that end at the i-th scene or before it."""
+        """Measure the objects whose last scene is the i-th or an earlier one."""
         if not self.open:
             return None
         table = pd.concat(self.open, ignore_index=True)
         done = self.last[table["object"].to_numpy()] <= i
         self.open = [table[~done]] if not done.all() else []
         self.n_open = len(table) - int(done.sum())
-        self.enough = max(BATCH, 2 * self.n_open)  # a large object that stays open is not copied again and again
+        self.enough = max(BATCH, 2 * self.n_open)  # avoids repeated copies of a large open object
         if not done.any():
             return None
         voxels, number = join_voxels(table[done], resolution=self.rule.resolution)
@@ -129,32 +129,32 @@ class _Joiner:
 def merge_across_scenes(
     pieces: Sequence[SceneObjects], *, classes: Mapping[str, ObjectRule], trajectory: Trajectory | None = None
 ) -> pd.DataFrame:
-    """Make the inventory of a survey from what its scenes found.
+    """Merge the objects of all scenes into the inventory of a survey.
 
-    Fragments are joined where they share a voxel, directly or through others, then measured and judged as a whole. An
-    object belongs to the scene whose core holds its foot. The result does not depend on the order of the pieces, the
-    memory does: in the order of the drive, few objects are open at a time.
+    Fragments that share a voxel, directly or through others, are merged, then measured and filtered as one object. An
+    object belongs to the scene whose core contains its foot. The result does not depend on the order of the scenes, but
+    memory does: in the order of the drive few objects are open at a time.
 
     Parameters
     ----------
     pieces : sequence of SceneObjects
-        One per scene; all scenes of the survey. They are read one after the other, twice, and none is kept.
+        All scenes of the survey; each is read twice and not kept.
     classes : mapping of str to ObjectRule
-        The rules that the objects were extracted with.
+        The rules of the extraction.
     trajectory : Trajectory, optional
-        The survey's path, for station and offset.
+        Trajectory of the survey, for station and offset.
 
     Returns
     -------
     DataFrame
-        Columns of `OBJECT_FIELDS`, sorted by class (in the order of `classes`) and place, numbered from 1; `pole_id` is
-        0 where there is no link, `station` and `offset` NaN without a trajectory. Lengths are rounded to millimetres.
+        Columns of `OBJECT_FIELDS`, sorted by class (in the order of `classes`) and position, numbered from 1; `pole_id`
+        is 0 without a link, `station` and `offset` are NaN without a trajectory. Lengths are rounded to millimetres.
 
     Raises
     ------
     DataError
-        If a scene comes twice, a scene's objects are of a class without a rule, fragments of a scene are missing, or
-        scenes lie farther apart than numbers of four bytes count voxels.
+        If a scene occurs twice, objects are of a class without a rule, fragments of a scene are missing, or scenes are
+        farther apart than 2^31 voxels.
     """
     scenes, links = _link(pieces, classes)
     joiners = {name: _Joiner(name, classes[name], links.pop(name), scenes) for name in list(links)}

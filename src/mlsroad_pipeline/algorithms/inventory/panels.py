@@ -1,4 +1,4 @@
-"""Panels of traffic signs: a flat, upright part, its edges, and the side that it is read from."""
+"""Panels of traffic signs: plane, edges and facing."""
 
 from __future__ import annotations
 
@@ -11,35 +11,34 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.inventory.axes import fit_axis
 from mlsroad_pipeline.algorithms.inventory.boxes import trimmed
 
-_TURN = 2.0  # step of the directions that are tried, degrees
+_TURN = 2.0  # step of the search over directions, degrees
 _BIN = 0.02  # width of the bins along the normal, metres
-_BAND = 0.04  # how far points of a panel may lie from its plane, metres
-_ROW = 0.05  # height of the rows that a panel is cut into, metres
-_LEAST_WIDTH = 0.12  # a row is of a panel where it is wider than posts are, metres
-_GAP = 3  # rows that may lack between those of a panel, or between two panels on one post
+_BAND = 0.04  # largest distance of points of a panel from its plane, metres
+_ROW = 0.05  # height of the rows of a panel, metres
+_LEAST_WIDTH = 0.12  # minimum width of a row of a panel; posts are narrower, metres
+_GAP = 3  # largest gap within a panel or between panels on one post, rows
 _LEAST_POINTS = 8
-_LEAST_STANDOFF = 0.01  # how far the post must lie behind the plane to tell the side, metres
-_STRAY = 0.005  # share of points that may lie outside its left and right edge
-_POST = 0.12  # how far the points of a post may lie from the vertical through the panel's middle, metres
+_LEAST_STANDOFF = 0.01  # minimum distance of the post from the plane for a known side, metres
+_STRAY = 0.005  # share of points outside the left and right edge
+_POST = 0.12  # largest distance of the post from the centre of the panel, metres
 
 
 @dataclass(frozen=True)
 class Panel:
-    """A panel, or several above each other on one post.
+    """Panel of a sign, or several above each other on one post.
 
     Parameters
     ----------
     centre : ndarray of float64, shape (3,)
-        Middle of its plane rectangle, metres.
+        Centre of the rectangle, metres.
     bottom, top : float
-        Elevation of its lower and upper edge, metres.
+        Elevation of the lower and upper edge, metres.
     width : float
-        Metres.
+        Width, metres.
     normal : float
-        Direction of its normal, degrees clockwise from north: where it faces, 0 to 360, or where that is not known the
-        direction below 180.
+        Direction of the normal, degrees clockwise from north: the facing, 0 to 360; below 180 if the side is unknown.
     faces : bool
-        Whether the post behind it told the side.
+        True if the side is determined from the post behind the panel.
     """
 
     centre: NDArray[np.float64]
@@ -51,13 +50,13 @@ class Panel:
 
 
 def fit_panel(xyz: NDArray[np.float64]) -> Panel | None:
-    """Find the panel of a sign.
+    """Fit the panel of a sign.
 
-    Of all upright planes the one with most points away from the post is taken: directions in steps of 2 degrees and
-    offsets in bins of 2 cm, then least squares on what lies within 4 cm. In its rows of 5 cm those wider than 0.12 m
-    are the panel, over gaps of up to three rows, and what lies in the plane above them. The side follows from the post,
-    which stands behind the panel: its axis, fitted to the points below and continued upwards, must lie 1 cm behind the
-    plane.
+    The vertical plane with the most points away from the post is searched over directions in steps of 2 degrees and
+    offsets in bins of 2 cm, then refined by least squares on the points within 4 cm. The panel consists of its rows of
+    5 cm that are wider than 0.12 m, across gaps of up to three rows, and of the points in the plane above them. The
+    side is determined from the post behind the panel: its axis, fitted to the points below the panel and extrapolated,
+    must lie 1 to 12 cm from the plane.
 
     Parameters
     ----------
@@ -67,7 +66,7 @@ def fit_panel(xyz: NDArray[np.float64]) -> Panel | None:
     Returns
     -------
     Panel or None
-        None where nothing flat is wider than 0.12 m.
+        None if no flat part is wider than 0.12 m.
     """
     if len(xyz) < _LEAST_POINTS:
         return None
@@ -102,7 +101,7 @@ def fit_panel(xyz: NDArray[np.float64]) -> Panel | None:
 
 @njit(cache=True)
 def _plane(xyz: NDArray[np.float64], weight: NDArray[np.float64], turns: NDArray[np.float64]) -> tuple[float, float]:
-    """Return direction and offset of the upright plane with most weight within three bins."""
+    """Return direction and offset of the vertical plane with the largest weight within three bins."""
     best, turn, offset = -1.0, 0.0, 0.0
     for t in turns:
         c, s = np.cos(t), np.sin(t)
@@ -141,10 +140,10 @@ def _panel_rows(xyz: NDArray[np.float64], along: NDArray[np.float64]) -> tuple[f
     group = max(groups, key=lambda rows: float(width[rows].sum()))
     last = int(group[-1])
     while last + 1 < n_rows and np.isfinite(width[last + 1 : last + 3]).any():
-        last += 1  # the tip of a triangle is narrow, and posts do not reach far above panels
+        last += 1  # the tip of a triangle is narrow; posts do not extend far above panels
     inside = (row >= group[0]) & (row <= last)
     edges = trimmed(u[inside], _STRAY)
-    # Of the lowest row the part below the panel is the post's.
+    # The lowest row may contain part of the post below the panel.
     lowest = float(z[inside].min())
     beside = inside & (np.abs(u - (edges[0] + edges[1]) / 2) > _LEAST_WIDTH / 2)
     bottom = min(float(z[beside].min()), lowest + _ROW)
@@ -152,7 +151,7 @@ def _panel_rows(xyz: NDArray[np.float64], along: NDArray[np.float64]) -> tuple[f
 
 
 def _behind(xyz: NDArray[np.float64], middle: NDArray[np.float64], bottom: float, normal: NDArray[np.float64]) -> int:
-    """Tell on which side of the panel its post stands: 1 where the normal points, -1 on the other, 0 not known."""
+    """Return the side of the post: 1 in the direction of the normal, -1 opposite, 0 unknown."""
     below = xyz[xyz[:, 2] < bottom - _ROW]
     axis = fit_axis(below) if len(below) else None
     if axis is None:

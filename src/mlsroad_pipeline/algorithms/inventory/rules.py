@@ -1,4 +1,4 @@
-"""What makes points of a class one object of the road inventory, and what makes it a false one."""
+"""Rules that form the objects of the inventory from the points of a class."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
 
 KINDS = ("pole", "sign", "vehicle", "tree")
-"""What the inventory can measure; a kind decides how base point, width and tilt are taken."""
+"""Kinds of objects; base point, width and tilt are defined per kind."""
 
 _DEFAULTS: dict[str, dict[str, Any]] = {
-    # A pole's points break where a sign or foliage hides it: pieces one above the other are one pole.
+    # Signs and foliage interrupt the points of a pole: parts above each other are merged.
     "pole": {
         "tolerance": 0.3,
         "vertical_tolerance": 2.0,
@@ -28,13 +28,13 @@ _DEFAULTS: dict[str, dict[str, Any]] = {
         "resolution": 0.05,
     },
     "sign": {"tolerance": 0.25, "min_points": 10, "min_height": 0.15, "max_height": 10.0, "max_width": 12.0},
-    # Parked cars stand half a metre apart and less: a longer step would make a row of them one.
+    # Parked cars stand half a metre apart or less: a larger tolerance would merge a row of them.
     "vehicle": {
         "tolerance": 0.3,
         "min_points": 50,
         "min_height": 0.6,
         "max_height": 5.0,
-        "min_width": 1.2,  # the back of a car that hides the rest is wider
+        "min_width": 1.2,  # the rear of a car alone is wider
         "max_width": 20.0,
         "max_clearance": 1.0,
         "resolution": 0.05,
@@ -56,44 +56,44 @@ KIND_OF_CLASS = {
     **dict.fromkeys(("car", "van", "truck", "bus", "train", "other_vehicle"), "vehicle"),
     **dict.fromkeys(("trunk", "tree", "palm", "cycas"), "tree"),
 }
-"""Taxonomy class to the kind of object that it is."""
+"""Taxonomy class to kind of object."""
 
 
 @dataclass(frozen=True)
 class ObjectRule:
-    """How points of a class become objects. `ObjectRule.of_kind` gives a kind's defaults.
+    """Rule for the objects of a class. `ObjectRule.of_kind` returns the defaults of a kind.
 
     Parameters
     ----------
     kind : str
         One of `KINDS`.
     labels : tuple of int
-        The labels whose points make up the class; points of all of them are clustered together.
+        Labels of the class; their points are clustered together.
     tolerance : float
-        The longest horizontal step within an object, metres. Larger joins neighbours, smaller breaks sparse objects.
+        Largest horizontal gap within an object, metres. Larger merges neighbours, smaller splits sparse objects.
     vertical_tolerance : float, optional
-        The longest vertical step, metres, not below `tolerance`; None is `tolerance`.
+        Largest vertical gap, metres, not below `tolerance`; None is `tolerance`.
     min_points : int, default 10
-        Objects with fewer points are suppressed.
+        Objects with fewer points are discarded.
     min_height, max_height : float
         Bounds of the height above the base, metres.
     min_width, max_width : float
         Bounds of the longest horizontal side, metres.
     max_clearance : float
-        The highest that an object's bottom may hang above the ground, metres; not asked where the ground is not known.
+        Largest height of the bottom of an object above the ground, metres; not tested where the ground is unknown.
     resolution : float
-        Edge of the voxels from whose mean points an object is measured, metres; the measures are good to about half of
-        it. At most ``tolerance / sqrt(3)``.
+        Edge length of the voxels for measuring, metres; the measures are accurate to about half of it. At most
+        ``tolerance / sqrt(3)``.
     split_spacing : float, optional
-        Objects that touch are split at the valleys between tops at least this far apart, metres; None never splits.
-        Larger values leave neighbouring trees joined, smaller ones cut broad crowns.
+        Minimum distance between the tops of touching objects that are split, metres; None never splits. Larger merges
+        neighbouring trees, smaller splits broad crowns.
     split_depth : float, default 1.0
-        How far a valley must lie below the lower of two tops, metres.
+        Minimum depth of the valley below the lower of two tops, metres.
 
     Raises
     ------
     ParameterError
-        If the kind is not known, there is no label, a length is not above zero, `min_points` is below 1,
+        If the kind is unknown, there is no label, a length is not above zero, `min_points` is below 1,
         `min_height` is above `max_height` or `min_width` above `max_width`, `vertical_tolerance` is below
         `tolerance`, or the voxels are too large.
     """
@@ -131,20 +131,20 @@ class ObjectRule:
             raise ParameterError(
                 f"vertical_tolerance ({self.vertical_tolerance!r}) must not be below tolerance ({self.tolerance!r})"
             )
-        # Two points of one voxel must never belong to two objects: pieces of an object are recognised by shared voxels.
+        # Points of one voxel must belong to one object: fragments are merged by shared voxels.
         if self.resolution > self.tolerance / np.sqrt(3):
             raise ParameterError(f"resolution must be at most tolerance / sqrt(3), got {self.resolution!r}")
 
     @classmethod
     def of_kind(cls, kind: str, labels: tuple[int, ...] | int, **changes: Any) -> ObjectRule:
-        """Return the rule of a kind with its default values.
+        """Return the default rule of a kind.
 
         Parameters
         ----------
         kind : str
             One of `KINDS`.
         labels : int or tuple of int
-            The labels whose points make up the class.
+            Labels of the class.
         **changes : Any
             Fields that differ from the defaults.
 
@@ -156,7 +156,7 @@ class ObjectRule:
         Raises
         ------
         ParameterError
-            If the kind or a field is not known, or a value is outside its domain.
+            If the kind or a field is unknown, or a value is outside its domain.
         """
         if kind not in KINDS:
             raise ParameterError(f"kind must be one of {KINDS}, got {kind!r}")
@@ -170,36 +170,36 @@ class ObjectRule:
 def rules_for_scheme(
     scheme: ClassScheme, *, changes: Mapping[str, Mapping[str, Any]] | None = None
 ) -> dict[str, ObjectRule]:
-    """Give every class of a scheme that consists of poles, signs, vehicles or trees the rule of its kind.
+    """Return the rules of the classes of a scheme that consist of poles, signs, vehicles or trees.
 
     Parameters
     ----------
     scheme : ClassScheme
-        The classes. A class is mapped where all of its members are of one kind: a class that mixes trunks with
-        brushwood is not a class of trees.
+        The classes. A class has a rule if all of its members are of one kind: a class that mixes trunks with brushwood
+        is not a class of trees.
     changes : mapping of str to mapping, optional
-        Fields of `ObjectRule` that differ from the defaults, by kind or by class name (the class name wins). A class
-        whose members are mixed is mapped where its changes name a ``kind``.
+        Fields of `ObjectRule` that differ from the defaults, by kind or by class name (which takes precedence). A class
+        of mixed members has a rule if its changes name a ``kind``.
 
     Returns
     -------
     dict of str to ObjectRule
-        Rules by class name, in the scheme's order; may be empty.
+        Class name to rule, in the order of the scheme; may be empty.
 
     Raises
     ------
     ParameterError
-        If `changes` names neither a kind nor a class, or holds a field or value that `ObjectRule` refuses.
+        If `changes` names neither a kind nor a class, or contains an invalid field or value.
     """
-    given = dict(changes or {})
-    for name in given:
+    overrides = dict(changes or {})
+    for name in overrides:
         if name not in KINDS and name not in scheme.classes:
             raise ParameterError(f"rules name {name!r}, neither a kind {KINDS} nor a class {scheme.classes}")
     rules: dict[str, ObjectRule] = {}
     for label, (name, members) in enumerate(zip(scheme.classes, scheme.members, strict=True)):
-        own = dict(given.get(name, {}))
+        own = dict(overrides.get(name, {}))
         kinds = {KIND_OF_CLASS.get(member) for member in members}
         kind = own.pop("kind", kinds.pop() if len(kinds) == 1 else None)
         if kind is not None:
-            rules[name] = ObjectRule.of_kind(kind, label, **{**given.get(kind, {}), **own})
+            rules[name] = ObjectRule.of_kind(kind, label, **{**overrides.get(kind, {}), **own})
     return rules

@@ -1,4 +1,4 @@
-"""Trees that touch, split into single ones at the valleys of their canopy."""
+"""Separation of touching trees at the valleys of the canopy."""
 
 from __future__ import annotations
 
@@ -10,27 +10,26 @@ from mlsroad_pipeline.algorithms.inventory.measures import Voxels
 
 
 def split_at_valleys(voxels: Voxels, *, spacing: float, depth: float, cell: float = 0.5) -> NDArray[np.int32]:
-    """Split a group of trees that touch into single ones.
+    """Split a group of touching trees into single trees.
 
-    The highest points over a grid in plan make a canopy; it is flooded from the top. Where the water around two tops
-    meets, they are one tree if the valley is less than `depth` below the lower top or the tops are nearer than
-    `spacing`, and two otherwise.
+    Watershed segmentation of the canopy height model, from the tops down. Two tops whose basins meet are merged if the
+    valley is less than `depth` below the lower top or the tops are nearer than `spacing`.
 
     Parameters
     ----------
     voxels : Voxels
         The group.
     spacing : float
-        The least distance between two trees' tops in plan, metres.
+        Minimum distance between the tops of two trees in plan, metres.
     depth : float
-        The least depth of a valley below the lower top, metres.
+        Minimum depth of a valley below the lower top, metres.
     cell : float, default 0.5
-        Edge of the grid, metres: coarser closes holes between branches, finer follows narrow valleys.
+        Cell size of the canopy height model, metres. Larger closes holes in crowns, smaller keeps narrow valleys.
 
     Returns
     -------
     ndarray of int32, shape (k,)
-        Part of each voxel, 0, 1, ... from the highest top down.
+        Tree of each voxel, numbered from the highest top down.
     """
     ij = np.floor(voxels.xyz[:, :2] / cell).astype(np.int64)
     ij -= ij.min(axis=0) - 1
@@ -49,9 +48,9 @@ def split_at_valleys(voxels: Voxels, *, spacing: float, depth: float, cell: floa
 def _flood(
     height: NDArray[np.float64], order: NDArray[np.int64], stride: int, spacing: float, depth: float
 ) -> NDArray[np.int64]:
-    """Return the top's cell for every cell of the canopy, -1 outside; cells arrive from the highest down."""
-    top = np.full(len(height), -1, np.int64)  # the top whose water a cell is under, before tops are joined
-    joined = np.arange(len(height))  # the higher top that swallowed a top
+    """Return the cell of the top for each cell of the canopy, -1 outside; `order` is from the highest cell down."""
+    top = np.full(len(height), -1, np.int64)  # top of each cell before merging
+    joined = np.arange(len(height))  # higher top that a top is merged into
     for cell in order:
         best = -1
         for di in range(-1, 2):

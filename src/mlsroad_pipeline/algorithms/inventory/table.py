@@ -1,4 +1,4 @@
-"""The table of road objects: its columns with their units, and what is known once all objects are."""
+"""Table of road objects: columns, units, numbering and links between signs and poles."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 
 class Field(NamedTuple):
-    """A column of the inventory.
+    """Column of the inventory.
 
     Parameters
     ----------
     dtype : str
-        Type of its values.
+        Type of the values.
     alias : str
-        What a map's user reads, with the unit.
+        Heading for users of the map, with the unit.
     description : str
-        What it is, in one sentence.
+        Definition in one sentence.
     """
 
     dtype: str
@@ -72,7 +72,7 @@ FIELDS: dict[str, Field] = {
     "model_version": Field("str", "Model", "Registered model and version of the method."),
     "footprint": Field("str", "Footprint (WKT)", "Convex hull of its points in plan, empty where that is no area."),
 }
-"""Columns of an object table in their order; docs/inventory.md says more."""
+"""Columns of an object table in order; see docs/inventory.md."""
 
 OBJECT_FIELDS = {name: field.dtype for name, field in FIELDS.items()}
 """Columns of an object table and their types."""
@@ -82,12 +82,12 @@ _DECIMALS = {
     **dict.fromkeys(("heading", "tilt", "lean_azimuth", "facing", "visible_share"), 2),
     "score": 4,
 }
-_LINK_DISTANCE = 0.75  # between a pole's axis at its base and the edge of a sign that it carries, metres
-_LEAST_STANDOFF = 0.03  # a panel that is nearer to its pole's axis may face either way, metres
+_LINK_DISTANCE = 0.75  # largest distance of a pole's base from the edge of a sign that it carries, metres
+_LEAST_STANDOFF = 0.03  # minimum distance of a panel from the axis of its pole for a known side, metres
 
 
 def empty_table(fields: Mapping[str, str]) -> pd.DataFrame:
-    """Return a table of no rows with typed columns.
+    """Return an empty table with typed columns.
 
     Parameters
     ----------
@@ -102,13 +102,13 @@ def empty_table(fields: Mapping[str, str]) -> pd.DataFrame:
     return pd.DataFrame({name: pd.Series(dtype=dtype) for name, dtype in fields.items()})
 
 
-def object_table(rows: Sequence[Mapping[str, float | int | str]]) -> pd.DataFrame:
-    """Make a table of measured objects, of which nothing but their own measures is known yet.
+def object_table(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
+    """Return the table of measured objects; numbers, links and stationing are not set.
 
     Parameters
     ----------
-    rows : sequence of mapping
-        What `measures.measure` gives, with `class`, `kind` and the scene's name.
+    rows : sequence of dict
+        `ObjectMeasures` of each object, with `class`, `kind` and the name of the scene.
 
     Returns
     -------
@@ -129,19 +129,19 @@ def object_table(rows: Sequence[Mapping[str, float | int | str]]) -> pd.DataFram
 
 
 def finish_table(objects: pd.DataFrame, classes: Sequence[str], trajectory: Trajectory | None) -> pd.DataFrame:
-    """Place objects along the way, round, sort, number and link them.
+    """Add stationing, round, sort, number and link the objects of a drive.
 
-    A sign is linked to the nearest pole that it may hang on: within 0.75 m of the sign's edge in plan and not ending
-    below it. A panel without a post of its own faces away from that pole.
+    A sign is linked to the nearest pole within 0.75 m of its edge in plan that reaches its lower edge to within
+    0.75 m. A panel without a post of its own faces away from that pole.
 
     Parameters
     ----------
     objects : DataFrame
-        All objects of a drive: columns of `OBJECT_FIELDS`.
+        Objects of a drive: columns of `OBJECT_FIELDS`.
     classes : sequence of str
-        Class names in the order that objects are sorted by.
+        Class names in sort order.
     trajectory : Trajectory or None
-        The path, for station and offset.
+        Trajectory for station and offset.
 
     Returns
     -------
@@ -160,7 +160,7 @@ def finish_table(objects: pd.DataFrame, classes: Sequence[str], trajectory: Traj
 
 
 def _link_signs(table: pd.DataFrame) -> pd.DataFrame:
-    """Link signs to the poles that they may hang on, which also tell the side that a panel without a post faces."""
+    """Link signs to poles; the pole also determines the side of a panel without a post."""
     poles, signs = table[table["kind"] == "pole"], table[table["kind"] == "sign"]
     if poles.empty or signs.empty:
         return table
@@ -169,7 +169,7 @@ def _link_signs(table: pd.DataFrame) -> pd.DataFrame:
     lean = np.tan(np.radians(poles["tilt"].fillna(0.0).to_numpy()))
     where = np.radians(poles["lean_azimuth"].fillna(0.0).to_numpy())
     way = np.column_stack([np.sin(where), np.cos(where)]) * lean[:, None]
-    linked, facing, told = (table[name].to_numpy().copy() for name in ("pole_id", "facing", "facing_from"))
+    linked, facing, source = (table[name].to_numpy().copy() for name in ("pole_id", "facing", "facing_from"))
     columns = ["x", "y", "z", "height", "width", "clearance", "panel_centre"]
     for row, (x, y, z, tall, width, clearance, centre) in zip(signs.index, signs[columns].to_numpy(), strict=True):
         near = np.array(tree.query_ball_point([x, y], _LINK_DISTANCE + width / 2, return_sorted=True), dtype=np.int64)
@@ -182,6 +182,6 @@ def _link_signs(table: pd.DataFrame) -> pd.DataFrame:
         turn = np.radians(facing[row])
         out = np.array([x, y]) - tree.data[pole] - way[pole] * (z + centre - low[pole])
         standoff = float(out @ [np.sin(turn), np.cos(turn)])
-        if told[row] == "unknown" and _LEAST_STANDOFF <= abs(standoff) <= _LINK_DISTANCE:
-            facing[row], told[row] = facing[row] if standoff > 0 else (facing[row] + 180.0) % 360.0, "pole"
-    return table.assign(pole_id=linked, facing=facing, facing_from=told)
+        if source[row] == "unknown" and _LEAST_STANDOFF <= abs(standoff) <= _LINK_DISTANCE:
+            facing[row], source[row] = facing[row] if standoff > 0 else (facing[row] + 180.0) % 360.0, "pole"
+    return table.assign(pole_id=linked, facing=facing, facing_from=source)

@@ -1,6 +1,6 @@
-"""Labelled points reduced to the voxels of connected objects, which the inventory stores and measures.
+"""Reduction of labelled points to the voxels of connected objects.
 
-Voxels are aligned to the world, so that the voxels of a scene's objects fit those of its neighbours.
+Voxels are aligned to world coordinates, so that the voxels of neighbouring scenes coincide.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ FRAGMENT_FIELDS = {
     "count": "int64",
     "confidence": "float64",
 }
-"""Columns of a fragment table: sums over the core points of a voxel, `x` to `z` and `ground` relative to the voxel's
-corner (`ground` to its lower face) so that no digits are lost; a voxel of buffer points alone has a count of 0."""
+"""Columns of a fragment table: sums over the core points of a voxel. For precision, `x` to `z` are relative to the
+corner of the voxel and `ground` to its lower face. A voxel of buffer points alone has a count of 0."""
 
 
 def voxelise(
@@ -44,29 +44,29 @@ def voxelise(
     origin: NDArray[np.float64],
     resolution: float,
 ) -> pd.DataFrame:
-    """Sum the points of groups over voxels of the world.
+    """Sum the points of objects over voxels.
 
     Parameters
     ----------
     local : ndarray of float64, shape (n, 3)
         Points relative to `origin`, metres.
     group : ndarray of int32, shape (n,)
-        Object of each point; no voxel may hold points of two.
+        Object of each point; no voxel may contain points of two objects.
     core : ndarray of bool, shape (n,)
-        Points that count; the others only mark their voxel.
+        Points to sum; the others only occupy their voxel.
     confidence : ndarray of float64, shape (n,)
         Confidences.
     height_above_ground : ndarray of float64, shape (n,), or None
-        Metres.
+        Heights, metres; None if unknown.
     origin : ndarray of float64, shape (3,)
-        World coordinates of the local zero, metres.
+        World coordinates of the local origin, metres.
     resolution : float
-        Edge of the voxels, metres.
+        Edge length of the voxels, metres.
 
     Returns
     -------
     DataFrame
-        Columns of `FRAGMENT_FIELDS` but the class, sorted by fragment and voxel.
+        Columns of `FRAGMENT_FIELDS` except the class, sorted by fragment and voxel.
     """
     key = np.floor((local + origin) / resolution).astype(np.int64)
     order = voxel_order(key)
@@ -91,21 +91,21 @@ def voxelise(
 
 
 def voxel_order(key: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Sort voxels by i, then j, then k.
+    """Return the order of voxels by i, then j, then k.
 
     Parameters
     ----------
     key : ndarray of int, shape (n, 3)
-        Their numbers along the axes; at least one.
+        Voxel indices; at least one.
 
     Returns
     -------
     ndarray of int, shape (n,)
-        Their order; voxels that are alike stay as they were.
+        Stable sort order.
     """
     relative = key.astype(np.int64) - key.min(axis=0)
     bits = [int(size).bit_length() for size in relative.max(axis=0)]
-    if sum(bits) > 62:  # objects strewn over more than a packed key holds: slower, same order
+    if sum(bits) > 62:  # extent exceeds a packed key: slower, same order
         return np.lexsort((key[:, 2], key[:, 1], key[:, 0]))
     packed = (relative[:, 0] << (bits[1] + bits[2])) | (relative[:, 1] << bits[2]) | relative[:, 2]
     return radix_argsort(packed, sum(bits))[1]
@@ -131,19 +131,19 @@ def find_fragments(
     confidence : ndarray of float64, shape (n,)
         Confidences.
     height_above_ground : ndarray of float64, shape (n,), or None
-        Metres.
+        Heights, metres; None if unknown.
     origin : ndarray of float64, shape (3,)
-        World coordinates of the local zero, metres.
+        World coordinates of the local origin, metres.
     rule : ObjectRule
         Tolerances and resolution.
 
     Returns
     -------
     whole, cut : DataFrame
-        Voxels of the clusters that lie wholly in the core and have `rule.min_points`, and of those that reach from the
-        core into the buffer. Clusters wholly in the buffer are the neighbours' and left out.
+        Voxels of the clusters that lie wholly in the core and have `rule.min_points`, and of those that extend from the
+        core into the buffer. Clusters wholly in the buffer belong to neighbouring scenes and are dropped.
     """
-    # Squeezing z by the ratio of the tolerances makes the longer vertical step as long as the horizontal one.
+    # Scaling z by the ratio of the tolerances makes the vertical tolerance equal to the horizontal one.
     squeeze = np.array([1.0, 1.0, rule.tolerance / (rule.vertical_tolerance or rule.tolerance)])
     label = cluster(local * squeeze, tolerance=rule.tolerance)
     n_clusters = int(label.max(initial=-1)) + 1
@@ -169,26 +169,26 @@ def find_fragments(
 
 
 def join_voxels(table: pd.DataFrame, *, resolution: float) -> tuple[Voxels, NDArray[np.int64]]:
-    """Turn voxel sums into mean points, adding up what several scenes have of one voxel.
+    """Convert voxel sums to mean points; the sums of a voxel in several scenes are added.
 
     Parameters
     ----------
     table : DataFrame
-        Columns of `FRAGMENT_FIELDS`, an `object` number and the `scene` number of each row.
+        Columns of `FRAGMENT_FIELDS`, the `object` number and the `scene` number of each row.
     resolution : float
-        Edge of the voxels, metres.
+        Edge length of the voxels, metres.
 
     Returns
     -------
     voxels : Voxels
         Voxels with points, sorted by object and voxel.
     number : ndarray of int64
-        Their objects.
+        Object of each voxel.
 
     Raises
     ------
     DataError
-        If an object has no points: its fragments are not those of all scenes that it reaches into.
+        If an object has no points: fragments of a scene that it extends into are missing.
     """
     rows = table[table["count"] > 0]
     lost = np.setdiff1d(table["object"], rows["object"])
@@ -203,14 +203,14 @@ def join_voxels(table: pd.DataFrame, *, resolution: float) -> tuple[Voxels, NDAr
     def reduced(name: str, ufunc: np.ufunc = np.add) -> NDArray:
         return ufunc.reduceat(rows[name].to_numpy()[order], starts)
 
-    # A voxel on a border belongs to the scene with most of its points, to the first of them where it is a draw.
+    # A voxel on a border belongs to the scene with most of its points; ties go to the first scene.
     part = rows["count"].to_numpy()[order]
     voxel = np.cumsum(new) - 1
     most = np.lexsort((key[:, 4], -part, voxel))[starts]
     corner = key[starts, 1:4] * resolution
     n = reduced("count")
     return Voxels(
-        # Hundredths of a millimetre: the order in which scenes are added must not show in the measures.
+        # Rounded to 0.01 mm: the measures must not depend on the order of the scenes.
         xyz=np.round(corner + np.column_stack([reduced(name) for name in "xyz"]) / n[:, None], 5),
         z_low=corner[:, 2] + reduced("z_low", np.minimum),
         z_high=corner[:, 2] + reduced("z_high", np.maximum),
