@@ -53,7 +53,7 @@ def test_scheme_names_unknown_codes():
     ("config", "message"),
     [
         ({"classes": {"a": {"members": ["dragon"], "asprs": 2}}}, "'dragon' is not in the taxonomy"),
-        ({"classes": {"a": {"members": ["road"], "asprs": 2}}, "ignore": ["road"]}, "'road' stands in two places"),
+        ({"classes": {"a": {"members": ["road"], "asprs": 2}}, "ignore": ["road"]}, "'road' is listed twice"),
         ({"classes": {"a": {"members": ["road"], "asprs": 300}}}, "LAS codes must be in 0..255"),
     ],
 )

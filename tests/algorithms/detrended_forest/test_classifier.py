@@ -109,7 +109,7 @@ def test_ignored_supervoxels_are_not_trained_on(blobs):
 
 def test_classes_absent_from_training_get_probability_zero(blobs):
     values, labels = blobs
-    with pytest.warns(UserWarning, match=r"no supervoxel of classes \[1, 4\] to train on"):
+    with pytest.warns(UserWarning, match=r"no supervoxels of classes \[1, 4\]: they are never predicted"):
         model = fit(values, np.where(labels == 1, 3, labels), n_classes=5)
     probabilities = model.predict_proba(values)
     assert probabilities.shape == (len(values), 5)
@@ -151,7 +151,7 @@ def test_bad_input_is_named(blobs):
         fit(values, labels[:3])
     with pytest.raises(DataError, match=r"features must have shape \(s, f\), got \(252,\)"):
         fit(values[:, 0], labels)
-    with pytest.raises(DataError, match="features hold infinity in row 1"):
+    with pytest.raises(DataError, match="features contain infinity in row 1"):
         fit(np.where(np.arange(252)[:, None] == 1, np.inf, values), labels)
     for weight, message in ((np.ones(2), "must have shape"), (np.full(252, -1), "not negative")):
         with pytest.raises(DataError, match=message):
@@ -163,7 +163,7 @@ def test_bad_input_is_named(blobs):
 def test_features_other_than_those_of_the_training_are_refused(blobs):
     values, labels = blobs
     model = fit(named(values), labels)
-    with pytest.raises(DataError, match=r"features differ from those of the training: \['luma', 'noise'\]"):
+    with pytest.raises(DataError, match=r"features differ from those of training: \['luma', 'noise'\]"):
         model.predict_proba(named(values, ("a", "b", "c", "luma")))
     with pytest.raises(DataError, match="their order"):
         model.predict_proba(named(values, ("b", "a", "c", "noise")))

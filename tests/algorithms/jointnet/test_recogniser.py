@@ -270,7 +270,7 @@ def test_bad_input_is_named(rng):
     with pytest.raises(ParameterError, match="network.cnn3_widths must be 4 numbers"):
         NetworkParameters(cnn3_widths=[4])
     if not torch.cuda.is_available():
-        with pytest.raises(ParameterError, match="no GPU that PyTorch can use"):
+        with pytest.raises(ParameterError, match="PyTorch finds no GPU"):
             JointNetRecogniser(parameters(device="cuda")).fit(objects, classes)
 
 

@@ -69,11 +69,11 @@ def test_bad_input_is_named(rng):
     with pytest.raises(DataError, match=r"features must have shape \(n, 9\), got \(1200, 8\)"):
         flat.predict_proba(values[:, :8])
     values[5, 2] = np.inf
-    with pytest.raises(DataError, match="features hold infinity in row 5"):
+    with pytest.raises(DataError, match="features contain infinity in row 5"):
         flat.predict_proba(values)
     with pytest.raises(ParameterError, match="n_threads must be at least 1"):
         flat.predict_proba(values[:2], n_threads=0)
-    with pytest.raises(DataError, match="there is no tree"):
+    with pytest.raises(DataError, match="at least one tree"):
         FlatForest.from_trees([])
     arrays = flat.to_arrays()
     with pytest.raises(DataError, match="lack threshold"):

@@ -102,7 +102,7 @@ def test_bad_input_is_named(street):
         extract_patches(street, height=height)
     with pytest.raises(ParameterError, match=r"integer multiple of patches.voxel_size, got 0\.2 and 0\.15"):
         PatchParameters(voxel_size=0.15)
-    with pytest.raises(ParameterError, match="whole number"):
+    with pytest.raises(ParameterError, match="integer multiple"):
         PatchParameters(voxel_size=0.4)
     with pytest.raises(ParameterError, match="n_bins must be from 1 to 255, got 256"):
         PatchParameters(n_bins=256)

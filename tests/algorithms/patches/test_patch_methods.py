@@ -121,7 +121,7 @@ def flat(seed):
     ("method", "message"),
     [
         ("patch_svm", "patch_svm needs patches of at least two classes, got only class 0"),
-        ("max_margin_markov", "all training patches are of class 0: there is nothing to tell apart"),
+        ("max_margin_markov", "all training patches are of class 0: training needs at least two classes"),
         ("shape_based", "no labelled object in the training scenes: is everything ground"),
     ],
 )

@@ -1,7 +1,7 @@
-"""One taxonomy of what stands in a street, codings of datasets into it, and class schemes over it.
+"""Class taxonomy of streets, codings of datasets into it, and class schemes.
 
-A *coding* turns the codes of a dataset into taxonomy codes when a survey is read. A *class scheme* groups taxonomy
-classes into the classes of one comparison. Both live in configuration, so that a user's own list needs no code.
+A *coding* maps the codes of a dataset to taxonomy codes when a survey is read. A *class scheme* groups taxonomy
+classes into the classes of one comparison. Both are configuration: a new class list needs no code.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, UnknownClassError
 
 IGNORE = -1
-"""Label of points that are never trained on and never scored."""
+"""Label of points that are excluded from training and scoring."""
 
 TAXONOMY: dict[str, int] = {
     "unlabelled": 0,
-    # the ground
+    # ground
     "road": 1,
     "lane_marking": 2,
     "parking": 3,
@@ -31,7 +31,7 @@ TAXONOMY: dict[str, int] = {
     "grass": 8,
     "soil": 9,
     "other_ground": 10,
-    # what is built
+    # structures
     "building": 20,
     "wall": 21,
     "fence": 22,
@@ -39,7 +39,7 @@ TAXONOMY: dict[str, int] = {
     "bridge": 24,
     "guardrail": 25,
     "other_structure": 26,
-    # what grows
+    # vegetation
     "trunk": 30,
     "tree": 31,
     "palm": 32,
@@ -47,7 +47,7 @@ TAXONOMY: dict[str, int] = {
     "brushwood": 34,
     "hedge": 35,
     "other_vegetation": 36,
-    # what carries something above the street
+    # poles, signs and wires
     "utility_pole": 40,
     "light_pole": 41,
     "traffic_sign": 42,
@@ -58,7 +58,7 @@ TAXONOMY: dict[str, int] = {
     "station_sign": 47,
     "wire": 48,
     "support_wire": 49,
-    # what drives
+    # vehicles
     "car": 50,
     "van": 51,
     "truck": 52,
@@ -67,11 +67,11 @@ TAXONOMY: dict[str, int] = {
     "motorcycle": 55,
     "bicycle": 56,
     "other_vehicle": 57,
-    # who lives
+    # people and animals
     "person": 60,
     "rider": 61,
     "animal": 62,
-    # what stands about
+    # street furniture
     "bus_shelter": 70,
     "bin": 71,
     "bench": 72,
@@ -80,10 +80,10 @@ TAXONOMY: dict[str, int] = {
     "mail_box": 75,
     "parking_meter": 76,
     "other_object": 77,
-    # what is not there
+    # artefacts
     "outlier": 90,
 }
-"""Taxonomy class to its code, uint8. Codes are stored in scenes and never renumbered."""
+"""Taxonomy class to uint8 code. Scenes store these codes; they are never renumbered."""
 
 TAXONOMY_NAMES: dict[int, str] = {code: name for name, code in TAXONOMY.items()}
 
@@ -91,19 +91,19 @@ TAXONOMY_NAMES: dict[int, str] = {code: name for name, code in TAXONOMY.items()}
 def _unknown(codes: NDArray, known: NDArray, what: str, source: str) -> UnknownClassError:
     values, counts = np.unique(codes[~np.isin(codes, known)], return_counts=True)
     listing = ", ".join(f"{value} ({count} points)" for value, count in zip(values, counts, strict=True))
-    return UnknownClassError(f"{source}: codes that {what} does not name: {listing}")
+    return UnknownClassError(f"{source}: codes missing from {what}: {listing}")
 
 
 @dataclass(frozen=True)
 class Coding:
-    """The label codes of a dataset, each with the taxonomy class that it means.
+    """Mapping of the label codes of a dataset to taxonomy classes.
 
     Parameters
     ----------
     name : str
-        What messages call the coding.
+        Name of the coding in messages.
     codes : mapping of int to str
-        Dataset code to taxonomy class; every code that may occur must be named.
+        Dataset code to taxonomy class, complete for the dataset.
 
     Raises
     ------
@@ -120,14 +120,14 @@ class Coding:
                 raise ParameterError(f"coding {self.name!r}: code {code} names {class_name!r}, not in the taxonomy")
 
     def encode(self, codes: ArrayLike, *, source: str = "labels") -> NDArray[np.uint8]:
-        """Turn dataset codes into taxonomy codes.
+        """Map dataset codes to taxonomy codes.
 
         Parameters
         ----------
         codes : array-like of int, shape (n,)
-            The codes as the file has them.
+            Codes of the file.
         source : str, default "labels"
-            What the message calls the file.
+            Name of the file in the error message.
 
         Returns
         -------
@@ -137,7 +137,7 @@ class Coding:
         Raises
         ------
         UnknownClassError
-            If a code is not named by the coding; the message gives it, its count and the file.
+            If the coding lacks a code; the message gives the code, its count and the file.
         """
         values = np.asarray(codes).astype(np.int64)
         known = np.array(sorted(self.codes), dtype=np.int64)
@@ -149,20 +149,20 @@ class Coding:
 
 @dataclass(frozen=True)
 class ClassScheme:
-    """The classes of one comparison: groups of taxonomy classes, numbered from 0 without gaps.
+    """Classes of a comparison: groups of taxonomy classes, numbered from 0 without gaps.
 
     Parameters
     ----------
     name : str
-        The scheme's name, such as ``"tomic2019"``.
+        Name of the scheme, such as ``"tomic2019"``.
     classes : tuple of str
         Class names in the order of their labels.
     members : tuple of tuple of str
-        The taxonomy classes of each class.
+        Taxonomy classes of each class.
     ignored : tuple of str
-        Taxonomy classes that are never trained on and never scored.
+        Taxonomy classes that are excluded from training and scoring.
     asprs : tuple of int
-        The LAS classification code that each class is written as.
+        LAS classification code of each class.
     """
 
     name: str
@@ -178,7 +178,7 @@ class ClassScheme:
         Parameters
         ----------
         name : str
-            The scheme's name.
+            Name of the scheme.
         config : mapping
             ``classes``: class name to ``{members: [taxonomy classes], asprs: LAS code}``, in label order;
             ``ignore``: list of taxonomy classes.
@@ -191,7 +191,7 @@ class ClassScheme:
         Raises
         ------
         ParameterError
-            If a member is not in the taxonomy or stands in two places, or if a LAS code is outside 0 to 255.
+            If a member is not in the taxonomy or is listed twice, or a LAS code is outside 0 to 255.
         """
         specs = config["classes"]
         members = tuple(tuple(spec["members"]) for spec in specs.values())
@@ -202,7 +202,7 @@ class ClassScheme:
             if taxonomy_class not in TAXONOMY:
                 raise ParameterError(f"class scheme {name!r}: {taxonomy_class!r} is not in the taxonomy")
             if taxonomy_class in seen:
-                raise ParameterError(f"class scheme {name!r}: {taxonomy_class!r} stands in two places")
+                raise ParameterError(f"class scheme {name!r}: {taxonomy_class!r} is listed twice")
             seen.add(taxonomy_class)
         if any(not 0 <= code <= 255 for code in asprs):
             raise ParameterError(f"class scheme {name!r}: LAS codes must be in 0..255, got {asprs}")
@@ -213,14 +213,14 @@ class ClassScheme:
         return len(self.classes)
 
     def encode(self, taxonomy_codes: ArrayLike, *, source: str = "labels") -> NDArray[np.int16]:
-        """Turn taxonomy codes into labels of this scheme.
+        """Map taxonomy codes to labels of this scheme.
 
         Parameters
         ----------
         taxonomy_codes : array-like of int, shape (n,)
             Codes of `TAXONOMY`.
         source : str, default "labels"
-            What the message calls the file.
+            Name of the file in the error message.
 
         Returns
         -------
@@ -230,7 +230,7 @@ class ClassScheme:
         Raises
         ------
         UnknownClassError
-            If a code is neither a member of a class nor ignored by name; the message gives it, its count and the file.
+            If a code belongs to no class and is not ignored; the message gives the code, its count and the file.
         """
         codes = np.asarray(taxonomy_codes).astype(np.int64)
         table = np.full(256, -2, dtype=np.int16)
@@ -266,17 +266,17 @@ class ClassScheme:
         return [self.classes.index(name) for name in names]
 
     def coarsen(self, other: ClassScheme) -> NDArray[np.int16]:
-        """Say what each class of this scheme is in a coarser one.
+        """Return the label of each class in a coarser scheme.
 
         Parameters
         ----------
         other : ClassScheme
-            A scheme each of whose classes is a union of classes of this one.
+            A scheme whose classes are unions of classes of this one.
 
         Returns
         -------
         ndarray of int16, shape (len(self),)
-            The other scheme's label of each class, `IGNORE` where the other scheme ignores all its members.
+            Label of each class in the other scheme; `IGNORE` if that scheme ignores all members of the class.
 
         Raises
         ------
@@ -294,18 +294,18 @@ class ClassScheme:
         return table
 
     def codes(self, scheme: ClassScheme | None = None) -> NDArray[np.uint8]:
-        """Give the LAS classification code of each class.
+        """Return the LAS classification code of each class.
 
         Parameters
         ----------
         scheme : ClassScheme, optional
-            Write the classes of this coarser scheme, as private codes from 64 in the order of its labels; None
-            writes the ASPRS codes that the configuration gives.
+            Coarser scheme whose labels are written as private codes from 64. None writes the ASPRS codes of the
+            configuration.
 
         Returns
         -------
         ndarray of uint8, shape (len(self),)
-            Codes; 1 (unclassified) where the coarser scheme ignores a class.
+            Codes; 1 (unclassified) for classes that the coarser scheme ignores.
 
         Raises
         ------

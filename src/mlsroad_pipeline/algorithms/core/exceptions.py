@@ -1,25 +1,25 @@
-"""Every error that mlsroad raises on purpose descends from `MlsRoadError`."""
+"""Exceptions of mlsroad; `MlsRoadError` is the base class."""
 
 
 class MlsRoadError(Exception):
-    """Root of the project's own errors."""
+    """Base class of the exceptions of mlsroad."""
 
 
 class DataError(MlsRoadError, ValueError):
-    """The data cannot be used as they are; the message names the file and the value."""
+    """Invalid data; the message gives the file and the value."""
 
 
 class MissingColumnError(DataError):
-    """A point cloud lacks a column that the work needs."""
+    """A point cloud lacks a required column."""
 
 
 class UnknownClassError(DataError):
-    """A label code that the class scheme does not name."""
+    """A label code is missing from the class scheme or coding."""
 
 
 class ReadError(DataError):
-    """A file cannot be read: truncated, of another format than its name says, or empty."""
+    """A file cannot be read: truncated, empty, or of another format than its extension."""
 
 
 class ParameterError(MlsRoadError, ValueError):
-    """A parameter is outside its domain; the message names it and its value."""
+    """A parameter is outside its domain; the message gives its name and value."""

@@ -1,8 +1,8 @@
-"""One fixed colour per class of the taxonomy, the same in every picture, figure and report.
+"""Colours of the taxonomy classes in all pictures, figures and reports.
 
-Families share a hue (ground grey and earth, buildings orange and brown, vegetation green, poles blue and violet,
-vehicles red and pink, people yellow) and differ in lightness, so that the classes that matter most stay apart for
-readers with red-green colour blindness too.
+Related classes share a hue: ground grey and earth, buildings orange and brown, vegetation green, poles blue and violet,
+vehicles red and pink, people yellow. They differ in lightness, so that the main classes remain distinguishable with
+red-green colour blindness.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 Colour = tuple[int, int, int]
 
 IGNORED_COLOUR: Colour = (214, 218, 225)
-"""Points that are not scored, or have no label."""
+"""Colour of points that are unlabelled or not scored."""
 CORRECT_COLOUR: Colour = (150, 156, 164)
 WRONG_COLOUR: Colour = (200, 30, 20)
 HIT_COLOUR: Colour = (20, 140, 60)
 MISSED_COLOUR: Colour = (30, 80, 220)
-"""Detected objects are green, missed ones blue, false detections have `WRONG_COLOUR`."""
+"""Colours of detected (green) and missed (blue) objects; false detections have `WRONG_COLOUR`."""
 
 COLOURS: dict[str, str] = {
     "unlabelled": "#d6dae1",
@@ -42,7 +42,7 @@ COLOURS: dict[str, str] = {
     "mail_box": "#d3c1f0", "parking_meter": "#8c86b8", "other_object": "#a58bc4",
     "outlier": "#ff6f61",
 }  # fmt: skip
-"""Taxonomy class to its colour, ``#rrggbb``."""
+"""Taxonomy class to colour, ``#rrggbb``."""
 
 _ALIASES = {
     "ground": "road", "paved ground": "road", "man-made terrain": "road", "natural ground": "grass",
@@ -51,16 +51,16 @@ _ALIASES = {
     "low vegetation": "brushwood", "wall or fence": "wall", "two-wheeler": "bicycle", "street furniture": "bin",
     "pedestrian": "person", "other": "other_object", "man-made object": "other_object",
 }  # fmt: skip
-"""Names that class schemes use for a group of taxonomy classes, to the class whose colour the group takes."""
+"""Class name of a scheme to the taxonomy class whose colour it takes."""
 
 
 def hex_to_rgb(colour: str) -> Colour:
-    """Turn ``#rrggbb`` into three numbers.
+    """Convert ``#rrggbb`` to three numbers.
 
     Parameters
     ----------
     colour : str
-        Such as ``"#d81b60"``.
+        Colour, such as ``"#d81b60"``.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def hex_to_rgb(colour: str) -> Colour:
 
 
 def rgb_to_hex(colour: ArrayLike) -> str:
-    """Turn three numbers into ``#rrggbb``.
+    """Convert three numbers to ``#rrggbb``.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ LAS_CODES = {
     **{2: "grass", 3: "brushwood", 4: "hedge", 5: "tree", 6: "building", 11: "road", 14: "wire", 17: "bridge"},
     **{64: "utility_pole", 65: "traffic_sign", 66: "car", 67: "bin", 68: "wall", 69: "bicycle", 70: "person"},
 }
-"""The taxonomy class whose colour a LAS class code takes: standard codes, and the private ones that results have."""
+"""LAS class code to the taxonomy class whose colour it takes: standard codes and the private codes of results."""
 
 
 def las_palette() -> NDArray[np.uint8]:
@@ -110,7 +110,7 @@ def las_palette() -> NDArray[np.uint8]:
     Returns
     -------
     ndarray of uint8, shape (256, 3)
-        Row: class code; codes below 64 without a class are `IGNORED_COLOUR`, other private codes have a colour each.
+        One row per code. Unlisted codes below 64 have `IGNORED_COLOUR`, each unlisted private code its own colour.
     """
     table = np.empty((256, 3), dtype=np.uint8)
     table[:64] = IGNORED_COLOUR
@@ -121,27 +121,27 @@ def las_palette() -> NDArray[np.uint8]:
 
 
 def _spread(index: int) -> Colour:
-    """Return the colour of the index-th class that the taxonomy does not know: hues by the golden angle."""
+    """Return the colour of the index-th class outside the taxonomy: hues at steps of the golden angle."""
     hue, level = (0.58 + index * 0.61803398875) % 1.0, (0.72, 0.5, 0.9)[index % 3]
     red, green, blue = colorsys.hsv_to_rgb(hue, 0.75, level)
     return round(255 * red), round(255 * green), round(255 * blue)
 
 
 def class_palette(classes: ClassScheme | ArrayLike) -> NDArray[np.uint8]:
-    """Return the colours of a comparison's classes.
+    """Return the colours of the classes of a comparison.
 
-    A class has the colour of the taxonomy class of its name, or of the one that such a group is known by, otherwise
-    that of its first member: trees are the same green in every scheme. No two classes share a colour.
+    A class takes the colour of the taxonomy class of the same name, of the class that represents its group, or of its
+    first member, in this order. The colours are distinct.
 
     Parameters
     ----------
     classes : ClassScheme or sequence of str
-        The scheme, or class names alone.
+        The scheme, or class names.
 
     Returns
     -------
     ndarray of uint8, shape (C + 1, 3)
-        Row: label; the last row, which label -1 reaches too, is `IGNORED_COLOUR`.
+        One row per label; the last row, also indexed by label -1, is `IGNORED_COLOUR`.
     """
     if isinstance(classes, ClassScheme):
         names = list(classes.classes)
@@ -164,12 +164,12 @@ def class_palette(classes: ClassScheme | ArrayLike) -> NDArray[np.uint8]:
 
 
 def outcome_colours(outcomes: ArrayLike) -> NDArray[np.uint8]:
-    """Colour points by what a detector made of the object that they belong to.
+    """Return the colours of points by the detection outcome of their object.
 
     Parameters
     ----------
     outcomes : array-like of int, shape (n,)
-        0 right, 1 missed, 2 false, -1 what nobody looked for.
+        0 detected, 1 missed, 2 false detection, -1 not of a target class.
 
     Returns
     -------
@@ -181,7 +181,7 @@ def outcome_colours(outcomes: ArrayLike) -> NDArray[np.uint8]:
 
 
 def error_colours(truth: ArrayLike, predicted: ArrayLike) -> NDArray[np.uint8]:
-    """Colour points by whether their label is right: grey right, red wrong, light where the truth is ignored.
+    """Return the colours of points by correctness: grey correct, red wrong, light grey without true label.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The point cloud: coordinates near an origin, named columns, and where they lie on Earth."""
+"""Point cloud: coordinates relative to an origin, named columns and a coordinate reference system."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, MissingColumn
 class PointCloud:
     """Points with named columns, relative to an origin.
 
-    Projected coordinates such as UTM are millions of metres long, and float32 resolves them to half a metre; points
-    are therefore kept relative to an `origin` near them.
+    Projected coordinates such as UTM reach millions of metres, where the resolution of float32 is half a metre. Points
+    are therefore stored relative to a nearby `origin`.
 
     Parameters
     ----------
@@ -25,13 +25,13 @@ class PointCloud:
     columns : mapping of str to ndarray
         Per-point attributes, each of first dimension n. Names with a fixed meaning: `rgb` uint8 (n, 3),
         `intensity` float32 in [0, 1], `gps_time` float64 seconds, `scanner` uint8, `label` int16 (a class of the
-        scheme in use, -1 is ignored), `instance` int32 (0 is none).
+        scheme in use, -1 for ignored points), `instance` int32 (0 for none).
     origin : ndarray of shape (3,), float64
         World coordinates of the local zero, metres.
     crs : str or None
         Coordinate reference system as WKT.
     source : str
-        What error messages call these points, as a rule the file's path.
+        Name of the points in error messages, usually the path of the file.
 
     Raises
     ------
@@ -58,11 +58,11 @@ class PointCloud:
         return len(self.xyz)
 
     def __contains__(self, name: str) -> bool:
-        """Tell whether a column is present."""
+        """Return whether a column exists."""
         return name in self.columns
 
     def __getitem__(self, name: str) -> NDArray:
-        """Return a column, or raise `MissingColumnError` naming it, the source and what there is."""
+        """Return a column; raise `MissingColumnError` with the source and the existing columns if it is missing."""
         try:
             return self.columns[name]
         except KeyError:
@@ -70,7 +70,7 @@ class PointCloud:
             raise MissingColumnError(f"{self.source} has no column {name!r} (columns: {have})") from None
 
     def get(self, name: str) -> NDArray | None:
-        """Return a column, or None where the survey does not have it."""
+        """Return a column, or None if it is missing."""
         return self.columns.get(name)
 
     def world_xyz(self) -> NDArray[np.float64]:
@@ -78,7 +78,7 @@ class PointCloud:
         return self.xyz.astype(np.float64) + self.origin
 
     def select(self, index: NDArray) -> PointCloud:
-        """Return the points at an index array or under a boolean mask, with all their columns."""
+        """Return the points selected by an index array or a boolean mask, with all columns."""
         return replace(self, xyz=self.xyz[index], columns={k: v[index] for k, v in self.columns.items()})
 
     def with_columns(self, **columns: NDArray) -> PointCloud:
@@ -86,33 +86,33 @@ class PointCloud:
         return replace(self, columns={**self.columns, **columns})
 
     def without_columns(self, names: Iterable[str]) -> PointCloud:
-        """Return the same points without the named columns; absent names are fine."""
+        """Return the same points without the named columns; missing columns are ignored."""
         drop = set(names)
         return replace(self, columns={k: v for k, v in self.columns.items() if k not in drop})
 
     def moved_to(self, origin: NDArray[np.float64]) -> PointCloud:
-        """Return the same points in the world, relative to another origin (xyz becomes float64)."""
+        """Return the same points relative to another origin; `xyz` becomes float64."""
         target = np.asarray(origin, dtype=np.float64)
         return replace(self, xyz=self.xyz.astype(np.float64) + (self.origin - target), origin=target)
 
 
 def concatenate(clouds: Sequence[PointCloud]) -> PointCloud:
-    """Join clouds of one CRS into one, relative to the first one's origin.
+    """Concatenate clouds of one CRS, relative to the origin of the first.
 
     Parameters
     ----------
     clouds : sequence of PointCloud
-        At least one. Only columns that all of them have are kept.
+        At least one. Only columns of all clouds are kept.
 
     Returns
     -------
     PointCloud
-        The points in the order given.
+        The points, cloud by cloud.
 
     Raises
     ------
     DataError
-        If there is no cloud, or if two of them name different coordinate reference systems.
+        If there is no cloud, or two clouds have different coordinate reference systems.
     """
     if not clouds:
         raise DataError("no point clouds to join")

@@ -1,4 +1,4 @@
-"""The random forest over supervoxel features (Tomic et al. 2019, sections 2.1 and 3.3)."""
+"""Random forest on supervoxel features (Tomic et al. 2019, sections 2.1 and 3.3)."""
 
 from __future__ import annotations
 
@@ -29,54 +29,53 @@ Features = SupervoxelFeatures | ArrayLike
 
 
 class DetrendedForestClassifier(BaseEstimator):
-    """Random forest that labels supervoxels from detrended features.
+    """Random forest on detrended supervoxel features.
 
     Parameters
     ----------
     n_classes : int, optional
-        Classes of the scheme: probabilities have a column for each, trained or not. By default the highest label seen
-        in `fit` plus one.
+        Classes of the scheme, one column of the probabilities each. By default the highest label in `fit` plus one.
     n_trees : int, default 200
-        Trees (the paper: 200, chosen by the out-of-bag error). More trees only cost time.
+        Trees (tomic2019: 200, chosen by the out-of-bag error). Time grows linearly.
     max_depth : int, optional
-        Deepest level of a tree; unlimited by default.
+        Maximum depth of a tree; unlimited by default.
     min_samples_leaf : int, default 5
-        Fewest supervoxels in a leaf (the paper does not say). Larger leaves give smoother probabilities, a smaller and
-        faster model, and better rare classes; leaves of 1 memorise them.
+        Minimum supervoxels per leaf (not given in the paper). Larger leaves give smoother probabilities, a smaller and
+        faster model, and better accuracy of rare classes.
     max_features : {"sqrt", "log2"}, int, float or None, default "sqrt"
         Features tried at each split.
     class_weight : {"balanced", "sqrt"} or None, default "balanced"
-        Rare classes count as much as frequent ones, by weights computed on each tree's bootstrap sample; each class
-        counts as the square root of its size; or every supervoxel alike with None. (The first is scikit-learn's
-        ``"balanced_subsample"``. Its ``"balanced"`` draws rare supervoxels so often that none is ever out of bag.)
+        Total weight of a class: equal for all classes, by weights from the bootstrap sample of each tree; the square
+        root of its size; or its size. "balanced" is scikit-learn's ``"balanced_subsample"``: with its ``"balanced"``,
+        rare supervoxels are sampled so often that none is out of bag.
     max_per_class : int, optional
-        Most supervoxels of a class to train on, drawn at random; all by default. Bounds the time of training, which
-        the frequent classes fill. The class weights make up for what is left out.
+        Maximum supervoxels per class in training, sampled at random; all by default. Bounds the training time. The
+        class weights compensate for the sampling.
     out_of_bag : bool, default True
-        Whether to take the out-of-bag error, which costs about a tenth of the time of growing the forest.
+        Whether to compute the out-of-bag error, which adds about a tenth of the training time.
     random_state : int, default 0
-        Seed: the same seed gives the same forest, whatever `n_jobs`.
+        Seed; the forest does not depend on `n_jobs`.
     n_jobs : int, default 1
         Jobs for training and threads for prediction.
 
     Attributes
     ----------
     forest_ : FlatForest
-        The trees as plain arrays.
+        The trees as flat arrays.
     trained_classes_ : ndarray of int64, shape (t,)
-        Labels that training saw; the probability of the others is 0.
+        Labels with training samples; the probability of the others is 0.
     missing_classes_ : ndarray of int64
-        Labels of the scheme that training did not see.
+        Labels of the scheme without training samples.
     feature_names_in_ : tuple of str
         Names of the features.
     feature_importances_ : dict of str to float
-        Mean decrease of impurity by feature, in the order of the features; they sum to 1.
+        Mean decrease of impurity of each feature, in the order of the features; the values sum to 1.
     oob_error_curve_ : ndarray of float64, shape (n_trees,)
-        Out-of-bag error of the first 1, 2, ... trees: the share of wrong supervoxels among those with a vote.
+        Out-of-bag error of the first 1, 2, ... trees: the fraction of wrong supervoxels among those with a vote.
     oob_balanced_error_curve_ : ndarray of float64, shape (n_trees,)
-        The same as the mean over classes, which rare classes weigh in as much as frequent ones.
+        Out-of-bag error averaged over classes.
     oob_score_ : float
-        One minus the out-of-bag error of all trees. It and the curves are there with `out_of_bag` only.
+        One minus the out-of-bag error of all trees. This and the curves exist only with `out_of_bag`.
 
     Examples
     --------
@@ -125,23 +124,22 @@ class DetrendedForestClassifier(BaseEstimator):
         Parameters
         ----------
         features : SupervoxelFeatures or array-like of shape (s, f)
-            Features; NaN is a value of its own, for which each split chooses a side.
+            Features; each split assigns NaN to one side.
         labels : array-like of int, shape (s,)
-            Class of each supervoxel, see `majority_labels`; -1 is left out.
+            Class of each supervoxel, see `majority_labels`; -1 is excluded.
         sample_weight : array-like of shape (s,), optional
-            Weight of each supervoxel, such as its purity: how likely it is drawn into a bootstrap sample.
+            Weight of each supervoxel, such as its purity.
 
         Returns
         -------
         DetrendedForestClassifier
-            The fitted estimator. A class with one supervoxel is trained on; it has an out-of-bag vote only where a
-            tree left it out. Classes of the scheme that no supervoxel has are warned of (`UserWarning`).
+            The fitted estimator. Classes of the scheme without supervoxels raise a `UserWarning`.
 
         Raises
         ------
         DataError
-            If shapes do not fit, features hold infinity, a label is outside the scheme, weights are negative or not
-            finite, or the labelled supervoxels have no or only one class.
+            If shapes do not match, a feature is infinite, a label is outside the scheme, a weight is negative or not
+            finite, or there are fewer than two classes among the labelled supervoxels.
         ParameterError
             If a parameter is outside its domain.
         """
@@ -155,7 +153,7 @@ class DetrendedForestClassifier(BaseEstimator):
             raise DataError(f"labels must be in -1..{n_classes - 1}, got {target.min()}..{target.max()}")
         classes = np.unique(target[target >= 0])
         if len(classes) == 0:
-            raise DataError(f"none of {len(target)} supervoxels is labelled: there is nothing to train on")
+            raise DataError(f"none of {len(target)} supervoxels is labelled: training needs labels")
         if len(classes) == 1:
             raise DataError(
                 f"all {(target >= 0).sum()} labelled supervoxels have class {classes[0]}: a forest needs two classes"
@@ -174,7 +172,9 @@ class DetrendedForestClassifier(BaseEstimator):
             self.oob_error_curve_, self.oob_balanced_error_curve_ = out_of_bag_curves(model, values[used], in_order)
             self.oob_score_ = float(1.0 - self.oob_error_curve_[-1])
         if len(self.missing_classes_):
-            warnings.warn(f"no supervoxel of classes {self.missing_classes_.tolist()} to train on", stacklevel=2)
+            warnings.warn(
+                f"no supervoxels of classes {self.missing_classes_.tolist()}: they are never predicted", stacklevel=2
+            )
         return self
 
     def predict_proba(self, features: Features) -> NDArray[np.float32]:
@@ -183,17 +183,17 @@ class DetrendedForestClassifier(BaseEstimator):
         Parameters
         ----------
         features : SupervoxelFeatures or array-like of shape (s, f)
-            The features that the forest was trained on, in their order.
+            The features of training, in the same order.
 
         Returns
         -------
         ndarray of float32, shape (s, n_classes)
-            Probabilities; 0 for classes that training did not see.
+            Probabilities; 0 for classes without training samples.
 
         Raises
         ------
         DataError
-            If the features are others than those of the training, or hold infinity.
+            If the features differ from those of training, or a feature is infinite.
         sklearn.exceptions.NotFittedError
             If the forest has not been fitted.
         """
@@ -202,18 +202,18 @@ class DetrendedForestClassifier(BaseEstimator):
         values, names = _as_table(features)
         if isinstance(features, SupervoxelFeatures) and names != self.feature_names_in_:
             differing = sorted(set(names) ^ set(self.feature_names_in_)) or "their order"
-            raise DataError(f"features differ from those of the training: {differing}")
+            raise DataError(f"features differ from those of training: {differing}")
         out = np.zeros((len(values), self.n_classes_), np.float32)
         out[:, self.trained_classes_] = self.forest_.predict_proba(values, n_threads=max(1, self.n_jobs))
         return out
 
     def predict(self, features: Features) -> NDArray[np.int16]:
-        """Return the most probable class of supervoxels, of equally probable ones the lowest.
+        """Return the most probable class of each supervoxel, the lowest of equally probable ones.
 
         Parameters
         ----------
         features : SupervoxelFeatures or array-like of shape (s, f)
-            The features that the forest was trained on, in their order.
+            The features of training, in the same order.
 
         Returns
         -------
@@ -223,7 +223,7 @@ class DetrendedForestClassifier(BaseEstimator):
         return self.predict_proba(features).argmax(axis=1).astype(np.int16)
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return what prediction needs as named plain arrays, for an NPZ file without pickles."""
+        """Return the parameters for prediction as named arrays, for an NPZ file without pickles."""
         return {
             **self.forest_.to_arrays(),
             "n_classes": np.array(self.n_classes_),
@@ -234,19 +234,19 @@ class DetrendedForestClassifier(BaseEstimator):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], *, n_jobs: int = 1) -> DetrendedForestClassifier:
-        """Rebuild a fitted classifier from what `to_arrays` returned; it predicts the same bytes.
+        """Rebuild a fitted classifier, with identical predictions, from the arrays of `to_arrays`.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
-            The arrays, such as an opened NPZ file.
+            The arrays, for example of an NPZ file.
         n_jobs : int, default 1
             Threads for prediction.
 
         Returns
         -------
         DetrendedForestClassifier
-            A fitted classifier without the out-of-bag figures.
+            A fitted classifier without the out-of-bag error.
 
         Raises
         ------
@@ -269,7 +269,7 @@ class DetrendedForestClassifier(BaseEstimator):
     def _grow(
         self, values: NDArray[np.float32], target: NDArray[np.integer], weight: NDArray[np.float64] | None
     ) -> tuple[RandomForestClassifier, NDArray[np.int64]]:
-        """Grow the trees, and tell which supervoxels they were grown on."""
+        """Grow the trees; return the forest and the training supervoxels."""
         used = draw_per_class(target, self.max_per_class, seed=self.random_state)
         sizes, drawn = np.unique_counts(target[target >= 0])[1], np.unique_counts(target[used])[1]
         model = RandomForestClassifier(
@@ -279,7 +279,7 @@ class DetrendedForestClassifier(BaseEstimator):
             n_jobs=self.n_jobs,
         )  # fmt: skip
         if self.class_weight != "balanced":
-            # The forest's own class weights would draw rare classes into every bootstrap sample; the tree's do not.
+            # Class weights of the trees, unlike those of the forest, do not affect the bootstrap.
             model.estimator = DecisionTreeClassifier(class_weight=class_weights(sizes, drawn, self.class_weight))
         model.fit(values[used], target[used], sample_weight=None if weight is None else weight[used])
         return model, used
@@ -304,7 +304,7 @@ def _as_table(features: Features) -> tuple[NDArray[np.float32], tuple[str, ...]]
     if values.ndim != 2:
         raise DataError(f"features must have shape (s, f), got {values.shape}")
     if np.isinf(values).any():
-        raise DataError(f"features hold infinity in row {int(np.argwhere(np.isinf(values))[0, 0])}")
+        raise DataError(f"features contain infinity in row {int(np.argwhere(np.isinf(values))[0, 0])}")
     if isinstance(features, SupervoxelFeatures):
         return values, features.names
     return values, tuple(f"feature_{j}" for j in range(values.shape[1]))

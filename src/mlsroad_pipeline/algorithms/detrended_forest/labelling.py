@@ -1,4 +1,4 @@
-"""From supervoxels to points: which supervoxel a point takes its label from."""
+"""Point labels from supervoxel probabilities."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from mlsroad_pipeline.algorithms.features.detrending import local_tendency
 def smooth_probabilities(
     probabilities: NDArray[np.float32], adjacency: csr_array, *, weight: float
 ) -> NDArray[np.float32]:
-    """Let the first-order neighbours of a supervoxel have a say in its class.
+    """Smooth class probabilities over first-order neighbours.
 
-    The local context regularises the labels (Tomic et al. 2019, section 4, speak of it without a formula):
+    Tomic et al. 2019, section 4, mention this local regularisation without a formula. Here
     P' = (1 - weight) P + weight mean(P of the neighbours).
 
     Parameters
@@ -29,18 +29,17 @@ def smooth_probabilities(
     adjacency : csr_array of shape (s, s)
         First-order neighbours.
     weight : float
-        Weight of the neighbours, 0 to 1. More wipes out single mistaken supervoxels, and single supervoxels that are
-        right.
+        Weight of the neighbours, 0 to 1. Larger values remove more isolated supervoxels, both wrong and right ones.
 
     Returns
     -------
     ndarray of float32, shape (s, c)
-        Probabilities; a supervoxel without neighbours keeps its own.
+        Smoothed probabilities; unchanged for supervoxels without neighbours.
 
     Raises
     ------
     DataError
-        If the adjacency has another number of supervoxels.
+        If the shape of the adjacency does not match.
     ParameterError
         If `weight` is outside 0 to 1.
     """
@@ -64,35 +63,35 @@ def label_points(
     supervoxel_labels: ArrayLike | None = None,
     n_threads: int = 1,
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Give every point the most probable class of its supervoxel (Tomic et al. 2019, section 2 and 3.3).
+    """Assign to each point the most probable class of its supervoxel (Tomic et al. 2019, sections 2 and 3.3).
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Points in metres.
     centroids : array-like of shape (s, 3)
-        Centroids of the supervoxels, metres, in the same frame; not used by the rule "own".
+        Centroids of the supervoxels in the same frame, metres; unused with the rule "own".
     probabilities : array-like of shape (s, c)
         Class probabilities of the supervoxels.
     rule : {"nearest", "own"}, default "nearest"
-        The supervoxel whose centroid is nearest (the paper), or the one that the point belongs to.
+        Supervoxel with the nearest centroid (the paper), or the supervoxel that contains the point.
     supervoxel_labels : array-like of int, shape (n,), optional
-        Supervoxel of each point; needed by the rule "own" only.
+        Supervoxel of each point; required by the rule "own".
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
     Returns
     -------
     labels : ndarray of int16, shape (n,)
-        Class of each point, of equally probable ones the lowest.
+        Class of each point, the lowest of equally probable ones.
     confidence : ndarray of float32, shape (n,)
-        Its probability.
+        Probability of the class.
 
     Raises
     ------
     DataError
-        If coordinates are not (n, 3) and finite, probabilities are not (s, c) and finite, the rule "own" has no
-        supervoxel labels, or they do not fit the points or the supervoxels.
+        If coordinates are not (n, 3) and finite, probabilities are not (s, c) and finite, or the rule "own" lacks valid
+        supervoxel labels.
     ParameterError
         If the rule is unknown or `n_threads` is below 1.
     """

@@ -1,4 +1,4 @@
-"""The supervoxel whose centroid is nearest to each point."""
+"""Nearest supervoxel centroid of each point."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MAX_ROWS = 2**20
 
 @njit(cache=True, nogil=True)
 def _first_of_rows(keys: NDArray, nx: int, n_rows: int) -> NDArray[np.int64]:
-    """Return where each row of cells begins in ascending keys; the last entry is their number."""
+    """Return the start of each row of cells in ascending keys; the last entry is the number of keys."""
     first = np.empty(n_rows + 1, np.int64)
     at = 0
     for row in range(n_rows + 1):
@@ -43,11 +43,11 @@ def _candidates(
     found: NDArray,
     places: NDArray,
 ) -> int:
-    """List the centroids within `limit` of a cell's centre with their coordinates, and return how many there are."""
+    """List the centroids within `limit` of the centre of a cell, with coordinates; return their number."""
     n = 0
     nx, ny, nz = shape
     ix, iy, iz = key % nx, key // nx % ny, key // (nx * ny)
-    # Far from all centroids there are more rows of cells to look at than cells: then all centroids are tested.
+    # Far from all centroids the window has more rows than there are cells: then all centroids are tested.
     every = (2 * reach + 1) ** 2 > len(keys)
     low, high = max(ix - reach, 0), min(ix + reach, nx - 1)
     for z in range(0 if every else max(iz - reach, 0), 1 if every else min(iz + reach + 1, nz)):
@@ -91,11 +91,11 @@ def _search_cells(
     last: int,
     out: NDArray,
 ) -> None:
-    """Find the nearest centroid of every point in cells first to last."""
+    """Write the nearest centroid of every point in cells `first` to `last`."""
     found = np.empty(len(order), np.int32)
     places = np.empty((len(order), 3))
     for cell in range(first, last):
-        # A point is at most half a diagonal from the centre, so its nearest centroid is within `limit` of the centre.
+        # A point lies within half a diagonal of the centre, hence its nearest centroid within `limit` of the centre.
         limit = nearest[cell] + size * 1.7320509
         reach = np.int64(limit / size) + 2
         n = _candidates(
@@ -114,9 +114,9 @@ def _search_cells(
 
 
 def nearest_supervoxels(xyz: ArrayLike, centroids: ArrayLike, *, n_threads: int = 1) -> NDArray[np.int32]:
-    """Find the supervoxel whose centroid is nearest to each point, exactly.
+    """Return the supervoxel with the nearest centroid for each point (exact search).
 
-    Points are sorted into cells; the few centroids that can be nearest to any point of a cell are found once for it.
+    Points are sorted into cells. The centroids that can be nearest to a point of a cell are collected once per cell.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def nearest_supervoxels(xyz: ArrayLike, centroids: ArrayLike, *, n_threads: int 
     Returns
     -------
     ndarray of int32, shape (n,)
-        Supervoxel of each point, of equally near ones the lowest.
+        Supervoxel of each point, the lowest of equally near ones.
 
     Raises
     ------
@@ -151,11 +151,11 @@ def nearest_supervoxels(xyz: ArrayLike, centroids: ArrayLike, *, n_threads: int 
     boxes = np.vstack([bounding_box(points), bounding_box(seeds)])
     extent = float(np.ptp(boxes, axis=0).max())
     size = float(spacing) / 2 if spacing > 0 else max(extent, 1.0)
-    # Far outliers must not make the grid finer than 64-bit keys can number.
+    # Distant outliers must not make the grid exceed 64-bit keys.
     size = max(size, extent / 2**20)
     grid, seed_grid = build_cell_grids(points, seeds, cell_size=size)
     nx, ny, nz = grid.shape
-    # Where the rows of cells begin is looked up in a table, unless outliers make it far longer than the points.
+    # A table gives the start of each row of cells, unless outliers make it much longer than the points.
     n_rows = ny * nz if ny * nz <= _MAX_ROWS else 0
     rows = _first_of_rows(seed_grid.keys, nx, n_rows) if n_rows else np.empty(0, np.int64)
     centres = grid.centres()

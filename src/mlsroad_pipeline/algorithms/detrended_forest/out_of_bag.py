@@ -1,4 +1,4 @@
-"""The out-of-bag error of a forest against the number of its trees (Tomic et al. 2019 chose 200 by it)."""
+"""Out-of-bag error of a forest as a function of its number of trees."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from sklearn.ensemble import RandomForestClassifier
 def out_of_bag_curves(
     model: RandomForestClassifier, values: NDArray[np.float32], target: NDArray[np.integer]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Take each tree's votes on what its bootstrap sample left out.
+    """Return the out-of-bag error of the first 1, 2, ... trees, overall and averaged over classes.
 
     Parameters
     ----------
     model : RandomForestClassifier
         A fitted forest of t trees.
     values : ndarray of float32, shape (s, f)
-        What it was fitted to.
+        Training features.
     target : ndarray of int, shape (s,)
-        Classes from 0, in the order of the forest's.
+        Training classes as indices into ``model.classes_``.
 
     Returns
     -------
     error : ndarray of float64, shape (t,)
-        Share of wrong supervoxels among those with a vote, for the first 1, 2, ... trees.
+        Fraction of wrong supervoxels among those with a vote.
     balanced_error : ndarray of float64, shape (t,)
-        The same as the mean over the classes that have a vote; NaN where none has.
+        Mean over the classes with votes; NaN without votes.
     """
     n_trees = len(model.estimators_)
     votes = np.zeros((len(values), len(model.classes_)))

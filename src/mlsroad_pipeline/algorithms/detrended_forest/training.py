@@ -283,6 +283,6 @@ def _train(
         n_jobs=n_jobs,
     )
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="no supervoxel of classes")
+        warnings.filterwarnings("ignore", message="no supervoxels of classes")
         forest.fit(table, labels)
     return forest

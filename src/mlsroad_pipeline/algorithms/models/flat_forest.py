@@ -1,4 +1,4 @@
-"""Fast evaluation of a fitted forest from plain arrays."""
+"""Fast prediction of a fitted random forest from flat arrays."""
 
 from __future__ import annotations
 
@@ -16,39 +16,39 @@ from mlsroad_pipeline.algorithms.core.validation import check_arrays
 from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
 
 _ROWS = 32
-"""Rows that walk down a tree side by side: the loads of one do not wait for those of another."""
+"""Rows traversed in parallel, so that memory latency overlaps."""
 _BLOCK = 8192
-"""Rows that pass through all trees together: long enough to pay for bringing a tree into the cache."""
+"""Rows of a block, which passes through all trees; large blocks amortise loading a tree into the cache."""
 _STEPS = 4
-"""Levels walked between two looks at whether all rows of a group have arrived."""
+"""Levels between two tests of whether all rows of a group have reached a leaf."""
 
-# A node in 64 bits, so that a step costs one load: 32 bits of threshold, 10 of column, 22 of child.
+# A node is packed into 64 bits, one load per step: 32 bits of threshold, 10 of column, 22 of child.
 _COLUMN_SHIFT, _CHILD_SHIFT = 32, 42
 _MAX_FEATURES, _MAX_NODES = 2**9, 2**22
 
 
 @dataclass(frozen=True)
 class FlatForest:
-    """The trees of a fitted forest as one structure of plain arrays.
+    """Trees of a fitted forest as flat arrays.
 
-    A row goes to ``child`` where its feature is at most the threshold, else to ``child + 1``.
+    A row goes to ``child`` if its feature is at most the threshold, else to ``child + 1``.
 
     Parameters
     ----------
     roots : ndarray of int64, shape (t + 1,)
-        First node of each tree; the nodes of a tree lie side by side, level by level.
+        First node of each tree; the nodes of a tree are contiguous, in breadth-first order.
     feature : ndarray of int16, shape (m,)
-        Column that a node tests; -1 marks a leaf.
+        Column tested by a node; -1 for leaves.
     threshold : ndarray of float32, shape (m,)
-        The largest float32 not above scikit-learn's float64 threshold: every float32 feature compares alike.
+        Largest float32 not above scikit-learn's float64 threshold; comparisons with float32 features are unchanged.
     missing_left : ndarray of bool, shape (m,)
-        Whether NaN goes to ``child`` (else to ``child + 1``).
+        True if NaN goes to ``child``, else to ``child + 1``.
     child : ndarray of int32, shape (m,)
-        The left child, counted from the tree's first node; of a leaf, its row in `leaf_values`.
+        Left child, relative to the first node of the tree; for leaves the row of `leaf_values`.
     leaf_values : ndarray of float32, shape (l, c)
         Class probabilities of the leaves.
     n_features : int
-        Columns that the forest was trained on.
+        Number of features.
 
     Raises
     ------
@@ -77,7 +77,7 @@ class FlatForest:
 
     @classmethod
     def from_trees(cls, trees: Sequence[Any]) -> FlatForest:
-        """Flatten scikit-learn trees.
+        """Convert scikit-learn trees.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class FlatForest:
         Returns
         -------
         FlatForest
-            The same trees.
+            The trees.
 
         Raises
         ------
@@ -95,7 +95,7 @@ class FlatForest:
             If there is no tree, or a tree or the number of features is too large.
         """
         if not trees:
-            raise DataError("there is no tree to flatten")
+            raise DataError("a forest needs at least one tree, got none")
         parts = [_flatten(estimator.tree_) for estimator in trees]
         n_leaves = 0
         for part in parts:
@@ -108,17 +108,17 @@ class FlatForest:
         return cls.from_arrays(arrays)
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return the forest as named plain arrays, for an NPZ file."""
+        """Return the forest as named arrays, for an NPZ file."""
         return {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> FlatForest:
-        """Rebuild a forest from what `to_arrays` returned.
+        """Rebuild a forest from the arrays of `to_arrays`.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
-            The arrays; further entries are left alone.
+            The arrays; other entries are ignored.
 
         Returns
         -------
@@ -132,13 +132,13 @@ class FlatForest:
         """
         names = [field.name for field in fields(cls)]
         check_arrays(arrays, names, "a forest")
-        found = {name: np.asarray(arrays[name]) for name in names}
-        n_features = int(found.pop("n_features"))
-        return cls(n_features=n_features, **found)
+        own = {name: np.asarray(arrays[name]) for name in names}
+        n_features = int(own.pop("n_features"))
+        return cls(n_features=n_features, **own)
 
     @cached_property
     def _nodes(self) -> NDArray[np.uint64]:
-        """Nodes packed for the walk: a leaf points to itself by a threshold that every value meets."""
+        """Packed nodes; a leaf points to itself with a threshold that no value exceeds."""
         leaf = self.feature < 0
         own = np.arange(len(leaf)) - np.repeat(self.roots[:-1], np.diff(self.roots))
         threshold = np.where(leaf, np.int32(2**31 - 1), _sortable(self.threshold)).view(np.uint32).astype(np.uint64)
@@ -147,24 +147,24 @@ class FlatForest:
         return threshold | column << np.uint64(_COLUMN_SHIFT) | child << np.uint64(_CHILD_SHIFT)
 
     def predict_proba(self, values: ArrayLike, *, n_threads: int = 1) -> NDArray[np.float32]:
-        """Average the leaves that each row reaches over the trees.
+        """Return the mean class probabilities of the leaves that each row reaches.
 
         Parameters
         ----------
         values : array-like of shape (n, f)
-            Features, compared as float32; NaN goes the way that training chose.
+            Features, compared as float32; NaN takes the branch chosen in training.
         n_threads : int, default 1
             Threads; the result does not depend on it.
 
         Returns
         -------
         ndarray of float32, shape (n, c)
-            Class probabilities, equal to scikit-learn's with one job to float32 rounding.
+            Class probabilities, equal to those of scikit-learn with one job up to float32 rounding.
 
         Raises
         ------
         DataError
-            If `values` does not have the forest's number of columns or holds infinity.
+            If `values` has another number of columns than the forest, or contains infinity.
         ParameterError
             If `n_threads` is below 1.
         """
@@ -172,7 +172,7 @@ class FlatForest:
         if features.ndim != 2 or features.shape[1] != self.n_features:
             raise DataError(f"features must have shape (n, {self.n_features}), got {features.shape}")
         if np.isinf(features).any():
-            raise DataError(f"features hold infinity in row {int(np.argwhere(np.isinf(features))[0, 0])}")
+            raise DataError(f"features contain infinity in row {int(np.argwhere(np.isinf(features))[0, 0])}")
         out = np.empty((len(features), self.leaf_values.shape[1]), np.float32)
         nodes = self._nodes
 
@@ -184,7 +184,7 @@ class FlatForest:
 
 
 def _flatten(tree: Any) -> dict[str, NDArray]:
-    """Order a tree's nodes level by level with siblings side by side; the `child` of a leaf is left for the caller."""
+    """Return the nodes of a tree in breadth-first order, siblings adjacent; the caller sets `child` of the leaves."""
     left, right = tree.children_left, tree.children_right
     level = np.array([0])
     levels = [level]
@@ -210,14 +210,14 @@ def _flatten(tree: Any) -> dict[str, NDArray]:
 
 
 def _sortable(values: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Map floats to integers of the same order (and -0 to 0)."""
+    """Map floats to integers of the same order, and -0 to 0."""
     bits = np.ascontiguousarray(values).view(np.int32)
     return np.where(bits < 0, np.int32(-(2**31)) - bits, bits).astype(np.int32)
 
 
 @njit(cache=True, nogil=True)
 def _encode(features: NDArray, codes: NDArray, first: int, last: int) -> None:
-    """Write each feature twice, as sortable integers: NaN above everything in the first, below in the second."""
+    """Write each feature twice as sortable integers, with NaN as the largest value first and the smallest second."""
     bits = features.view(np.int32)
     for i in range(first, last):
         for j in range(features.shape[1]):
@@ -230,7 +230,7 @@ def _encode(features: NDArray, codes: NDArray, first: int, last: int) -> None:
 
 @njit(cache=True, nogil=True)
 def _walk_group(codes: NDArray, base: np.uint64, width: np.uint64, nodes: NDArray, at: NDArray, n: int) -> None:
-    """Bring n rows from the root to their leaves, in step; unsigned indices spare the test for negative ones."""
+    """Move n rows from the root to their leaves in lockstep; unsigned indices avoid tests for negative ones."""
     column_shift, child_shift = np.uint64(_COLUMN_SHIFT), np.uint64(_CHILD_SHIFT)
     column_mask = np.uint64(2 * _MAX_FEATURES - 1)
     at[:n] = np.uint64(0)

@@ -1,4 +1,4 @@
-"""A trained one-against-one machine with a Gaussian kernel, from plain arrays."""
+"""Trained one-against-one support vector machine with a Gaussian kernel, as flat arrays."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.core.validation import check_arrays
 from mlsroad_pipeline.algorithms.models.pairwise import couple_probabilities
 
 _BLOCK = 64
-"""Rows whose kernel values are in memory at a time: few enough to stay in the cache."""
+"""Rows per block of kernel values, which fits the cache."""
 
 
 @dataclass(frozen=True)
@@ -38,21 +38,21 @@ class Choice:
 
 @dataclass(frozen=True)
 class KernelMachine:
-    """Support vectors, their coefficients, and the sigmoids that make probabilities of decisions.
+    """Support vectors, coefficients, and the sigmoids that map decision values to probabilities.
 
     Parameters
     ----------
     shift, scale : ndarray of float32, shape (d,)
-        Features are taken as (x - shift) / scale.
+        Features are standardised as (x - shift) / scale.
     vectors : ndarray of float32, shape (v, d)
-        Support vectors in these features, class by class.
+        Support vectors in standardised features, class by class.
     n_vectors : ndarray of int64, shape (t,)
-        How many of them each class has.
+        Number of support vectors of each class.
     coefficients : ndarray of float32, shape (t - 1, v)
-        Dual coefficients in the layout of LIBSVM: of a vector of class i, row j - 1 counts against class j > i and row
-        j against class j < i.
+        Dual coefficients in the layout of LIBSVM: for a vector of class i, row j - 1 holds the coefficient against
+        class j > i, and row j that against class j < i.
     intercepts : ndarray of float32, shape (t (t - 1) / 2,)
-        Of the pairs (0, 1), (0, 2), ..., (1, 2), ...
+        Intercepts of the pairs (0, 1), (0, 2), ..., (1, 2), ...
     gamma : float
         The kernel is exp(-gamma |x - y|^2).
     sigmoids : ndarray of float64, shape (t (t - 1) / 2, 2)
@@ -72,23 +72,23 @@ class KernelMachine:
     def from_svc(
         cls, model: Any, shift: NDArray[np.float32], scale: NDArray[np.float32], sigmoids: NDArray[np.float64]
     ) -> Self:
-        """Take over a fitted ``sklearn.svm.SVC`` with a Gaussian kernel.
+        """Convert a fitted ``sklearn.svm.SVC`` with a Gaussian kernel.
 
         Parameters
         ----------
         model : sklearn.svm.SVC
-            The machine, fitted to scaled features.
+            The machine, fitted to standardised features.
         shift, scale : ndarray of float32, shape (d,)
-            How the features were scaled.
+            Standardisation of the features.
         sigmoids : ndarray of float64, shape (p, 2)
-            Sigmoids of the pairs.
+            Sigmoid coefficients of the pairs.
 
         Returns
         -------
         KernelMachine
-            The same machine.
+            The machine.
         """
-        # scikit-learn turns the sign of the decisions of two classes, so that the second one is positive.
+        # With two classes, scikit-learn flips the sign: decisions are positive for the second class.
         sign = -1.0 if len(model.classes_) == 2 else 1.0
         return cls(
             shift,
@@ -102,12 +102,12 @@ class KernelMachine:
         )
 
     def decide(self, features: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the decision of every pair of classes, positive for the first.
+        """Return the decision values of all pairs of classes, positive for the first class.
 
         Parameters
         ----------
         features : ndarray of float32, shape (n, d)
-            Features as they are.
+            Unscaled features.
 
         Returns
         -------
@@ -117,7 +117,7 @@ class KernelMachine:
         Raises
         ------
         DataError
-            If there are not d features.
+            If the number of features is not d.
         """
         if features.ndim != 2 or features.shape[1] != self.vectors.shape[1]:
             raise DataError(f"features must have shape (n, {self.vectors.shape[1]}), got {features.shape}")
@@ -125,7 +125,7 @@ class KernelMachine:
         slices = [slice(int(a), int(b)) for a, b in pairwise(ends)]
         lengths = (self.vectors**2).sum(axis=1)
         out = np.empty((len(features), len(self.intercepts)), np.float32)
-        with threadpool_limits(1):  # the same bytes whatever the number of threads
+        with threadpool_limits(1):  # results independent of the number of threads
             for start in range(0, len(features), _BLOCK):
                 x = (features[start : start + _BLOCK] - self.shift) / self.scale
                 square = (x**2).sum(axis=1)[:, None] + lengths - 2.0 * (x @ self.vectors.T)
@@ -136,29 +136,29 @@ class KernelMachine:
         return out
 
     def predict_proba(self, features: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the probabilities of the machine's classes.
+        """Return class probabilities.
 
         Parameters
         ----------
         features : ndarray of float32, shape (n, d)
-            Features as they are.
+            Unscaled features.
 
         Returns
         -------
         ndarray of float32, shape (n, t)
-            Probabilities, which sum to 1.
+            Probabilities; each row sums to 1.
 
         Raises
         ------
         DataError
-            If there are not d features.
+            If the number of features is not d.
         """
         exponent = self.decide(features) * self.sigmoids[:, 0] + self.sigmoids[:, 1]
         pairs = 1.0 / (1.0 + np.exp(np.clip(exponent, -500.0, 500.0)))
         return couple_probabilities(pairs, len(self.n_vectors)).astype(np.float32)
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return the machine as named plain arrays.
+        """Return the machine as named arrays.
 
         Returns
         -------
@@ -169,7 +169,7 @@ class KernelMachine:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild a machine from what `to_arrays` returned.
+        """Rebuild a machine from the arrays of `to_arrays`.
 
         Parameters
         ----------
@@ -188,5 +188,5 @@ class KernelMachine:
         """
         names = [field.name for field in fields(cls)]
         check_arrays(arrays, names, "a kernel machine")
-        found: dict[str, Any] = {name: np.asarray(arrays[name]) for name in names}
-        return cls(**{**found, "gamma": float(found["gamma"])})
+        own: dict[str, Any] = {name: np.asarray(arrays[name]) for name in names}
+        return cls(**{**own, "gamma": float(own["gamma"])})

@@ -1,4 +1,4 @@
-"""Training one-against-one machines with a Gaussian kernel: C, gamma and the sigmoids come from cross-validation."""
+"""Training of one-against-one support vector machines, with cross-validation for C, gamma and the sigmoids."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from mlsroad_pipeline.algorithms.models.kernel_machine import Choice, KernelMach
 from mlsroad_pipeline.algorithms.models.pairwise import fit_sigmoid
 
 Folds = Sequence[tuple[NDArray, NDArray]]
-"""Rows to train on and rows that are held out, of each fold."""
+"""Training rows and held-out rows of each fold."""
 
 
 def standardise(features: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the mean and the spread of each feature.
+    """Return the mean and the standard deviation of each feature.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def standardise(features: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDA
     Returns
     -------
     shift, scale : ndarray of float32, shape (d,)
-        Means and standard deviations, 1 where a feature is constant.
+        Means, and standard deviations with 1 for constant features.
     """
     spread = features.std(axis=0)
     return features.mean(axis=0), np.where(spread > 0, spread, 1).astype(np.float32)
@@ -45,25 +45,25 @@ def choose_machine(
     gammas: Sequence[float],
     n_threads: int = 1,
 ) -> Choice:
-    """Choose C and gamma: those with the best mean F1 on held-out samples, of equal ones the smaller.
+    """Choose C and gamma by grid search: the best mean F1 on held-out samples; ties go to the smaller values.
 
     Parameters
     ----------
     features : ndarray of float32, shape (n, d)
-        Scaled features.
+        Standardised features.
     labels : ndarray of int, shape (n,)
         Their classes.
     folds : sequence of (rows, rows)
         The folds.
     costs, gammas : sequence of float
-        The values to choose from.
+        Values of the grid.
     n_threads : int, default 1
-        Threads; the choice does not depend on them.
+        Threads; the result does not depend on them.
 
     Returns
     -------
     Choice
-        The best.
+        The best pair and its score.
     """
     grid: list[tuple[float, float]] = list(product(sorted(costs), sorted(gammas)))
     run: Any = delayed(_score)
@@ -81,20 +81,20 @@ def fit_machine(
     held_out_labels: NDArray[np.integer],
     folds: Folds,
 ) -> KernelMachine:
-    """Train a machine, with sigmoids that are fitted to its decisions on held-out samples.
+    """Train a support vector machine, and sigmoids on held-out decision values.
 
-    A pair of classes that never meets among these takes the sigmoid of all pairs together.
+    A pair of classes without held-out decision values takes the sigmoid of all pairs together.
 
     Parameters
     ----------
     features : ndarray of float32, shape (n, d)
-        Features as they are.
+        Unscaled features.
     labels : ndarray of int, shape (n,)
         Their classes.
     choice : Choice
         C and gamma.
     held_out : ndarray of float32, shape (m, d)
-        Features of the samples of the folds, scaled by `standardise` of `features`.
+        Features of the samples of the folds, standardised like `features`.
     held_out_labels : ndarray of int, shape (m,)
         Their classes.
     folds : sequence of (rows, rows)
@@ -121,23 +121,23 @@ def _decide_held_out(
     cost: float,
     gamma: float,
 ) -> NDArray[np.float64]:
-    """Return the decisions of all pairs on held-out patches, NaN for pairs that a fold's machine does not know."""
+    """Return the held-out decision values of all pairs; NaN for pairs absent from the training part of a fold."""
     pairs = {pair: k for k, pair in enumerate(combinations(trained.tolist(), 2))}
     out = np.full((len(features), len(pairs)), np.nan)
     for train, test in folds:
         model = SVC(C=cost, gamma=gamma, decision_function_shape="ovo", cache_size=200)
         model.fit(features[train], labels[train])
-        found = model.decision_function(features[test])
+        values = model.decision_function(features[test])
         known = model.classes_.tolist()
         if len(known) == 2:
-            found = -found[:, None]  # scikit-learn's sign for two classes
+            values = -values[:, None]  # scikit-learn's sign for two classes
         columns = np.array([pairs[pair] for pair in combinations(known, 2)])
-        out[np.ix_(test, columns)] = found
+        out[np.ix_(test, columns)] = values
     return out
 
 
 def _vote(decisions: NDArray[np.float64], trained: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the class with most won pairs, of equal ones the lowest."""
+    """Return the class that wins most pairs, the lowest of equal ones."""
     votes = np.zeros((len(decisions), len(trained)), np.int64)
     for k, (i, j) in enumerate(combinations(range(len(trained)), 2)):
         votes[:, i] += decisions[:, k] > 0
@@ -155,8 +155,8 @@ def _score(
     trained = np.unique(labels).astype(np.int64)
     decisions = _decide_held_out(features, labels, folds, trained, cost, gamma)
     tested = np.concatenate([test for _, test in folds])
-    found = _vote(decisions[tested], trained)
-    return float(f1_score(labels[tested], found, average="macro", zero_division=0))
+    predicted = _vote(decisions[tested], trained)
+    return float(f1_score(labels[tested], predicted, average="macro", zero_division=0))
 
 
 def _sigmoids(

@@ -1,4 +1,4 @@
-"""From the decisions of one-against-one classifiers to class probabilities."""
+"""Class probabilities from the decision values of one-against-one classifiers."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ _TOLERANCE = 0.005
 def fit_sigmoid(decisions: NDArray[np.floating], first: NDArray[np.bool_]) -> tuple[float, float]:
     """Fit P(first class | decision) = 1 / (1 + exp(a decision + b)) (Platt 1999; Lin et al. 2007).
 
-    Newton's method with step halving on the cross entropy against Platt's targets, a little inside of 0 and 1.
+    The fit minimises the cross entropy against Platt's targets, which lie inside (0, 1), by Newton's method with
+    step halving.
 
     Parameters
     ----------
     decisions : ndarray of float, shape (n,)
-        Decision values of samples that the classifier was not trained on.
+        Decision values of samples outside the training set.
     first : ndarray of bool, shape (n,)
         Whether a sample is of the first class.
 
     Returns
     -------
     a, b : float
-        The sigmoid; `a` is negative where higher decisions speak for the first class.
+        The sigmoid; `a` is negative if higher decision values indicate the first class.
     """
     values = decisions.astype(np.float64)
     n_first, n_other = int(first.sum()), int((~first).sum())
@@ -62,7 +63,7 @@ def _cross_entropy(exponent: NDArray[np.float64], target: NDArray[np.float64]) -
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve(product: NDArray[np.float64], p: NDArray[np.float64]) -> None:
-    """Find the distribution p with the least p' Q p by the iteration of Wu et al. 2004, algorithm 2."""
+    """Write the distribution p that minimises p' Q p (Wu et al. 2004, algorithm 2)."""
     n = len(p)
     moved = np.empty(n)
     for i in range(n):
@@ -107,19 +108,19 @@ def _couple(pairs: NDArray[np.float64], n_classes: int, out: NDArray[np.float64]
 
 
 def couple_probabilities(pairs: NDArray[np.floating], n_classes: int) -> NDArray[np.float64]:
-    """Join the probabilities of pairs of classes into one distribution (Wu, Lin and Weng 2004, section 4).
+    """Combine the probabilities of pairs of classes into one distribution (Wu, Lin and Weng 2004, section 4).
 
     Parameters
     ----------
     pairs : ndarray of float, shape (n, n_classes * (n_classes - 1) / 2)
-        P(i | i or j) for the pairs (0, 1), (0, 2), ..., (1, 2), ...; kept 1e-7 from 0 and 1.
+        P(i | i or j) for the pairs (0, 1), (0, 2), ..., (1, 2), ...; clipped to [1e-7, 1 - 1e-7].
     n_classes : int
         Number of classes, at least 2.
 
     Returns
     -------
     ndarray of float64, shape (n, n_classes)
-        Probabilities, which sum to 1.
+        Probabilities; each row sums to 1.
     """
     out = np.empty((len(pairs), n_classes))
     _couple(np.clip(np.ascontiguousarray(pairs, dtype=np.float64), _CLIP, 1 - _CLIP), n_classes, out)

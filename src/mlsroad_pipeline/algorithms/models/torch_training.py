@@ -1,6 +1,6 @@
-"""What networks share: where they run, results that repeat, rates, and weights as plain arrays.
+"""Device, reproducibility, learning rate and weights of neural networks.
 
-This module imports PyTorch; what need not run a network does not import it.
+This module imports PyTorch; modules that run no network must not import it.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from mlsroad_pipeline.algorithms.models.bundle import arrays_under
 
 
 def find_device(wanted: str) -> torch.device:
-    """Return where networks run.
+    """Return the device that networks run on.
 
     Parameters
     ----------
     wanted : {"auto", "cpu", "cuda"}
-        "auto" is a GPU where there is one.
+        Requested device; "auto" is a GPU if there is one.
 
     Returns
     -------
@@ -33,19 +33,19 @@ def find_device(wanted: str) -> torch.device:
     Raises
     ------
     ParameterError
-        If a GPU is asked for and there is none, or the name is unknown.
+        If the name is unknown, or "cuda" is requested without a GPU.
     """
     if wanted not in ("auto", "cpu", "cuda"):
         raise ParameterError(f"device must be one of auto, cpu, cuda, got {wanted!r}")
-    there = torch.cuda.is_available()
-    if wanted == "cuda" and not there:
-        raise ParameterError("device is 'cuda', but this machine has no GPU that PyTorch can use")
-    return torch.device("cuda" if wanted != "cpu" and there else "cpu")
+    available = torch.cuda.is_available()
+    if wanted == "cuda" and not available:
+        raise ParameterError("device is 'cuda', but PyTorch finds no GPU: use 'auto' or 'cpu'")
+    return torch.device("cuda" if wanted != "cpu" and available else "cpu")
 
 
 @contextmanager
 def reproducible(seed: int) -> Iterator[None]:
-    """Make what PyTorch draws and adds up depend on the seed alone, and leave its state as it was.
+    """Run PyTorch reproducibly: seeded, in one thread; the random state is restored afterwards.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def reproducible(seed: int) -> Iterator[None]:
     Yields
     ------
     None
-        One thread computes meanwhile: sums over threads depend on their number.
+        Sums over several threads would depend on their number.
     """
     with limited_threads(1), torch.random.fork_rng():
         torch.manual_seed(seed)
@@ -64,7 +64,7 @@ def reproducible(seed: int) -> Iterator[None]:
 
 @contextmanager
 def limited_threads(count: int) -> Iterator[None]:
-    """Let PyTorch use so many threads: on busy cores its threads wait for each other more than they help.
+    """Limit the threads of PyTorch, which block each other on busy cores.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def limited_threads(count: int) -> Iterator[None]:
     Yields
     ------
     None
-        Their former number holds again afterwards.
+        The previous limit is restored afterwards.
     """
     before = torch.get_num_threads()
     torch.set_num_threads(count)
@@ -85,14 +85,14 @@ def limited_threads(count: int) -> Iterator[None]:
 
 
 def learning_rate(step: int, n_steps: int, greatest: float) -> float:
-    """Return the rate of a step: it rises over the first fifth and falls to 0 as a cosine.
+    """Return the learning rate of a step: cosine warm-up over the first fifth, then cosine decay to 0.
 
     Parameters
     ----------
     step, n_steps : int
-        The step, from 0, and how many there are.
+        The step, from 0, and the number of steps.
     greatest : float
-        The greatest rate.
+        Maximum rate.
 
     Returns
     -------
@@ -106,7 +106,7 @@ def learning_rate(step: int, n_steps: int, greatest: float) -> float:
 
 
 def load_weights(network: nn.Module, arrays: Mapping[str, NDArray], prefix: str, what: str) -> None:
-    """Give a network its weights.
+    """Load the weights of a network from arrays.
 
     Parameters
     ----------
@@ -115,18 +115,18 @@ def load_weights(network: nn.Module, arrays: Mapping[str, NDArray], prefix: str,
     arrays : mapping of str to ndarray
         Weights among other arrays.
     prefix : str
-        What the names of the network's weights begin with.
+        Prefix of the names of the weights.
     what : str
-        What messages call the network.
+        Name of the network in messages.
 
     Raises
     ------
     DataError
-        If a weight is missing, left over or of another shape.
+        If a weight is missing, unexpected or of another shape.
     """
     state = {name: torch.from_numpy(np.array(values)) for name, values in arrays_under(arrays, prefix).items()}
     try:
         network.load_state_dict(state)
     except RuntimeError as error:
-        told = str(error).partition("\n")[2].strip().replace("\n\t", "; ")
-        raise DataError(f"the weights do not fit {what}: {told}") from error
+        reasons = str(error).partition("\n")[2].strip().replace("\n\t", "; ")
+        raise DataError(f"the weights do not fit {what}: {reasons}") from error

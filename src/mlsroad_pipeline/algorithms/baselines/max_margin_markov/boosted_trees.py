@@ -1,4 +1,4 @@
-"""A function that is a sum of regression trees with one value per class, grown tree by tree."""
+"""Boosted regression trees with one value per class."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def _add_trees(
 
 
 class BoostedTrees:
-    """A sum of regression trees, zero before the first is added.
+    """Sum of regression trees, initially zero.
 
     Parameters
     ----------
     n_values : int
-        Values of the function, one per class.
+        Number of values, one per class.
     """
 
     def __init__(self, n_values: int) -> None:
@@ -63,24 +63,24 @@ class BoostedTrees:
         min_samples_leaf: int,
         seed: int,
     ) -> None:
-        """Fit a tree to a functional gradient by least squares and add it.
+        """Fit a tree to a functional gradient by weighted least squares and add it.
 
         Parameters
         ----------
         features : ndarray of float32, shape (n, d)
-            Arguments of the function.
+            Features.
         target : ndarray of shape (n, n_values)
-            The gradient at these arguments.
+            Gradient at these features.
         weight : ndarray of shape (n,)
-            What each row counts.
+            Weight of each row.
         step : float
-            Factor of the tree.
+            Factor of the values of the tree.
         max_depth : int
-            Levels of the tree.
+            Maximum depth of the tree.
         min_samples_leaf : int
-            Fewest rows of a leaf.
+            Minimum rows per leaf.
         seed : int
-            Decides between splits that are equally good.
+            Seed for ties between splits.
         """
         if len(features) == 0 or not target.any():
             return
@@ -97,17 +97,17 @@ class BoostedTrees:
         self._value = np.concatenate([self._value, values.astype(np.float32)])
 
     def predict(self, features: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the function's values.
+        """Return the sum of the trees.
 
         Parameters
         ----------
         features : ndarray of float32, shape (n, d)
-            Arguments.
+            Features.
 
         Returns
         -------
         ndarray of float64, shape (n, n_values)
-            Sums over the trees.
+            Values.
         """
         total = np.zeros((len(features), self.n_values))
         rows = np.ascontiguousarray(features, dtype=np.float32)
@@ -115,12 +115,12 @@ class BoostedTrees:
         return total
 
     def to_arrays(self, prefix: str) -> dict[str, NDArray]:
-        """Return the trees as named plain arrays.
+        """Return the trees as named arrays.
 
         Parameters
         ----------
         prefix : str
-            What the names begin with.
+            Prefix of the names.
 
         Returns
         -------
@@ -137,22 +137,22 @@ class BoostedTrees:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], prefix: str) -> Self:
-        """Rebuild the function from what `to_arrays` returned.
+        """Rebuild the trees from the arrays of `to_arrays`.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
-            The arrays; further entries are left alone.
+            The arrays; other entries are ignored.
         prefix : str
-            What their names begin with.
+            Prefix of the names.
 
         Returns
         -------
         BoostedTrees
-            The function.
+            The trees.
         """
-        found = cls(arrays[f"{prefix}_value"].shape[1])
-        found._roots, found._column = arrays[f"{prefix}_roots"], arrays[f"{prefix}_column"]
-        found._threshold, found._child = arrays[f"{prefix}_threshold"], arrays[f"{prefix}_child"]
-        found._value = arrays[f"{prefix}_value"]
-        return found
+        trees = cls(arrays[f"{prefix}_value"].shape[1])
+        trees._roots, trees._column = arrays[f"{prefix}_roots"], arrays[f"{prefix}_column"]
+        trees._threshold, trees._child = arrays[f"{prefix}_threshold"], arrays[f"{prefix}_child"]
+        trees._value = arrays[f"{prefix}_value"]
+        return trees

@@ -1,8 +1,8 @@
 """Labelling with max-margin Markov networks (Munoz, Bagnell, Vandapel and Hebert 2009).
 
-A rival of Luo et al. 2016 (section IV-C). The score of a labelling is the sum of scores of sites, pairs and cliques,
-all learned by boosting (`max_margin_training`). Pairs and cliques score only for agreement, never below 0, so that the
-best labelling is sought by minimum cuts; cliques are robust P^n Potts terms over two k-means segmentations.
+A baseline of Luo et al. 2016 (section IV-C). The score of a labelling is the sum of scores of sites, pairs and cliques,
+learned by boosting (see `training`). Pairs and cliques score only agreement, at least 0, so that minimum cuts apply.
+Cliques are robust P^n Potts terms over two k-means segmentations.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ SLUG = "max_margin_markov"
 
 
 class MaxMarginMarkov:
-    """Labels patches by a max-margin Markov network.
+    """Patch classifier with a max-margin Markov network.
 
     Parameters
     ----------
     network : MarkovNetwork
-        What was learned.
+        The trained network.
     clique_shares : sequence of float
-        Clusters of each segmentation as a share of the patches.
+        Number of clusters of each segmentation as a fraction of the patches.
     temperature : float
-        What scores are divided by on their way to probabilities.
+        Divisor of the scores in the conversion to probabilities.
     colour : ndarray of float32, shape (3,) or (0,)
-        Mean colour of the training patches, which stands in where a scene has none; empty where they have none.
+        Mean colour of the training patches, substituted in scenes without colour; empty if training had no colour.
     errors : sequence of float
-        Share of wrong sites that the search with the loss found in each round of training.
+        Fraction of wrong sites of the loss-augmented labelling in each round of training.
     """
 
     def __init__(
@@ -59,14 +59,14 @@ class MaxMarginMarkov:
         Parameters
         ----------
         patches : Patches
-            Patches of one scene. Without colour they take the mean colour of the training patches, where these had one.
+            Patches of one scene. Without colour they take the mean colour of the training patches, if there is one.
         edges : ndarray of int32, shape (e, 2)
-            Pairs of patches that touch.
+            Pairs of adjacent patches.
 
         Returns
         -------
         ndarray of float64, shape (n, n_classes)
-            Probabilities given the best labels of all other patches; the largest is that of the best labelling.
+            Probabilities given the labels of all other patches; the class of the best labelling has the largest.
         """
         if len(patches) == 0:
             return np.zeros((0, self.network.n_labels))
@@ -78,7 +78,7 @@ class MaxMarginMarkov:
         return self.network.conditional_probabilities(graph, self.temperature)
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return all that was learned as named plain arrays."""
+        """Return the learned parameters as named arrays."""
         return {
             **self.network.to_arrays(),
             "clique_shares": np.array(self.clique_shares),
@@ -89,17 +89,17 @@ class MaxMarginMarkov:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild a labeller from what `to_arrays` returned.
+        """Rebuild a classifier from the arrays of `to_arrays`.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
-            The arrays; further entries are left alone.
+            The arrays; other entries are ignored.
 
         Returns
         -------
         MaxMarginMarkov
-            The labeller.
+            The classifier.
         """
         return cls(
             MarkovNetwork.from_arrays(arrays),

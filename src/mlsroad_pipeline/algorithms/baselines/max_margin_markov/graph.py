@@ -1,4 +1,4 @@
-"""The graph of an associative Markov network over patches: sites, pairs and k-means cliques, each with features."""
+"""Graph of an associative Markov network over patches: sites, pairs and k-means cliques, with features."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ _KMEANS_ITERATIONS = 20
 
 
 def kmeans_labels(points: NDArray[np.float64], n_clusters: int) -> NDArray[np.int32]:
-    """Partition points by k-means (Lloyd 1982), without chance.
+    """Partition points by deterministic k-means (Lloyd 1982).
 
-    The first centres are points at equal steps through their order, which is good where neighbours in order are
-    neighbours in space. Clusters that run empty are given up.
+    The initial centres are points at equal steps of their order, which suits spatially ordered points. Empty clusters
+    are removed.
 
     Parameters
     ----------
     points : ndarray of float64, shape (n, d)
         The points.
     n_clusters : int
-        How many clusters to begin with, from 1 to n.
+        Initial number of clusters, 1 to n.
 
     Returns
     -------
     ndarray of int32, shape (n,)
-        Cluster of each point, numbered by first point.
+        Cluster of each point, numbered by their first point.
     """
     offset = points - points.mean(axis=0)
     centres = offset[np.linspace(0, len(points) - 1, n_clusters).round().astype(np.int64)]
@@ -56,17 +56,17 @@ class MarkovGraph:
     Attributes
     ----------
     sites : ndarray of float32, shape (n, d)
-        Features of the patches: histogram, colour where there is one, height.
+        Features of the patches: histogram, colour (if available) and height.
     edges : ndarray of int32, shape (e, 2)
         Pairs of patches.
     pairs : ndarray of float32, shape (e, d2)
-        Features of the pairs: how far the ends differ in shape, colour and height, and their mean height.
+        Features of the pairs: differences in shape, colour and height, and mean height.
     indptr : ndarray of int64, shape (c + 1,)
-        Where each clique's members start.
+        Start of each clique in `members`.
     members : ndarray of int32, shape (m,)
-        Patches of the cliques; every patch is once in each segmentation.
+        Patches of the cliques; a patch occurs at most once per segmentation.
     groups : ndarray of float32, shape (c, d3)
-        Features of the cliques: means of their patches', their extent, and how many they are.
+        Features of the cliques: mean features of the patches, extent, and logarithm of the size.
     """
 
     sites: NDArray[np.float32]
@@ -104,24 +104,24 @@ def _group_features(
 
 
 def build_markov_graph(patches: Patches, edges: NDArray[np.int32], clique_shares: Sequence[float]) -> MarkovGraph:
-    """Build the network's graph of one scene.
+    """Build the Markov graph of a scene.
 
-    Cliques are the clusters of k-means segmentations of the patches' centroids with different numbers of clusters
-    (Luo et al. 2016, section IV-C; Munoz et al. 2009).
+    Cliques are the clusters of several k-means segmentations of the patch centroids (Luo et al. 2016, section IV-C;
+    Munoz et al. 2009).
 
     Parameters
     ----------
     patches : Patches
         The patches of the scene, at least one.
     edges : ndarray of int32, shape (e, 2)
-        Pairs of patches that touch.
+        Pairs of adjacent patches.
     clique_shares : sequence of float
-        Clusters of each segmentation as a share of the number of patches (luo2016: 0.03 and 0.01).
+        Number of clusters of each segmentation as a fraction of the patches (luo2016: 0.03 and 0.01).
 
     Returns
     -------
     MarkovGraph
-        The graph. Clusters of a single patch are no cliques.
+        The graph; clusters of one patch are not cliques.
     """
     parts = [patches.fpfh, *([] if patches.rgb is None else [patches.rgb]), patches.height[:, None]]
     sites = np.concatenate(parts, axis=1).astype(np.float32)

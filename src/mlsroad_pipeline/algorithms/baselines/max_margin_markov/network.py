@@ -1,4 +1,4 @@
-"""An associative Markov network: learned scores of sites, pairs and cliques, and the labelling that scores most."""
+"""Associative Markov network with learned scores of sites, pairs and cliques."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from mlsroad_pipeline.algorithms.energy.robust_potts import Cliques, minimize
 
 PARTS = ("sites", "pairs", "groups")
 _CYCLES = 5
-"""Turns of each label: more hardly lower an energy, and training asks for many minima."""
+"""Maximum cycles of alpha-expansion; further cycles hardly lower the energy."""
 
 
 @njit(cache=True, nogil=True)
 def clique_shares(
     labels: NDArray[np.integer], indptr: NDArray[np.int64], members: NDArray[np.int32], n_labels: int, truncation: float
 ) -> NDArray[np.float64]:
-    """Return how far each label suits each clique.
+    """Return the consistency of each label with each clique.
 
     Parameters
     ----------
     labels : ndarray of int, shape (n,)
         Label of each site.
     indptr, members : ndarray of int
-        The cliques.
+        The cliques in CSR form.
     n_labels : int
         The number of labels.
     truncation : float
-        Share of deviating members from which on a label does not suit a clique at all.
+        Fraction of deviating members at which the consistency reaches 0.
 
     Returns
     -------
     ndarray of float64, shape (c, n_labels)
-        1 where all members have the label, falling to 0.
+        1 if all members have the label, decreasing linearly to 0.
     """
     suits = np.zeros((len(indptr) - 1, n_labels))
     for c in range(len(suits)):
@@ -77,7 +77,7 @@ def _add_groups(
         count[:] = 0.0
         for s in range(indptr[c], indptr[c + 1]):
             count[labels[members[s]]] += 1.0
-        for a in range(n_labels):  # what the clique is worth when one member of label a takes label k
+        for a in range(n_labels):  # score of the clique after one member changes from label a to k
             for k in range(n_labels):
                 worth[a, k] = 0.0
                 for other in range(n_labels):
@@ -89,14 +89,14 @@ def _add_groups(
 
 
 class MarkovNetwork:
-    """Scores of labels, each a sum of regression trees: of sites, of pairs that agree, of cliques that mostly agree.
+    """Scores of sites, of agreeing pairs and of mostly agreeing cliques, each a sum of regression trees.
 
     Parameters
     ----------
     n_labels : int
-        The number of labels.
+        Number of labels.
     truncation : float
-        Share of deviating members at which a clique's score is spent, above 0 and at most 0.5.
+        Fraction of deviating members at which the score of a clique reaches 0, above 0 and at most 0.5.
     """
 
     def __init__(self, n_labels: int, truncation: float) -> None:
@@ -106,11 +106,11 @@ class MarkovNetwork:
 
     @property
     def n_labels(self) -> int:
-        """The number of labels."""
+        """Number of labels."""
         return len(self.known)
 
     def potentials(self, graph: MarkovGraph) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return what labels score.
+        """Return the scores of labels.
 
         Parameters
         ----------
@@ -122,9 +122,9 @@ class MarkovNetwork:
         sites : ndarray of float64, shape (n, l)
             Score of each label at each site.
         agreement : ndarray of float64, shape (e, l)
-            Score of a pair of which both ends have the label, not negative.
+            Score of a pair if both ends have the label, at least 0.
         reward : ndarray of float64, shape (c, l)
-            Score of a clique of which all members have the label, not negative: per member learned, here of all.
+            Score of a clique if all members have the label, at least 0: the learned score per member times the size.
         """
         sites = self.trees["sites"].predict(graph.sites)
         agreement = np.maximum(self.trees["pairs"].predict(graph.pairs), 0.0)
@@ -138,21 +138,21 @@ class MarkovNetwork:
         potentials: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
         bonus: NDArray[np.float64] | float = 0.0,
     ) -> NDArray[np.int32]:
-        """Return the labelling that scores most, by alpha-expansion.
+        """Return the labelling of maximum score, by alpha-expansion.
 
         Parameters
         ----------
         graph : MarkovGraph
             A scene.
         potentials : tuple of ndarray
-            What `potentials` returned.
+            Result of `potentials`.
         bonus : ndarray of float64, shape (n, l), or float
-            Added to the scores of the sites: the loss, in training.
+            Addition to the scores of the sites; the loss, in training.
 
         Returns
         -------
         ndarray of int32, shape (n,)
-            The labels; only those that training has shown.
+            The labels; labels without training samples are excluded.
         """
         sites, agreement, reward = potentials
         unary = -(sites + bonus)
@@ -165,21 +165,21 @@ class MarkovNetwork:
         return labels
 
     def conditional_probabilities(self, graph: MarkovGraph, temperature: float) -> NDArray[np.float64]:
-        """Return the probability of each label at each site, given the best labels of all other sites.
+        """Return the probability of each label at each site, given the labels of all other sites.
 
-        The best labelling's own label is the most probable one, as changing one site is an expansion.
+        The label of the best labelling is the most probable one, since a change at one site is an expansion.
 
         Parameters
         ----------
         graph : MarkovGraph
             A scene.
         temperature : float
-            What scores are divided by; larger values make probabilities more alike.
+            Divisor of the scores; larger values flatten the probabilities.
 
         Returns
         -------
         ndarray of float64, shape (n, l)
-            Rows of sum 1; 0 for labels that training has not shown.
+            Probabilities; rows sum to 1. Labels without training samples have 0.
         """
         potentials = self.potentials(graph)
         labels = self.best_labels(graph, potentials)
@@ -191,7 +191,7 @@ class MarkovNetwork:
         return scores / scores.sum(axis=1, keepdims=True)
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return all that was learned as named plain arrays."""
+        """Return the learned parameters as named arrays."""
         arrays = {"known": self.known, "truncation": np.array(self.truncation)}
         for part, trees in self.trees.items():
             arrays.update(trees.to_arrays(part))
@@ -199,19 +199,19 @@ class MarkovNetwork:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild a network from what `to_arrays` returned.
+        """Rebuild a network from the arrays of `to_arrays`.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
-            The arrays; further entries are left alone.
+            The arrays; other entries are ignored.
 
         Returns
         -------
         MarkovNetwork
             The network.
         """
-        found = cls(len(arrays["known"]), float(arrays["truncation"]))
-        found.known = arrays["known"].astype(np.bool_)
-        found.trees = {part: BoostedTrees.from_arrays(arrays, part) for part in PARTS}
-        return found
+        network = cls(len(arrays["known"]), float(arrays["truncation"]))
+        network.known = arrays["known"].astype(np.bool_)
+        network.trees = {part: BoostedTrees.from_arrays(arrays, part) for part in PARTS}
+        return network

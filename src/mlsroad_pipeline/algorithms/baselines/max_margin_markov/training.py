@@ -1,8 +1,8 @@
-"""Training max-margin Markov networks by functional gradient boosting (Munoz et al. 2009).
+"""Training of max-margin Markov networks by functional gradient boosting (Munoz et al. 2009).
 
-In every round the labelling is sought that scores most when wrong labels get a bonus (the loss); where it differs from
-the truth, the truth's labels are to score more and those found less, and a small regression tree is fitted to these
-wishes and added.
+Each round computes the labelling of maximum score plus loss. Where it differs from the true labelling, the functional
+gradient raises the scores of the true labels and lowers those of the predicted ones. One small regression tree each for
+sites, pairs and cliques is fitted to the gradient and added.
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class MarginParameters:
-    """Parameters of the network and its training.
+    """Parameters of the network and of its training.
 
     Parameters
     ----------
     n_rounds : int, default 40
-        Trees of each kind. More fit the training scenes better; time grows with them.
+        Trees of each kind. More trees fit the training scenes better; time grows linearly.
     step : float, default 1.0
-        Factor of the first tree; that of round t is divided by the square root of t.
+        Factor of the first tree; round t divides it by the square root of t.
     site_depth : int, default 8
-        Levels of the trees of sites.
+        Maximum depth of the trees of sites.
     context_depth : int, default 3
-        Levels of the trees of pairs and cliques.
+        Maximum depth of the trees of pairs and cliques.
     min_samples_leaf : int, default 10
-        Fewest rows of a leaf.
+        Minimum rows per leaf.
     batch_patches : int, default 20000
-        Patches of a round: scenes are drawn until there are as many. More give steadier steps and longer rounds.
+        Patches per round: scenes are added until this number is reached. Larger rounds are steadier and slower.
     fit_rows : int, default 10000
-        Sites, pairs and cliques that a tree is fitted to, drawn by what they weigh. Time grows with it.
+        Sites, pairs or cliques per tree, sampled by weight. Time grows with it.
     class_weight : {"balanced", "sqrt", "none"}, default "sqrt"
-        What the patches of a class weigh together in fitting: the same, the square root of their number, their number.
+        Total weight of a class: equal for all classes, the square root of its patches, or their number.
     clique_shares : sequence of float, default [0.03, 0.01]
-        Clusters of each k-means segmentation as a share of the patches (luo2016: 0.03 and 0.01); empty for no cliques.
+        Clusters of each k-means segmentation as a fraction of the patches (luo2016: 0.03, 0.01); empty for no cliques.
     truncation : float, default 0.3
-        Share of deviating members at which a clique's score is spent, at most 0.5.
+        Fraction of deviating members at which the score of a clique reaches 0, at most 0.5.
     temperature : float, default 1.0
-        What scores are divided by on their way to probabilities.
+        Divisor of the scores in the conversion to probabilities.
     seed : int, default 2009
-        Seed of the order of scenes and of ties in trees.
+        Seed of the order of scenes, of the samples and of ties in trees.
 
     Raises
     ------
@@ -98,21 +98,21 @@ class _Scene:
     truth: NDArray[np.int32]
 
 
-def _wishes(scene: _Scene, found: NDArray[np.int32], network: MarkovNetwork) -> dict[str, NDArray[np.float64]]:
-    """Return what each site, pair and clique should score more (+) and less (-): the functional gradient."""
+def _gradient(scene: _Scene, predicted: NDArray[np.int32], network: MarkovNetwork) -> dict[str, NDArray[np.float64]]:
+    """Return the functional gradient at each site, pair and clique."""
     graph, truth, eye = scene.graph, scene.truth, np.eye(network.n_labels)
     ends = graph.edges
-    wishes = {"sites": eye[truth] - eye[found], "pairs": np.zeros((len(ends), network.n_labels))}
-    for labels, sign in ((truth, 1.0), (found, -1.0)):
+    gradient = {"sites": eye[truth] - eye[predicted], "pairs": np.zeros((len(ends), network.n_labels))}
+    for labels, sign in ((truth, 1.0), (predicted, -1.0)):
         agree = labels[ends[:, 0]] == labels[ends[:, 1]]
-        wishes["pairs"][agree] += sign * eye[labels[ends[agree, 0]]]
+        gradient["pairs"][agree] += sign * eye[labels[ends[agree, 0]]]
     shape = (graph.indptr, graph.members, network.n_labels, network.truncation)
-    wishes["groups"] = clique_shares(truth, *shape) - clique_shares(found, *shape)
-    return wishes
+    gradient["groups"] = clique_shares(truth, *shape) - clique_shares(predicted, *shape)
+    return gradient
 
 
 def _rounds(scenes: Sequence[_Scene], batch_patches: int, n_rounds: int, seed: int) -> list[list[_Scene]]:
-    """Deal the scenes out to the rounds, in a new order each time all have been dealt."""
+    """Assign scenes to rounds; each pass over all scenes has a new random order."""
     rng = np.random.default_rng(seed)
     waiting: list[int] = []
     batches = []
@@ -134,8 +134,8 @@ def _boost(
     p: MarginParameters,
     pool: ThreadPoolExecutor,
 ) -> float:
-    """Add one tree of each kind; return the share of sites that the search found a wrong label for."""
-    wishes: dict[str, list[NDArray]] = {part: [] for part in PARTS}
+    """Add one tree of each kind; return the fraction of wrong sites in the loss-augmented labelling."""
+    gradients: dict[str, list[NDArray]] = {part: [] for part in PARTS}
     rows: dict[str, list[NDArray]] = {part: [] for part in PARTS}
     counts: dict[str, list[NDArray]] = {part: [] for part in PARTS}
     wrong = 0
@@ -144,10 +144,10 @@ def _boost(
         bonus = 1.0 - np.eye(network.n_labels)[scene.truth]
         return network.best_labels(scene.graph, network.potentials(scene.graph), bonus)
 
-    for scene, found in zip(batch, pool.map(search, batch), strict=True):
-        wrong += int((found != scene.truth).sum())
-        for part, wish in _wishes(scene, found, network).items():
-            wishes[part].append(wish)
+    for scene, predicted in zip(batch, pool.map(search, batch), strict=True):
+        wrong += int((predicted != scene.truth).sum())
+        for part, gradient in _gradient(scene, predicted, network).items():
+            gradients[part].append(gradient)
             rows[part].append(getattr(scene.graph, part))
         counts["sites"].append(weights[scene.truth])
         counts["pairs"].append(np.minimum(*weights[scene.truth][scene.graph.edges.T]))
@@ -158,7 +158,7 @@ def _boost(
         drawn = rng.choice(len(share), p.fit_rows, p=share / share.sum()) if len(share) else np.zeros(0, np.int64)
         network.trees[part].grow(
             np.concatenate(rows[part])[drawn],
-            np.concatenate(wishes[part])[drawn],
+            np.concatenate(gradients[part])[drawn],
             np.ones(len(drawn)),
             step=p.step / np.sqrt(round_number + 1.0),
             max_depth=p.site_depth if part == "sites" else p.context_depth,
@@ -176,30 +176,30 @@ def fit_max_margin(
     parameters: MarginParameters | None = None,
     n_threads: int = 1,
 ) -> MaxMarginMarkov:
-    """Learn from labelled patches.
+    """Train a max-margin Markov network on labelled patches.
 
     Parameters
     ----------
     patches : Patches
-        Labelled patches of one or more scenes; `scene` says which belong together.
+        Labelled patches of one or more scenes.
     edges : ndarray of int32, shape (e, 2)
-        Pairs of patches that touch; pairs of different scenes are left out.
+        Pairs of adjacent patches; pairs across scenes are excluded.
     n_classes : int
-        Classes of the scheme; one without patches is never given.
+        Classes of the scheme; classes without patches are never predicted.
     parameters : MarginParameters, optional
-        The parameters; the defaults where None.
+        The parameters; by default those of `MarginParameters()`.
     n_threads : int, default 1
-        Threads that label the scenes of a round; the network does not depend on it.
+        Threads over the scenes of a round; the network does not depend on them.
 
     Returns
     -------
     MaxMarginMarkov
-        The trained labeller.
+        The trained classifier.
 
     Raises
     ------
     DataError
-        If there is no patch, or one has no label of the scheme, or all are of one class.
+        If there is no patch, a label is outside the scheme, or all patches are of one class.
     """
     p = parameters if parameters is not None else MarginParameters()
     if len(patches) == 0:
@@ -211,7 +211,7 @@ def fit_max_margin(
         )
     sizes = np.bincount(patches.label, minlength=n_classes)
     if np.count_nonzero(sizes) < 2:
-        raise DataError(f"all training patches are of class {int(sizes.argmax())}: there is nothing to tell apart")
+        raise DataError(f"all training patches are of class {int(sizes.argmax())}: training needs at least two classes")
     weights = np.where(sizes > 0, 1.0 / np.maximum(sizes, 1) ** _EXPONENTS[p.class_weight], 0.0)
     weights *= len(patches) / (weights * sizes).sum()
     network = MarkovNetwork(n_classes, p.truncation)
@@ -227,7 +227,7 @@ def fit_max_margin(
 
 
 def _split(patches: Patches, edges: NDArray[np.int32], clique_shares: Sequence[float]) -> list[_Scene]:
-    """Cut the training set into its scenes, each with its graph."""
+    """Split the training set into scenes and build the graph of each."""
     scenes = []
     for number in np.unique(patches.scene):
         rows = np.flatnonzero(patches.scene == number)

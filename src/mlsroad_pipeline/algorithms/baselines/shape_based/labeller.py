@@ -243,7 +243,7 @@ def fit(
     labels = np.concatenate([scene["label"] for scene in filled])
     known = np.unique(labels)
     if len(known) < 2:
-        raise DataError(f"all training objects are of {scheme.classes[known[0]]}: there is nothing to tell apart")
+        raise DataError(f"all training objects are of {scheme.classes[known[0]]}: training needs at least two classes")
     forest = RandomForestClassifier(
         parameters.n_trees,
         min_samples_leaf=parameters.min_samples_leaf,
