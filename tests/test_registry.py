@@ -1,7 +1,12 @@
-"""What the pipelines say about themselves: tags by stage, layers by folder."""
+"""Registry of pipelines: names, tags by stage, layers by folder."""
+
+import subprocess
+import sys
+import textwrap
 
 from kedro.framework.project import configure_project, pipelines
 
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.config import with_layers
 from mlsroad_pipeline.pipelines.composition import comparison
 
@@ -12,6 +17,40 @@ def test_each_node_of_the_default_is_tagged_with_a_pipeline_that_has_it():
     for node in pipelines["__default__"].nodes:
         assert node.tags and all(node.name in holders[tag] for tag in node.tags), node.name
     assert set().union(*(node.tags for node in pipelines["__default__"].nodes)) >= set(comparison()) - {"simulate"}
+
+
+def test_every_method_has_a_pipeline_of_its_name():
+    configure_project("mlsroad_pipeline")
+    assert set(METHODS) | {"label", "__default__"} <= set(pipelines)
+    for slug in METHODS:
+        outputs = pipelines[slug].all_outputs()
+        assert {f"{slug}.model", f"{slug}.registered_model"} <= outputs, slug
+
+
+def test_a_command_imports_the_pipelines_that_it_names_alone():
+    script = """
+        import sys
+        from kedro.framework.project import configure_project, pipelines
+        configure_project("mlsroad_pipeline")
+        pipelines.set_requested(["label", "hough_forest", "nonsense"])
+        print(*pipelines)
+        print(*sys.modules)
+    """
+    command = [sys.executable, "-W", "ignore", "-c", textwrap.dedent(script)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    names, loaded = (line.split() for line in done.stdout.splitlines())
+    assert names == ["hough_forest", "label"]
+    package = "mlsroad_pipeline"
+    assert {f"{package}.pipelines.detectors", f"{package}.algorithms.baselines.hough_forest.detector"} <= set(loaded)
+    unwanted = (
+        "simulation",
+        "studies",
+        "pipelines.evaluation",
+        "algorithms.baselines.object_matching",
+        "pipelines.patches",
+    )
+    assert not [name for name in loaded if name.startswith(tuple(f"{package}.{part}" for part in unwanted))]
+    assert "torch" not in loaded
 
 
 def test_layers_come_from_paths_and_leave_other_entries_alone():

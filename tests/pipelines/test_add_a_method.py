@@ -1,0 +1,45 @@
+"""A method is a folder and a line of the table: it gets a pipeline, is trained, scored and used by `label`."""
+
+import sys
+
+import laspy
+import numpy as np
+import pandas as pd
+import pytest
+from helpers import toy
+from helpers.wiring import TINY, label, make_project, run, session_of
+from kedro.framework.project import pipelines
+
+from mlsroad_pipeline.algorithms.models.methods import METHODS, Method
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+LINE = Method("toy", "labelling", "toy", "toy:ToyParameters", "toy:ToyClassifier", "toy:train", "toy:label_cloud")
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    """A project with the folder, the line and the parameters of the method."""
+    monkeypatch.setitem(sys.modules, "mlsroad_pipeline.algorithms.toy", toy)
+    monkeypatch.setitem(METHODS, "toy", LINE)
+    (tmp_path / "project").mkdir()
+    project = make_project(tmp_path / "project")
+    (project / "conf/base/parameters_toy.yml").write_text("toy:\n  height: 0.3\n", encoding="utf-8")
+    return project
+
+
+def test_a_method_of_one_line_is_trained_scored_and_used(project, tmp_path):
+    run(project, to_nodes=["score_toy"], **TINY)
+    names = {node.name for node in pipelines["toy"].nodes}
+    assert names == {"gather_patch_training", "train_toy", "label_by_toy"}
+    assert "compare_methods" in {node.name for node in pipelines["__default__"].nodes}
+    scores = pd.read_csv(project / "data/08_reporting/scores/toy.csv").set_index(["split", "class", "metric"])["value"]
+    assert scores["test", "all", "overall_accuracy"] > 0.5
+    with session_of(project, **TINY) as session:
+        bundle = session.load_context().catalog.load("toy.registered_model")
+    assert bundle.slug == "toy" and bundle.metadata["entry_point"] == "mlsroad_pipeline.algorithms.toy:label_cloud"
+    assert bundle.metadata["parameters"]["toy"] == {"height": 0.3}
+    [survey] = (project / "data/01_raw").rglob("test/*.laz")
+    output = label(project, survey, tmp_path / "labelled", method="toy")
+    labelled = laspy.read(output / survey.name)
+    assert len(np.unique(labelled.classification)) >= 2 and labelled.confidence.max() == 1.0
