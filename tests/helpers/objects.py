@@ -48,12 +48,12 @@ def areas(mesh):
 
 
 def used(mesh):
-    """Return the vertices that faces have."""
+    """Return the vertices of the faces."""
     return mesh.vertices[np.unique(mesh.faces)]
 
 
 def along(mesh, origin, direction):
-    """Where a ray meets a mesh, nearest first, and which faces (Moeller and Trumbore, face by face)."""
+    """Return the distances of a ray's hits on a mesh, nearest first, and their faces (Moeller and Trumbore)."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     e1, e2 = b - a, c - a
     p = np.cross(direction, e2)

@@ -23,13 +23,13 @@ def first_triangle(origin, direction, vertices, faces):
 
 
 def enclosed_volume(vertices, faces):
-    """Return the volume inside a closed mesh whose faces turn outwards, by the divergence theorem."""
+    """Return the volume of a closed mesh with outward faces, by the divergence theorem."""
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
 
 
 def nearest_image_colour(point, time, images, depths):
-    """Return the colour of the temporally nearest image that sees a point, or None; ties go to the last one before."""
+    """Return the colour of a point in the temporally nearest image that shows it, or None; ties go to the earlier."""
 
     def key(j):
         before = images[j].time < time
@@ -41,7 +41,7 @@ def nearest_image_colour(point, time, images, depths):
         if seen[2] < 0.3:
             continue
         x, y = seen[:2] / seen[2]
-        if x * x + y * y > 2.0:  # far beyond the corners, where the lens's polynomial turns back
+        if x * x + y * y > 2.0:  # far beyond the corners, where the lens polynomial is not monotonic
             continue
         u, v, _ = np.floor(image.K @ [*brown_conrady(x, y, image.distortion), 1.0] + 0.5).astype(int)
         if not (0 <= u < image.width and 0 <= v < image.height):
@@ -52,7 +52,7 @@ def nearest_image_colour(point, time, images, depths):
 
 
 def brown_conrady(x, y, distortion):
-    """Return the distorted place of a place in the image plane, as the formula is printed."""
+    """Distort a place in the image plane by the printed formula."""
     k1, k2, p1, p2, k3 = distortion
     r = np.hypot(x, y)
     radial = 1 + k1 * r**2 + k2 * r**4 + k3 * r**6
@@ -63,7 +63,7 @@ def brown_conrady(x, y, distortion):
 
 
 def curb_distance_by_sampling(s, left, half, arm):
-    """Return distances to the curb of a straight street that one side street joins at right angles.
+    """Return distances to the curb of a straight street with one side street at right angles.
 
     The curb is drawn as points a millimetre apart: straight lines, and arcs of the arm's radius that touch both.
     """
@@ -86,7 +86,7 @@ def curb_distance_by_sampling(s, left, half, arm):
 
 
 def hulls_overlap(a, b):
-    """Tell whether the convex hulls of two sets of points of the plane overlap (no axis of either separates them)."""
+    """Return whether the convex hulls of two sets of points of the plane overlap (no axis of either separates them)."""
     hulls = [points[ConvexHull(points).vertices] for points in (a, b)]
     for hull in hulls:
         edges = np.roll(hull, -1, axis=0) - hull

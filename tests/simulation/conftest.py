@@ -23,17 +23,17 @@ def survey():
 
 @pytest.fixture(scope="session")
 def stream():
-    """The same survey, to be made piece by piece."""
+    """The same survey as a stream."""
     return SurveyStream(PARAMETERS)
 
 
 @pytest.fixture(scope="session")
 def scene(stream):
-    """What rays can meet in its first block."""
+    """Scene of its first block."""
     return stream.scene(0)
 
 
 @pytest.fixture(scope="session")
 def photographs(stream, scene):
-    """Images of the first block and their depths."""
+    """Images of the first block with depths."""
     return stream.photograph(0, scene)

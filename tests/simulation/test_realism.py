@@ -17,7 +17,7 @@ from mlsroad_pipeline.simulation.realism import (
 
 
 def side_looking(*, height=1.83, step=0.5, spacing=0.2, lines=12, reach=12.0, wall=6.0, first_angle=12.0, yaw=0.3):
-    """Return points in the order measured of a scanner that looks left over a plane, towards a wall."""
+    """Return points, in the order measured, of a scanner that looks left over a plane to a wall."""
     angles = np.radians(np.arange(first_angle, 120.0, step))
     out = []
     for k in range(lines):
@@ -33,7 +33,7 @@ def side_looking(*, height=1.83, step=0.5, spacing=0.2, lines=12, reach=12.0, wa
 
 
 @pytest.mark.parametrize(("height", "step", "reach"), [(1.83, 0.5, 12.0), (2.4, 0.25, 17.0), (1.2, 0.4, 6.0)])
-def test_scan_lines_give_back_the_scanner_that_made_them(height, step, reach):
+def test_scan_lines_recover_the_scanner(height, step, reach):
     points = side_looking(height=height, step=step, reach=reach)
     found = fit_scan_lines(points)
     assert len(found.first) == 12
@@ -48,7 +48,7 @@ def test_scan_lines_give_back_the_scanner_that_made_them(height, step, reach):
     assert (np.diff(found.first) == len(points) // 12).all() and found.first[0] == 0
 
 
-def test_lines_without_ground_enough_are_left_out():
+def test_lines_without_enough_ground_are_skipped():
     assert len(fit_scan_lines(side_looking(reach=1.2)).first) == 0
     for few in (np.zeros((0, 3)), np.zeros((1, 3)), np.zeros((200, 3))):
         assert len(fit_scan_lines(few).first) == 0
@@ -131,7 +131,7 @@ def test_gap_of_distributions_is_scipys_statistic(rng):
     assert np.isnan(distribution_gap(a, []))
 
 
-def test_what_cannot_be_is_refused():
+def test_bad_arguments_are_errors():
     for call, match in (
         (lambda: fit_scan_lines(np.zeros((3, 3)), min_jump=0), "min_jump must be a finite number > 0, got 0"),
         (lambda: surface_density(np.zeros((3, 3)), k=0), "k must be at least 1, got 0"),

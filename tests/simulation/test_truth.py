@@ -1,4 +1,4 @@
-"""The truth of a survey over several blocks and passes, against its points and against the street drawn anew."""
+"""Truth of a survey over several blocks and passes, against its points and the street built again."""
 
 from dataclasses import replace
 
@@ -42,7 +42,7 @@ def by_instance(surveyed):
 
 @pytest.fixture(scope="module")
 def standing(surveyed):
-    """Every numbered object that stands along the street, drawn anew."""
+    """All static objects with an instance, built again."""
     street = surveyed[3]
     return {p.instance: p for block in range(-1, 6) for p in populate(street, block) if p.instance}
 
@@ -82,7 +82,7 @@ def test_every_point_lies_on_the_object_whose_number_it_has(surveyed, by_instanc
         away.append(scene.compute_distance((xyz - near).astype(np.float32)).numpy())
         checked += 1
     gap = np.concatenate(away)
-    # Noise and the trajectory's error; mixed pixels and glare are the rest.
+    # Noise and errors of the trajectory; the rest is mixed pixels and blooming.
     assert checked > 250 and len(gap) > 30_000
     assert np.quantile(gap, 0.9) < 0.06 and np.mean(gap > 0.3) < 0.01
 
@@ -134,7 +134,7 @@ def test_masts_follow_their_lean(surveyed, by_instance):
     assert np.max(gaps) < 0.22  # the radius of the thickest, and noise
 
 
-def test_plates_lie_and_look_as_the_table_says(surveyed, by_instance):
+def test_plates_lie_and_face_as_in_the_table(surveyed, by_instance):
     points, table, origin, *_ = surveyed
     checked = 0
     single = (table["panels"] == 1) & (table["design"] != "street_name_sign")

@@ -184,5 +184,5 @@ def test_bad_layouts_are_named(tmp_path):
     with pytest.raises(ParameterError, match="unknown simulation parameters: peice_length"):
         simulation_parameters({"peice_length": 3})
     tiny = simulation_parameters({"preset": "tiny"})
-    with pytest.raises(ParameterError, match="frames need a scanner with an upright axis, which 'vmx450' lacks"):
+    with pytest.raises(ParameterError, match="frames need a scanner with an upright axis, 'vmx450' has none"):
         write_simulated_survey(parameters=tiny, folder=str(tmp_path / "x"), n_threads=1, files=SurveyFiles(frames=True))

@@ -1,4 +1,4 @@
-"""The survey simulator: a street that a mobile mapping van really scans."""
+"""Survey simulator: procedural streets, scanned and photographed by ray casting from a mobile mapping van."""
 
 from mlsroad_pipeline.simulation.cameras.cameras import Image
 from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem

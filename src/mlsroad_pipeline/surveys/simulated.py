@@ -1,4 +1,4 @@
-"""A simulated survey written as a real one is delivered: LAZ, trajectory, images with calibration, and the truth."""
+"""Simulated surveys on disk, as a survey is delivered: LAZ, trajectory, images with calibration, and the truth."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from mlsroad_pipeline.surveys.simulated_frames import FrameWriter
 POINTS, TRAJECTORY = "survey.laz", "trajectory.csv"
 
 LAYOUT = ("piece_length", "frames")
-"""Keys of a survey's configuration that say how it is laid out in files."""
+"""Keys of a survey's configuration that describe its file layout."""
 
 SCAN_ANGLE_STEP = 0.006
 """Degrees per unit of the scan angle in LAS 1.4."""
 
 
 def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
-    """Read simulation parameters from configuration.
+    """Return the simulation parameters that a configuration describes.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
 
 
 def survey_files(config: Mapping[str, Any]) -> SurveyFiles:
-    """Read from configuration how a survey is laid out in files.
+    """Return the file layout that a survey's configuration describes.
 
     Raises
     ------
@@ -75,16 +75,16 @@ def survey_files(config: Mapping[str, Any]) -> SurveyFiles:
 
 @dataclass(frozen=True)
 class SurveyFiles:
-    """How a survey is laid out in files.
+    """File layout of a survey.
 
     Parameters
     ----------
     piece_length : float, optional
-        Street per point file, metres; by default one file holds all. It does not bound the memory that writing takes,
-        which is small anyway.
+        Street per point file, metres; by default one file holds all points. The memory needed is
+        small in either case.
     frames : bool, default False
         Whether each revolution of the first scanner is also written as a KITTI scan with SemanticKITTI labels; for
-        scanners that turn about an upright axis.
+        scanners that rotate about an upright axis.
 
     Raises
     ------
@@ -110,14 +110,14 @@ class SurveyFiles:
 def write_simulated_survey(
     *, parameters: SimulationParameters, folder: str, n_threads: int, files: SurveyFiles | None = None
 ) -> dict[str, NDArray]:
-    """Simulate a survey and write it into a folder, which appears whole or not at all.
+    """Simulate a survey and write it into a folder, which appears complete or not at all.
 
-    Points are written as they are made: a street of kilometres takes no more memory than one of some 200 m.
+    Points are written as they are simulated: a street of kilometres takes no more memory than one of some 200 m.
 
     Raises
     ------
     ParameterError
-        If a parameter is wrong.
+        If a parameter is outside its domain.
     """
     files = SurveyFiles() if files is None else files
     target = Path(folder)
@@ -147,7 +147,7 @@ def write_simulated_survey(
 
 
 class _PointFiles:
-    """The LAZ files of a survey, written one after the other; use it as a context manager."""
+    """Writer of the LAZ files of a survey, one after the other; a context manager."""
 
     def __init__(
         self, folder: Path, files: SurveyFiles, parameters: SimulationParameters, pieces: SurveyPieces, n_threads: int
@@ -167,7 +167,7 @@ class _PointFiles:
         self._close()
 
     def write(self, cloud: PointCloud) -> None:
-        """Append points; they go to the files that their times belong to."""
+        """Append points to the files of their times."""
         steps = np.round(cloud["scan_angle"] / SCAN_ANGLE_STEP).astype(np.int16)
         cloud = cloud.with_columns(scan_angle=steps)
         for number, part in self._parts(cloud):
@@ -199,7 +199,7 @@ class _PointFiles:
 
 
 def _write_images(images: Sequence[Image], folder: Path) -> list[dict[str, Any]]:
-    """Write pictures and their truth, and return what the calibration file says of each."""
+    """Write images and their truth, and return their entries of the calibration file."""
     if not images:
         return []
     for kind in ("images", "labels", "instances"):

@@ -54,30 +54,30 @@ def semantic_kitti_codes() -> NDArray[np.uint16]:
 
 
 class FrameWriter:
-    """Writes ``velodyne/000000.bin``, ``labels/000000.label``, ``poses.txt`` and ``times.txt``.
+    """Writer of ``velodyne/000000.bin``, ``labels/000000.label``, ``poses.txt`` and ``times.txt``.
 
-    A frame is one revolution, from behind to behind; its points are in the scanner's axes (x forward, y left, z up) at
-    the time in its middle, freed from the motion within the revolution by the reported trajectory.
+    A frame is one revolution, from behind to behind. Its points are in the scanner's axes (x forward, y left, z up) at
+    the middle of the revolution, with the motion within it removed by the reported trajectory.
 
     Parameters
     ----------
     folder : Path
-        Where they go.
+        Output folder.
     parameters : SimulationParameters
-        What is surveyed, and how.
+        Survey parameters.
     pieces : SurveyPieces
         The survey.
 
     Raises
     ------
     ParameterError
-        If the first scanner does not turn about an upright axis.
+        If the first scanner does not rotate about an upright axis.
     """
 
     def __init__(self, folder: Path, parameters: SimulationParameters, pieces: SurveyPieces) -> None:
         self._folder, self._pieces, self._device = folder, pieces, parameters.devices[0]
         if abs(self._device.mounting[2, 0]) < 0.9:
-            raise ParameterError(f"frames need a scanner with an upright axis, which {parameters.scanner.name!r} lacks")
+            raise ParameterError(f"frames need a scanner with an upright axis, {parameters.scanner.name!r} has none")
         for name in ("velodyne", "labels"):
             (folder / name).mkdir(parents=True)
         self._codes = semantic_kitti_codes()
@@ -103,7 +103,7 @@ class FrameWriter:
             self._open.append(cloud.select(rows))
 
     def close(self) -> None:
-        """Write the last frame, and poses and times of all."""
+        """Write the last frame, and the poses and times of all."""
         self._flush()
         rows = [" ".join(f"{value:.9g}" for value in pose[:3].ravel()) for pose in self._poses]
         (self._folder / "poses.txt").write_text("".join(f"{row}\n" for row in rows), encoding="utf-8")
@@ -125,15 +125,15 @@ class FrameWriter:
         KittiFormat().write(self._folder / "velodyne" / f"{name}.bin", scan, WriteOptions(like="none"))
         codes = self._codes[columns["label"]]
         moving = np.isin(columns["instance"], self._pieces.moving_instances())
-        for standing, driving in _MOVING.items():
-            codes[moving & (codes == standing)] = driving
+        for static_code, moving_code in _MOVING.items():
+            codes[moving & (codes == static_code)] = moving_code
         write_labels(self._folder / "labels" / f"{name}.label", codes, self._dense(columns["instance"]))
         self._poses.append(pose)
         self._times.append(time)
         self._open = []
 
     def _dense(self, instances: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Renumber instances in the order in which they appear, so that 16 bits hold them."""
+        """Renumber instances in the order of appearance, so that 16 bits suffice."""
         values, ranks = np.unique(instances, return_inverse=True)
         for value in values.tolist():
             self._numbers.setdefault(value, len(self._numbers))

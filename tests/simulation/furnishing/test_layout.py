@@ -23,7 +23,7 @@ WIRE = TAXONOMY["wire"]
 
 @pytest.fixture(scope="module")
 def streets():
-    """Return a street of each kind and what stands in two of its blocks."""
+    """Return a street of each kind and the static objects of two blocks."""
     kinds = [*STREETS.values(), replace(STREETS["town"], two_wheelers=5.0)]
     drawn = [draw_street(k, length=120.0, parameters=p) for k, p in enumerate(kinds)]
     return [(street, populate(street, 0) + populate(street, 1)) for street in drawn]
@@ -80,7 +80,7 @@ def test_footprints_do_not_interpenetrate_unless_planned(streets):
         assert checked > 50
 
 
-def test_things_stand_off_the_carriageway(streets):
+def test_static_objects_are_off_the_carriageway(streets):
     drive_there = {TAXONOMY[name] for name in ("car", "van", "truck", "bus")} | {WIRE}
     for street, placed in streets:
         bases = np.array([p.base for p in placed if p.label not in drive_there and p.instance])
@@ -150,7 +150,7 @@ def distance_to_mesh(point, meshes):
     return float(scene.compute_distance(point[None].astype(np.float32))[0].item())
 
 
-def test_vehicles_of_a_lane_never_meet():
+def test_vehicles_of_a_lane_never_collide():
     street = draw_street(1, length=600.0, parameters=replace(STREETS["ring_road"], traffic=2.0))
     lanes = {}
     for block in range(10):
@@ -167,7 +167,7 @@ def test_vehicles_of_a_lane_never_meet():
             assert b - a > (long + other) / 2 + 1.0
 
 
-def test_lorries_are_as_frequent_among_vehicles_as_asked_for():
+def test_the_share_of_lorries_follows_the_parameter():
     def labels(lorries):
         parameters = replace(STREETS["ring_road"], traffic=1.8, people=0.0, two_wheelers=0.0, lorries=lorries)
         street = draw_street(3, length=2400.0, parameters=parameters)
@@ -182,7 +182,7 @@ def test_lorries_are_as_frequent_among_vehicles_as_asked_for():
     assert not (none == lorry).any()
 
 
-def test_bus_stops_and_gantries_can_be_left_out_and_alternate_otherwise():
+def test_bus_stops_and_gantries_can_be_excluded_and_alternate_otherwise():
     def counts(**changes):
         street = draw_street(3, length=600.0, parameters=replace(STREETS["ring_road"], clutter=0.0, **changes))
         placed = [p for block in range(10) for p in populate(street, block)]
@@ -205,7 +205,7 @@ def drive_of(seconds):
 
 
 def all_of(multiplier, *, traffic=1.0, seed=4, blocks=2):
-    """Return what stands and what moves in a town with some two-wheelers."""
+    """Return static and moving objects of a town with a factor on two-wheelers."""
     parameters = replace(STREETS["town"], two_wheelers=multiplier, traffic=traffic)
     street = draw_street(seed, length=blocks * BLOCK, parameters=parameters)
     standing = [populate(street, block) for block in range(blocks)]
@@ -219,7 +219,7 @@ def assert_same(one, other):
     assert (one.label, one.instance, one.design) == (other.label, other.instance, other.design)
 
 
-def test_more_two_wheelers_leave_the_rest_of_a_street_as_it_is():
+def test_more_two_wheelers_change_nothing_else():
     (standing, moving), (more, riding) = all_of(1.0), all_of(5.0)
     for few, many in ((standing, more), (moving, riding)):
         added = []
@@ -233,13 +233,13 @@ def test_more_two_wheelers_leave_the_rest_of_a_street_as_it_is():
 
 
 def catalogue_label(thing):
-    """Return the class of the design that something was built from, None where it is not of the catalogue."""
+    """Return the class of an object's design, None for objects outside the catalogue."""
     known = {design.name: label for label, group in catalogue.designs().items() for design in group}
     return known.get(thing.design)
 
 
 def test_a_multiplier_of_one_draws_no_two_wheeler_and_no_random_number(monkeypatch):
-    """The street is that of a simulator which does not know the multiplier."""
+    """The street equals that of a simulator without the factor."""
     standing, moving = all_of(1.0, traffic=2.0)
     monkeypatch.setattr(layout.two_wheelers, "park", lambda site: None)
     monkeypatch.setattr(traffic, "cyclists", lambda street, block, taken: (None, []))
@@ -276,7 +276,7 @@ def test_cyclists_keep_their_distance():
     assert np.diff(at_start).min() > 2.5
 
 
-def test_overlaps_finds_the_first_box_that_is_met():
+def test_overlaps_returns_the_first_overlapping_box():
     boxes = np.array([[0, 0, 1, 1, 0], [5, 0, 2, 0.5, np.pi / 4], [5, 5, 1, 1, 0.3]])
     assert overlaps(boxes, np.array([1.9, 0, 1, 1, 0.0]), 0.0) == 0
     assert overlaps(boxes, np.array([2.1, 0, 1, 1, 0.0]), 0.0) == -1

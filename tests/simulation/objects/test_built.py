@@ -1,4 +1,4 @@
-"""Designs of built things and vehicles: what holds for every one, over several streams."""
+"""Designs of built objects and vehicles: properties of each, over several streams."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ SIZES = {
 }  # fmt: skip
 
 
-ALSO = {  # classes that faces have beside the whole's
+ALSO = {  # classes of faces beside that of the whole
     "lamp_with_sign": {"traffic_sign"}, "post_signal": {"traffic_sign"}, "mast_arm_signal": {"traffic_sign", "light_pole"},
     "sign_gantry": {"traffic_sign"}, "cantilever_gantry": {"traffic_sign"}, "planter": {"other_vegetation"},
     "wood_pole": {"traffic_sign"}, "double_cross_arm_pole": {"traffic_sign"}, "concrete_line_pole": {"traffic_sign"},
@@ -117,7 +117,7 @@ def test_stands_at_the_origin_and_keeps_to_its_clearance(name):
 
 
 @pytest.mark.parametrize("name", SIZES)
-def test_things_have_the_stated_sizes(name):
+def test_objects_have_the_stated_sizes(name):
     low, high, wide = SIZES[name]
     for stream in STREAMS:
         points = used(built(name, stream))

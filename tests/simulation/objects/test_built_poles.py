@@ -26,7 +26,7 @@ def test_wires_hang_from_the_pole(name):
         scene = o3d.t.geometry.RaycastingScene()
         scene.add_triangles(pole.vertices.astype(np.float32), pole.faces.astype(np.uint32))
         assert scene.compute_distance(points.astype(np.float32)).numpy().max() < 0.003
-        assert points[:, 2].min() > 4.0  # clear of what drives below
+        assert points[:, 2].min() > 4.0  # clear of traffic below
         assert points[:4, 2].min() > points[4:, 2].max()  # conductors above cables
         assert (np.diff(points[:4, 0]) > -0.05).all()  # so that wires do not cross
         gaps = np.linalg.norm(points[:, None] - points[None], axis=2)[np.triu_indices(utility_poles.WIRES, 1)]
@@ -68,7 +68,7 @@ def test_a_planted_lean_and_plate_are_measured():
     small, _ = sign_plate(np.random.default_rng(3), "square")
     small.vertices[:] *= 0.5
     post = tube([[0, 0, -0.3], [0, 0, 3.2]], 0.04, metal)
-    # The large plate looks at an azimuth of 110 degrees, the small one back.
+    # The large plate faces an azimuth of 110 degrees, the small one the opposite.
     upright = join([
         post, plate.moved([0.06, 0, 2.4], yaw=np.radians(-20)), small.moved([-0.06, 0, 1.2], yaw=np.radians(160)),
     ])  # fmt: skip
@@ -78,7 +78,7 @@ def test_a_planted_lean_and_plate_are_measured():
     assert found.panel_centre == pytest.approx(2.4) and found.panel_bottom == pytest.approx(2.4 - half)
     assert found.panel_height == pytest.approx(2 * half) == pytest.approx(found.panel_width)
     np.testing.assert_allclose([found.panel_x, found.panel_y], base[:2] + [0.06, 0], atol=0.01)
-    # A turn by 2 degrees about the north lifts what is in the west: the top goes to the east.
+    # A rotation by 2 degrees about north leans the top to the east.
     for yaw, lean in ((0.0, 90.0), (90.0, 0.0), (200.0, 250.0)):
         turn = rotation_matrix(np.radians(yaw), 0, 0) @ rotation_matrix(0, np.radians(2.0), 0)
         leant = type(post)(post.vertices @ turn.T + base, post.faces, post.attributes)
@@ -92,7 +92,7 @@ def test_a_planted_lean_and_plate_are_measured():
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_plates_of_signs_look_along_x_and_have_their_sizes(shape):
+def test_plates_of_signs_face_x_and_have_their_sizes(shape):
     for stream in STREAMS:
         mesh, half = sign_plate(np.random.default_rng([13, stream]), shape)
         plates = sign_plates(mesh)
@@ -124,7 +124,7 @@ def test_outlines_are_those_of_their_shapes():
         assert largest / (2 * half * width) == pytest.approx(share, abs=0.02)
 
 
-def test_signs_on_posts_look_along_x_at_their_heights():
+def test_signs_on_posts_face_x_at_their_heights():
     bottoms = []
     for stream in range(40):
         plates = sign_plates(DESIGNS["round_sign"].build(np.random.default_rng([14, stream])))
@@ -136,7 +136,7 @@ def test_signs_on_posts_look_along_x_at_their_heights():
 
 
 @pytest.mark.parametrize("name", ["lamp_with_sign", "sign_gantry", "cantilever_gantry"])
-def test_signs_on_other_poles_look_along_y(name):
+def test_signs_on_other_poles_face_y(name):
     ahead = []
     for stream in range(12):
         plates = sign_plates(DESIGNS[name].build(np.random.default_rng([15, stream])))
@@ -158,8 +158,8 @@ def test_arms_reach_along_x(name):
 
 
 @pytest.mark.parametrize(("name", "axis"), [("post_signal", 1), ("mast_arm_signal", 1), ("pedestrian_signal", 0)])
-def test_signals_look_at_those_they_are_for(name, axis):
-    # Lenses are the only faces with a saturated colour; red ones of vehicles look along +y, of walkers along +x.
+def test_signals_face_their_traffic(name, axis):
+    # Lenses are the only faces with a saturated colour; red ones for vehicles face +y, for pedestrians +x.
     for stream in STREAMS:
         mesh = built(name, stream)
         rgb = mesh.attributes[:, RED : RED + 3]
@@ -188,5 +188,5 @@ def test_real_poles_are_as_high_as_simulated_ones_may_be(real_data, prefix, desi
             z = np.loadtxt(text, delimiter=",", usecols=2) / 1000
         heights.append(np.ptp(z))
     typical = np.median(heights)
-    assert measured[0] < typical < measured[1]  # the recording is what it was taken for
+    assert measured[0] < typical < measured[1]  # the recording is of the assumed design
     assert simulated.min() < typical < simulated.max()

@@ -1,4 +1,4 @@
-"""Vehicles: their measures, their panes and what is behind them, the skin that they are lofted from."""
+"""Vehicles: measures, panes and interior, and their lofted skin."""
 
 from dataclasses import replace
 
@@ -46,14 +46,14 @@ def test_vehicles_head_along_x_with_plates_and_panes(name):
         assert tail.sum() >= 24 and (middle[tail, 0] < -0.9 * half + 0.2).all()
         assert ((kind == RETRO) & ~tail & (middle[:, 0] < -0.85 * half)).sum() >= 12  # the licence plate
         glass = kind == GLASS
-        # A windscreen looks ahead, and it slopes: its area has a component along x.
+        # A windscreen faces forward, and it slopes: its area has a component along x.
         a, b, c = (mesh.vertices[mesh.faces[glass][:, k]] for k in range(3))
         across = np.abs(np.cross(b - a, c - a)[:, 0]) / 2
         assert across[middle[glass, 0] > 0].sum() > 0.35
 
 
 @pytest.mark.parametrize("name", ["sedan", "hatchback", "estate", "suv", "minivan", "panel_van", "pickup", "bus"])
-def test_a_beam_passes_the_panes_and_meets_what_is_inside(name):
+def test_a_beam_passes_the_panes_and_hits_the_interior(name):
     mesh = built(name, 2)
     points = used(mesh)
     half = 0.45 * np.ptp(points[(points[:, 2] > 0.3) & (points[:, 2] < 0.62)][:, 1])
@@ -104,7 +104,7 @@ def test_wheels_stand_in_arches():
     assert len(along(mesh, np.array([0.05, 5.0, 0.32]), sideways)[0]) == 2
 
 
-def test_panes_and_openings_are_where_they_are_wanted():
+def test_panes_and_openings_are_at_their_places():
     body = replace(PLAIN, side_panes=[(-0.5, 0.5)], top_panes=[(0.8, 1.2)], open=[(-1.5, -1.0)])
     mesh = skin(body, *SKINS[:3], roof=SKINS[3])
     down, sideways = np.array([0.0, 0.0, -1.0]), np.array([0.0, -1.0, 0.0])

@@ -29,7 +29,7 @@ BUDGET = {
     "tree": 6000, "palm": 6000, "cycas": 2600, "brushwood": 2500, "person": 830, "animal": 800, "bicycle": 800,
     "rider": 1800, "motorcycle": 1000, "other_vehicle": 300,
 }  # fmt: skip
-# Lowest and largest height, and largest width, metres: the outer ends of the sources that the modules name.
+# Lowest and largest height, and largest width, metres: the bounds of the sources that the modules name.
 SIZES = {
     "round_tree": (5.5, 14, 12), "mature_tree": (12, 21.5, 14.5), "small_round_tree": (3.7, 7.6, 6.6), "columnar_tree": (6.5, 15.5, 7),
     "vase_tree": (6.5, 15, 13), "pyramidal_tree": (6.3, 15, 10), "weeping_tree": (4.4, 11, 12),
@@ -71,7 +71,7 @@ def test_individuals_stand_at_the_origin_within_their_sizes(name, individuals):
         top = mesh.vertices[:, 2].max()
         assert low <= top <= high
         assert np.ptp(mesh.vertices[:, :2], axis=0).max() <= wide
-        # What grows has roots; what stands touches the ground.
+        # Plants have roots; other objects touch the ground.
         assert -0.5 < mesh.vertices[:, 2].min() < 0.025
         foot = mesh.vertices[mesh.vertices[:, 2] < 0.3, :2]
         assert np.abs(foot).max() <= DESIGNS[name].clearance
@@ -127,7 +127,7 @@ def test_stems_have_the_girth_of_street_trees(name, individuals):
         assert across < np.ptp(mesh.vertices[:, :2], axis=0).min() / 8
 
 
-def test_nothing_kept_for_movers_is_a_parked_thing():
+def test_designs_for_moving_objects_are_never_parked():
     assert set(people.WALKERS) < {design.name for design in people.DESIGNS}
     for name in ("ridden_bicycle", "ridden_motorcycle", "ridden_scooter"):
         codes = np.unique(DESIGNS[name].build(np.random.default_rng(0)).attributes[:, LABEL])
@@ -144,7 +144,7 @@ def test_riders_touch_what_they_ride(name, individuals):
         shares = np.random.default_rng(0).dirichlet([1, 1, 1], 40)
         machine = np.concatenate([machine.reshape(-1, 3), np.einsum("sk,fkc->fsc", shares, machine).reshape(-1, 3)])
         for side in (-1, 1):
-            # The hand is what reaches farthest ahead above the knees.
+            # The hand is the foremost point above the knees.
             arm = rider[(side * rider[:, 1] > 0.12) & (rider[:, 2] > 0.85)]
             hand = arm[arm[:, 0].argmax()]
             assert np.linalg.norm(machine - hand, axis=1).min() < 0.16

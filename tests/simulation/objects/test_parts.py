@@ -1,4 +1,4 @@
-"""Solids that designs of built things share, against closed forms."""
+"""Solids of built objects, against closed forms."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_grid_skin_colours_its_cells_and_leaves_holes():
     assert not ((cell[:, 0] == 1) & (cell[:, 1] == 0)).any()
 
 
-def test_cells_without_area_are_left_out():
+def test_cells_without_area_are_dropped():
     points = np.array([[[0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 0, 0]], [[2, 0, 0], [2, 0, 0]]], dtype=float)
     assert len(grid_skin(points, [GREY]).faces) == 1
 
@@ -67,7 +67,7 @@ def test_rounded_rectangle_has_its_sides_and_area():
     assert area == pytest.approx(2.0 - 4 * corner)
 
 
-def test_panel_shows_its_front_where_it_looks():
+def test_panel_faces_its_direction():
     for yaw in (0.0, 0.7, np.pi / 2, -2.5):
         mesh = panel(polygon(5, 0.4), RED, GREY, [1, 2, 3], yaw=yaw)
         look = np.array([np.cos(yaw), np.sin(yaw), 0])
@@ -76,7 +76,7 @@ def test_panel_shows_its_front_where_it_looks():
         assert (out[mesh.attributes[:, 0] == 77] < 0).all()
 
 
-def test_fan_looks_where_its_corners_run_counter_clockwise():
+def test_fan_faces_the_side_of_counter_clockwise_corners():
     mesh = fan(np.column_stack([polygon(6, 1.0), np.zeros(6)]), GREY)
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
@@ -84,7 +84,7 @@ def test_fan_looks_where_its_corners_run_counter_clockwise():
     assert normals[:, 2].sum() / 2 == pytest.approx(6 / 2 * np.sin(np.pi / 3))
 
 
-def test_leaning_turns_about_the_foot():
+def test_leaning_rotates_about_the_foot():
     mast = tube([[0, 0, 0], [0, 0, 8.0]], 0.1, GREY)
     for seed in range(30):
         leant = leaned(mast, np.random.default_rng(seed), share=1.0, limit=3.0)

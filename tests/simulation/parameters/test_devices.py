@@ -14,7 +14,7 @@ from mlsroad_pipeline.surveys.simulated import simulation_parameters
 
 
 def standing(system):
-    """Return the drive of a vehicle that stands at the origin for five seconds, x towards the east."""
+    """Return the drive of a vehicle at rest at the origin for five seconds, x to the east."""
     poses = np.zeros((1001, 6))
     body = np.array([[0.0, 0.0], [0.0, 0.0], [-9.0, -9.0]])
     return Drive(np.arange(1001) / 200, np.linspace(0, 1, 1001), poses, poses, 0.0, body)
@@ -57,7 +57,7 @@ def test_the_64_beams_lie_on_their_cones_all_around():
     assert ahead[0] > 0.9 and abs(ahead[1]) < 1e-3
 
 
-def test_side_looking_scanners_see_their_own_side_alone():
+def test_side_looking_scanners_cover_their_own_side_alone():
     for number, sign in ((0, 1.0), (1, -1.0)):
         pulses = pulses_of("sick_side", 3600, device=number)
         assert 0.45 < len(pulses.time) / 3600 < 0.55
@@ -66,7 +66,7 @@ def test_side_looking_scanners_see_their_own_side_alone():
         assert {-1, 1} == set(np.sign(pulses.beam[np.abs(pulses.beam[:, 2]) > 0.9, 2]))
 
 
-def test_the_scanner_of_oakland_sees_the_left_from_near_the_nadir_up():
+def test_the_scanner_of_oakland_covers_the_left_from_near_the_nadir_up():
     pulses = pulses_of("oakland", 720)
     assert len(pulses.time) == pytest.approx(720 * 168 / 360, abs=2)
     assert (pulses.beam[:, 1] > -1e-6).all()
@@ -98,7 +98,7 @@ def test_mounting_turns_as_the_angles_say():
     assert device.step == pytest.approx(2 * np.pi * 10 / 1e5)
 
 
-def test_a_scanner_of_ones_own_is_read_from_configuration():
+def test_a_custom_scanner_is_read_from_configuration():
     assert scanner_system("hdl64") is SCANNERS["hdl64"]
     slower = scanner_system({"like": "vmx450", "name": "slow", "pulse_rate": 300e3, "platform": 3.0})
     assert [device.pulse_rate for device in slower.devices] == [300e3, 300e3] and slower.platform == 3.0

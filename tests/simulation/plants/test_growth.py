@@ -1,4 +1,4 @@
-"""The parts that living things are put together from: bars, blades, bodies, crowns and fronds."""
+"""Parts of living designs: bars, blades, bodies, crowns and fronds."""
 
 import gzip
 
@@ -129,7 +129,7 @@ def test_branches_start_at_the_nearest_node_by_gap_and_way(rng):
         assert way[-1] - way[0] == pytest.approx(np.linalg.norm(path[-1] - path[0]))
 
 
-def test_an_outline_holds_what_is_placed_in_it(rng):
+def test_places_are_inside_their_outline(rng):
     outline = Outline(rng, 2.0, 8.0, 2.5, (0.5, 0.5))
     places = outline.place(rng.random(5000), rng.uniform(0, 6.28, 5000), rng.random(5000))
     assert places[:, 2].min() >= 2.0 and places[:, 2].max() <= 8.0
@@ -138,7 +138,7 @@ def test_an_outline_holds_what_is_placed_in_it(rng):
     assert outline.volume == pytest.approx(4 / 3 * np.pi * 2.5**2 * 3, rel=0.25)
 
 
-def test_a_reversed_range_is_refused():
+def test_a_reversed_range_is_an_error():
     with pytest.raises(ParameterError, match="height runs from 9.0 down to 5.0"):
         Habit(
             height=(9.0, 5.0), width=(0.5, 0.6), clear=(0.2, 0.3), profile=(0.9, 0.3), leader=(0.4, 0.5),
@@ -161,7 +161,7 @@ def test_fronds_have_their_faces_and_hang_lower_the_more_they_bend(rng):
 
 
 def _passing(mesh, height, radius):
-    """Return the share of level beams through the middle of a crown that meet nothing, and the mean number of faces."""
+    """Return the share of level beams that pass the middle of a crown, and the mean number of faces."""
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(
         o3d.core.Tensor.from_numpy(mesh.vertices.astype(np.float32)),
@@ -201,7 +201,7 @@ def _thinned(xyz, size=0.08):
     return xyz[np.sort(first)]
 
 
-def test_crowns_look_to_eigenvalue_features_as_recorded_ones_do(real_data, rng):
+def test_crowns_have_the_eigenvalue_features_of_recorded_ones(real_data, rng):
     # One scanner, its profile plane across the track, and Oakland's spacing and noise.
     recorded = []
     for block in ("oakland_part2_ag", "oakland_part3_ak"):

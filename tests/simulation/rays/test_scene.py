@@ -50,7 +50,7 @@ def test_nothing_behind_a_wall_is_hit(street):
     assert set(surfaces.label) == {21}
 
 
-def test_most_rays_pass_glass_and_none_where_not_asked(street, rng):
+def test_most_rays_pass_glass_and_none_without_passing(street, rng):
     pane = quads([[5, -20, -20], [5, 20, -20], [5, 20, 20], [5, -20, 20]], PANE)
     scene = RayScene(street, [pane, box([1, 50, 50], [8, 0, 0], WALL)], [0, 0], [], np.zeros(3))
     rays = rays_of(np.zeros((4000, 3)), np.tile([1.0, 0, 0], (4000, 1)))
@@ -82,7 +82,7 @@ def test_moving_objects_are_where_they_are_at_each_rays_time(street, speed):
     assert not np.isfinite(scene.cast(rays_of(above, np.tile([0, 0, -1.0], (41, 1))), times + 0.5).distance).any()
 
 
-def test_answers_do_not_depend_on_threads(stream, scene, rng):
+def test_hits_do_not_depend_on_threads(stream, scene, rng):
     rays = rays_of(rng.uniform([-3, -3, 0], [3, 3, 6], (20000, 3)), rng.normal(size=(20000, 3)))
     times = np.full(20000, 1.0)
     one = scene.cast(rays, times)

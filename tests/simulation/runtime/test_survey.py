@@ -119,7 +119,7 @@ def test_ground_points_lie_on_the_streets_surface(survey):
     grass = cloud["label"][ground] == TAXONOMY["grass"]
     assert np.quantile(np.abs(gap[~grass]), 0.98) < 0.05
     assert np.quantile(gap[grass], 0.99) < 0.15
-    # The surface is not flat: a plane does not explain it.
+    # The surface is not a plane.
     plane = np.column_stack([xyz[:, :2], np.ones(len(xyz))])
     residual = xyz[:, 2] - plane @ np.linalg.lstsq(plane, xyz[:, 2], rcond=None)[0]
     assert residual.std() > 0.03
@@ -132,7 +132,7 @@ def test_the_truth_table_agrees_with_the_points(survey):
     checked = 0
     for row in table[~table["moving"]].itertuples():
         points = cloud.xyz[cloud["instance"] == row.instance].astype(np.float64) + survey.origin
-        # Ranges, mixed pixels and the trajectory leave some centimetres.
+        # Range noise, mixed pixels and the trajectory cause errors of some centimetres.
         c, s = np.cos(row.heading), np.sin(row.heading)
         east, north = points[:, 0] - row.box_x, points[:, 1] - row.box_y
         along, across, up = c * east + s * north, c * north - s * east, points[:, 2] - row.z

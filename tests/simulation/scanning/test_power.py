@@ -26,8 +26,8 @@ def street():
     return draw_street(1, length=60.0)
 
 
-def looked_at(street, meshes, *, n=1500, half=0.2, seed=1, **fields):
-    """Return what a scanner of one beam sees that turns past meshes ahead of it."""
+def swept(street, meshes, *, n=1500, half=0.2, seed=1, **fields):
+    """Return the points of a scanner of one beam that sweeps over meshes ahead of it."""
     device = Device(1e5, 10.0, **{"range_noise": 0.0, "accuracy": 0.0, "max_range": 300.0, **fields})
     none = dict.fromkeys(("profile_rate", "pulse_rate", "range_noise", "beam_divergence", "max_range"))
     parameters = replace(PRESETS["tiny"], scanner=ScannerSystem("one", (device,)), beam_rays=1, **none)
@@ -42,13 +42,13 @@ def wall_at(distance, reflectivity=0.5):
     return box([1.0, 4 * distance, 40], [distance + 0.5, 0, 0], Surface(21, (0.5, 0.5, 0.5), reflectivity))
 
 
-def test_power_follows_a_step_as_an_average_that_forgets():
+def test_power_follows_a_step_as_an_exponential_average():
     memory, before, after = 40, 30.0, 18.0
     amplitude = np.concatenate([np.full(200, before), np.full(300, after)]).astype(np.float32)
     lowered = lowered_power(amplitude, np.zeros(500, np.int64), 1, 25.0, 10.0, memory)
     np.testing.assert_allclose(lowered[:200], before - 10.0, atol=1e-4)
-    answers = np.arange(300)
-    expected = after + (before - after) * (1 - 1 / memory) ** answers - 10.0
+    count = np.arange(300)
+    expected = after + (before - after) * (1 - 1 / memory) ** count - 10.0
     np.testing.assert_allclose(lowered[200:], expected, atol=1e-4)
 
 
@@ -61,35 +61,35 @@ def test_power_stays_within_its_limits_and_each_beam_has_its_own(rng):
     assert (lowered[beam == 2] == 24.0).all()
 
 
-def test_what_does_not_answer_leaves_the_power_as_it_is():
+def test_pulses_without_return_do_not_change_the_power():
     amplitude = np.array([-99, 25, -99, -99, 25, 25], np.float32)
     lowered = lowered_power(amplitude, np.zeros(6, np.int64), 1, 20.0, 13.0, 10)
     np.testing.assert_allclose(lowered, [0, 12, 12, 12, 12, 12], atol=1e-5)
 
 
-def test_intensity_of_a_wall_is_that_of_the_target_until_the_power_is_spent(street):
-    near = [looked_at(street, [wall_at(d)], **CONTROLLED).intensity for d in (10.0, 20.0, 60.0)]
+def test_intensity_of_a_wall_is_the_target_until_the_power_is_at_its_maximum(street):
+    near = [swept(street, [wall_at(d)], **CONTROLLED).intensity for d in (10.0, 20.0, 60.0)]
     for intensity in near:
         # The tone of the wall differs from place to place; the mean is held at the target.
         assert intensity.mean() == pytest.approx((13.0 - 5.0) / 30.0, abs=0.03)
-    far = looked_at(street, [wall_at(200.0)], **CONTROLLED).intensity
-    fixed = looked_at(street, [wall_at(200.0)], **{**CONTROLLED, "power_control": 0.0}).intensity
+    far = swept(street, [wall_at(200.0)], **CONTROLLED).intensity
+    fixed = swept(street, [wall_at(200.0)], **{**CONTROLLED, "power_control": 0.0}).intensity
     np.testing.assert_array_equal(far, fixed)
     assert far.mean() < near[0].mean() - 0.05
 
 
 def test_materials_keep_their_contrast_within_the_memory(street):
     dark, bright = box([1, 2, 40], [10.5, 1.0, 0], Surface(21, (0.5,) * 3, 0.1)), wall_at(10.6, 0.4)
-    returns = looked_at(street, [dark, bright], n=4000, half=0.5, **{**CONTROLLED, "power_memory": 4000})
+    returns = swept(street, [dark, bright], n=4000, half=0.5, **{**CONTROLLED, "power_memory": 4000})
     y = returns.distance * np.sin(np.linspace(-0.5, 0.5, 4000)[returns.pulse])
     inside = np.abs(y - 1.0) < 0.95
     gap = returns.intensity[~inside & (np.abs(y) < 3)].mean() - returns.intensity[inside].mean()
     assert gap == pytest.approx(10 * np.log10(4) / 30.0, rel=0.25)
 
 
-def test_sheeting_still_stands_out_and_what_is_weak_beside_it_is_still_seen(street):
+def test_sheeting_is_brightest_and_weak_surfaces_beside_it_are_detected(street):
     sign = box([0.01, 1.0, 1.0], [8.0, 0, 0], Surface(42, (0.5, 0.5, 0.5), 0.8, RETRO))
-    returns = looked_at(street, [sign, wall_at(30.0)], n=4000, half=0.5, **CONTROLLED)
+    returns = swept(street, [sign, wall_at(30.0)], n=4000, half=0.5, **CONTROLLED)
     plate = returns.distance < 10
     assert np.median(returns.intensity[plate][:5]) > 0.7 > np.median(returns.intensity[~plate]) + 0.3
     assert (~plate).sum() > 3000
@@ -110,8 +110,8 @@ def test_gains_belong_to_beams_and_stay_through_a_survey(rng):
 def test_a_fixed_power_costs_and_changes_nothing(street):
     power = power_of(Device(1e5, 10.0), np.zeros(3), np.zeros(3, np.float32), seed=0, scanner=0)
     assert len(power.lowered) == len(power.gain) == 0
-    default = looked_at(street, [wall_at(10.0)])
-    scaled = looked_at(street, [wall_at(10.0)], intensity_scale=(0.0, 50.0))
+    default = swept(street, [wall_at(10.0)])
+    scaled = swept(street, [wall_at(10.0)], intensity_scale=(0.0, 50.0))
     np.testing.assert_allclose(default.intensity, scaled.intensity, atol=1e-6)
     np.testing.assert_array_equal(default.distance, scaled.distance)
 

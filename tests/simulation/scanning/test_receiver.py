@@ -25,7 +25,7 @@ def street():
 
 
 def parameters_with(**changes):
-    """Return parameters of one scanner with those fields, without noise unless asked for."""
+    """Return parameters of one scanner with changed fields, by default without noise."""
     fields = {"range_noise": 0.0, "accuracy": 0.0, "max_range": 200.0, **changes}
     system = ScannerSystem("one", (Device(1e5, 10.0, **fields),))
     none = dict.fromkeys(("profile_rate", "pulse_rate", "range_noise", "beam_divergence", "max_range"))
@@ -65,7 +65,7 @@ def test_noise_grows_with_incidence_as_the_spot_stretches(street):
 
 
 def picket_scene():
-    """Return three combs of thin leaves at 10, 13 and 16 m before a wall at 20 m: every beam meets several."""
+    """Return three combs of thin leaves at 10, 13 and 16 m before a wall at 20 m: every beam hits several."""
     leaf = Surface(31, (0.1, 0.3, 0.1), 0.5, FOLIAGE)
     y = np.arange(-2, 2, 0.05)
     combs = [join([box([0.002, 0.024, 4], [10 + 3 * k, v + 0.011 * k, 0], leaf) for v in y]) for k in range(3)]
@@ -108,7 +108,7 @@ def test_mirrors_put_ghosts_behind_themselves(street):
     assert 0.01 < ghosts.sum() / 4000 < 0.1
 
 
-def test_saturated_returns_glare_along_the_profile_where_the_device_blooms(street):
+def test_saturated_returns_bloom_along_the_profile(street):
     sign, far = Surface(42, (0.5, 0.5, 0.5), 0.8, RETRO), box([1, 60, 40], [30.5, 0, 0], WALL)
     plate = box([0.01, 0.6, 0.6], [8.0, 0, 0], sign)
     step = Device(1e5, 10.0).step
@@ -132,7 +132,7 @@ def test_corrected_intensity_is_the_reflectance_at_any_range(street):
 
 
 @pytest.mark.parametrize("wetness", [0.0, 0.1, 0.5])
-def test_a_share_of_what_is_paved_is_wet_and_dark(street, wetness):
+def test_a_share_of_paved_ground_is_wet_and_dark(street, wetness):
     meshes = [ground_mesh(street, k) for k in range(-2, 3)]
     scene = RayScene(street, meshes, [0] * 5, [], np.zeros(3), wetness=wetness)
     s, left = (g.ravel() for g in np.meshgrid(np.arange(-110, 170, 0.9), np.linspace(-3, 3, 41)))
@@ -147,7 +147,7 @@ def test_a_share_of_what_is_paved_is_wet_and_dark(street, wetness):
         assert surfaces.reflectivity[road][wet].mean() < 0.5 * surfaces.reflectivity[road][~wet].mean()
 
 
-def test_parts_answer_as_the_whole_does(street, rng):
+def test_parts_give_the_hits_of_the_whole(street, rng):
     meshes = [box(rng.uniform(0.2, 2, 3), rng.uniform([-20, -5, -3], [20, 5, 3]), WALL) for _ in range(40)]
     numbers = np.arange(1, 41)
     whole = RayScene(street, meshes, numbers, [], np.zeros(3))
@@ -179,5 +179,5 @@ def test_ground_scatters_back_as_oren_and_nayar_say():
     low = float(np.cos(np.radians(80)))
     rough, smooth = (amplitude_of(0.2, kind, low, 10.0) for kind in (GROUND, DIFFUSE))
     assert rough - smooth == pytest.approx(10 * np.log10(2.75), abs=0.1)
-    # White paper met squarely at 10 m is the reference, near field apart.
+    # A white surface at normal incidence, 10 m away, is the reference, apart from the near field.
     assert amplitude_of(1.0, DIFFUSE, 1.0, 10.0) == pytest.approx(38.0 - 10 * np.log10(1.16))

@@ -17,7 +17,7 @@ from mlsroad_pipeline.surveys.simulated import (
 )
 
 THREADS = 2
-"""Threads of a survey that is simulated alone; several run in parallel with one thread each."""
+"""Workers of a survey that is simulated alone; several run in parallel with one worker each."""
 
 
 def simulate_surveys(simulation: Mapping[str, Any], survey: SurveyParameters) -> dict[str, SceneTask]:
@@ -26,11 +26,11 @@ def simulate_surveys(simulation: Mapping[str, Any], survey: SurveyParameters) ->
         return {}
     if simulation["only"] not in (None, *simulation["surveys"]):
         raise ParameterError(f"simulation.only {simulation['only']!r} is none of {', '.join(simulation['surveys'])}")
-    wanted = [n for n, c in simulation["surveys"].items() if c is not None and simulation["only"] in (None, n)]
-    n_threads = THREADS if len(wanted) == 1 else 1
+    selected = [n for n, c in simulation["surveys"].items() if c is not None and simulation["only"] in (None, n)]
+    n_threads = THREADS if len(selected) == 1 else 1
     tasks = {}
     for name, config in simulation["surveys"].items():
-        if name not in wanted:
+        if name not in selected:
             continue
         parameters, files = simulation_parameters(config), survey_files(config)
         folder = Path(str(survey.root)) / name

@@ -29,7 +29,7 @@ def cut_streets(
         f"{name}.seed_{seed}": SceneTask(
             cut_street,
             parameters={
-                "simulation": simulation_parameters({**given.survey, "seed": seed}),
+                "simulation": simulation_parameters({**config.survey, "seed": seed}),
                 "ground": ground,
                 "segmentation": segmentation,
                 "scheme": find_scheme(classes["schemes"], name),
@@ -37,8 +37,8 @@ def cut_streets(
                 "parameters": parameters.cut,
             },
         )
-        for name, given in parameters.chosen_sets().items()
-        for seeds in given.seeds_of_splits().values()
+        for name, config in parameters.chosen_sets().items()
+        for seeds in config.seeds_of_splits().values()
         for seed in seeds
     }
 
@@ -52,12 +52,12 @@ def draw_splits(
             draw_split,
             {"streets": {f"seed_{seed}": streets[f"{name}.seed_{seed}"] for seed in seeds}},
             {
-                "limits": wanted_objects(name, given, find_scheme(classes["schemes"], name))[split],
+                "limits": wanted_objects(name, config, find_scheme(classes["schemes"], name))[split],
                 "seed": parameters.seed,
             },
         )
-        for name, given in parameters.chosen_sets().items()
-        for split, seeds in given.seeds_of_splits().items()
+        for name, config in parameters.chosen_sets().items()
+        for split, seeds in config.seeds_of_splits().items()
     }
 
 
@@ -68,7 +68,7 @@ def tabulate_sets(
     schemes = {name: find_scheme(classes["schemes"], name) for name in parameters.chosen_sets()}
     wanted = {
         f"{name}.{split}": limits
-        for name, given in parameters.chosen_sets().items()
-        for split, limits in wanted_objects(name, given, schemes[name]).items()
+        for name, config in parameters.chosen_sets().items()
+        for split, limits in wanted_objects(name, config, schemes[name]).items()
     }
     return composition_table({key: sets[key].load() for key in wanted}, wanted, schemes)
