@@ -6,7 +6,7 @@
 Every upright line in a crown that runs along a pole, a sign or a mast, or along a trunk, is measured. A logistic
 regression weighs the measures, and whether the stem looks least like a pole of those near; as that depends on the
 weights, it is found anew some times. Printed are the stems mistaken with their streets held out, by the probability
-from which a stem is a pole, those that `judge_stems` mistakes now, and the weights of all streets.
+from which a stem is a pole, those that `classify_stems` mistakes now, and the weights of all streets.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from mlsroad_pipeline.algorithms.segmentation._nodes import measure_voxels, numb
 from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import cluster_points
 from mlsroad_pipeline.algorithms.segmentation.stems import Stem, find_stems, whole_stems
-from mlsroad_pipeline.algorithms.segmentation.trunks import find_first, judge_stems, measure_crowned
+from mlsroad_pipeline.algorithms.segmentation.trunks import classify_stems, find_least_pole_like, measure_crowned
 from mlsroad_pipeline.algorithms.stages import inliers
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.studies.yu2016.results import street_key
@@ -61,7 +61,7 @@ def stems_of(key: str, streets: SceneCollection, parameters: NormalizedCutParame
         if not stems:
             continue
         _, crowned, measures = measure_crowned(own, counts[members], stems)
-        poles = {id(stem) for stem in judge_stems(own, counts[members], stems)[0]}
+        poles = {id(stem) for stem in classify_stems(own, counts[members], stems)[0]}
         for k, values in zip(crowned, measures, strict=True):
             label = _label(stems[k], own, counts[members], labels[members])
             table.append([key, number, stems[k], label, id(stems[k]) in poles, *values])
@@ -85,7 +85,7 @@ def first_of(table: pd.DataFrame, likeness: NDArray[np.float64]) -> NDArray[np.f
     """Tell which stems look least like poles in their cluster."""
     first = np.zeros(len(table))
     for rows in table.groupby(["street", "cluster"]).indices.values():
-        first[rows] = find_first([table["stem"].iloc[row] for row in rows], likeness[rows])
+        first[rows] = find_least_pole_like([table["stem"].iloc[row] for row in rows], likeness[rows])
     return first
 
 

@@ -1,10 +1,17 @@
 """Long arms of masts, and the second legs of gantries, on planted places."""
 
-import numpy as np
+from dataclasses import asdict
 
+import numpy as np
+import pytest
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.segmentation.normalized_cut import segment
+from mlsroad_pipeline.algorithms.segmentation.pole_parameters import POLE_REFINEMENT, PoleRefinementParameters
 from mlsroad_pipeline.algorithms.segmentation.poles import _is_arm
+from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.algorithms.segmentation.stems import Stem
-from mlsroad_pipeline.algorithms.segmentation.trunks import _find_second_legs, find_first, measure_stem
+from mlsroad_pipeline.algorithms.segmentation.trunks import _find_second_legs, find_least_pole_like, measure_stem
 
 
 def box(rng, length, width, height, n=3000):
@@ -28,11 +35,11 @@ def test_a_leg_is_found_by_the_beam_that_reaches_it(rng):
     beam = rng.uniform([0, -0.3, 6.5], [20, 0.3, 7.2], (4000, 3))
     stems = [stem(0.0, 7.0), stem(20.0, 7.2), stem(10.0, 4.0), stem(2.0, 7.0), stem(20.0, 7.0)]
     number = np.array([3, -1, -1, -1, -1])
-    _find_second_legs(beam, stems[:4], number[:4])
+    _find_second_legs(beam, stems[:4], number[:4], POLE_REFINEMENT)
     assert number.tolist() == [3, 3, -1, -1, -1]  # the third is too low, the fourth too near
     wires = beam[:200]
     alone = np.array([3, -1])
-    _find_second_legs(wires, stems[:2], alone)
+    _find_second_legs(wires, stems[:2], alone, POLE_REFINEMENT)
     assert alone.tolist() == [3, -1]
 
 
@@ -54,5 +61,27 @@ def test_leaves_on_one_side_of_a_pole_do_not_bend_it(rng):
 def test_the_stem_least_like_a_pole_carries_the_crown_of_those_near():
     at = [(0.0, 0.0), (2.0, 0.0), (4.0, 0.0), (20.0, 0.0)]
     stems = [Stem(np.array(base), np.zeros(2), 0.0, 5.0) for base in at]
-    assert find_first(stems, np.array([1.0, 2.0, 3.0, 9.0])).tolist() == [True, False, False, True]
-    assert find_first([], np.zeros(0)).tolist() == []
+    assert find_least_pole_like(stems, np.array([1.0, 2.0, 3.0, 9.0])).tolist() == [True, False, False, True]
+    assert find_least_pole_like([], np.zeros(0)).tolist() == []
+
+
+def test_limits_of_the_refinement_reach_the_segmentation(rng):
+    angle, z = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(0, 6, 4000)
+    mast = np.column_stack([0.05 * np.cos(angle), 0.05 * np.sin(angle), z])
+    plate = np.column_stack([rng.uniform(-0.4, 0.4, 3000), rng.normal(0.12, 0.005, 3000), rng.uniform(2.5, 3.2, 3000)])
+    xyz, intensity = np.concatenate([mast, plate]), np.repeat([0.3, 0.6], [4000, 3000])
+
+    def n_objects(**changes):
+        return segment(xyz, intensity=intensity, refinement=PoleRefinementParameters(**changes)).max() + 1
+
+    assert n_objects() == 2
+    assert n_objects(plate_min_contrast=0.5, sheet_max_thickness=1e-6) == 1
+    assert n_objects(stem_min_height=10.0) == 1
+
+
+def test_refinement_is_no_part_of_the_stored_parameters():
+    assert not {"refinement", "pole_weights"} & set(asdict(SegmentationParameters())["normalized_cut"])
+    with pytest.raises(ParameterError, match="pole_weights must be six numbers, one per measure, got 2"):
+        PoleRefinementParameters(pole_weights=(1.0, 2.0))
+    with pytest.raises(ParameterError, match="stem_radius"):
+        PoleRefinementParameters(stem_radius=0.0)

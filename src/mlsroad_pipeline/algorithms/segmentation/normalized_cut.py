@@ -1,6 +1,6 @@
-"""Off-ground points to objects: Euclidean clusters, cut where they hold several (Yu et al. 2016, section IV-A).
+"""Extended voxel-based normalised cut of Euclidean clusters into objects (Yu et al. 2016, section IV-A).
 
-With intensity this is the paper's extended voxel-based normalised cut; without, the one it is compared with.
+With intensity this is the method of the paper; without, the cut that the paper compares with.
 """
 
 from __future__ import annotations
@@ -25,13 +25,14 @@ from mlsroad_pipeline.algorithms.segmentation._nodes import measure_voxels, numb
 from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
 from mlsroad_pipeline.algorithms.segmentation.plates import separate_plates
+from mlsroad_pipeline.algorithms.segmentation.pole_parameters import POLE_REFINEMENT, PoleRefinementParameters
 from mlsroad_pipeline.algorithms.segmentation.poles import separate_poles
 from mlsroad_pipeline.algorithms.segmentation.rejoining import join_stacked_poles, rejoin_floating_parts
 from mlsroad_pipeline.algorithms.segmentation.spacing import cluster_by_spacing
 
 _DEFAULTS = NormalizedCutParameters()
 _BINS = 12  # of the histogram of an eigenvector's values
-_LEAST_EIGENVALUE = 1e-3  # below, nodes are no longer joined at all and the extension has no meaning
+_LEAST_EIGENVALUE = 1e-3  # below, the graph is disconnected and the extension undefined
 
 
 def segment(
@@ -40,12 +41,13 @@ def segment(
     intensity: ArrayLike | None = None,
     parameters: NormalizedCutParameters = _DEFAULTS,
     min_points: int = 1,
+    refinement: PoleRefinementParameters = POLE_REFINEMENT,
 ) -> NDArray[np.int32]:
     """Segment off-ground points into objects.
 
-    Points are clustered by distance. Each cluster's voxels form a graph whose edges are weighted by equation 19; the
-    normalised cut (equation 20) of least value splits it in two, and so on with the parts, until a cut would cost more
-    than `max_cut` or a part would be smaller than `min_voxels`.
+    Points are clustered by distance. Each cluster's voxels form a graph whose edges are weighted by equation 19. The
+    normalised cut (equation 20) of least value splits the graph in two, and its parts recursively. Recursion ends where
+    a cut would cost more than `max_cut` or a part would be smaller than `min_voxels`.
 
     Parameters
     ----------
@@ -54,9 +56,11 @@ def segment(
     intensity : array-like of shape (n,), optional
         Normalised intensities in [0, 1]; without them the third factor of equation 19 is 1.
     parameters : NormalizedCutParameters
-        See there.
+        Clustering distances, weights of edges, stopping rules and lengths that switch the refinement steps on.
     min_points : int, default 1
         Objects with fewer points are labelled -1.
+    refinement : PoleRefinementParameters
+        Limits and weights of the separation of poles, gantries and plates, which is not in the paper.
 
     Returns
     -------
@@ -82,7 +86,7 @@ def segment(
     links = np.zeros((0, 2), dtype=np.int64)
     if parameters.pole_length > 0:
         of_voxel, links = separate_poles(
-            places[:, :3], np.bincount(voxel), of_voxel, free_length=parameters.pole_length
+            places[:, :3], np.bincount(voxel), of_voxel, free_length=parameters.pole_length, refinement=refinement
         )
     order = np.argsort(of_voxel, kind="stable")
     starts = np.searchsorted(of_voxel[order], np.arange(int(of_voxel.max()) + 2))
@@ -100,20 +104,22 @@ def segment(
         )
     parts = connected_components(parts[links], n_nodes=int(parts.max()) + 1)[parts].astype(np.int64)
     parts = join_stacked_poles(places[:, :3], parts, max_gap=parameters.pole_gap)
-    if parameters.plate_gap > 0:  # without intensities all are equal, and thin sheets alone come off
-        parts = separate_plates(places, np.bincount(voxel), parts, free_length=parameters.plate_gap)
+    if parameters.plate_gap > 0:  # without intensity there is no contrast, and only thin sheets are separated
+        parts = separate_plates(
+            places, np.bincount(voxel), parts, free_length=parameters.plate_gap, refinement=refinement
+        )
     return number_objects(parts[voxel], min_points)
 
 
 def cluster_points(xyz: ArrayLike, parameters: NormalizedCutParameters) -> NDArray[np.int32]:
-    """Cluster points as is done before they are cut.
+    """Cluster points by distance, the step before the cuts.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Coordinates without the ground, metres.
     parameters : NormalizedCutParameters
-        Distances.
+        Clustering distances.
 
     Returns
     -------
@@ -129,7 +135,7 @@ def cluster_points(xyz: ArrayLike, parameters: NormalizedCutParameters) -> NDArr
 
 
 def _compared(places: NDArray[np.float64], clusters: NDArray[np.int32], size: float) -> NDArray[np.float64]:
-    """Return the places with the intensities that cuts compare."""
+    """Return the places with smoothed intensities, which the weights of edges compare."""
     if size == 0:
         return places
     return np.column_stack([places[:, :3], smooth_intensities(places, clusters, size=size)])
@@ -216,7 +222,7 @@ def _bisect(
     min_voxels: int,
     max_nodes: int,
 ) -> NDArray[np.bool_]:
-    """Tell which voxels are on one side of the best cut; none where the group stays whole."""
+    """Return which voxels are on one side of the best cut; none where the group remains whole."""
     whole = np.zeros(len(members), np.bool_)
     if len(members) < 2 * min_voxels:
         return whole
@@ -240,7 +246,7 @@ def _cut_values(
     min_voxels: int,
     max_nodes: int,
 ) -> tuple[NDArray[np.float64], float]:
-    """Return the eigenvector's value of each voxel and the value to cut at, NaN where there is no cut to make."""
+    """Return the eigenvector's value of each voxel and the value to cut at, NaN for no cut."""
     nodes, mass = gather(places, members, voxel_size, max_nodes)
     if len(nodes) < 2:
         return np.zeros(len(members)), np.nan

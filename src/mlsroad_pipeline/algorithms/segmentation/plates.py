@@ -1,8 +1,8 @@
-"""Plates that hang on masts: objects of their own, told from what belongs to a mast by their reflectivity.
+"""Separation of plates, such as signs, from the masts that carry them.
 
-A sign on a lamp's mast touches it, and its few voxels hardly weigh in a cut. By its shape alone it could be a box or a
-lamp of the mast; retroreflective sheeting is brighter. What is as thin as sheet metal, as large as signs are and alone
-on its mast need not be: its back is no brighter than the mast.
+A sign on a lamp's mast touches it, and its few voxels have little weight in a cut. By its shape alone it could be a box
+or a lamp of the mast; retroreflective sheeting is brighter. The back of a sign is not: a single plate as thin as sheet
+metal and as large as a sign need not be brighter.
 """
 
 from __future__ import annotations
@@ -11,29 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
+from mlsroad_pipeline.algorithms.segmentation.pole_parameters import POLE_REFINEMENT, PoleRefinementParameters
 from mlsroad_pipeline.algorithms.segmentation.stems import Stem, find_stems, whole_stems
-from mlsroad_pipeline.algorithms.segmentation.trunks import judge_stems
-
-_FREE = 1.2  # length over which a mast stands free, metres
-_REACH = 1.2  # of a plate from the mast's axis, metres
-_LOW, _HIGH = 1.2, 5.5  # above a mast's foot, between which plates hang, metres
-_LEAST, _MOST = (0.3, 0.2), 1.6  # width and height of a plate, metres
-_THICK, _TILT = 0.075, 0.5  # deviation from a plane, metres, and vertical part of its normal
-_SHEET, _PLUMB = 0.02, 0.1  # the same of sheet metal
-_WIDE, _TALL = (0.5, 1.3), 1.0  # width and height of a sheet that need not be bright, metres
-_ALONE = 12  # voxels beside a mast above such a sheet, at most: there are no more plates
-_VOXELS, _CRUMB = 8, 4  # of the smallest plate, and of a piece of one
-_JOINED = 0.2  # voxels of one piece are this close, metres
-_THIN, _MARGIN = (0.1, 0.25), 0.06  # radii that a mast may have, and what is added to the one found, metres
-_SHAFT, _FOOT = 0.35, 0.4  # of an axis, within which a mast's radius is measured, and height from where, metres
-_HALF = 0.05  # of a voxel: what its middle lies off the ends of what is in it, metres
-_BRIGHTER, _DULLER = 0.02, -0.05  # the least difference of mean intensities, of any plate and of a sheet
+from mlsroad_pipeline.algorithms.segmentation.trunks import classify_stems
 
 
 def separate_plates(
-    places: NDArray[np.float64], counts: NDArray[np.int64], parts: NDArray[np.int64], *, free_length: float
+    places: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    parts: NDArray[np.int64],
+    *,
+    free_length: float,
+    refinement: PoleRefinementParameters = POLE_REFINEMENT,
 ) -> NDArray[np.int64]:
-    """Take plates that are bright or thin off the masts that they hang on.
+    """Separate bright or thin plates from the masts that carry them.
 
     Parameters
     ----------
@@ -44,65 +35,86 @@ def separate_plates(
     parts : ndarray of int64, shape (v,)
         Part of each, 0, 1, ...
     free_length : float
-        A mast goes on for at least this length above a plate, metres: a sign that stands on its own post ends with
-        its plate. Larger takes off fewer.
+        Minimum length of mast above a plate, metres: the post of a sign of its own ends with its plate. Larger
+        separates fewer.
+    refinement : PoleRefinementParameters
+        Limits of masts, plates and sheets.
 
     Returns
     -------
     ndarray of int64, shape (v,)
-        The same parts, and a new number for the plates of each mast.
+        The same parts, with a new number for the plates of each mast.
     """
     out = parts.copy()
-    stems = find_stems(places[:, :3], parts.astype(np.int32), _FREE)
+    stems = find_stems(places[:, :3], parts.astype(np.int32), refinement.mast_free_length, refinement)
     last = int(parts.max(initial=-1))
     order = np.argsort(parts, kind="stable")
-    for number, found in stems.items():
+    for number, lines in stems.items():
         first, stop = np.searchsorted(parts[order], [number, number + 1])
         members = order[first:stop]
-        mast = _mast(places[members, :3], counts[members], found)
+        mast = _mast(places[members, :3], counts[members], lines, refinement)
         if mast is None:
             continue
-        plates = _plates(places[members], counts[members], mast, free_length)
-        if plates:  # all that one mast carries are one sign, as on a post of their own
+        plates = _plates(places[members], counts[members], mast, free_length, refinement)
+        if plates:  # all plates of one mast are one sign, as on a post of their own
             last += 1
             out[members[np.concatenate(plates)]] = last
     return out
 
 
-def _mast(xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem]) -> Stem | None:
+def _mast(
+    xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem], p: PoleRefinementParameters
+) -> Stem | None:
     """Return the only stem of a part, if it carries no crown."""
-    found = whole_stems(stems, xyz, counts)
-    return found[0] if len(found) == 1 and judge_stems(xyz, counts, found)[0] else None
+    whole = whole_stems(stems, xyz, counts, p)
+    return whole[0] if len(whole) == 1 and classify_stems(xyz, counts, whole, p)[0] else None
 
 
 def _plates(
-    places: NDArray[np.float64], counts: NDArray[np.int64], mast: Stem, free_length: float
+    places: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    mast: Stem,
+    free_length: float,
+    p: PoleRefinementParameters,
 ) -> list[NDArray[np.int64]]:
-    """Return the voxels of each plate of a mast, what lies behind it on the mast among them."""
+    """Return the voxels of each plate of a mast, including those behind it on the mast."""
     z, distance = places[:, 2], mast.distance(places[:, :3])
-    shaft = (distance <= _SHAFT) & (z > mast.low + _FOOT) & (z < mast.high)
-    radius = float(np.clip(np.percentile(distance[shaft], 75) + _MARGIN, *_THIN)) if shaft.any() else _THIN[0]
+    radius = _mast_radius(distance, z, mast, p)
     beside = np.flatnonzero(distance > radius)
-    bodies = _bodies(places, beside, distance[beside], mast, free_length)
+    bodies = _bodies(places, beside, distance[beside], mast, free_length, p)
     others = np.setdiff1d(beside, np.concatenate([*bodies, beside[:0]]))
-    found = []
+    plates = []
     for body in bodies:
-        low, high = z[body].min() - _HALF, z[body].max() + _HALF
+        low, high = z[body].min() - p.voxel_half_edge, z[body].max() + p.voxel_half_edge
         normal, thickness, width = _plane(places[body, :3])
-        tall, tilt = high - low - 2 * _HALF, abs(normal[2])
-        if not (thickness <= _THICK and tilt <= _TILT and _LEAST[0] <= width <= _MOST and _LEAST[1] <= tall <= _MOST):
+        tall, tilt = high - low - 2 * p.voxel_half_edge, abs(normal[2])
+        large = p.plate_min_width <= width <= p.plate_max_size and p.plate_min_extent <= tall <= p.plate_max_size
+        if not (thickness <= p.plate_max_thickness and tilt <= p.plate_max_tilt and large):
             continue
         level = (z >= low) & (z <= high)
         rest = (distance <= radius) & ~level & (z > mast.low)
-        brighter = _mean(places, counts, body) - _mean(places, counts, np.flatnonzero(rest))
-        sheet = thickness <= _SHEET and tilt <= _PLUMB and _WIDE[0] <= width <= _WIDE[1] and tall <= _TALL
-        alone = ((z[others] > high) & (z[others] <= high + free_length)).sum() <= _ALONE
-        if brighter < (_DULLER if sheet and alone else _BRIGHTER):
+        contrast = _mean(places, counts, body) - _mean(places, counts, np.flatnonzero(rest))
+        thin = thickness <= p.sheet_max_thickness and tilt <= p.sheet_max_tilt
+        sheet = thin and p.sheet_min_width <= width <= p.sheet_max_width and tall <= p.sheet_max_extent
+        alone = ((z[others] > high) & (z[others] <= high + free_length)).sum() <= p.sheet_max_neighbors
+        if contrast < (p.sheet_min_contrast if sheet and alone else p.plate_min_contrast):
             continue
         behind = np.flatnonzero((distance <= radius) & level)
         off = np.abs((places[behind, :3] - places[body, :3].mean(axis=0)) @ normal)
-        found.append(np.concatenate([body, behind[off <= max(1.5 * thickness, _MARGIN)]]))
-    return found
+        reach = max(p.plate_back_factor * thickness, p.mast_radius_margin)
+        plates.append(np.concatenate([body, behind[off <= reach]]))
+    return plates
+
+
+def _mast_radius(
+    distance: NDArray[np.float64], z: NDArray[np.float64], mast: Stem, p: PoleRefinementParameters
+) -> float:
+    """Return the radius of a mast, metres."""
+    shaft = (distance <= p.mast_search_radius) & (z > mast.low + p.mast_search_base) & (z < mast.high)
+    if not shaft.any():
+        return p.mast_min_radius
+    measured = np.percentile(distance[shaft], p.mast_percentile) + p.mast_radius_margin
+    return float(np.clip(measured, p.mast_min_radius, p.mast_max_radius))
 
 
 def _bodies(
@@ -111,19 +123,21 @@ def _bodies(
     distance: NDArray[np.float64],
     mast: Stem,
     free_length: float,
+    p: PoleRefinementParameters,
 ) -> list[NDArray[np.int64]]:
-    """Return what hangs on a mast between the heights of plates: pieces on both sides of it at one height are one."""
-    if len(beside) < _VOXELS:
+    """Return the voxels of each candidate plate; pieces of one height on both sides of the mast are one candidate."""
+    if len(beside) < p.plate_min_voxels:
         return []
     z = places[beside, 2]
-    piece = cluster(np.ascontiguousarray(places[beside, :3]), tolerance=_JOINED)
+    piece = cluster(np.ascontiguousarray(places[beside, :3]), tolerance=p.plate_tolerance)
     n = int(piece.max()) + 1
     low, high, far = np.full(n, np.inf), np.full(n, -np.inf), np.zeros(n)
     np.minimum.at(low, piece, z)
     np.maximum.at(high, piece, z)
     np.maximum.at(far, piece, distance)
-    top = min(mast.low + _HIGH, mast.high - free_length)
-    good = np.flatnonzero((np.bincount(piece) >= _CRUMB) & (far <= _REACH) & (low >= mast.low + _LOW) & (high <= top))
+    top = min(mast.low + p.plate_max_height, mast.high - free_length)
+    inside = (far <= p.plate_reach) & (low >= mast.low + p.plate_min_height) & (high <= top)
+    good = np.flatnonzero((np.bincount(piece) >= p.plate_min_piece) & inside)
     good = good[np.argsort(low[good], kind="stable")]
     if len(good) == 0:
         return []
@@ -132,7 +146,7 @@ def _bodies(
     body[good] = np.cumsum(np.append(False, low[good][1:] > reached[:-1]))
     of_voxel = body[piece]
     bodies = [beside[of_voxel == number] for number in range(int(body.max()) + 1)]
-    return [voxels for voxels in bodies if len(voxels) >= _VOXELS]
+    return [voxels for voxels in bodies if len(voxels) >= p.plate_min_voxels]
 
 
 def _plane(xyz: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
@@ -145,5 +159,5 @@ def _plane(xyz: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]
 
 
 def _mean(places: NDArray[np.float64], counts: NDArray[np.int64], rows: NDArray[np.int64]) -> float:
-    """Return the mean intensity of the points of voxels; that of none is above all."""
+    """Return the mean intensity of the points of voxels; infinity for no voxels."""
     return float(np.average(places[rows, 3], weights=counts[rows])) if len(rows) else np.inf

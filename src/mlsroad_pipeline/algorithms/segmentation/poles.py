@@ -1,9 +1,9 @@
-"""Poles taken out of the clusters that they share with plants and with what leans on them.
+"""Separation of poles from the clusters that they share with plants and with objects that lean on them.
 
-A cut along the weights of equation 19 does not part a thin pole from a crown around it: the side of few voxels has most
-of its weight across the cut. A pole is therefore looked for by its shape: a narrow upright line that stands free over
-some of its length and goes on, denser than what is around it, through the crown. A trunk looks the same up to where the
-crown begins; it is told from a pole by the crown, which lies around it on all sides.
+A cut along the weights of equation 19 does not separate a thin pole from a crown around it: the side of few voxels has
+most of its weight across the cut. A pole is therefore detected by its shape: a narrow upright line that stands free
+over some of its length and continues through the crown, denser than its surroundings. Below the crown a trunk has the
+same shape; `trunks.py` separates the two by the crown, which surrounds a trunk on all sides.
 """
 
 from __future__ import annotations
@@ -12,29 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.segmentation.stems import (
-    RADIUS,
-    SLAB,
-    Stem,
-    find_stems,
-    measure_sections,
-    whole_stems,
-)
-from mlsroad_pipeline.algorithms.segmentation.trunks import judge_stems
-
-_FIXTURE, _REACH, _ABOVE = 200, 4.0, 1.0  # voxels and width of lamps, arms and plates, and their least height, metres
-_ARM = 12.0, 0.9, 1.6, 3.0  # length, width, height and least height above ground of a long arm with signals, metres
-_AROUND, _CROWD = 0.45, 0.5  # metres around a section that is surrounded, and voxels there over those inside
-_LOW = 1.2  # above its foot, up to where things stand beside a pole, metres
-_THICK, _MARGIN = (0.14, 0.22), 0.05  # radii that a pole may have there, and what is added to that above, metres
-_APART = 0.5  # what is left of a cluster and lies farther apart falls into parts, metres
-_POSTS, _LEVEL = 2.5, 0.5  # the farthest two posts of one plate, and the most that their tops differ, metres
+from mlsroad_pipeline.algorithms.segmentation.pole_parameters import POLE_REFINEMENT, PoleRefinementParameters
+from mlsroad_pipeline.algorithms.segmentation.stems import Stem, find_stems, measure_sections, whole_stems
+from mlsroad_pipeline.algorithms.segmentation.trunks import classify_stems
 
 
 def separate_poles(
-    places: NDArray[np.float64], counts: NDArray[np.int64], clusters: NDArray[np.int32], *, free_length: float
+    places: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    clusters: NDArray[np.int32],
+    *,
+    free_length: float,
+    refinement: PoleRefinementParameters = POLE_REFINEMENT,
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Take poles out of clusters that hold other things too, and find the legs of gantries.
+    """Take poles out of clusters that contain other objects, and find the legs of gantries.
 
     Parameters
     ----------
@@ -46,24 +37,26 @@ def separate_poles(
         Cluster of each, 0, 1, ...
     free_length : float
         Length over which a pole stands free, below a crown or above a shrub, metres. Larger finds fewer.
+    refinement : PoleRefinementParameters
+        Limits and weights.
 
     Returns
     -------
     clusters : ndarray of int32, shape (v,)
-        The same clusters, and new numbers for the parts of those that held poles.
+        The same clusters, with new numbers for the parts of those that contained poles.
     links : ndarray of int64, shape (k, 2)
-        Voxels of legs of one gantry, which is one object wherever it is cut.
+        Pairs of voxels on the legs of one gantry, which remains one object wherever it is cut.
     """
-    stems = find_stems(places, clusters, free_length)
+    stems = find_stems(places, clusters, free_length, refinement)
     out, last = clusters.copy(), int(clusters.max(initial=-1))
     links = [np.zeros((0, 2), np.int64)]
     if not stems:
         return out, links[0]
     order = np.argsort(clusters, kind="stable")
-    for number, found in stems.items():
+    for number, lines in stems.items():
         first, stop = np.searchsorted(clusters[order], [number, number + 1])
         members = order[first:stop]
-        parts, legs = _split(places[members], counts[members], found)
+        parts, legs = _split(places[members], counts[members], lines, refinement)
         links.append(members[legs])
         out[members] = np.where(parts > 0, parts + last, number)
         last += int(parts.max())
@@ -71,92 +64,98 @@ def separate_poles(
 
 
 def _split(
-    xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem]
+    xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem], p: PoleRefinementParameters
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the part of each voxel of a cluster: 0 for what stays, 1, 2, ... for poles and what they held together.
+    """Return the part of each voxel of a cluster, and pairs of voxels on the legs of gantries.
 
-    And pairs of voxels on the legs of gantries.
+    Part 0 keeps the number of the cluster; 1, 2, ... are poles and what they connected.
     """
-    stems = whole_stems(stems, xyz, counts)
+    stems = whole_stems(stems, xyz, counts, p)
     parts = np.zeros(len(xyz), np.int64)
-    poles, gantries = judge_stems(xyz, counts, stems)
+    poles, gantries = classify_stems(xyz, counts, stems, p)
     at = [[_middle(leg, xyz) for leg in legs] for legs in gantries]
     links = np.array([(legs[0], leg) for legs in at for leg in legs[1:]], np.int64).reshape(-1, 2)
     if not poles:
         return parts, links
     for number, stem in enumerate(poles, start=1):
-        parts[_shaft(stem, xyz) & (parts == 0)] = number
-    _attach(xyz, parts, poles)
+        parts[_shaft(stem, xyz, p) & (parts == 0)] = number
+    _attach(xyz, parts, poles, p)
     rest = np.flatnonzero(parts == 0)
     if len(rest) == 0:
-        # The whole cluster is poles: the first of them keeps the number.
+        # The cluster consists of poles alone: the first of them keeps its number.
         return np.maximum(parts - 1, 0), links
-    left = cluster(np.ascontiguousarray(xyz[rest]), tolerance=_APART).astype(np.int64)
+    left = cluster(np.ascontiguousarray(xyz[rest]), tolerance=p.remainder_tolerance).astype(np.int64)
     parts[rest] = np.where(left > 0, left + len(poles), 0)
     return parts, links
 
 
 def _middle(stem: Stem, xyz: NDArray[np.float64]) -> int:
-    """Return the voxel of a stem that is nearest to its middle."""
+    """Return the voxel that is nearest to the middle of a stem."""
     height = 0.5 * (stem.low + stem.high)
-    place = np.append(stem.base + stem.slope * height, height)
+    place = np.append(stem.at(height), height)
     return int(((xyz - place) ** 2).sum(axis=1).argmin())
 
 
-def _shaft(stem: Stem, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which voxels are a pole's own: all close to its axis, and where a bin is at its foot its thickness alone."""
+def _shaft(stem: Stem, xyz: NDArray[np.float64], p: PoleRefinementParameters) -> NDArray[np.bool_]:
+    """Return which voxels belong to the shaft of a pole.
+
+    These are all close to its axis; in surrounded sections near the foot, as beside a bin, only those within the radius
+    measured above.
+    """
     distance, height = stem.distance(xyz), xyz[:, 2] - stem.low
-    near = np.flatnonzero((distance <= _AROUND) & (xyz[:, 2] <= stem.high + SLAB))
-    slab = np.floor(height[near] / SLAB).astype(np.int64)
+    near = np.flatnonzero((distance <= p.surround_radius) & (xyz[:, 2] <= stem.high + p.section_height))
+    slab = np.floor(height[near] / p.section_height).astype(np.int64)
     first = int(slab.min())
     slab -= first
-    inside = distance[near] <= RADIUS
+    inside = distance[near] <= p.stem_radius
     own = np.bincount(slab[inside], minlength=int(slab.max()) + 1)
-    crowded = np.bincount(slab[~inside], minlength=len(own)) > _CROWD * own
-    low = (np.arange(len(own)) + first) * SLAB < _LOW
-    above = distance[near[inside & ~(crowded | low)[slab]]]
-    radius = float(np.clip(np.median(above) + _MARGIN, *_THICK)) if len(above) else _THICK[0]
+    surrounded = np.bincount(slab[~inside], minlength=len(own)) > p.surround_ratio * own
+    low = (np.arange(len(own)) + first) * p.section_height < p.base_zone
+    above = distance[near[inside & ~(surrounded | low)[slab]]]
+    radius = p.pole_min_radius
+    if len(above):
+        radius = float(np.clip(np.median(above) + p.pole_radius_margin, p.pole_min_radius, p.pole_max_radius))
     shaft = np.zeros(len(xyz), np.bool_)
-    shaft[near] = distance[near] <= np.where((crowded & low)[slab], radius, RADIUS)
+    shaft[near] = distance[near] <= np.where((surrounded & low)[slab], radius, p.stem_radius)
     return shaft
 
 
-def _attach(xyz: NDArray[np.float64], parts: NDArray[np.int64], poles: list[Stem]) -> None:
-    """Give poles their arms, lamps and plates: small pieces that hang on nothing else, in place."""
+def _attach(xyz: NDArray[np.float64], parts: NDArray[np.int64], poles: list[Stem], p: PoleRefinementParameters) -> None:
+    """Assign arms, lamps and plates to poles, in place: small pieces that touch nothing else."""
     rest = np.flatnonzero(parts == 0)
     if len(rest) == 0:
         return
-    piece = cluster(np.ascontiguousarray(xyz[rest]), tolerance=0.25).astype(np.int64)
+    piece = cluster(np.ascontiguousarray(xyz[rest]), tolerance=p.fixture_tolerance).astype(np.int64)
     _, width, size = measure_sections(xyz[rest], piece)
     low = np.full(len(size), np.inf)
     np.minimum.at(low, piece, xyz[rest, 2])
-    small = (size <= _FIXTURE) & (width <= _REACH)
+    small = (size <= p.fixture_max_voxels) & (width <= p.fixture_max_width)
     for number, stem in enumerate(poles, start=1):
         touching = np.zeros(len(size), np.bool_)
-        close = (stem.distance(xyz[rest]) <= RADIUS + 0.25) & (xyz[rest, 2] <= stem.high + 0.5)
-        touching[piece[close]] = True
-        own = touching & small & (low >= stem.low + _ABOVE)
-        for k in np.flatnonzero(touching & ~small & (low >= stem.low + _ARM[3])):
-            own[k] = _is_arm(xyz[rest[piece == k]])
+        below_top = xyz[rest, 2] <= stem.high + p.fixture_overhang
+        touching[piece[(stem.distance(xyz[rest]) <= p.stem_radius + p.fixture_tolerance) & below_top]] = True
+        own = touching & small & (low >= stem.low + p.fixture_min_height)
+        for k in np.flatnonzero(touching & ~small & (low >= stem.low + p.arm_min_height)):
+            own[k] = _is_arm(xyz[rest[piece == k]], p)
         target = number
         for first in np.unique(parts[rest[own[piece]]]).tolist():
             # Two posts that carry one plate between them are one sign.
-            if 0 < first != target and _level(poles[first - 1], stem):
+            if 0 < first != target and _level(poles[first - 1], stem, p):
                 parts[parts == target] = first
                 target = first
         parts[rest[own[piece] & (parts[rest] == 0)]] = target
 
 
-def _is_arm(places: NDArray[np.float64]) -> bool:
-    """Tell whether a piece is the long arm of a mast: no crown is so narrow and so flat."""
+def _is_arm(places: NDArray[np.float64], p: PoleRefinementParameters = POLE_REFINEMENT) -> bool:
+    """Return whether a piece is the long arm of a mast: crowns are wider or higher."""
     flat = places[:, :2] - places[:, :2].mean(axis=0)
     along = np.linalg.eigh(flat.T @ flat)[1]
     width, length = np.ptp(flat @ along, axis=0)
-    return bool(length <= _ARM[0] and width <= _ARM[1] and np.ptp(places[:, 2]) <= _ARM[2])
+    return bool(length <= p.arm_max_length and width <= p.arm_max_width and np.ptp(places[:, 2]) <= p.arm_max_height)
 
 
-def _level(one: Stem, other: Stem) -> bool:
-    """Tell whether two poles are as high as each other, and close."""
+def _level(one: Stem, other: Stem, p: PoleRefinementParameters) -> bool:
+    """Return whether two poles are close and their tops about level."""
     height = 0.5 * (one.low + one.high)
     step = one.base + one.slope * height - other.base - other.slope * height
-    return bool(np.hypot(*step) <= _POSTS and abs(one.high - other.high) <= _LEVEL)
+    return bool(np.hypot(*step) <= p.post_max_distance and abs(one.high - other.high) <= p.post_max_level)

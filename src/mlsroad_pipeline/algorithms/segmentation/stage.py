@@ -1,10 +1,10 @@
-"""The stage between ground and objects: which off-ground points belong together, and which objects they are."""
+"""Segmentation of off-ground points into objects, reference objects and segmentation scores."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -22,6 +22,7 @@ from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCu
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.segmentation.normalized_cut import cluster_points, segment
 from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
+from mlsroad_pipeline.algorithms.segmentation.pole_parameters import POLE_REFINEMENT, PoleRefinementParameters
 from mlsroad_pipeline.algorithms.segmentation.two_step import TwoStepParameters, segment_two_step
 from mlsroad_pipeline.algorithms.segmentation.yang_dong import YangDongParameters, segment_yang_dong
 from mlsroad_pipeline.algorithms.stages import GroundMask, inliers
@@ -37,12 +38,10 @@ SEGMENTATION_SCORES = (
     "over_segmentation",
     "under_segmentation",
 )
-"""What `segmentation_table` tells, in its order."""
-
+"""Columns of scores of `segmentation_table`, in order."""
 
 METHODS = ("normalized_cut", "normalized_cut_geometry", "normalized_cut_plain", "euclidean", "yang_dong", "two_step")
 """Names of the segmentations."""
-
 
 PLAIN_CUT = NormalizedCutParameters(
     spacing_factor=0.0, max_cut=0.3, low_height=0.0, pole_length=0.0, foot_height=0.0, pole_gap=0.0, plate_gap=0.0
@@ -50,26 +49,53 @@ PLAIN_CUT = NormalizedCutParameters(
 """The cut without intensity that Yu et al. 2016 compare with; `max_cut` is the best of four on six training streets."""
 
 
+class Segments(TypedDict):
+    """Objects of a scene, as `segment_scene` returns them.
+
+    Attributes
+    ----------
+    objects : ndarray of int32, shape (n,)
+        Object of each point; -1 for ground, outliers and objects of fewer than `min_points`.
+    """
+
+    objects: NDArray[np.int32]
+
+
+class SegmentationMeasures(TypedDict):
+    """Scores of one scene, as `measure_segmentation` returns them.
+
+    Attributes
+    ----------
+    scores : ndarray of float64, shape (6,)
+        In the order of `SEGMENTATION_SCORES`.
+    weights : ndarray of int64, shape (3,)
+        Number of instances, number of their points, and number of segments, over which the scores were averaged.
+    """
+
+    scores: NDArray[np.float64]
+    weights: NDArray[np.int64]
+
+
 @dataclass(frozen=True)
 class SegmentationParameters:
-    """How off-ground points become objects.
+    """Choice and parameters of the segmentation of off-ground points into objects.
 
     Parameters
     ----------
     method : str, default "normalized_cut"
-        One of `METHODS`: Yu et al. 2016's extended normalised cut with intensity where the survey has it, the same
-        without, the cut without intensity as it is published, Euclidean clusters alone, or the methods of Yang and
-        Dong 2013 and of Zhou et al. 2014.
+        One of `METHODS`: the extended normalised cut of Yu et al. 2016, with intensity where the survey has it; the
+        same without intensity; the cut without intensity as published; Euclidean clusters alone; and the methods of
+        Yang and Dong 2013 and of Zhou et al. 2014.
     normalized_cut : NormalizedCutParameters or mapping
-        Parameters of the first two cuts; the clusters alone take its distances.
+        Parameters of the first two cuts; Euclidean clusters use its distances.
     plain_cut : NormalizedCutParameters or mapping
-        Parameters of the published cut: clusters and cuts, and nothing that is not in the paper but when to stop.
+        Parameters of the published cut: clusters and cuts, without additions other than the stopping rules.
     yang_dong : YangDongParameters or mapping
         Parameters of the shape-based segmentation.
     two_step : TwoStepParameters or mapping
         Parameters of the segmentation along and across scan lines.
     min_points : int, default 10
-        Smaller objects are left out.
+        Objects with fewer points are discarded.
 
     Raises
     ------
@@ -97,7 +123,12 @@ class SegmentationParameters:
         check_positive(self.min_points, "segmentation.min_points")
 
 
-def segment_scene(scene: PointCloud, ground: GroundMask, parameters: SegmentationParameters) -> dict[str, NDArray]:
+def segment_scene(
+    scene: PointCloud,
+    ground: GroundMask,
+    parameters: SegmentationParameters,
+    refinement: PoleRefinementParameters = POLE_REFINEMENT,
+) -> Segments:
     """Segment the off-ground points of a scene into objects.
 
     Parameters
@@ -105,32 +136,39 @@ def segment_scene(scene: PointCloud, ground: GroundMask, parameters: Segmentatio
     scene : PointCloud
         The scene.
     ground : GroundMask
-        Its ground points.
+        Which points are ground, see `find_ground`.
     parameters : SegmentationParameters
         The method and its parameters.
+    refinement : PoleRefinementParameters
+        Limits and weights of the separation of poles, gantries and plates by the extended normalised cut.
 
     Returns
     -------
-    dict of str to ndarray
-        ``objects`` int32 (n,): object of each point, -1 for ground, outliers and what is too small.
+    Segments
+        Object of each point.
 
     Raises
     ------
     DataError
         If a coordinate is not finite.
     MissingColumnError
-        If the method takes the order of the scan and the scene lacks `gps_time` or `scanner`.
+        If the method requires the order of the scan and the scene lacks `gps_time` or `scanner`.
     """
     rows = np.flatnonzero(inliers(scene) & ~ground["ground"])
     xyz = np.ascontiguousarray(scene.xyz[rows], dtype=np.float64)
     objects = np.full(len(scene), -1, dtype=np.int32)
-    objects[rows] = _segment(scene, rows, xyz, parameters)
+    objects[rows] = _segment(scene, rows, xyz, parameters, refinement)
     return {"objects": objects}
 
 
 def _segment(
-    scene: PointCloud, rows: NDArray[np.int64], xyz: NDArray[np.float64], parameters: SegmentationParameters
+    scene: PointCloud,
+    rows: NDArray[np.int64],
+    xyz: NDArray[np.float64],
+    parameters: SegmentationParameters,
+    refinement: PoleRefinementParameters,
 ) -> NDArray[np.int32]:
+    """Segment the points of some rows by the chosen method."""
     method, min_points = parameters.method, parameters.min_points
     if method == "yang_dong":
         return segment_yang_dong(xyz, parameters=parameters.yang_dong, min_points=min_points)
@@ -140,12 +178,12 @@ def _segment(
             min_points=min_points,
         )  # fmt: skip
     if method == "normalized_cut_plain":
-        return segment(xyz, parameters=parameters.plain_cut, min_points=min_points)
+        return segment(xyz, parameters=parameters.plain_cut, min_points=min_points, refinement=refinement)
     cuts = parameters.normalized_cut
     if method == "euclidean":
         return number_objects(cluster_points(xyz, cuts).astype(np.int64), min_points)
     intensity = scene["intensity"][rows] if method == "normalized_cut" and "intensity" in scene else None
-    return segment(xyz, intensity=intensity, parameters=cuts, min_points=min_points)
+    return segment(xyz, intensity=intensity, parameters=cuts, min_points=min_points, refinement=refinement)
 
 
 def reference_objects(scene: PointCloud, scheme: ClassScheme) -> tuple[NDArray[np.int32], NDArray[np.int16]]:
@@ -154,7 +192,7 @@ def reference_objects(scene: PointCloud, scheme: ClassScheme) -> tuple[NDArray[n
     Parameters
     ----------
     scene : PointCloud
-        A scene with `label` and, as simulated surveys have it, `instance`. Without instances the connected components
+        A scene with `label` and perhaps `instance`, as in simulated surveys. Without instances the connected components
         of each class are objects.
     scheme : ClassScheme
         The classes.
@@ -164,7 +202,7 @@ def reference_objects(scene: PointCloud, scheme: ClassScheme) -> tuple[NDArray[n
     instances : ndarray of int32, shape (n,)
         Number of the object, from 1; 0 for none.
     classes : ndarray of int16, shape (number of objects + 1,)
-        Class of most of each object's points; -1 for number 0 and where none is labelled.
+        Majority class of each object's points; -1 for number 0 and where no point is labelled.
 
     Raises
     ------
@@ -187,18 +225,19 @@ def reference_objects(scene: PointCloud, scheme: ClassScheme) -> tuple[NDArray[n
 
 
 def _components(xyz: NDArray[np.floating], labels: NDArray[np.int16]) -> NDArray[np.int32]:
+    """Number the connected components of each class from 1."""
     instances = np.zeros(len(xyz), dtype=np.int32)
     last = 0
     for label in np.unique(labels[labels != IGNORE]):
         rows = np.flatnonzero(labels == label)
-        found = cluster(xyz[rows], tolerance=OBJECT_TOLERANCE)
-        instances[rows] = found + last + 1
-        last += int(found.max()) + 1
+        component = cluster(xyz[rows], tolerance=OBJECT_TOLERANCE)
+        instances[rows] = component + last + 1
+        last += int(component.max()) + 1
     return instances
 
 
 def owned_by_core(scene: PointCloud, objects: NDArray[np.integer], n_objects: int) -> NDArray[np.bool_]:
-    """Tell which objects a scene is responsible for: those whose lowest point lies in its core.
+    """Return which objects a scene owns: those whose lowest point lies in its core.
 
     Parameters
     ----------
@@ -212,7 +251,7 @@ def owned_by_core(scene: PointCloud, objects: NDArray[np.integer], n_objects: in
     Returns
     -------
     ndarray of bool, shape (n_objects,)
-        True where the object is the scene's own; an object without points is nobody's.
+        True where the scene owns the object; False for objects without points.
     """
     owned = np.zeros(n_objects, dtype=np.bool_)
     lowest = _lowest_points(np.ascontiguousarray(scene.xyz[:, 2], dtype=np.float64), objects, n_objects)
@@ -233,26 +272,25 @@ def _lowest_points(z: NDArray[np.float64], objects: NDArray[np.integer], n_objec
 
 
 def measure_segmentation(
-    scene: PointCloud, objects: Mapping[str, NDArray], *, scheme: ClassScheme, min_points: int
-) -> dict[str, NDArray]:
-    """Score the objects of a scene against its reference instances; only what the scene's core owns is judged.
+    scene: PointCloud, objects: Segments, *, scheme: ClassScheme, min_points: int
+) -> SegmentationMeasures:
+    """Score the objects of a scene against the reference instances that it owns.
 
     Parameters
     ----------
     scene : PointCloud
         The scene, with `label`.
-    objects : mapping
-        What `segment_scene` gave.
+    objects : Segments
+        Object of each point.
     scheme : ClassScheme
         The classes, for surveys without instances.
     min_points : int
-        Smaller instances are not looked for.
+        Instances with fewer points are excluded.
 
     Returns
     -------
-    dict of str to ndarray
-        ``scores`` in the order of `SEGMENTATION_SCORES`, and ``weights``: number of instances, their points, number of
-        segments that they were taken over.
+    SegmentationMeasures
+        Scores and their weights.
 
     Raises
     ------
@@ -262,22 +300,22 @@ def measure_segmentation(
     instances, _ = reference_objects(scene, scheme)
     owned = owned_by_core(scene, instances, int(instances.max(initial=0)) + 1)
     mine = np.where(owned[instances], instances, 0)
-    found: InstanceScores = score_segmentation(mine, objects["objects"], min_points=min_points)
+    scores: InstanceScores = score_segmentation(mine, objects["objects"], min_points=min_points)
     sizes = find_overlaps(mine, objects["objects"]).instance_sizes
     points = int(sizes[sizes >= min_points].sum())
     return {
-        "scores": np.array([asdict(found)[name] for name in SEGMENTATION_SCORES], dtype=np.float64),
-        "weights": np.array([found.n_instances, points, found.n_segments]),
+        "scores": np.array([asdict(scores)[name] for name in SEGMENTATION_SCORES], dtype=np.float64),
+        "weights": np.array([scores.n_instances, points, scores.n_segments]),
     }
 
 
-def segmentation_table(measured: Mapping[str, Mapping[str, NDArray]]) -> pd.DataFrame:
-    """Score the segmentation per split: means over scenes, weighted by what each score is a share of.
+def segmentation_table(measured: Mapping[str, SegmentationMeasures]) -> pd.DataFrame:
+    """Return the segmentation scores of each split: means over scenes, weighted by the denominator of each score.
 
     Parameters
     ----------
-    measured : mapping of str to mapping
-        Scene name, which begins with its split and a dot, to what `measure_segmentation` gave.
+    measured : mapping of str to SegmentationMeasures
+        Measures by scene name, which begins with the split and a dot.
 
     Returns
     -------

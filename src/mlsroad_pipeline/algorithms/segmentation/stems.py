@@ -1,4 +1,4 @@
-"""Upright lines among voxels: the stems of poles and of trunks."""
+"""Detection of stems: upright lines of poles and trunks among voxels."""
 
 from __future__ import annotations
 
@@ -11,25 +11,7 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-
-SLAB = 0.2
-"""Height of a section, metres."""
-
-RADIUS = 0.22
-"""Of what belongs to a stem around its axis, metres."""
-
-HEIGHT = 1.7
-"""The lowest stem that is looked at, metres."""
-
-_STEP = 0.15  # voxels of one section are this close, metres
-_WIDTH = 0.5  # the widest section of a stem, metres
-_FREE, _STRAY = 0.4, 1.34  # metres around a section that stands free, and voxels there over its own
-_SHIFT = 0.12  # of the middles of a stem's sections from one to the next, metres
-_LEAN, _CURVE = 0.15, 0.05  # slope of its axis, and deviation from it, metres
-_CORE, _RING = 0.15, 0.45  # radii within which a stem is denser than around it, metres
-_DENSER = 3.0
-_SIGN, _SHORT = 5.0, 0.6  # height of a sign with what leans on it, and length over which its post stands free, metres
-_GAP = 4  # sections that may be hidden inside a crown
+from mlsroad_pipeline.algorithms.segmentation.pole_parameters import POLE_REFINEMENT, PoleRefinementParameters
 
 
 @dataclass(frozen=True)
@@ -39,9 +21,9 @@ class Stem:
     Parameters
     ----------
     base : ndarray of float64, shape (2,)
-        Its horizontal place at height 0, metres.
+        Its horizontal position at height 0, metres.
     slope : ndarray of float64, shape (2,)
-        How far it moves per metre of height.
+        Horizontal displacement per metre of height.
     low, high : float
         Heights of its ends, metres.
     """
@@ -51,8 +33,12 @@ class Stem:
     low: float
     high: float
 
+    def at(self, height: float) -> NDArray[np.float64]:
+        """Return the horizontal position of the line at a height, metres, shape (2,)."""
+        return self.base + self.slope * height
+
     def away(self, xyz: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how far places lie off the line.
+        """Return the horizontal offsets of places from the line.
 
         Parameters
         ----------
@@ -67,7 +53,7 @@ class Stem:
         return xyz[:, :2] - self.base - xyz[:, 2:] * self.slope
 
     def distance(self, xyz: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the horizontal distance of places from the line, which may be prolonged.
+        """Return the horizontal distances of places from the line, extended beyond its ends.
 
         Parameters
         ----------
@@ -84,7 +70,7 @@ class Stem:
 
 @njit(cache=True, nogil=True)
 def _distances(xyz: NDArray[np.float64], base: NDArray[np.float64], slope: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far places lie off a line: every stem asks it of all voxels of its cluster, which may be a wood."""
+    """Return the distances of places from a line; compiled, as it runs for every stem over all voxels of a cluster."""
     out = np.empty(len(xyz))
     for i in range(len(xyz)):
         x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
@@ -92,8 +78,13 @@ def _distances(xyz: NDArray[np.float64], base: NDArray[np.float64], slope: NDArr
     return out
 
 
-def find_stems(places: NDArray[np.float64], clusters: NDArray[np.int32], free_length: float) -> dict[int, list[Stem]]:
-    """Return the lines of narrow sections that stand free.
+def find_stems(
+    places: NDArray[np.float64],
+    clusters: NDArray[np.int32],
+    free_length: float,
+    refinement: PoleRefinementParameters = POLE_REFINEMENT,
+) -> dict[int, list[Stem]]:
+    """Find lines of narrow sections that stand free.
 
     Parameters
     ----------
@@ -102,42 +93,46 @@ def find_stems(places: NDArray[np.float64], clusters: NDArray[np.int32], free_le
     clusters : ndarray of int32, shape (v,)
         Cluster of each, 0, 1, ...
     free_length : float
-        Least length of a line, metres; in a cluster no higher than a sign 0.6 is enough. Larger finds fewer.
+        Minimum length of a line, metres; in clusters up to `sign_height` at most `sign_free_length`. Larger finds
+        fewer.
+    refinement : PoleRefinementParameters
+        Limits of sections and lines.
 
     Returns
     -------
     dict of int to list of Stem
         The lines of each cluster that has any.
     """
+    p = refinement
     tall = np.full(int(clusters.max(initial=-1)) + 1, -np.inf)
     low = -tall
     np.maximum.at(tall, clusters, places[:, 2])
     np.minimum.at(low, clusters, places[:, 2])
-    rows = np.flatnonzero((tall - low >= HEIGHT)[clusters])
+    rows = np.flatnonzero((tall - low >= p.stem_min_height)[clusters])
     if len(rows) == 0:
         return {}
     origin = places.min(axis=0)
     xyz = places[rows] - origin
-    slab = np.floor(xyz[:, 2] / SLAB)
+    slab = np.floor(xyz[:, 2] / p.section_height)
     flat = np.column_stack([xyz[:, :2], 10.0 * slab])  # sections of different heights are far apart
-    section = _combined(cluster(flat, tolerance=_STEP), clusters[rows])
+    section = _combined(cluster(flat, tolerance=p.section_tolerance), clusters[rows])
     middle, width, size = measure_sections(xyz, section)
     first = np.unique(section, return_index=True)[1]
-    narrow = np.flatnonzero(width <= _WIDTH)
+    narrow = np.flatnonzero(width <= p.section_max_width)
     near = cKDTree(flat).query_ball_point(
-        np.column_stack([middle[narrow, :2], 10.0 * slab[first[narrow]]]), _FREE, return_length=True
+        np.column_stack([middle[narrow, :2], 10.0 * slab[first[narrow]]]), p.clearance_radius, return_length=True
     )
-    free = narrow[near <= _STRAY * size[narrow]]
+    free = narrow[near <= p.clearance_ratio * size[narrow]]
     owner = clusters[rows[first[free]]]
-    found: dict[int, list[Stem]] = {}
-    for chain in _chains(middle[free], slab[first[free]], owner):
+    stems: dict[int, list[Stem]] = {}
+    for chain in _chains(middle[free], slab[first[free]], owner, p):
         number = int(owner[chain[0]])
-        # Between a bin at the foot of a sign and its plate the post is seen over a short length alone.
-        sign = tall[number] - low[number] <= _SIGN
-        stem = _fit(middle[free[chain]], origin, min(free_length, _SHORT) if sign else free_length)
+        # Between a bin at the foot of a sign and its plate only a short length of the post is visible.
+        sign = tall[number] - low[number] <= p.sign_height
+        stem = _fit(middle[free[chain]], origin, min(free_length, p.sign_free_length) if sign else free_length, p)
         if stem is not None:
-            found.setdefault(number, []).append(stem)
-    return found
+            stems.setdefault(number, []).append(stem)
+    return stems
 
 
 def _combined(a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.int64]:
@@ -176,96 +171,81 @@ def measure_sections(
 
 
 def _chains(
-    middle: NDArray[np.float64], slab: NDArray[np.float64], owner: NDArray[np.int32]
+    middle: NDArray[np.float64], slab: NDArray[np.float64], owner: NDArray[np.int32], p: PoleRefinementParameters
 ) -> list[NDArray[np.int64]]:
-    """Return the sections of each line: those of one cluster that lie above each other with at most one left out."""
+    """Return the sections of each line: sections of one cluster above each other, with gaps of at most one section."""
     if len(middle) < 2:
         return []
-    level = np.column_stack([middle[:, :2], SLAB * slab])
-    pairs = cKDTree(level).query_pairs(np.hypot(_SHIFT, 2.1 * SLAB), output_type="ndarray")
+    level = np.column_stack([middle[:, :2], p.section_height * slab])
+    pairs = cKDTree(level).query_pairs(np.hypot(p.max_shift, 2.1 * p.section_height), output_type="ndarray")
     step = np.hypot(*(level[pairs[:, 0], :2] - level[pairs[:, 1], :2]).T)
-    good = (step <= _SHIFT) & (slab[pairs[:, 0]] != slab[pairs[:, 1]]) & (owner[pairs[:, 0]] == owner[pairs[:, 1]])
+    good = (step <= p.max_shift) & (slab[pairs[:, 0]] != slab[pairs[:, 1]]) & (owner[pairs[:, 0]] == owner[pairs[:, 1]])
     label = connected_components(pairs[good], n_nodes=len(middle))
     order = np.argsort(label, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
 
 
-def _fit(middle: NDArray[np.float64], origin: NDArray[np.float64], free_length: float) -> Stem | None:
-    """Fit a straight upright line to sections; None where they are none, or it is short."""
+def _fit(
+    middle: NDArray[np.float64], origin: NDArray[np.float64], free_length: float, p: PoleRefinementParameters
+) -> Stem | None:
+    """Fit an upright line to sections; None where it is too short, too steeply inclined or not straight."""
     low, high = float(middle[:, 2].min()), float(middle[:, 2].max())
-    if len(middle) < 3 or high - low < free_length - SLAB:
+    if len(middle) < 3 or high - low < free_length - p.section_height:
         return None
     design = np.column_stack([np.ones(len(middle)), middle[:, 2]])
     line, *_ = np.linalg.lstsq(design, middle[:, :2], rcond=None)
     off = np.hypot(*(middle[:, :2] - design @ line).T)
-    if np.hypot(*line[1]) > _LEAN or np.sqrt((off**2).mean()) > _CURVE:
+    if np.hypot(*line[1]) > p.max_slope or np.sqrt((off**2).mean()) > p.max_residual:
         return None
     base = line[0] + origin[:2] - line[1] * origin[2]
     return Stem(base, line[1], low + float(origin[2]), high + float(origin[2]))
 
 
-def extended(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> Stem:
-    """Follow a line up while points crowd along it, and down to its foot.
-
-    Parameters
-    ----------
-    stem : Stem
-        The line.
-    xyz : ndarray of float64, shape (v, 3)
-        Voxels of its cluster, metres, z up.
-    counts : ndarray of int64, shape (v,)
-        Points in each.
-
-    Returns
-    -------
-    Stem
-        The same line, at least as long.
-    """
+def _extended(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64], p: PoleRefinementParameters) -> Stem:
+    """Extend a stem upwards while points are denser in its core than around it, and downwards to its foot."""
     distance = stem.distance(xyz)
-    near = np.flatnonzero(distance <= _RING)
-    slab = np.floor((xyz[near, 2] - stem.low) / SLAB).astype(np.int64)
+    near = np.flatnonzero(distance <= p.ring_radius)
+    slab = np.floor((xyz[near, 2] - stem.low) / p.section_height).astype(np.int64)
     lowest = int(slab.min())
-    core = distance[near] <= _CORE
+    core = distance[near] <= p.core_radius
     inner = np.bincount(slab[core] - lowest, counts[near][core], minlength=int(slab.max()) - lowest + 1)
     outer = np.bincount(slab[~core] - lowest, counts[near][~core], minlength=len(inner))
-    area = (_RING / _CORE) ** 2 - 1.0
-    crowded = (inner > 0) & (inner >= _DENSER * outer[: len(inner)] / area)
-    top = int((stem.high - stem.low) / SLAB) - lowest
-    while crowded[top + 1 : top + 1 + _GAP].any():
-        top += 1 + int(np.argmax(crowded[top + 1 : top + 1 + _GAP]))
+    area = (p.ring_radius / p.core_radius) ** 2 - 1.0
+    dense = (inner > 0) & (inner >= p.core_density_ratio * outer[: len(inner)] / area)
+    top = int((stem.high - stem.low) / p.section_height) - lowest
+    while dense[top + 1 : top + 1 + p.max_hidden_sections].any():
+        top += 1 + int(np.argmax(dense[top + 1 : top + 1 + p.max_hidden_sections]))
     foot = float(xyz[near[core], 2].min()) if core.any() else stem.low
-    return Stem(stem.base, stem.slope, min(foot, stem.low), max(stem.high, stem.low + (top + lowest + 1) * SLAB))
+    high = stem.low + (top + lowest + 1) * p.section_height
+    return Stem(stem.base, stem.slope, min(foot, stem.low), max(stem.high, high))
 
 
-def merged(stems: list[Stem]) -> list[Stem]:
-    """Join the lines that are one: below a crown and above it, or along a trunk that is bent.
+def _merged(stems: list[Stem], p: PoleRefinementParameters) -> list[Stem]:
+    """Merge collinear lines, as below and above a crown or along a bent trunk.
 
-    Parameters
-    ----------
-    stems : list of Stem
-        Lines of one cluster.
-
-    Returns
-    -------
-    list of Stem
-        The longest of each, from the lowest end to the highest.
+    The longest line of each group is kept, from the lowest end to the highest.
     """
-    found: list[Stem] = []
+    merged: list[Stem] = []
     for stem in sorted(stems, key=lambda one: (one.low - one.high, one.base[0], one.base[1])):
-        for k, other in enumerate(found):
-            # In the middle of the heights that both have, or of the gap between them: lines of a bent trunk meet there.
+        for k, other in enumerate(merged):
+            # In the middle of their common heights, or of the gap between them: lines of a bent trunk meet there.
             height = 0.5 * (max(stem.low, other.low) + min(stem.high, other.high))
-            place = np.append(stem.base + stem.slope * height, height)[None]
-            if other.distance(place)[0] <= 2 * _CORE:
-                found[k] = Stem(other.base, other.slope, min(stem.low, other.low), max(stem.high, other.high))
+            place = np.append(stem.at(height), height)[None]
+            if other.distance(place)[0] <= 2 * p.core_radius:
+                merged[k] = Stem(other.base, other.slope, min(stem.low, other.low), max(stem.high, other.high))
                 break
         else:
-            found.append(stem)
-    return found
+            merged.append(stem)
+    return merged
 
 
-def whole_stems(stems: list[Stem], xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> list[Stem]:
-    """Join the lines of a cluster that are one, follow each to its ends, and leave out what is low.
+def whole_stems(
+    stems: list[Stem],
+    xyz: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    refinement: PoleRefinementParameters = POLE_REFINEMENT,
+) -> list[Stem]:
+    """Merge collinear lines of a cluster, extend each to its ends, and discard short ones.
 
     Parameters
     ----------
@@ -275,11 +255,14 @@ def whole_stems(stems: list[Stem], xyz: NDArray[np.float64], counts: NDArray[np.
         Voxels of it, metres, z up.
     counts : ndarray of int64, shape (v,)
         Points in each.
+    refinement : PoleRefinementParameters
+        Radii and densities along a stem.
 
     Returns
     -------
     list of Stem
-        The stems, `HEIGHT` or more high.
+        The stems of at least `stem_min_height`.
     """
-    found = merged([extended(stem, xyz, counts) for stem in merged(stems)])
-    return [stem for stem in found if stem.high - stem.low >= HEIGHT]
+    p = refinement
+    merged = _merged([_extended(stem, xyz, counts, p) for stem in _merged(stems, p)], p)
+    return [stem for stem in merged if stem.high - stem.low >= p.stem_min_height]

@@ -1,9 +1,8 @@
-"""Which stems carry a crown: trunks, as against poles that stand in one.
+"""Classification of stems in crowns as poles or trunks, and detection of gantry legs.
 
-Where there is a crown around a stem, six things tell: poles are straight, upright and thin, the crown's middle lies
-beside them, they reach up to its top, and a stem that looks less like a pole is near. Their weights are those of a
-logistic regression on the stems of the training streets of the study of Yu et al. 2016 (docs/methods/segmentation.md,
-`benchmarks/stem_weights.py`).
+Poles in crowns are straight, upright and thin. They stand beside the crown's centre and reach its top, and a less
+pole-like stem is near. The weights of these measures are those of a logistic regression on the stems of the training
+streets of the study of Yu et al. 2016 (docs/methods/segmentation.md, `benchmarks/stem_weights.py`).
 """
 
 from __future__ import annotations
@@ -12,34 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.segmentation.stems import RADIUS, SLAB, Stem
+from mlsroad_pipeline.algorithms.segmentation.pole_parameters import POLE_REFINEMENT, PoleRefinementParameters
+from mlsroad_pipeline.algorithms.segmentation.stems import Stem
 
-_AROUND = 2.0  # of an axis, where a crown is looked for, metres
-_CROWN = 300  # voxels that make a crown
-_JOINED = 0.25  # voxels of one crown are this close, metres
-_CENTRED = 0.1  # a crown whose middle is nearer to an axis stands around its own stem, metres
-_BESIDE_TRUNK = 2.5  # the farthest pole from the trunk whose crown it stands in, metres
-_INSIDE, _BASE = 0.3, 0.2  # of an axis, where spread is measured, and from where above the foot, metres
-_RING, _CORE, _CLIMBS = 0.45, 0.2, 4  # of an axis and of its middle, where a section is looked for, metres, and rounds
-_CLEAR = 0.4  # share of the sections that are not looked at: those with most leaves around them
-_SECTIONS = 5  # that a stem is measured by, at least
-_ROUNDS, _LEVELLED = 8, 0.01  # of the fit of a line by least deviations, and those that weigh alike, metres
-_UPPER = 0.4  # share of a stem below which there is no crown
-_TOP, _LOWEST = 0.98, 0.5  # share of a crown that lies below its top, and the least height of that, metres
-_BEAM = 1.0  # height of a beam, and of its middle from the top of the post that carries it, metres
-_SPAN = 5.0  # the least distance between two legs of a gantry, metres
-_RESTS, _DENSE = 100, 80.0  # voxels of a beam within reach of its post, and per metre between two: wires have less
-_OFFSET, _FIRST = -39.35, -2.44  # of likeness; a pole is what is one with odds of two to three: 0.41 is added
-_WEIGHTS = -7.1, -3.19, -39.39, 2.97, 7.81, 0.55  # of likeness, in the order of `measure_stem`
-_ASIDE = 3  # place of one of them there
-_LEAST = 0.02  # added to bend, metres, and slope, as below it a smaller one tells little
-_UNMEASURED = 0.05, 0.2  # bend and spread of a stem of few sections, metres
+_OFFSET_COLUMN = 3  # of the offset of the crown's centre among the measures of `measure_stem`
 
 
-def judge_stems(
-    xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem]
+def classify_stems(
+    xyz: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    stems: list[Stem],
+    refinement: PoleRefinementParameters = POLE_REFINEMENT,
 ) -> tuple[list[Stem], list[list[Stem]]]:
-    """Tell poles, and the legs of gantries, from trunks.
+    """Separate poles and the legs of gantries from trunks.
 
     Parameters
     ----------
@@ -49,30 +33,37 @@ def judge_stems(
         Points in each.
     stems : list of Stem
         The stems in it.
+    refinement : PoleRefinementParameters
+        Limits and weights.
 
     Returns
     -------
     poles : list of Stem
-        The stems that no crown grows on.
+        The stems that carry neither a crown nor a beam.
     gantries : list of list of Stem
-        Those that carry a beam between them, two or more each.
+        The stems that carry a beam between them, two or more each.
     """
     if not stems:
         return [], []
-    beam, crowned, measures = measure_crowned(xyz, counts, stems)
-    likeness = _OFFSET + measures @ _WEIGHTS
-    first = find_first([stems[k] for k in crowned], likeness)
+    p = refinement
+    beam, crowned, measures = measure_crowned(xyz, counts, stems, p)
+    likeness = p.pole_intercept + measures @ p.pole_weights
+    least = find_least_pole_like([stems[k] for k in crowned], likeness, p)
+    central = measures[:, _OFFSET_COLUMN] < p.crown_centre_offset
     is_pole = beam < 0
-    is_pole[crowned] = (likeness + _FIRST * first > 0) & ~(first & (measures[:, _ASIDE] < _CENTRED))
+    is_pole[crowned] = (likeness + p.trunk_weight * least > 0) & ~(least & central)
     poles = [stem for stem, pole in zip(stems, is_pole, strict=True) if pole]
     groups = [
         [stem for stem, b in zip(stems, beam, strict=True) if b == number] for number in np.unique(beam[beam >= 0])
     ]
-    return poles, [legs for legs in groups if len(legs) > 1 and _spans(_beside(stems, xyz), legs)]
+    return poles, [legs for legs in groups if len(legs) > 1 and _spans(_beside(stems, xyz, p), legs, p)]
 
 
 def measure_crowned(
-    xyz: NDArray[np.float64], counts: NDArray[np.int64], stems: list[Stem]
+    xyz: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    stems: list[Stem],
+    refinement: PoleRefinementParameters = POLE_REFINEMENT,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """Find the stems of a cluster that stand in crowns, and measure them.
 
@@ -84,86 +75,98 @@ def measure_crowned(
         Points in each.
     stems : list of Stem
         The stems in it, one or more.
+    refinement : PoleRefinementParameters
+        Limits of crowns and beams.
 
     Returns
     -------
     beam : ndarray of int64, shape (n,)
         Number of the beam that each carries; -1 for none.
     crowned : ndarray of int64, shape (c,)
-        Places in `stems` of those in crowns, which carry no beam.
+        Indices in `stems` of those in crowns, which carry no beam.
     measures : ndarray of float64, shape (c, 6)
-        What `measure_stem` gave for these.
+        Their measures, see `measure_stem`.
     """
-    rest = _beside(stems, xyz)
-    size, aside, beam = _crowns(rest, stems)
-    _find_second_legs(rest, stems, beam)
-    crowned = np.flatnonzero((beam < 0) & (size >= _CROWN))
-    measures = [measure_stem(stems[k], xyz, counts, aside[k]) for k in crowned]
-    return beam, crowned, np.array(measures, np.float64).reshape(-1, len(_WEIGHTS))
+    p = refinement
+    rest = _beside(stems, xyz, p)
+    size, aside, beam = _crowns(rest, stems, p)
+    _find_second_legs(rest, stems, beam, p)
+    crowned = np.flatnonzero((beam < 0) & (size >= p.crown_min_voxels))
+    measures = [measure_stem(stems[k], xyz, counts, aside[k], p) for k in crowned]
+    return beam, crowned, np.array(measures, np.float64).reshape(-1, len(p.pole_weights))
 
 
-def _beside(stems: list[Stem], xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+def _beside(stems: list[Stem], xyz: NDArray[np.float64], p: PoleRefinementParameters) -> NDArray[np.float64]:
     """Return the voxels that are not on a stem."""
     rest = np.ones(len(xyz), np.bool_)
     for stem in stems:
-        rest &= (stem.distance(xyz) > RADIUS) | (xyz[:, 2] > stem.high + SLAB)
+        rest &= (stem.distance(xyz) > p.stem_radius) | (xyz[:, 2] > stem.high + p.section_height)
     return xyz[rest]
 
 
-def _find_second_legs(places: NDArray[np.float64], stems: list[Stem], beam: NDArray[np.int64]) -> None:
-    """Give stems the number of the beam that they carry the other end of, in place: a crown beside it may hide it."""
+def _find_second_legs(
+    places: NDArray[np.float64], stems: list[Stem], beam: NDArray[np.int64], p: PoleRefinementParameters
+) -> None:
+    """Assign, in place, the number of a beam to the stem at its other end, which a crown may have hidden."""
     for k in np.flatnonzero(beam >= 0):
         one = stems[k]
         for j in np.flatnonzero(beam < 0):
             other = stems[j]
             apart = np.hypot(*(one.base + one.slope * one.high - other.base - other.slope * other.high))
-            if apart >= _SPAN and abs(one.high - other.high) <= _BEAM and _spans(places, [one, other]):
+            level = abs(one.high - other.high) <= p.beam_height
+            if apart >= p.beam_min_span and level and _spans(places, [one, other], p):
                 beam[j] = beam[k]
 
 
-def _spans(places: NDArray[np.float64], legs: list[Stem]) -> bool:
-    """Tell whether there is a beam between legs, and not some wires."""
-    top = np.array([leg.base + leg.slope * leg.high for leg in legs])
+def _spans(places: NDArray[np.float64], legs: list[Stem], p: PoleRefinementParameters) -> bool:
+    """Return whether a beam lies between legs; wires have fewer voxels."""
+    top = np.array([leg.at(leg.high) for leg in legs])
     far = top[np.argmax(np.hypot(*(top - top[0]).T))] - top[0]
     span = float(np.hypot(*far))
-    along = (places[:, :2] - top[0]) @ far / max(span, _BEAM)
-    across = (places[:, :2] - top[0]) @ np.array([-far[1], far[0]]) / max(span, _BEAM)
-    between = (along >= 0) & (along <= span) & (np.abs(across) <= _BEAM)
-    high = np.abs(places[:, 2] - np.mean([leg.high for leg in legs])) <= 2 * _BEAM
-    return bool((between & high).sum() >= _DENSE * span)
+    along = (places[:, :2] - top[0]) @ far / max(span, p.beam_height)
+    across = (places[:, :2] - top[0]) @ np.array([-far[1], far[0]]) / max(span, p.beam_height)
+    between = (along >= 0) & (along <= span) & (np.abs(across) <= p.beam_height)
+    high = np.abs(places[:, 2] - np.mean([leg.high for leg in legs])) <= 2 * p.beam_height
+    return bool((between & high).sum() >= p.beam_density * span)
 
 
 def _crowns(
-    places: NDArray[np.float64], stems: list[Stem]
+    places: NDArray[np.float64], stems: list[Stem], p: PoleRefinementParameters
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return the size of the crown around each stem, and how far aside its middle lies.
+    """Return the size of the crown around each stem, the offset of its centre, and the number of a beam.
 
-    And, where it is no crown but the beam of a gantry or a mast's arm, low and at the top of the stem, its number; -1
-    elsewhere.
+    A piece that is flat and at the top of the stem is no crown but the beam of a gantry or a mast's arm; the number is
+    -1 elsewhere.
     """
-    piece = cluster(np.ascontiguousarray(places), tolerance=_JOINED)
+    piece = cluster(np.ascontiguousarray(places), tolerance=p.crown_tolerance)
     size, aside, beam = np.zeros(len(stems), np.int64), np.zeros(len(stems)), np.full(len(stems), -1)
     for k, stem in enumerate(stems):
-        here = (stem.distance(places) <= _AROUND) & _beside_crown(stem, places)
+        here = (stem.distance(places) <= p.crown_radius) & _at_crown_height(stem, places, p)
         size[k] = here.sum()
         if not here.any():
             continue
         aside[k] = np.hypot(*stem.away(places[here]).mean(axis=0))
         number = int(np.bincount(piece[here]).argmax())
-        low, middle, high = np.quantile(places[here, 2], (0.15, 0.5, 0.95))
-        flat = high - low < _BEAM and abs(middle - stem.high) < _BEAM
-        if flat and (piece == number).sum() >= _CROWN and size[k] >= _RESTS:
+        low, middle, high = np.quantile(places[here, 2], p.beam_quantiles)
+        flat = high - low < p.beam_height and abs(middle - stem.high) < p.beam_height
+        if flat and (piece == number).sum() >= p.crown_min_voxels and size[k] >= p.beam_min_voxels:
             beam[k] = number
     return size, aside, beam
 
 
-def _beside_crown(stem: Stem, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which places are as high as the crown of a stem may be."""
-    return xyz[:, 2] >= stem.low + _UPPER * (stem.high - stem.low)
+def _at_crown_height(stem: Stem, xyz: NDArray[np.float64], p: PoleRefinementParameters) -> NDArray[np.bool_]:
+    """Return which places are high enough to belong to the crown of a stem."""
+    return xyz[:, 2] >= stem.low + p.crown_base * (stem.high - stem.low)
 
 
-def measure_stem(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64], aside: float) -> NDArray[np.float64]:
-    """Measure what tells a pole in a crown from a trunk.
+def measure_stem(
+    stem: Stem,
+    xyz: NDArray[np.float64],
+    counts: NDArray[np.int64],
+    aside: float,
+    refinement: PoleRefinementParameters = POLE_REFINEMENT,
+) -> NDArray[np.float64]:
+    """Measure how pole-like a stem in a crown is.
 
     Parameters
     ----------
@@ -174,103 +177,118 @@ def measure_stem(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]
     counts : ndarray of int64, shape (v,)
         Points in each.
     aside : float
-        How far the crown's middle lies from its axis, metres.
+        Distance of the crown's centre from the stem's axis, metres.
+    refinement : PoleRefinementParameters
+        Radii, quantiles and defaults of the measures.
 
     Returns
     -------
     ndarray of float64, shape (6,)
-        Logarithms of how far its sections lie off a straight line, metres, and of its slope; the spread of the thin
-        sections, metres; `aside`; its length over the height of the crown's top; and what of that is above it, metres.
+        Logarithms of the deviation of its sections from a straight line, metres, and of its slope; the spread of the
+        thin sections, metres; `aside`; its length over the height of the crown's top; and the height of that top above
+        its end, metres.
     """
-    near = stem.distance(xyz) <= _AROUND
+    p = refinement
+    near = stem.distance(xyz) <= p.crown_radius
     xyz, counts = xyz[near], counts[near]  # a wood may be one cluster of a million voxels
-    upper = (stem.distance(xyz) > _INSIDE) & _beside_crown(stem, xyz)
+    upper = (stem.distance(xyz) > p.spread_radius) & _at_crown_height(stem, xyz, p)
     length = stem.high - stem.low
-    top = float(np.quantile(xyz[upper, 2], _TOP)) - stem.low if upper.any() else length
-    bend, lean = _bend(stem, xyz, counts)
-    logarithms = np.log(_LEAST + bend), np.log(_LEAST + lean)
-    spread = _spread(stem, xyz, counts)
-    return np.array([*logarithms, spread, min(aside, _AROUND), length / max(top, _LOWEST), top - length])
+    top = float(np.quantile(xyz[upper, 2], p.crown_top_quantile)) - stem.low if upper.any() else length
+    bend, lean = _bend(stem, xyz, counts, p)
+    logarithms = np.log(p.log_offset + bend), np.log(p.log_offset + lean)
+    spread = _spread(stem, xyz, counts, p)
+    reached = length / max(top, p.crown_min_top)
+    return np.array([*logarithms, spread, min(aside, p.crown_radius), reached, top - length])
 
 
-def find_first(stems: list[Stem], likeness: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which stems look less like poles than those around them: something has to carry a crown.
+def find_least_pole_like(
+    stems: list[Stem], likeness: NDArray[np.float64], refinement: PoleRefinementParameters = POLE_REFINEMENT
+) -> NDArray[np.bool_]:
+    """Find the stems that are less pole-like than all near them: one stem has to carry the crown.
 
     Parameters
     ----------
     stems : list of Stem
         Stems in crowns.
     likeness : ndarray of float64, shape (n,)
-        How much each looks like a pole.
+        Weighted sum of the measures of each; larger is more pole-like.
+    refinement : PoleRefinementParameters
+        `trunk_distance` is the distance within which stems are compared.
 
     Returns
     -------
     ndarray of bool, shape (n,)
         One flag per stem.
     """
-    foot = np.array([stem.base + stem.slope * stem.low for stem in stems]).reshape(-1, 2)
-    near = np.hypot(*(foot[:, None] - foot[None]).transpose(2, 0, 1)) <= _BESIDE_TRUNK
+    foot = np.array([stem.at(stem.low) for stem in stems]).reshape(-1, 2)
+    near = np.hypot(*(foot[:, None] - foot[None]).transpose(2, 0, 1)) <= refinement.trunk_distance
     return np.array([likeness[k] <= likeness[near[k]].min() for k in range(len(stems))], np.bool_)
 
 
-def _sections(stem: Stem, xyz: NDArray[np.float64], reach: float) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
+def _sections(
+    stem: Stem, xyz: NDArray[np.float64], reach: float, p: PoleRefinementParameters
+) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
     """Return the voxels around an axis, and the section of each, 0, 1, ...; None where there are few sections."""
     height = xyz[:, 2] - stem.low
-    rows = np.flatnonzero((height >= _BASE) & (xyz[:, 2] <= stem.high) & (stem.distance(xyz) <= reach))
-    _, section = np.unique(np.floor(height[rows] / SLAB), return_inverse=True)
-    return (rows, section) if section.max(initial=-1) + 1 >= _SECTIONS else None
+    rows = np.flatnonzero((height >= p.measure_base) & (xyz[:, 2] <= stem.high) & (stem.distance(xyz) <= reach))
+    _, section = np.unique(np.floor(height[rows] / p.section_height), return_inverse=True)
+    return (rows, section) if section.max(initial=-1) + 1 >= p.min_sections else None
 
 
-def _bend(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> tuple[float, float]:
-    """Return how far the sections of a stem lie off a straight line, and the slope of that.
+def _bend(
+    stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64], p: PoleRefinementParameters
+) -> tuple[float, float]:
+    """Return the deviation of a stem's sections from a straight line, and the slope of that line.
 
-    Points are counted, not voxels, and sections with many leaves around them are left out.
+    Points are counted, not voxels, and sections with many leaves around them are excluded.
     """
-    found = _sections(stem, xyz, _RING)
-    if found is None:
-        return _UNMEASURED[0], float(np.hypot(*stem.slope))
-    rows, section = found
+    sections = _sections(stem, xyz, p.axis_radius, p)
+    if sections is None:
+        return p.default_bend, float(np.hypot(*stem.slope))
+    rows, section = sections
     mass = counts[rows].astype(np.float64)
-    middle, share = _climb(stem.away(xyz[rows]), mass, section)
-    clear = share >= np.quantile(share, _CLEAR)
+    middle, share = _shift_to_core(stem.away(xyz[rows]), mass, section, p)
+    clear = share >= np.quantile(share, p.foliage_quantile)
     level = np.bincount(section, mass * xyz[rows, 2]) / np.bincount(section, mass)
-    line, off = _straight_line(np.column_stack([middle + stem.base + level[:, None] * stem.slope, level])[clear])
+    line, off = _straight_line(np.column_stack([middle + stem.base + level[:, None] * stem.slope, level])[clear], p)
     return float(np.median(off)), float(np.hypot(*line[1]))
 
 
-def _climb(
-    away: NDArray[np.float64], mass: NDArray[np.float64], section: NDArray[np.int64]
+def _shift_to_core(
+    away: NDArray[np.float64], mass: NDArray[np.float64], section: NDArray[np.int64], p: PoleRefinementParameters
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where in each section points crowd, from the axis on, and the share of them that lies there."""
+    """Return the densest place of each section by mean shift from the axis, and the share of points in its core."""
     n = int(section.max()) + 1
     middle = np.zeros((n, 2))
-    for _ in range(_CLIMBS):
-        core = np.hypot(*(away - middle[section]).T) <= _CORE
+    for _ in range(p.axis_iterations):
+        core = np.hypot(*(away - middle[section]).T) <= p.axis_core_radius
         inner = np.bincount(section[core], mass[core], minlength=n)
         mean = [np.bincount(section[core], mass[core] * away[core, axis], minlength=n) for axis in range(2)]
         middle = np.where(inner[:, None] > 0, np.column_stack(mean) / np.maximum(inner, 1.0)[:, None], middle)
-    core = np.hypot(*(away - middle[section]).T) <= _CORE
+    core = np.hypot(*(away - middle[section]).T) <= p.axis_core_radius
     return middle, np.bincount(section[core], mass[core], minlength=n) / np.bincount(section, mass)
 
 
-def _spread(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64]) -> float:
-    """Return how far points spread in the thin sections of a stem."""
-    found = _sections(stem, xyz, _INSIDE)
-    if found is None:
-        return _UNMEASURED[1]
-    rows, section = found
+def _spread(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64], p: PoleRefinementParameters) -> float:
+    """Return the horizontal spread of points in the thin sections of a stem."""
+    sections = _sections(stem, xyz, p.spread_radius, p)
+    if sections is None:
+        return p.default_spread
+    rows, section = sections
     mass = np.bincount(section, counts[rows])
     middle = np.column_stack([np.bincount(section, counts[rows] * xyz[rows, axis]) / mass for axis in range(2)])
     off = ((xyz[rows, :2] - middle[section]) ** 2).sum(axis=1)
-    return float(np.quantile(np.sqrt(np.bincount(section, counts[rows] * off) / mass), 0.25))
+    return float(np.quantile(np.sqrt(np.bincount(section, counts[rows] * off) / mass), p.spread_quantile))
 
 
-def _straight_line(middle: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Return the upright line of least deviations through places, place and slope, and their distances from it."""
+def _straight_line(
+    middle: NDArray[np.floating], p: PoleRefinementParameters
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Return the line of least absolute deviations through places, position and slope, and their distances from it."""
     design = np.column_stack([np.ones(len(middle)), middle[:, 2] - middle[:, 2].mean()])
     weight = np.ones((len(middle), 1))
-    for _ in range(_ROUNDS):
+    for _ in range(p.line_iterations):
         line, *_ = np.linalg.lstsq(design * weight, middle[:, :2] * weight, rcond=None)
         off = np.hypot(*(middle[:, :2] - design @ line).T)
-        weight = 1.0 / np.sqrt(np.maximum(off, _LEVELLED))[:, None]
+        weight = 1.0 / np.sqrt(np.maximum(off, p.line_min_residual))[:, None]
     return line, off
