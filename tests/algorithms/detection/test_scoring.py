@@ -20,8 +20,8 @@ from mlsroad_pipeline.algorithms.detection.thresholds import (
     best_threshold,
     detect_by_thresholds,
     object_weights,
-    training_weights,
 )
+from mlsroad_pipeline.algorithms.detection.training import training_weights
 from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import (
     SegmentationParameters,

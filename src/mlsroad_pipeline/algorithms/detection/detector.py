@@ -1,11 +1,11 @@
-"""What models that detect objects share: described objects, training, and labelling from raw coordinates on."""
+"""Detection of objects by trained models: hand-overs, choice of the variant, and labelling from raw coordinates."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,22 +13,64 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.detection.descriptions import Description
 from mlsroad_pipeline.algorithms.detection.thresholds import detect_by_thresholds
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
+from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, Segments, segment_scene
 from mlsroad_pipeline.algorithms.stages import GroundMask, GroundParameters, find_ground
 
+__all__ = [
+    "GEOMETRY", "WITH_INTENSITY", "Description", "DetectionStages", "Detections", "ObjectLabels", "Segments",
+    "TrainedDetector", "choose_variant", "detect_by_description", "detect_objects", "label_described_objects", "label_detected_objects",
+    "object_bounds",
+]  # fmt: skip
+
 WITH_INTENSITY, GEOMETRY = "geometry+intensity", "geometry"
-"""Variants of a model: a survey without intensity is judged by one that never saw any."""
+"""Variants of a model: trained with intensity, and without for surveys that have none."""
+
+Description = Mapping[str, NDArray]
+"""Described objects of a scene. ``objects`` int32 (g,): object of each part, ascending; ``n_objects``; ``intensity``:
+whether the scene has it. All other arrays have one row per part and belong to the method: see `describe_parts`,
+`describe_surfaces` and `visual_words.descriptions.describe_objects`."""
 
 logger = logging.getLogger(__name__)
 
 
+class ObjectLabels(TypedDict):
+    """Detected class and score of each object of a scene.
+
+    Attributes
+    ----------
+    label : ndarray of int16, shape (objects,)
+        Index in the wanted classes; -1 for none.
+    score : ndarray of float32, shape (objects,)
+        Score of that class; 0 for none.
+    """
+
+    label: NDArray[np.int16]
+    score: NDArray[np.float32]
+
+
+class Detections(ObjectLabels):
+    """Detections in a scene with the scores of all classes.
+
+    Attributes
+    ----------
+    scores : ndarray of float32, shape (objects, c)
+        Score of each object for each wanted class; 0 is no likeness at all.
+    """
+
+    scores: NDArray[np.float32]
+
+
+def object_bounds(parts: Description) -> NDArray[np.int64]:
+    """Return the index of the first part of each object, and the number of parts, shape (n_objects + 1,)."""
+    return np.searchsorted(parts["objects"], np.arange(int(parts["n_objects"]) + 1)).astype(np.int64)
+
+
 @dataclass(frozen=True)
 class DetectionStages:
-    """How a scene is prepared; kept in the model, so that new surveys are prepared alike.
+    """Parameters of the stages before detection, stored in the model and applied to new surveys.
 
     Parameters
     ----------
@@ -43,11 +85,11 @@ class DetectionStages:
 
 
 class TrainedDetector(Protocol):
-    """A detector that scores each object for each wanted class."""
+    """Detector that scores each object for each wanted class."""
 
     @property
     def thresholds(self) -> NDArray[np.float64]:
-        """Score of each class from which an object is detected, (c,)."""
+        """Lowest score of each class at which an object is detected, (c,)."""
         ...
 
     def score(self, parts: Description) -> NDArray[np.float32]:
@@ -55,7 +97,7 @@ class TrainedDetector(Protocol):
         ...
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return what was learned as plain arrays."""
+        """Return the trained state as plain arrays."""
         ...
 
     @classmethod
@@ -65,9 +107,9 @@ class TrainedDetector(Protocol):
         Parameters
         ----------
         arrays : mapping of str to ndarray
-            What `to_arrays` gave.
+            State returned by `to_arrays`.
         intensity : bool
-            Whether it knows of intensities.
+            Whether it was trained with intensity.
 
         Returns
         -------
@@ -106,9 +148,7 @@ def choose_variant(parts: Description, bundle: ModelBundle) -> str:
     return variant
 
 
-def detect_by_description(
-    parts: Description, bundle: ModelBundle, detector: type[TrainedDetector]
-) -> dict[str, NDArray]:
+def detect_by_description(parts: Description, bundle: ModelBundle, detector: type[TrainedDetector]) -> Detections:
     """Detect the objects of a scene.
 
     Parameters
@@ -122,14 +162,13 @@ def detect_by_description(
 
     Returns
     -------
-    dict of str to ndarray
-        ``label`` int16 (objects,): place in the wanted classes, -1 for none; ``score`` float32; ``scores`` float32
-        (objects, c): the score of every class.
+    Detections
+        Class and scores of each object.
 
     Raises
     ------
     DataError
-        If the scene has no intensities and the model has no variant without, or the model lacks its parts.
+        If the scene has no intensities and the model has no variant without, or an array of the model is missing.
     """
     variant = choose_variant(parts, bundle)
     trained = detector.from_arrays(arrays_under(bundle.arrays, f"{variant}."), intensity=variant == WITH_INTENSITY)
@@ -139,18 +178,18 @@ def detect_by_description(
 
 
 def label_detected_objects(
-    cloud: PointCloud, bundle: ModelBundle, detect: Callable[[Mapping[str, NDArray]], Mapping[str, NDArray]]
+    cloud: PointCloud, bundle: ModelBundle, detect: Callable[[Segments], ObjectLabels]
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Give the points of detected objects their class and score, from raw coordinates on; all others none.
+    """Label the points of detected objects, starting from raw coordinates.
 
     Parameters
     ----------
     cloud : PointCloud
-        Points. Where it has the columns `ground` and `height`, as `find_ground` gives them, they are taken.
+        Points. An existing column `ground` replaces the ground filter.
     bundle : ModelBundle
         The model.
     detect : callable
-        What `segment_scene` gave to ``label`` and ``score`` of each object.
+        Detects the segmented objects.
 
     Returns
     -------
@@ -162,29 +201,29 @@ def label_detected_objects(
     Raises
     ------
     DataError
-        If a coordinate is NaN or infinite, or the model lacks its parts.
+        If a coordinate is NaN or infinite, or an array of the model is missing.
     """
     labels, confidence = np.full(len(cloud), IGNORE, dtype=np.int16), np.zeros(len(cloud), dtype=np.float32)
     if len(cloud) == 0:
         return labels, confidence
     stored: Mapping[str, Any] = bundle.metadata["parameters"]
     if "intensity" in bundle.metadata["attributes"] and "intensity" not in cloud:
-        level = logging.INFO if "core" in cloud else logging.WARNING  # who cuts a survey into scenes says it once
-        logger.log(level, "%s has no intensity: objects are looked for by their shape", cloud.source)
+        level = logging.INFO if "core" in cloud else logging.WARNING  # for scenes of a survey, the survey is warned of
+        logger.log(level, "%s has no intensity: objects are detected by their shape alone", cloud.source)
     ground: GroundMask
     if "ground" in cloud:
         ground = {"ground": cloud["ground"]}
     else:
         ground = find_ground(cloud, GroundParameters(**stored["ground"]))
     objects = segment_scene(cloud, ground, SegmentationParameters(**stored["segmentation"]))
-    found = detect(objects)
+    detected = detect(objects)
     wanted = np.array(bundle.metadata["wanted"], dtype=np.int16)
-    if len(found["label"]) and found["label"].max() >= len(wanted):
-        raise DataError(f"model {bundle.slug!r} detects class {found['label'].max()} of {len(wanted)}")
+    if len(detected["label"]) and detected["label"].max() >= len(wanted):
+        raise DataError(f"model {bundle.slug!r} detects class {detected['label'].max()} of {len(wanted)}")
     inside = objects["objects"] >= 0
-    label = np.where(found["label"] >= 0, wanted[found["label"]], IGNORE).astype(np.int16)
+    label = np.where(detected["label"] >= 0, wanted[detected["label"]], IGNORE).astype(np.int16)
     labels[inside] = label[objects["objects"][inside]]
-    confidence[inside] = found["score"][objects["objects"][inside]]
+    confidence[inside] = detected["score"][objects["objects"][inside]]
     return labels, confidence
 
 
@@ -192,10 +231,10 @@ def label_described_objects(
     cloud: PointCloud,
     bundle: ModelBundle,
     *,
-    describe: Callable[[PointCloud, Mapping[str, NDArray], Mapping[str, Any]], Description],
-    detect: Callable[[Description, ModelBundle], Mapping[str, NDArray]],
+    describe: Callable[[PointCloud, Segments, Mapping[str, Any]], Description],
+    detect: Callable[[Description, ModelBundle], ObjectLabels],
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label with a method that describes objects before it detects them; see `label_detected_objects`.
+    """Label points by a method that describes objects before it detects them; see `label_detected_objects`.
 
     Parameters
     ----------
@@ -204,9 +243,9 @@ def label_described_objects(
     bundle : ModelBundle
         The model.
     describe : callable
-        The scene, what `segment_scene` gave and the parameters that the model was trained with to the description.
+        Describes a scene, given its segments and the parameters stored in the model.
     detect : callable
-        Description and model to ``label`` and ``score`` of each object.
+        Detects described objects by the model.
 
     Returns
     -------
@@ -218,13 +257,13 @@ def label_described_objects(
     Raises
     ------
     DataError
-        If a coordinate is NaN or infinite, or the model lacks its parts.
+        If a coordinate is NaN or infinite, or an array of the model is missing.
     """
     stored = bundle.metadata["parameters"]
     return label_detected_objects(cloud, bundle, lambda objects: detect(describe(cloud, objects, stored), bundle))
 
 
-def detect_objects(parts: Description, bundle: ModelBundle) -> dict[str, NDArray]:
+def detect_objects(parts: Description, bundle: ModelBundle) -> Detections:
     """Detect the described objects of a scene by the method of the model.
 
     Parameters
@@ -236,9 +275,8 @@ def detect_objects(parts: Description, bundle: ModelBundle) -> dict[str, NDArray
 
     Returns
     -------
-    dict of str to ndarray
-        ``label`` int16 (objects,): index in the wanted classes, -1 for none; ``score`` float32; ``scores`` float32
-        (objects, c).
+    Detections
+        Class and scores of each object.
     """
-    detected: dict[str, NDArray] = METHODS[bundle.slug].load("use")(parts, bundle)
+    detected: Detections = METHODS[bundle.slug].load("use")(parts, bundle)
     return detected

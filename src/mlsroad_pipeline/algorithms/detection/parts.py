@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.detection.descriptions import Description, object_bounds
+from mlsroad_pipeline.algorithms.detection.detector import Description, Segments, object_bounds
 from mlsroad_pipeline.algorithms.detection.regions import INTENSITY, RegionParameters, describe_regions
 
 
-def describe_parts(
-    scene: PointCloud, objects: Mapping[str, NDArray], *, parameters: RegionParameters
-) -> dict[str, NDArray]:
+def describe_parts(scene: PointCloud, objects: Segments, *, parameters: RegionParameters) -> dict[str, NDArray]:
     """Describe the objects of a scene by their feature regions, as the visual words do.
 
     Parameters

@@ -1,9 +1,10 @@
-"""What all methods that detect objects share: objects with reference classes, detections counted against references."""
+"""Reference classes of objects, and detections matched with reference objects."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NotRequired, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -14,6 +15,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.scene_key import group_by_split
 from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.detection.detector import Detections, Segments
 from mlsroad_pipeline.algorithms.detection.references import wanted_objects, without_reference
 from mlsroad_pipeline.algorithms.metrics.detection import (
     DetectionCounts,
@@ -28,30 +30,50 @@ from mlsroad_pipeline.algorithms.segmentation.stage import owned_by_core
 _COUNTED = ("label", "score", "right", "object", "curve_label", "curve_score", "curve_right")
 
 
+class ObjectClasses(TypedDict):
+    """Reference classes of the objects of a training scene, as `object_classes` returns them.
+
+    Attributes
+    ----------
+    label : ndarray of int16, shape (objects,)
+        Index in `DetectionParameters.classes`; -1 for objects that match no wanted class.
+    own : ndarray of bool, shape (objects,)
+        Whether the scene's core owns the object and a detector may be trained on it.
+    weight : float, default 1
+        Weight of all objects of the scene, 0 or more. Objects of weight 0 are trained on, and are excluded from
+        threshold selection: for scenes in which easily confused objects are far more frequent than in the target
+        survey.
+    """
+
+    label: NDArray[np.int16]
+    own: NDArray[np.bool_]
+    weight: NotRequired[float]
+
+
 @dataclass(frozen=True)
 class DetectionParameters:
-    """What is looked for, and when a detection is right.
+    """Wanted classes and criterion of a true positive.
 
     Parameters
     ----------
     scheme : str, default "yu2016"
         Class scheme.
     classes : sequence of str, default ("light pole", "traffic sign", "car")
-        The classes of it that are looked for.
+        The classes to detect.
     iou_threshold : float, default 0.5
-        A detection is right when its points overlap a still unmatched reference object of its class with an IoU of at
-        least this much.
+        A detection is a true positive when its points overlap a still unmatched reference object of its class with at
+        least this IoU.
     min_points : int, default 30
-        Reference objects with fewer points are not looked for: what was hardly scanned cannot be found.
+        Reference objects with fewer points are excluded.
     prevalence : mapping of str to float, default {}
-        Class to how much more frequent it is where models are used than in the training scenes; 1 for what is not
-        named. Training scenes are chosen to show rare objects; thresholds that were best among them let too many false
-        ones pass where these objects are rarer. Smaller gives a higher threshold.
+        Ratio of the frequency of a class in the target survey to that in the training scenes; 1 for other classes.
+        Rare objects are over-represented in training scenes, and thresholds chosen there give too many false positives
+        where these objects are rarer. Smaller values raise the threshold.
 
     Raises
     ------
     ParameterError
-        If no class is named, `prevalence` names one that is not looked for, or a number is outside its domain.
+        If no class is named, `prevalence` names another class, or a number is outside its domain.
     """
 
     scheme: str = "yu2016"
@@ -89,7 +111,7 @@ class DetectionParameters:
         Returns
         -------
         ndarray of int16
-            Places in the scheme, in the order of `classes`.
+            Indices in the scheme, in the order of `classes`.
 
         Raises
         ------
@@ -106,28 +128,28 @@ class DetectionParameters:
 
 
 def object_classes(
-    scene: PointCloud, objects: Mapping[str, NDArray], *, scheme: ClassScheme, parameters: DetectionParameters
-) -> dict[str, NDArray]:
-    """Give each object of a training scene the class of the reference object that it is.
+    scene: PointCloud, objects: Segments, *, scheme: ClassScheme, parameters: DetectionParameters
+) -> ObjectClasses:
+    """Return the class of the reference object that each object of a training scene matches.
+
+    An object is excluded from training where it matches a reference object of a wanted class with fewer than
+    `parameters.min_points`, or lies where the reference has no information (`without_reference`).
 
     Parameters
     ----------
     scene : PointCloud
         The scene, with `label`.
-    objects : mapping
-        What `segment_scene` gave.
+    objects : Segments
+        Object of each point.
     scheme : ClassScheme
         The classes.
     parameters : DetectionParameters
-        The wanted classes and the least IoU.
+        The wanted classes, the least IoU and the smallest reference.
 
     Returns
     -------
-    dict of str to ndarray
-        ``label`` int16 (number of objects,): place in `parameters.classes`, -1 for objects that match nothing wanted;
-        ``own`` bool: whether the scene's core owns the object, and it may be learned from: what matches a reference
-        object of a wanted class with fewer than `parameters.min_points`, or has no reference (`without_reference`), is
-        neither an example nor a counterexample.
+    ObjectClasses
+        Class of each object, and whether it may be trained on.
 
     Raises
     ------
@@ -144,8 +166,8 @@ def object_classes(
     label = np.full(n, IGNORE, dtype=np.int16)
     good = np.flatnonzero(overlaps.iou >= parameters.iou_threshold)
     good = good[np.argsort(overlaps.iou[good], kind="stable")]  # the best overlap is written last
-    found = classes[overlaps.instances[overlaps.instance[good]]]
-    label[overlaps.segments[overlaps.segment[good]]] = np.where(found == IGNORE, IGNORE, place[found])
+    matched = classes[overlaps.instances[overlaps.instance[good]]]
+    label[overlaps.segments[overlaps.segment[good]]] = np.where(matched == IGNORE, IGNORE, place[matched])
     own = owned_by_core(scene, segments, n)
     small = np.zeros(n, dtype=np.bool_)
     small[overlaps.segments[overlaps.segment[good]]] = (
@@ -157,25 +179,24 @@ def object_classes(
 
 def count_detections_of_scene(
     scene: PointCloud,
-    objects: Mapping[str, NDArray],
-    detections: Mapping[str, NDArray],
+    objects: Segments,
+    detections: Detections,
     *,
     scheme: ClassScheme,
     parameters: DetectionParameters,
 ) -> dict[str, NDArray]:
-    """Compare the detections of a scene with its reference objects; each object is judged in the scene that owns it.
+    """Match the detections of a scene with its reference objects; each object counts in the scene that owns it.
 
-    What was detected where the reference says nothing (`without_reference`) is neither right nor wrong.
+    Detections where the reference has no information (`without_reference`) are excluded.
 
     Parameters
     ----------
     scene : PointCloud
         The scene, with `label`.
-    objects : mapping
-        What `segment_scene` gave.
-    detections : mapping
-        ``label`` and ``score`` of each object: place in the wanted classes, -1 for none; ``scores`` (objects, c): the
-        score of every wanted class, 0 for no likeness at all.
+    objects : Segments
+        Object of each point.
+    detections : Detections
+        Class and scores of each object.
     scheme : ClassScheme
         The classes.
     parameters : DetectionParameters
@@ -184,9 +205,9 @@ def count_detections_of_scene(
     Returns
     -------
     dict of str to ndarray
-        ``n_objects`` int64 (c,): reference objects of each wanted class; of the scene's own detections ``label``,
-        ``score``, ``right``: whether it is, and ``object``; for the curves ``curve_label``, ``curve_score`` and
-        ``curve_right``: the same of every object with a score, once for each class, whether it is detected or not.
+        ``n_objects`` int64 (c,): reference objects of each wanted class. ``label``, ``score``, ``right`` (true
+        positive) and ``object`` of each detection that the scene owns. ``curve_label``, ``curve_score`` and
+        ``curve_right`` for precision-recall curves: the same of every object with a score above 0, once per class.
 
     Raises
     ------
@@ -231,12 +252,12 @@ def count_detections_of_scene(
 def detection_table(
     counted: Mapping[str, Mapping[str, NDArray]], *, method: str, classes: Sequence[str]
 ) -> pd.DataFrame:
-    """Score the detections of all scenes per split.
+    """Return precision, recall and F-score of each split.
 
     Parameters
     ----------
     counted : mapping of str to mapping
-        Scene name, which begins with its split and a dot, to what `count_detections_of_scene` gave.
+        Counts of `count_detections_of_scene` by scene name, which begins with the split and a dot.
     method : str
         The method's slug.
     classes : sequence of str
@@ -245,8 +266,7 @@ def detection_table(
     Returns
     -------
     DataFrame
-        The table of scores, see `metrics.scores`. An object below the smallest size that is found all the same counts
-        as an object.
+        The table of scores, see `metrics.scores`. Detected objects below the smallest size count as objects.
     """
     tables = []
     for split, scenes in group_by_split(counted).items():
@@ -262,12 +282,12 @@ def detection_table(
 def detection_curves(
     counted: Mapping[str, Mapping[str, NDArray]], *, split: str, classes: Sequence[str]
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
-    """Follow precision and recall of each class over all thresholds on its score, over the scenes of a split.
+    """Return precision and recall of each class at all thresholds on its score, over the scenes of a split.
 
     Parameters
     ----------
     counted : mapping of str to mapping
-        What `count_detections_of_scene` gave for each scene.
+        Counts of `count_detections_of_scene` of each scene.
     split : str
         The split.
     classes : sequence of str

@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
-from mlsroad_pipeline.algorithms.segmentation.stage import owned_by_core
+from mlsroad_pipeline.algorithms.segmentation.stage import Segments, owned_by_core
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def objects_of_segments(cloud: PointCloud, segments: NDArray[np.int32]) -> Objec
 
 
 def cut_objects(
-    scene: PointCloud, objects: Mapping[str, NDArray], *, scheme: ClassScheme, parameters: RecognitionParameters
+    scene: PointCloud, objects: Segments, *, scheme: ClassScheme, parameters: RecognitionParameters
 ) -> dict[str, NDArray]:
     """Cut the objects out of a scene that it is responsible for, and name them by their points.
 

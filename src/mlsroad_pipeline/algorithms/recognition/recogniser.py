@@ -16,7 +16,12 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.detection.detector import DetectionStages, label_detected_objects
+from mlsroad_pipeline.algorithms.detection.detector import (
+    DetectionStages,
+    ObjectLabels,
+    Segments,
+    label_detected_objects,
+)
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS, Method, methods_of
 from mlsroad_pipeline.algorithms.recognition.cutting import (
@@ -253,7 +258,7 @@ def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int1
     recogniser = load_recogniser(bundle)
     least = RecognitionParameters(**bundle.metadata["parameters"]["recognition"]).min_points
 
-    def detect(objects: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    def detect(objects: Segments) -> ObjectLabels:
         every = objects_of_segments(cloud, objects["objects"])
         large = np.flatnonzero(np.diff(every.indptr) >= least)
         found = probabilities(recogniser, every.take(large), len(bundle.classes))

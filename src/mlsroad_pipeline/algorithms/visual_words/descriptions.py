@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.detection.detector import Segments
 from mlsroad_pipeline.algorithms.detection.regions import INTENSITY, RegionParameters, describe_regions
 from mlsroad_pipeline.algorithms.visual_words.groups import ContextualGroups, build_groups
 from mlsroad_pipeline.algorithms.visual_words.profiles import measure_profiles, without_intensities
@@ -35,9 +36,7 @@ class GroupParameters:
             object.__setattr__(self, "regions", RegionParameters(**self.regions))
 
 
-def describe_objects(
-    scene: PointCloud, objects: Mapping[str, NDArray], *, parameters: GroupParameters
-) -> dict[str, NDArray]:
+def describe_objects(scene: PointCloud, objects: Segments, *, parameters: GroupParameters) -> dict[str, NDArray]:
     """Describe the objects of a scene by contextual groups.
 
     Parameters

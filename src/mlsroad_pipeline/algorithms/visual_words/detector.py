@@ -12,8 +12,7 @@ from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_column
-from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold, detect_by_thresholds
-from mlsroad_pipeline.algorithms.detection.training import choose_queries
+from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold, choose_queries, detect_by_thresholds
 from mlsroad_pipeline.algorithms.visual_words.appearance import Appearance, appearance_of, likeness
 from mlsroad_pipeline.algorithms.visual_words.bags import inverse_document_frequency, weigh_words
 from mlsroad_pipeline.algorithms.visual_words.queries import ClassQueries, DetectorParameters, HeldOut

@@ -13,6 +13,9 @@ from scipy.sparse import csr_array
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.detection.detector import (
     WITH_INTENSITY,
+    Description,
+    Detections,
+    Segments,
     choose_variant,
     label_described_objects,
 )
@@ -85,7 +88,7 @@ def model_of(bundle: ModelBundle, variant: str) -> tuple[Vocabulary, VisualWords
     return vocabulary, VisualWordsDetector.from_arrays(arrays)
 
 
-def detect_scene(arrays: Mapping[str, NDArray], bundle: ModelBundle) -> dict[str, NDArray]:
+def detect_scene(arrays: Description, bundle: ModelBundle) -> Detections:
     """Detect the objects of a scene.
 
     Parameters
@@ -110,7 +113,7 @@ def detect_scene(arrays: Mapping[str, NDArray], bundle: ModelBundle) -> dict[str
     return {"label": label, "score": score, "scores": scores.astype(np.float32)}
 
 
-def _describe(scene: PointCloud, objects: Mapping[str, NDArray], stored: Mapping[str, Any]) -> dict[str, NDArray]:
+def _describe(scene: PointCloud, objects: Segments, stored: Mapping[str, Any]) -> dict[str, NDArray]:
     return describe_objects(scene, objects, parameters=GroupParameters(**stored["groups"]))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.detection.detector import Detections, Segments
 from mlsroad_pipeline.algorithms.detection.references import wanted_objects
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
 from mlsroad_pipeline.algorithms.metrics.detection import match_detections
@@ -22,8 +23,8 @@ RIGHT, MISSED, FALSE = 0, 1, 2
 
 def detection_outcomes(
     scene: PointCloud,
-    objects: Mapping[str, NDArray],
-    detections: Mapping[str, NDArray],
+    objects: Segments,
+    detections: Detections,
     *,
     scheme: ClassScheme,
     parameters: DetectionParameters,
@@ -66,8 +67,8 @@ def detection_outcomes(
 
 def detection_figure(
     scenes: Sequence[PointCloud],
-    objects: Sequence[Mapping[str, NDArray]],
-    detections: Sequence[Mapping[str, NDArray]],
+    objects: Sequence[Segments],
+    detections: Sequence[Detections],
     *,
     scheme: ClassScheme,
     parameters: DetectionParameters,

@@ -15,6 +15,7 @@ from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameter
 from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
 from mlsroad_pipeline.algorithms.segmentation.stage import (
     SegmentationParameters,
+    Segments,
     reference_objects,
     segment_scene,
 )
@@ -40,7 +41,7 @@ def cut_street(
     whole = street.with_columns(core=np.ones(len(street), dtype=np.bool_))
     instances, classes = reference_objects(whole, scheme)
     if parameters.segmentation == BY_HAND:
-        segments = {"objects": instances - np.int32(1)}
+        segments = Segments(objects=instances - np.int32(1))
     else:
         method = replace(segmentation, method=parameters.segmentation)
         segments = segment_scene(whole, {"ground": whole["ground"]}, method)

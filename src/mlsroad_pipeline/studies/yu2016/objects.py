@@ -17,7 +17,12 @@ from mlsroad_pipeline.algorithms.detection.references import wanted_objects
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters, object_classes
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps, score_segmentation
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
-from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, owned_by_core, segment_scene
+from mlsroad_pipeline.algorithms.segmentation.stage import (
+    SegmentationParameters,
+    Segments,
+    owned_by_core,
+    segment_scene,
+)
 from mlsroad_pipeline.algorithms.visual_words.descriptions import describe_objects
 from mlsroad_pipeline.studies.streets import timed
 
@@ -77,9 +82,7 @@ def touching_instances(
     return np.isin(names, pairs.instances[pairs.instance[there & crowded[pairs.segment]]])
 
 
-def describe_street(
-    points: PointCloud, objects: Mapping[str, NDArray], *, kind: str, parameters: Any
-) -> dict[str, Any]:
+def describe_street(points: PointCloud, objects: Segments, *, kind: str, parameters: Any) -> dict[str, Any]:
     """Describe the objects of a street as a detector does."""
     parts, seconds = timed(_DESCRIBE[kind], points, objects, parameters=parameters)
     return {"parts": parts, "facts": {"seconds": np.array(seconds)}}

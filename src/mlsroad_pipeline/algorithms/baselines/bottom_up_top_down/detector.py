@@ -21,8 +21,13 @@ from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.oriented_points im
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive
-from mlsroad_pipeline.algorithms.detection.descriptions import Description, object_bounds
-from mlsroad_pipeline.algorithms.detection.detector import detect_by_description, label_described_objects
+from mlsroad_pipeline.algorithms.detection.detector import (
+    Description,
+    Segments,
+    detect_by_description,
+    label_described_objects,
+    object_bounds,
+)
 from mlsroad_pipeline.algorithms.detection.parts import relative_centres
 from mlsroad_pipeline.algorithms.features.gaussian_image import align_gaussian_images, compute_gaussian_images
 from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
@@ -285,7 +290,7 @@ def overlaps(
     return out
 
 
-def _describe(scene: PointCloud, objects: Mapping[str, NDArray], stored: Mapping[str, Any]) -> Description:
+def _describe(scene: PointCloud, objects: Segments, stored: Mapping[str, Any]) -> Description:
     return describe_surfaces(scene, objects, parameters=BottomUpTopDownParameters(**stored[SLUG]).surfaces)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +11,7 @@ from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down._surfaces import s
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_positive, check_xyz
+from mlsroad_pipeline.algorithms.detection.detector import Segments
 from mlsroad_pipeline.algorithms.detection.regions import stand_apart
 from mlsroad_pipeline.algorithms.features.normals import compute_normals
 from mlsroad_pipeline.algorithms.features.spin_image import compute_spin_images
@@ -58,7 +58,7 @@ class OrientedPointParameters:
 
 
 def describe_surfaces(
-    scene: PointCloud, objects: Mapping[str, NDArray], *, parameters: OrientedPointParameters
+    scene: PointCloud, objects: Segments, *, parameters: OrientedPointParameters
 ) -> dict[str, NDArray]:
     """Describe the objects of a scene by oriented points; each as if it stood alone.
 

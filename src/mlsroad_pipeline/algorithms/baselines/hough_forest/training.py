@@ -1,7 +1,8 @@
-"""The Hough forest grown on training objects; see `hough_forest`."""
+"""Training of the Hough forest."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,10 @@ from mlsroad_pipeline.algorithms.baselines.hough_forest.detector import (
     offsets_to_centre,
     part_features,
 )
-from mlsroad_pipeline.algorithms.detection.descriptions import Description, object_bounds
+from mlsroad_pipeline.algorithms.detection.detector import Description, object_bounds
+from mlsroad_pipeline.algorithms.detection.sampling import draw_sample
 from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold
-from mlsroad_pipeline.algorithms.detection.training import make_trainer, sample_objects, select_objects
+from mlsroad_pipeline.algorithms.detection.training import train_object_detector
 
 
 def fit_hough_forest(
@@ -30,22 +32,22 @@ def fit_hough_forest(
     weights: NDArray[np.float64] | None = None,
     n_threads: int = 1,
 ) -> tuple[HoughForest, dict[str, Any]]:
-    """Grow a forest, and choose exponents and thresholds by the votes of trees that have not seen the object.
+    """Grow a forest, and choose exponents and thresholds by out-of-bag votes.
 
     Parameters
     ----------
     parts : mapping
         Parts of the training objects.
     labels : ndarray of int16, shape (n,)
-        Class of each object, -1 for others.
+        Class of each object; -1 for others.
     intensity : bool
-        Whether intensities count.
+        Whether to use intensity.
     parameters : HoughForestParameters
         Parameters.
     n_classes : int
         Wanted classes.
     weights : ndarray of float64, shape (n,), optional
-        How often each object counts when thresholds are chosen, see `training_weights`; once by default.
+        Weight of each object in threshold selection, see `training_weights`; 1 by default.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -54,14 +56,13 @@ def fit_hough_forest(
     forest : HoughForest
         The forest.
     facts : dict
-        Leaves, and the F-score of each class on the training objects.
+        Number of leaves, exponents, and the F-score of each class on the training objects.
     """
     p = parameters
     rng = np.random.default_rng(p.seed)
-    drawn = sample_objects(labels, max_per_class=p.max_per_class, max_others=p.max_others, seed=p.seed)
-    sample = select_objects(parts, drawn)
-    kinds = np.where(labels[drawn] < 0, n_classes, labels[drawn]).astype(np.int16)
-    # A tree sees objects drawn with replacement, as a whole: parts of one are too alike to be apart.
+    drawn, sample, truth = draw_sample(parts, labels, p)
+    kinds = np.where(truth < 0, n_classes, truth).astype(np.int16)
+    # Bootstrap samples contain whole objects: parts of one object are too similar to be independent.
     seen = np.zeros((p.n_trees, len(drawn)), dtype=np.bool_)
     columns = (part_features(sample, intensity=intensity), kinds[sample["objects"]], offsets_to_centre(sample))
     place = rng.permutation(len(sample["objects"]))
@@ -73,7 +74,7 @@ def fit_hough_forest(
         rows = _rows_of(sample, seen[t], place, p.max_parts)
         trees.append(_tree(columns, rows, n_classes, p, rng))
     forest = HoughForest(_joined(trees, p), np.zeros(n_classes), np.zeros(n_classes), intensity)
-    # Thresholds are chosen on all objects, drawn or not: among the drawn ones others are rarer than in a street.
+    # Thresholds are chosen on all objects, see `draw_sample`.
     unseen = np.ones((p.n_trees, len(labels)), dtype=np.bool_)
     unseen[:, drawn] = ~seen
     peaks = forest.peaks(parts, unseen, n_threads=n_threads)
@@ -82,7 +83,7 @@ def fit_hough_forest(
 
 
 def _rows_of(sample: Description, seen: NDArray[np.bool_], place: NDArray[np.int64], most: int) -> NDArray[np.int64]:
-    """Return up to `most` parts of each object that a tree sees, the first of a fixed random order."""
+    """Return up to `most` parts of each object of a bootstrap sample, the first of a fixed random order."""
     order = np.lexsort((place, sample["objects"]))
     rank = np.arange(len(order)) - object_bounds(sample)[sample["objects"][order]]
     return np.sort(order[(rank < most) & seen[sample["objects"][order]]])
@@ -95,9 +96,10 @@ def _tree(
     p: HoughForestParameters,
     rng: np.random.Generator,
 ) -> dict[str, NDArray]:
+    """Grow a tree, and store the class shares and votes of its leaves."""
     features, labels, offsets = columns
     counts = np.bincount(labels[rows], minlength=n + 1)
-    weights = (1.0 / np.maximum(counts, 1))[labels] * len(rows)  # every class weighs the same
+    weights = (1.0 / np.maximum(counts, 1))[labels] * len(rows)  # all classes have equal weight
     grown = grow_tree(features, labels, offsets, weights, rows, n + 1, p.max_depth, p.min_parts, p.n_tests, rng)
     feature, threshold, left, starts, by_leaf = grown
     shares = np.zeros((len(starts) - 1, n + 1))
@@ -110,7 +112,7 @@ def _tree(
     cell = leaf[order] * n + labels[by_leaf[order]]
     first = np.searchsorted(cell, np.arange(len(shares) * n + 1))
     size = np.diff(first)[cell]
-    # Every size / n_votes-th one, so that few votes stand for all.
+    # Thin the votes of a leaf evenly to `n_votes`.
     rank = np.arange(len(cell)) - first[cell]
     kept = (size <= p.n_votes) | ((rank + 1) * p.n_votes // size > rank * p.n_votes // size)
     starts_kept = np.concatenate([[0], np.cumsum(np.bincount(cell[kept], minlength=len(shares) * n))])
@@ -121,6 +123,7 @@ def _tree(
 
 
 def _joined(trees: list[dict[str, NDArray]], p: HoughForestParameters) -> dict[str, NDArray]:
+    """Concatenate the arrays of trees."""
     joined = {name: np.concatenate([t[name] for t in trees]) for name in ("feature", "threshold", "left", "shares")}
     joined["votes"] = np.concatenate([t["votes"] for t in trees])
     joined["roots"] = np.cumsum([0, *(len(t["feature"]) for t in trees)])
@@ -139,6 +142,7 @@ def _with_thresholds(
     weights: NDArray[np.float64] | None,
     p: HoughForestParameters,
 ) -> tuple[HoughForest, dict[str, Any]]:
+    """Choose exponent and threshold of each class by the F-score."""
     exponents, thresholds, reached = [], [], []
     for k in range(len(forest.thresholds)):
         trials = [
@@ -153,5 +157,5 @@ def _with_thresholds(
     return done, {"leaves": len(forest.arrays["shares"]), "f_scores": reached, "exponents": exponents}
 
 
-train_hough_forest = make_trainer(fit_hough_forest, slug=SLUG, uses_intensity=True)
-"""Trains a model; see `object_detector_training.Trainer`."""
+train_hough_forest = partial(train_object_detector, fit=fit_hough_forest, slug=SLUG, uses_intensity=True)
+"""Trains a model of this method, see `train_object_detector`."""

@@ -1,7 +1,8 @@
-"""Prototypes and thresholds of the object matching chosen on training objects; see `object_matching`."""
+"""Training of the object matching: choice of prototypes and thresholds."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,14 +14,10 @@ from mlsroad_pipeline.algorithms.baselines.object_matching.detector import (
     ObjectMatchingParameters,
     likeness,
 )
-from mlsroad_pipeline.algorithms.detection.descriptions import Description, object_bounds
-from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold
-from mlsroad_pipeline.algorithms.detection.training import (
-    choose_queries,
-    make_trainer,
-    sample_objects,
-    select_objects,
-)
+from mlsroad_pipeline.algorithms.detection.detector import Description
+from mlsroad_pipeline.algorithms.detection.sampling import draw_sample, select_objects
+from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold, choose_queries
+from mlsroad_pipeline.algorithms.detection.training import train_object_detector
 
 
 def fit_object_matching(
@@ -33,22 +30,22 @@ def fit_object_matching(
     weights: NDArray[np.float64] | None = None,
     n_threads: int = 1,
 ) -> tuple[ObjectMatcher, dict[str, Any]]:
-    """Choose prototypes and thresholds on training objects, of which none is compared with itself.
+    """Choose prototypes and thresholds; no training object is compared with itself.
 
     Parameters
     ----------
     parts : mapping
         Parts of the training objects.
     labels : ndarray of int16, shape (n,)
-        Class of each object, -1 for others.
+        Class of each object; -1 for others.
     intensity : bool
-        Whether intensities count.
+        Whether to use intensity.
     parameters : ObjectMatchingParameters
         Parameters.
     n_classes : int
         Wanted classes.
     weights : ndarray of float64, shape (n,), optional
-        How often each object counts when thresholds are chosen, see `training_weights`; once by default.
+        Weight of each object in threshold selection, see `training_weights`; 1 by default.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -57,28 +54,24 @@ def fit_object_matching(
     matcher : ObjectMatcher
         The prototypes.
     facts : dict
-        Number of prototypes, and the F-score of each class on the training objects.
+        Number of prototypes and F-score of each class on the training objects.
     """
     p = parameters
-    drawn = sample_objects(labels, max_per_class=p.max_per_class, max_others=p.max_others, seed=p.seed)
-    sample, truth = select_objects(parts, drawn), labels[drawn]
+    drawn, sample, truth = examples = draw_sample(parts, labels, p)
     geometry = np.array([p.feature_share, p.reach, p.limit, p.n_neighbors, p.n_turns, p.n_sweeps, p.least])
-    some = np.diff(object_bounds(sample)) > 0
     rng = np.random.default_rng(p.seed)
     chosen: list[NDArray[np.int64]] = []
     thresholds, reached = [], []
     for k in range(n_classes):
-        mine = np.flatnonzero((truth == k) & some)
-        if len(mine) > p.candidates:
-            mine = np.sort(rng.choice(mine, p.candidates, replace=False))
-        found = likeness(sample, select_objects(sample, mine), geometry, intensity=intensity, n_threads=n_threads)
-        queries = choose_queries(found.T, mine, truth == k, max_queries=p.max_prototypes)[0]
+        mine = examples.candidates(k, p.candidates, rng)
+        alike = likeness(sample, select_objects(sample, mine), geometry, intensity=intensity, n_threads=n_threads)
+        queries = choose_queries(alike.T, mine, truth == k, max_queries=p.max_prototypes)[0]
         chosen.append(mine[queries])
-        # The threshold is chosen on all objects, drawn or not: among the drawn ones others are rarer than in a street.
+        # The threshold is chosen on all objects, see `draw_sample`.
         models = select_objects(sample, np.sort(chosen[k]))
-        found = likeness(parts, models, geometry, intensity=intensity, n_threads=n_threads)
-        found[drawn[np.sort(chosen[k])], np.arange(len(queries))] = 0.0
-        f_score, threshold = best_threshold(found.max(axis=1, initial=0.0), labels == k, weights)
+        alike = likeness(parts, models, geometry, intensity=intensity, n_threads=n_threads)
+        alike[drawn[np.sort(chosen[k])], np.arange(len(queries))] = 0.0
+        f_score, threshold = best_threshold(alike.max(axis=1, initial=0.0), labels == k, weights)
         thresholds.append(threshold)
         reached.append(f_score)
     every = np.concatenate(chosen)
@@ -88,5 +81,5 @@ def fit_object_matching(
     return matcher, {"prototypes": [len(c) for c in chosen], "f_scores": reached}
 
 
-train_object_matching = make_trainer(fit_object_matching, slug=SLUG, uses_intensity=True)
-"""Trains a model; see `object_detector_training.Trainer`."""
+train_object_matching = partial(train_object_detector, fit=fit_object_matching, slug=SLUG, uses_intensity=True)
+"""Trains a model of this method, see `train_object_detector`."""
