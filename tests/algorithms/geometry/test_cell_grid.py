@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.geometry.cell_grid import bounding_box, build_cell_grids, radix_argsort, run_in_chunks
+from mlsroad_pipeline.algorithms.geometry.cell_grid import bounding_box, build_cell_grids, run_in_chunks
 
 UTM = np.array([451_234.5, 5_412_987.25, 312.0])
 
@@ -27,15 +27,6 @@ def test_clouds_of_one_call_share_their_cells(rng):
     grid_a, grid_b = build_cell_grids(a, b, cell_size=0.25)
     near = cKDTree(grid_a.centres()).query(grid_b.centres()[np.isin(grid_b.keys, grid_a.keys)])[0]
     assert np.all(near < 1e-12)
-
-
-def test_the_radix_sort_is_stable(rng):
-    keys = rng.integers(0, 2**40, 3000)
-    keys[::3] = keys[0]
-    order, sorted_keys = radix_argsort(keys, 40)
-    assert np.array_equal(order, np.argsort(keys, kind="stable"))
-    assert np.array_equal(sorted_keys, np.sort(keys))
-    assert radix_argsort(np.zeros(4, np.int64), 0)[0].tolist() == [0, 1, 2, 3]
 
 
 def test_the_bounding_box_is_numpys(rng):

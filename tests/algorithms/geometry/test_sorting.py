@@ -9,7 +9,7 @@ from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort, rank_int
 @pytest.mark.parametrize("bits", [1, 10, 11, 12, 40, 62])
 def test_equals_stable_argsort(rng, bits):
     keys = rng.integers(0, 2**bits, 5000)
-    keys[:500] = keys[500:1000]
+    keys[:500], keys[1000::3] = keys[500:1000], keys[0]
     before = keys.copy()
     ordered, order = radix_argsort(keys, bits)
     np.testing.assert_array_equal(order, np.argsort(keys, kind="stable"))
@@ -20,6 +20,8 @@ def test_equals_stable_argsort(rng, bits):
 def test_nothing_to_sort():
     ordered, order = radix_argsort(np.zeros(0, np.int64), 5)
     assert len(ordered) == len(order) == 0
+    ordered, order = radix_argsort(np.zeros(4, np.int64), 0)
+    assert ordered.tolist() == [0, 0, 0, 0] and order.tolist() == [0, 1, 2, 3]
 
 
 @pytest.mark.parametrize("low, high", [(-5, 5), (0, 100_000), (-(2**60), 2**60), (7, 8)])

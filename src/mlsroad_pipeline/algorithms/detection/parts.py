@@ -1,4 +1,4 @@
-"""Objects as feature regions: what the Hough forest and the object matching look at."""
+"""Description of objects by feature regions, for the Hough forest and the object matching."""
 
 from __future__ import annotations
 
@@ -13,20 +13,7 @@ from mlsroad_pipeline.algorithms.detection.regions import INTENSITY, RegionParam
 def describe_parts(scene: PointCloud, objects: Segments, *, parameters: RegionParameters) -> dict[str, NDArray]:
     """Describe the objects of a scene by their feature regions, as the visual words do.
 
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    objects : mapping
-        What `segment_scene` gave.
-    parameters : RegionParameters
-        Supervoxels and neighbourhoods.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``descriptors`` (g, 20), ``orientations`` (g, 3) and ``centres`` (g, 3) of the regions, ordered by object;
-        ``objects`` int32, the object of each; ``n_objects``; ``intensity``, whether the scene has it.
+    Returns a `Description` with ``descriptors`` (g, 20), ``orientations`` (g, 3) and ``centres`` (g, 3) of the regions.
     """
     regions = describe_regions(scene.xyz, objects["objects"], intensity=scene.get("intensity"), parameters=parameters)
     return {
@@ -40,57 +27,22 @@ def describe_parts(scene: PointCloud, objects: Segments, *, parameters: RegionPa
 
 
 def descriptors_of(parts: Description, *, intensity: bool) -> NDArray[np.float32]:
-    """Return the descriptors of parts; without intensity, it is 0 everywhere.
-
-    Parameters
-    ----------
-    parts : mapping
-        What `describe_parts` gave.
-    intensity : bool
-        Whether to keep it.
-
-    Returns
-    -------
-    ndarray of float32, shape (g, 20)
-        Descriptors.
-    """
-    found = np.ascontiguousarray(parts["descriptors"], dtype=np.float32).copy()
+    """Return the descriptors of parts, float32 (g, 20); with intensity 0 unless `intensity` is set."""
+    descriptors = np.ascontiguousarray(parts["descriptors"], dtype=np.float32).copy()
     if not intensity:
-        found[:, INTENSITY] = 0.0
-    return found
+        descriptors[:, INTENSITY] = 0.0
+    return descriptors
 
 
 def heights_of(parts: Description) -> NDArray[np.float64]:
-    """Return the height of each part above the lowest part of its object, metres.
-
-    Parameters
-    ----------
-    parts : mapping
-        What `describe_parts` gave.
-
-    Returns
-    -------
-    ndarray of float64, shape (g,)
-        Heights.
-    """
+    """Return the height of each part above the lowest part of its object, metres, shape (g,)."""
     lowest = np.full(int(parts["n_objects"]), np.inf)
     np.minimum.at(lowest, parts["objects"], parts["centres"][:, 2])
     return parts["centres"][:, 2] - lowest[parts["objects"]]
 
 
 def relative_centres(parts: Description) -> NDArray[np.float64]:
-    """Return the centres of parts relative to their object: to its mean horizontally, to its lowest part vertically.
-
-    Parameters
-    ----------
-    parts : mapping
-        What `describe_parts` gave.
-
-    Returns
-    -------
-    ndarray of float64, shape (g, 3)
-        Centres, metres.
-    """
+    """Return centres of parts relative to the mean (x, y) and lowest part (z) of their object, metres, shape (g, 3)."""
     bounds = object_bounds(parts)
     counts = np.diff(bounds)
     sums = np.zeros((len(counts), 2))

@@ -1,4 +1,4 @@
-"""What detections are compared with: the reference objects of the wanted classes, and where nothing is known."""
+"""Reference objects of the wanted classes, and segments without reference information."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from mlsroad_pipeline.algorithms.segmentation.stage import reference_objects
 def wanted_objects(
     scene: PointCloud, scheme: ClassScheme, wanted: NDArray[np.int16]
 ) -> tuple[NDArray[np.int32], NDArray[np.int16]]:
-    """Return the reference objects of `reference_objects`, with what hangs on others as objects of its own.
+    """Return the reference objects of a scene, with instances of several wanted classes split by class.
 
-    A sign on a lamp may be part of the lamp to whoever numbered the instances, and is a sign to whoever labelled the
-    points: where an instance holds points of several wanted classes it is as many objects.
+    A sign on a lamp may belong to the instance of the lamp while its points are labelled as a sign. The points of each
+    further wanted class are then an object.
 
     Parameters
     ----------
@@ -30,9 +30,9 @@ def wanted_objects(
     Returns
     -------
     instances : ndarray of int32, shape (n,)
-        Number of the object, from 1; 0 for none. What is parted off has numbers above all others.
+        Number of the object, from 1; 0 for none. Objects that were split off have the highest numbers.
     classes : ndarray of int16, shape (number of objects + 1,)
-        Class of most of each object's points; -1 for number 0 and where none is labelled.
+        Majority class of each object's points; -1 for number 0 and where no point is labelled.
 
     Raises
     ------
@@ -45,9 +45,9 @@ def wanted_objects(
     labels = scheme.encode(scene["label"], source=scene.source)
     aside = np.flatnonzero((instances > 0) & (labels != classes[instances]) & np.isin(labels, wanted))
     pairs, numbers = np.unique(instances[aside].astype(np.int64) * len(scheme) + labels[aside], return_inverse=True)
-    parted = instances.copy()
-    parted[aside] = numbers + len(classes)
-    return parted, np.append(classes, (pairs % len(scheme)).astype(np.int16))
+    split = instances.copy()
+    split[aside] = numbers + len(classes)
+    return split, np.append(classes, (pairs % len(scheme)).astype(np.int16))
 
 
 def without_reference(
@@ -58,7 +58,7 @@ def without_reference(
     scheme: ClassScheme,
     wanted: NDArray[np.int16],
 ) -> NDArray[np.bool_]:
-    """Tell which segments lie where the reference says nothing: they are neither learned from nor scored.
+    """Return which segments have no reference information and are excluded from training and scores.
 
     Parameters
     ----------
@@ -76,14 +76,13 @@ def without_reference(
     Returns
     -------
     ndarray of bool, shape (n_segments,)
-        True where more than half of a segment's points have a label that the scheme ignores, or, in a survey with
-        instances, that of a wanted class without being part of an instance: whoever made the reference saw such an
-        object there and left it out.
+        True where more than half of a segment's points have a label that the scheme ignores or, in a survey with
+        instances, the label of a wanted class but no instance: such objects are in the scene but not in the reference.
     """
     labels = scheme.encode(scene["label"], source=scene.source)
-    silent = labels == IGNORE
+    unknown = labels == IGNORE
     if "instance" in scene:
-        silent |= (scene["instance"] == 0) & np.isin(labels, wanted)
+        unknown |= (scene["instance"] == 0) & np.isin(labels, wanted)
     inside = segments >= 0
     counts = np.bincount(segments[inside], minlength=n_segments)
-    return np.asarray(2 * np.bincount(segments[inside & silent], minlength=n_segments) > counts)
+    return np.asarray(2 * np.bincount(segments[inside & unknown], minlength=n_segments) > counts)

@@ -22,25 +22,26 @@ N_FEATURES = 20
 """Length of a descriptor: three shape features, an FPFH of 16 bins, the intensity."""
 
 INTENSITY = N_FEATURES - 1
-"""Where the intensity stands in a descriptor."""
+"""Index of the intensity in a descriptor."""
 
 _BINS = 4  # of each of the four pair features: 16 in all
 
 
 @dataclass(frozen=True)
 class RegionParameters:
-    """How feature regions are made.
+    """Parameters of feature regions.
 
     Parameters
     ----------
     voxel_size, seed_resolution : float, default 0.1, 0.2
-        Of the supervoxels, metres. Larger ones give fewer and coarser words; the paper's are 0.05 and 0.1.
+        Voxel size and seed resolution of the supervoxels, metres (yu2016: 0.05 and 0.1). Larger values give fewer and
+        coarser words.
     pattern : {"first_order", "single"}, default "first_order"
-        Whether a region is a supervoxel with its first-order neighbours, as in the paper, or alone (its Figure 12a).
+        A region is a supervoxel with its first-order neighbours, as in the paper, or alone (its Figure 12a).
     normal_radius : float, default 0.25
         Neighbourhood of the normals, metres. Not in the paper.
     fpfh_radius : float, default 0.5
-        Neighbourhood of the FPFH, metres: how far around it a region sees. Not in the paper.
+        Neighbourhood of the FPFH, metres. Larger values describe a larger surrounding of a region. Not in the paper.
 
     Raises
     ------
@@ -63,13 +64,13 @@ class RegionParameters:
 
 @dataclass(frozen=True)
 class FeatureRegions:
-    """The feature regions of some objects, ordered by object.
+    """Feature regions of objects, ordered by object.
 
     Attributes
     ----------
     descriptors : ndarray of float32, shape (g, 20)
-        a_1D, a_2D, a_3D (equations 5 to 7), the FPFH, which sums to 1, and the intensity (equation 8); 0 where the
-        points have none.
+        a_1D, a_2D, a_3D (equations 5 to 7), the FPFH, which sums to 1, and the intensity (equation 8); 0 without
+        intensity.
     orientations : ndarray of float32, shape (g, 3)
         First eigenvector of the scatter matrix (equation 10), a unit vector without a sign.
     scales : ndarray of float32, shape (g,)
@@ -99,21 +100,21 @@ def describe_regions(
     parameters: RegionParameters = RegionParameters(),
     n_threads: int = 1,
 ) -> FeatureRegions:
-    """Cut objects into supervoxels, and describe each with its neighbours.
+    """Segment objects into supervoxels, and describe each with its neighbours.
 
-    The objects are looked at as if each stood alone: they are moved apart by whole voxels first, so that neither
-    supervoxels nor neighbourhoods reach from one into another.
+    Objects are first moved apart by whole voxels, so that neither supervoxels nor neighbourhoods reach from one object
+    into another.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Points without the ground, metres.
     objects : array-like of shape (n,), integer
-        Object of each point; -1 is left out.
+        Object of each point; points of -1 are excluded.
     intensity : array-like of shape (n,), optional
         Normalised intensity in [0, 1].
     parameters : RegionParameters
-        See there.
+        Supervoxels and neighbourhoods.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -181,7 +182,7 @@ def _no_regions() -> FeatureRegions:
 def stand_apart(
     points: NDArray[np.float64], owner: NDArray[np.integer], *, cell: float, gap: float
 ) -> NDArray[np.float64]:
-    """Find moves that put objects side by side along x, so that no neighbourhood reaches from one into another.
+    """Return translations that place objects side by side along x, so that neighbourhoods of objects do not overlap.
 
     Parameters
     ----------
@@ -190,14 +191,14 @@ def stand_apart(
     owner : ndarray of int, shape (n,)
         Object of each.
     cell : float
-        Objects are moved by whole cells of this edge, metres.
+        Objects are translated by whole cells of this edge, metres.
     gap : float
         Least distance between two objects, metres.
 
     Returns
     -------
     ndarray of float64, shape (n, 3)
-        What to add to each point.
+        Translation of each point, metres.
     """
     starts = np.flatnonzero(np.diff(owner, prepend=-1))
     low = np.minimum.reduceat(points, starts)
@@ -212,14 +213,14 @@ def stand_apart(
 def _shape_and_orientation(
     region: SupervoxelMoments, centres: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """Return equations 5 to 7, and the first eigenvector of equation 10."""
+    """Return the shape features of equations 5 to 7 and the first eigenvector of equation 10."""
     n = len(centres)
     values, largest, unused = np.empty((3, n)), np.empty((3, n)), np.empty((3, n))
     solve_symmetric(np.ascontiguousarray(region.covariances), n, values, unused, largest)
     root = np.sqrt(values)
     extended = root[0] > 0
     longest = np.where(extended, root[0], 1.0)
-    # A region of one place has no direction: it is as round as any.
+    # A region without extent is volumetric.
     shape = np.column_stack([(root[0] - root[1]) / longest, (root[1] - root[2]) / longest, root[2] / longest])
     shape[~extended] = (0.0, 0.0, 1.0)
     off = (region.centroids - centres).T
@@ -235,7 +236,7 @@ def _shape_and_orientation(
 def _histograms(
     supervoxels: Supervoxels, reach: csr_array, parameters: RegionParameters, n_threads: int
 ) -> NDArray[np.float32]:
-    """Return the mean FPFH over the voxels of each region, which sums to 1, or is 0 where no voxel has one."""
+    """Return the mean FPFH over the voxels of each region, normalised to sum 1; 0 where no voxel has one."""
     voxels = supervoxels.grid.centroids
     normals = compute_normals(voxels, radius=parameters.normal_radius, n_threads=n_threads)
     fpfh = compute_fpfh(
@@ -272,7 +273,7 @@ def _intensity_sums(values: NDArray[np.float64], labels: NDArray[np.int32], n: i
 
 @njit(cache=True, nogil=True)
 def _interpolated_intensity(sums: NDArray[np.float64], indptr: NDArray, indices: NDArray) -> NDArray[np.float64]:
-    """Return equation 8 with the weights of equation 9; where all intensities are equal, their mean."""
+    """Return the intensity of equation 8 with the weights of equation 9; the mean of equal intensities."""
     out = np.empty(len(sums))
     for s in range(len(sums)):
         n, total, squares, low, high = sums[s, 0], sums[s, 1], sums[s, 2], sums[s, 3], sums[s, 4]

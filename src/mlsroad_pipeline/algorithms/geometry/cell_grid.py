@@ -1,4 +1,4 @@
-"""The cell grid that fast neighbourhood kernels run on, and how they are spread over threads."""
+"""Cell grid for neighbourhood kernels, and their distribution over threads."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive, check_xyz
+from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort
 
-_RADIX_BITS = 11
 _MAX_CELLS = 2**62
 CELLS_PER_RADIUS = 2
 """Cells along one search radius: smaller cells waste fewer distance tests, larger ones share more of the gathering."""
@@ -81,45 +81,18 @@ def bounding_box(xyz: NDArray) -> NDArray[np.float64]:
 
 
 @njit(cache=True, nogil=True)
-def _cell_keys(xyz: NDArray, minimum: NDArray, cell_size: float, nx: int, ny: int, margin: int) -> NDArray[np.int64]:
-    """Return each point's key; the margin keeps neighbours of border cells from wrapping into the next row."""
+def cell_keys(xyz: NDArray, minimum: NDArray, inverse: float, nx: int, ny: int, margin: int) -> NDArray[np.int64]:
+    """Return the key of each point for cells of edge ``1 / inverse``.
+
+    The margin keeps neighbours of border cells from wrapping into the next row.
+    """
     keys = np.empty(len(xyz), np.int64)
-    inverse = 1.0 / cell_size
     for i in range(len(xyz)):
         ix = np.int64((xyz[i, 0] - minimum[0]) * inverse) + margin
         iy = np.int64((xyz[i, 1] - minimum[1]) * inverse) + margin
         iz = np.int64((xyz[i, 2] - minimum[2]) * inverse) + margin
         keys[i] = (iz * ny + iy) * nx + ix
     return keys
-
-
-@njit(cache=True, nogil=True)
-def radix_argsort(keys: NDArray, n_bits: int) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Return the stable order that sorts non-negative int64 keys of at most `n_bits` bits, and the sorted keys."""
-    n = len(keys)
-    order = np.arange(n).astype(np.int32)
-    if n_bits == 0:
-        return order, keys.copy()
-    sorted_keys = keys.copy()
-    other_order = np.empty(n, np.int32)
-    other_keys = np.empty(n, np.int64)
-    mask = (1 << _RADIX_BITS) - 1
-    counts = np.empty(mask + 2, np.int64)
-    for shift in range(0, n_bits, _RADIX_BITS):
-        counts[:] = 0
-        for i in range(n):
-            counts[((sorted_keys[i] >> shift) & mask) + 1] += 1
-        for b in range(mask + 1):
-            counts[b + 1] += counts[b]
-        for i in range(n):
-            b = (sorted_keys[i] >> shift) & mask
-            at = counts[b]
-            counts[b] = at + 1
-            other_order[at] = order[i]
-            other_keys[at] = sorted_keys[i]
-        order, other_order = other_order, order
-        sorted_keys, other_keys = other_keys, sorted_keys
-    return order, sorted_keys
 
 
 @njit(cache=True, nogil=True)
@@ -206,8 +179,8 @@ def build_cell_grids(*clouds: ArrayLike, cell_size: float, margin: int = 1) -> l
     n_bits = (nx * ny * nz).bit_length()
     grids = []
     for array in arrays:
-        point_keys = _cell_keys(array, minimum, cell_size, nx, ny, margin)
-        order, sorted_keys = radix_argsort(point_keys, n_bits)
+        point_keys = cell_keys(array, minimum, 1.0 / cell_size, nx, ny, margin)
+        sorted_keys, order = radix_argsort(point_keys, n_bits)
         keys, starts = _occupied(sorted_keys)
         local = _local_coordinates(array, order, keys, starts, minimum, cell_size, nx, ny, margin)
         grids.append(CellGrid(order, keys, starts, local, (nx, ny, nz), cell_size, minimum, margin))

@@ -1,4 +1,4 @@
-"""Graphs over points and objects: union-find, connected components, adjacency."""
+"""Graphs of points and objects: union-find, connected components, unique edges."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 
 @njit(cache=True)
 def find_root(parent: NDArray[np.int32], node: int) -> int:
-    """Return the root of a node, halving the path to it.
+    """Return the root of a node, with path halving.
 
     Parameters
     ----------
     parent : ndarray of int32, shape (n,)
         Union-find forest; a root is its own parent. Paths are shortened in place.
     node : int
-        Where to start.
+        The node.
 
     Returns
     -------
@@ -33,7 +33,7 @@ def find_root(parent: NDArray[np.int32], node: int) -> int:
 
 @njit(cache=True)
 def join(parent: NDArray[np.int32], a: int, b: int) -> None:
-    """Join the trees of two nodes; the smaller root stays root, so the forest does not depend on the joins' order.
+    """Join the trees of two nodes. The smaller root remains root: the roots do not depend on the order of joins.
 
     Parameters
     ----------
@@ -52,6 +52,7 @@ def join(parent: NDArray[np.int32], a: int, b: int) -> None:
 
 @njit(cache=True)
 def _components(edges: NDArray[np.int64], n_nodes: int) -> NDArray[np.int32]:
+    """Label connected components by union-find."""
     parent = np.arange(n_nodes).astype(np.int32)
     for e in range(len(edges)):
         join(parent, edges[e, 0], edges[e, 1])
@@ -59,7 +60,7 @@ def _components(edges: NDArray[np.int64], n_nodes: int) -> NDArray[np.int32]:
     n_labels = 0
     for node in range(n_nodes):
         root = find_root(parent, node)
-        if root == node:  # the root is the component's first node: it is met before the others
+        if root == node:  # the root is the first node of its component
             labels[node] = n_labels
             n_labels += 1
         else:
@@ -68,7 +69,7 @@ def _components(edges: NDArray[np.int64], n_nodes: int) -> NDArray[np.int32]:
 
 
 def check_edges(edges: ArrayLike, n_nodes: int) -> NDArray[np.int64]:
-    """Return edges as an integer array whose ends exist.
+    """Return edges as a checked integer array.
 
     Parameters
     ----------
@@ -104,9 +105,9 @@ def connected_components(edges: ArrayLike, *, n_nodes: int) -> NDArray[np.int32]
     Parameters
     ----------
     edges : array-like of int, shape (e, 2)
-        Pairs of node indices, in any order; loops and repetitions are fine.
+        Pairs of node indices, in any order; loops and repetitions are allowed.
     n_nodes : int
-        The number of nodes; nodes without edges are components of their own.
+        The number of nodes; each node without edges is a component.
 
     Returns
     -------
@@ -127,7 +128,7 @@ def connected_components(edges: ArrayLike, *, n_nodes: int) -> NDArray[np.int32]
 
 
 def unique_edges(edges: ArrayLike, *, n_nodes: int) -> NDArray[np.int64]:
-    """Reduce edges to each undirected pair once.
+    """Return each undirected edge once.
 
     Parameters
     ----------

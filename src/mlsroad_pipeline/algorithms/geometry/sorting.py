@@ -9,48 +9,50 @@ from numpy.typing import NDArray
 _RADIX_BITS = 11
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def radix_argsort(keys: NDArray[np.int64], n_bits: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Sort keys stably, eleven bits at a time.
+    """Sort non-negative keys stably, eleven bits at a time.
 
     Parameters
     ----------
     keys : ndarray of int64, shape (n,)
         Keys from 0 to ``2**n_bits - 1``; fewer than 2**31 of them.
     n_bits : int
-        How many low bits to sort by: the time grows with it.
+        Number of low bits to sort by. The time grows with it.
 
     Returns
     -------
     sorted : ndarray of int64, shape (n,)
         The keys in ascending order.
     order : ndarray of int32, shape (n,)
-        Their places in the input.
+        Their indices in the input.
     """
     n = len(keys)
     order = np.arange(n).astype(np.int32)
     sorted_keys, spare_keys, spare_order = keys.copy(), np.empty(n, np.int64), np.empty(n, np.int32)
-    size = 1 << _RADIX_BITS
+    mask = (1 << _RADIX_BITS) - 1
+    starts = np.empty(mask + 2, np.int64)
     for shift in range(0, n_bits, _RADIX_BITS):
-        starts = np.zeros(size + 1, np.int64)
+        starts[:] = 0
         for i in range(n):
-            starts[((sorted_keys[i] >> shift) & (size - 1)) + 1] += 1
-        for b in range(size):
-            starts[b + 1] += starts[b]
+            starts[((sorted_keys[i] >> shift) & mask) + 1] += 1
+        for digit in range(mask + 1):
+            starts[digit + 1] += starts[digit]
         for i in range(n):
-            digit = (sorted_keys[i] >> shift) & (size - 1)
-            spare_keys[starts[digit]] = sorted_keys[i]
-            spare_order[starts[digit]] = order[i]
-            starts[digit] += 1
+            digit = (sorted_keys[i] >> shift) & mask
+            at = starts[digit]
+            starts[digit] = at + 1
+            spare_keys[at] = sorted_keys[i]
+            spare_order[at] = order[i]
         sorted_keys, spare_keys = spare_keys, sorted_keys
         order, spare_order = spare_order, order
     return sorted_keys, order
 
 
 def rank_integers(values: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Find the different values, and which of them each is.
+    """Return the distinct values in ascending order, and the rank of each value.
 
-    Numbers of objects lie close together: they are counted, which is some ten times as fast as sorting them.
+    Values in a narrow range, such as numbers of objects, are counted, about ten times as fast as sorting.
 
     Parameters
     ----------
@@ -60,9 +62,9 @@ def rank_integers(values: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArr
     Returns
     -------
     names : ndarray of int64, shape (u,)
-        The values that occur, ascending.
+        The distinct values, ascending.
     ranks : ndarray of int64, shape (n,)
-        The place of each value in `names`.
+        Index of each value in `names`.
     """
     if len(values) == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)

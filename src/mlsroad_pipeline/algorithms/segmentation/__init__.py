@@ -1,1 +1,1 @@
-"""Off-ground points cut into objects."""
+"""Segmentation of off-ground points into objects."""

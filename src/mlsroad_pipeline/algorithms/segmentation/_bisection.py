@@ -1,10 +1,10 @@
-"""One normalised cut: a group of voxels, gathered into weighted nodes, split in two.
+"""Normalised cut of one group of voxels in two.
 
-Weights reach metres, so the graph of a large cluster has as many edges as pairs of voxels. The voxels are therefore
-gathered into nodes: cells of a grid just coarse enough. A node stands for its voxels at their mean
-place, with their number as its mass; the weight of two nodes is the mass of both times that of equation 19. The second
-eigenvector of the small dense graph is found by Lanczos' method and carried back to every voxel as the weighted mean
-of the nodes' values (Nystrom's extension), so that the border is as fine as the voxels are.
+Weights reach metres, so the graph of a large cluster has nearly as many edges as pairs of voxels. The voxels are
+therefore aggregated into nodes, the cells of a coarser grid. A node represents its voxels at their mean position, with
+their number as its mass. The weight of two nodes is the product of their masses and the weight of equation 19. The
+second eigenvector of the small dense graph is computed by Lanczos' method and extended to every voxel as the weighted
+mean of the nodes' values (Nystrom's extension), so that the border is as fine as the voxels.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-_STEPS = 60  # of Lanczos' method, at most
+_STEPS = 60  # most steps of Lanczos' method
 _CONVERGED = 1e-5
 
 
@@ -60,18 +60,18 @@ def _node_keys(
 def gather(
     places: NDArray[np.float64], members: NDArray[np.int64], voxel_size: float, max_nodes: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gather voxels into at most about `max_nodes` nodes.
+    """Aggregate voxels into at most `max_nodes` nodes.
 
     Parameters
     ----------
     places : ndarray of shape (v, 4), float64
         Centroid (m) and intensity of all voxels.
     members : ndarray of int64
-        The voxels to gather.
+        The voxels to aggregate.
     voxel_size : float
-        Edge of a voxel, metres: as many nodes as voxels where there are few enough.
+        Edge of a voxel, metres.
     max_nodes : int
-        The most nodes; cells grow until there are no more.
+        The largest number of nodes. Up to this number each voxel is a node; otherwise cells grow until it is reached.
 
     Returns
     -------
@@ -125,7 +125,7 @@ def node_weights(
     Parameters
     ----------
     nodes, mass : ndarray
-        What `gather` gave.
+        Nodes of `gather`.
     scale : ndarray of shape (3,), float64
         1 / sigma^2, horizontal, vertical and of the intensity.
     max_squared : float
@@ -178,7 +178,7 @@ def second_eigenvector(
     q = start * root
     q -= (q @ first) * first
     norm = np.sqrt(q @ q)
-    if norm < 1e-12 * np.sqrt(n):  # a guess without a direction of its own
+    if norm < 1e-12 * np.sqrt(n):  # the initial guess is parallel to the first eigenvector
         for i in range(n):
             q[i] = (-1.0) ** i
         q -= (q @ first) * first
@@ -268,7 +268,7 @@ def best_split(
 
 @njit(cache=True, nogil=True)
 def smoothness(y: NDArray[np.float64], mass: NDArray[np.float64], n_bins: int) -> float:
-    """Return how evenly the eigenvector's values are spread: the emptiest bin of their histogram over the fullest.
+    """Return the ratio of the smallest to the largest bin of the histogram of the eigenvector's values.
 
     Parameters
     ----------
@@ -282,8 +282,8 @@ def smoothness(y: NDArray[np.float64], mass: NDArray[np.float64], n_bins: int) -
     Returns
     -------
     float
-        In [0, 1]: near 0 where the values fall into two heaps with a gap between them, larger where they go over into
-        each other and no place to cut is better than the next.
+        In [0, 1]: near 0 for two separate groups of values, larger where the values are spread evenly and no cut is
+        better than the next.
     """
     low, high = y.min(), y.max()
     bins = np.zeros(n_bins)
@@ -305,14 +305,14 @@ def extend(
     scale: NDArray[np.float64],
     max_squared: float,
 ) -> NDArray[np.float64]:
-    """Carry the nodes' values to voxels: the mean over nodes, weighted, over the eigenvalue.
+    """Extend the nodes' values to voxels: the weighted mean over nodes, divided by the eigenvalue.
 
     Parameters
     ----------
     places, members : ndarray
-        All voxels, and those wanted.
+        All voxels, and the indices of those to extend to.
     nodes, mass : ndarray
-        What `gather` gave.
+        Nodes of `gather`.
     y : ndarray of shape (c,), float64
         Values of the nodes.
     eigenvalue : float

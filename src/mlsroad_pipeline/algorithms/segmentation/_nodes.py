@@ -1,4 +1,4 @@
-"""The voxels of clusters, which the cuts are made between: places, intensities and clusters."""
+"""Voxels of clusters for the normalised cut: positions, intensities and clusters."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 
 def number_voxels(clusters: NDArray[np.int32], voxel_of_point: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Number the voxels; one that two clusters share counts once for each."""
+    """Number the voxels; a voxel shared by two clusters has one number for each."""
     pairs = voxel_of_point.astype(np.int64) * (int(clusters.max()) + 1) + clusters
     return np.unique(pairs, return_inverse=True)[1].astype(np.int64)
 
@@ -32,7 +32,7 @@ def measure_voxels(
     weights = np.zeros(n)
     for i in range(len(voxel)):
         v = voxel[i]
-        # A constant intensity makes equation 9 0/0: all points then weigh the same, and the mean is taken.
+        # Equation 9 is 0/0 for a constant intensity: all points then have the same weight, which gives the mean.
         w = (values[i] - low[v]) / (high[v] - low[v]) if high[v] > low[v] else 1.0
         places[v, 3] += w * values[i]
         weights[v] += w
@@ -44,7 +44,7 @@ def measure_voxels(
 
 
 def smooth_intensities(places: NDArray[np.float64], clusters: NDArray[np.int32], *, size: float) -> NDArray[np.float64]:
-    """Return the mean intensity around each voxel: over its cell of an edge and the 26 next to it, in its cluster.
+    """Return the mean intensity of each voxel's cell and its 26 neighbours within the cluster.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def smooth_intensities(places: NDArray[np.float64], clusters: NDArray[np.int32],
         Intensities.
     """
     cell = np.floor((places[:, :3] - places[:, :3].min(axis=0)) / size).astype(np.int64) + 1
-    nx, ny, nz = (int(most) + 2 for most in cell.max(axis=0))  # a rim all around keeps neighbours of cells apart
+    nx, ny, nz = (int(most) + 2 for most in cell.max(axis=0))  # an empty border keeps neighbours from wrapping
     names, of_cell = np.unique(
         ((clusters.astype(np.int64) * nx + cell[:, 0]) * ny + cell[:, 1]) * nz + cell[:, 2], return_inverse=True
     )

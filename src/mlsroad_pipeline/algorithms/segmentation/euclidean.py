@@ -1,10 +1,10 @@
-"""Euclidean clusters: the connected components of the graph that joins points within a distance.
+"""Euclidean clusters: connected components of the graph that joins points within a distance.
 
-Points are sorted once into cells of side ``tolerance / sqrt(3)``. Two points of one cell are never farther apart than
-the tolerance, so a cell is one node; whether two nearby cells touch is decided by the first pair of points that is
-close enough, and not at all where they are joined already. Cells that may touch lie within two cells along each axis;
-as the cells are sorted by x fastest, the up to five candidates of one (y, z) offset are consecutive, and one pointer
-per offset that only moves forward finds them without a search.
+Points are sorted once into cells of edge ``tolerance / sqrt(3)``. Points of one cell are never farther apart than the
+tolerance, so a cell is one node. Two nearby cells touch if a pair of their points is close enough; cells that are
+joined already are not tested. Cells that may touch lie within two cells along each axis. As the cells are sorted by x
+fastest, the up to five candidates of one (y, z) offset are consecutive, and one forward pointer per offset finds them
+without a search.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive, check_xyz
+from mlsroad_pipeline.algorithms.geometry.cell_grid import bounding_box, cell_keys
 from mlsroad_pipeline.algorithms.geometry.graphs import find_root, join
 from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort
 
 _MAX_KEY = 2.0**62
-# Row offsets (dy, dz) of the half space that follows a cell in key order, nearest first: near cells are joined first,
-# which spares most of the far ones their point test.
+# Row offsets (dy, dz) of the half space that follows a cell in key order, nearest first: once near cells are joined,
+# most of the far ones need no point test.
 _ROWS = np.array(
     sorted(
         [(dy, dz) for dz in range(3) for dy in range(-2, 3) if (dz, dy) > (0, 0)],
@@ -31,33 +32,10 @@ _ROWS = np.array(
 
 
 @njit(cache=True)
-def _bounds(xyz: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    # One pass in memory order: NumPy's minimum along axis 0 of an (n, 3) array takes as long as the whole clustering.
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for i in range(len(xyz)):
-        for axis in range(3):
-            value = np.float64(xyz[i, axis])
-            low[axis] = min(low[axis], value)
-            high[axis] = max(high[axis], value)
-    return low, high
-
-
-@njit(cache=True)
-def _cell_keys(xyz: NDArray, low: NDArray[np.float64], inverse: float, shape: NDArray[np.int64]) -> NDArray[np.int64]:
-    keys = np.empty(len(xyz), np.int64)
-    for i in range(len(xyz)):
-        ix = np.int64((xyz[i, 0] - low[0]) * inverse)
-        iy = np.int64((xyz[i, 1] - low[1]) * inverse)
-        iz = np.int64((xyz[i, 2] - low[2]) * inverse)
-        keys[i] = ix + shape[0] * (iy + shape[1] * iz)
-    return keys
-
-
-@njit(cache=True)
 def _cells(
     keys: NDArray[np.int64], order: NDArray[np.int32], xyz: NDArray
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray]:
-    """Return the occupied cells' keys, first points and boxes, and the points in cell order."""
+    """Return keys, first points and bounding boxes of the occupied cells, and the points in cell order."""
     n = len(keys)
     n_cells = 1
     for i in range(1, n):
@@ -83,7 +61,7 @@ def _cells(
 
 @njit(cache=True)
 def _touch(a: int, b: int, start: NDArray[np.int64], box: NDArray[np.float64], points: NDArray, limit: float) -> bool:
-    """Tell whether a point of cell a and a point of cell b lie within the tolerance (limit is its square)."""
+    """Return whether a point of cell a and a point of cell b lie within the tolerance (limit is its square)."""
     gap = 0.0
     for axis in range(3):
         between = max(box[b, axis] - box[a, 3 + axis], box[a, axis] - box[b, 3 + axis], 0.0)
@@ -162,18 +140,18 @@ def _labels(
 
 
 def cluster(xyz: ArrayLike, *, tolerance: float, min_points: int = 1) -> NDArray[np.int32]:
-    """Group points into clusters: chains of points whose steps are at most `tolerance` long.
+    """Label the connected components of points within a distance of `tolerance`.
 
-    The result is that of the connected components of the radius graph, distances in float64 and the radius included.
-    The work is linear in the points but for cells that are full of points and just do not touch.
+    Distances are computed in float64 and include the tolerance. The time is linear in the points, except for dense
+    cells whose points are just too far apart.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Coordinates, metres. Float64 keeps world coordinates exact.
     tolerance : float
-        The longest step within a cluster, metres. Larger values join neighbouring objects, smaller ones break objects
-        at sparse places; 0.1 to 0.5 m suit street objects.
+        The longest step within a cluster, metres. Larger values join neighbouring objects, smaller values split objects
+        where points are sparse; 0.1 to 0.5 m suit street objects.
     min_points : int, default 1
         Clusters with fewer points are labelled -1.
 
@@ -202,16 +180,16 @@ def cluster(xyz: ArrayLike, *, tolerance: float, min_points: int = 1) -> NDArray
         return np.zeros(0, dtype=np.int32)
     if len(array) >= 2**31:
         raise DataError(f"cluster works on fewer than 2**31 points, got {len(array)}: cut the survey into scenes")
-    low, high = _bounds(array)
+    low, high = bounding_box(array)
     extent = high - low
-    # Cells a hair smaller than tolerance / sqrt(3): rounding must not put points of one cell beyond the tolerance.
+    # Cells slightly smaller than tolerance / sqrt(3): rounding must not put points of one cell beyond the tolerance.
     inverse = float(np.sqrt(3.0) * (1 + 1e-9) / tolerance)
     # Two empty cells of margin per axis: a neighbour beyond the border must not wrap around into the next row.
     size = np.floor(extent * inverse) + 3.0
     if float(np.prod(size)) >= _MAX_KEY:
         raise DataError(f"points span {extent.tolist()} m, too many cells for a tolerance of {tolerance} m")
     shape = size.astype(np.int64)
-    keys, order = radix_argsort(_cell_keys(array, low, inverse, shape), int(np.prod(size)).bit_length())
+    keys, order = radix_argsort(cell_keys(array, low, inverse, shape[0], shape[1], 0), int(np.prod(size)).bit_length())
     cell_key, start, box, points = _cells(keys, order, array)
     parent = _link_cells(cell_key, start, box, points, shape, _ROWS, float(tolerance) ** 2)
     return _labels(parent, start, order, min_points)

@@ -1,4 +1,4 @@
-"""Objects numbered by their first points."""
+"""Numbering of objects by their first points."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def number_objects(parts: NDArray[np.int64], min_points: int) -> NDArray[np.int3
     Returns
     -------
     ndarray of int32, shape (n,)
-        Objects.
+        Object of each point.
 
     Raises
     ------

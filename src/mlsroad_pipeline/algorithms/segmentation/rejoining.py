@@ -1,4 +1,4 @@
-"""Parts given back to what they belong to: those that hang in the air, and what continues a pole above a gap."""
+"""Merging of floating parts with their neighbours, and of pole segments across a gap."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
 
-_FOOT_SHARE = 0.005  # of a part's voxels lie below its foot: half a crown may hold a few of what stands under it
-_END = 0.6  # of a part that shows how it goes on, metres
-_NARROW = 0.5  # the widest end of a pole, metres
-_OFF_LINE = 0.2  # of two ends of one pole, horizontally, metres
+_FOOT_SHARE = 0.005  # share of a part's voxels below its foot: half a crown may contain a few of an object under it
+_END = 0.6  # length of the ends of a part that are compared, metres
+_NARROW = 0.5  # largest width of the end of a pole, metres
+_OFF_LINE = 0.2  # largest horizontal distance between two ends of one pole, metres
 
 
 def rejoin_floating_parts(
@@ -33,19 +33,19 @@ def rejoin_floating_parts(
     parts : ndarray of int64, shape (v,)
         Part of each, 0, 1, ...; a part lies in one cluster.
     foot_height : float
-        A part has a foot where it comes down to within this height above the lowest place of its cluster, metres; the
-        lowest two-hundredth of its voxels does not count. Larger keeps more parts.
+        A part has a foot where it reaches down to within this height above the lowest place of its cluster, metres. The
+        lowest 0.5 % of its voxels are excluded. Larger keeps more parts.
     reach : float
         Voxels of two parts touch when they are at most this far apart, metres.
 
     Returns
     -------
     ndarray of int64, shape (v,)
-        Parts, numbered anew.
+        Parts, renumbered.
     """
     while True:
         joined = _rejoined(places, clusters, parts, foot_height, reach)
-        # Parts that hang on each other alone may find one with a foot once they are one.
+        # Floating parts that touch only each other may touch a part with a foot once they are merged.
         if joined.max(initial=-1) == parts.max(initial=-1):
             return joined
         parts = joined
@@ -77,7 +77,7 @@ def _rejoined(
 
 
 def _feet(heights: NDArray[np.float64], parts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the height of each part's foot, infinite for numbers that no part has."""
+    """Return the height of each part's foot; infinity for unused numbers."""
     order = np.lexsort((heights, parts))
     count = np.bincount(parts)
     there = np.flatnonzero(count)
@@ -90,7 +90,7 @@ def _feet(heights: NDArray[np.float64], parts: NDArray[np.int64]) -> NDArray[np.
 def join_stacked_poles(
     places: NDArray[np.float64], parts: NDArray[np.int64], *, max_gap: float, min_height: float = 1.0
 ) -> NDArray[np.int64]:
-    """Join a pole with what continues it above a stretch that was hidden, or that was given to a crown.
+    """Merge the parts of a pole below and above a gap, which was occluded or assigned to a crown.
 
     Parameters
     ----------
@@ -99,14 +99,14 @@ def join_stacked_poles(
     parts : ndarray of int64, shape (v,)
         Part of each, 0, 1, ...
     max_gap : float
-        The longest stretch without the pole, metres. Larger joins more; 0 joins nothing.
+        The longest gap, metres. Larger joins more; 0 joins nothing.
     min_height : float, default 1.0
-        Height of the lowest part that is continued, metres.
+        Least height of the part below the gap, metres.
 
     Returns
     -------
     ndarray of int64, shape (v,)
-        Parts, numbered anew.
+        Parts, renumbered.
     """
     if len(parts) == 0 or max_gap == 0:
         return parts

@@ -1,4 +1,4 @@
-"""Euclidean clusters whose clustering distance follows the points' spacing: far from the scanner points lie apart."""
+"""Euclidean clusters with a clustering distance that follows the spacing of the points."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from mlsroad_pipeline.algorithms.geometry.graphs import connected_components, fi
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 
-_NEIGHBORS = 4  # the spacing of a place is the distance to its fourth nearest: two along a scan line, two across
+_NEIGHBORS = 4  # spacing is the distance to the fourth nearest neighbour: two along a scan line, two across
 
 
 def cluster_by_spacing(
     xyz: ArrayLike, *, tolerance: float, spacing_factor: float, max_tolerance: float
 ) -> NDArray[np.int32]:
-    """Group points into clusters with steps of at most `tolerance`, longer ones where points lie farther apart.
+    """Cluster points within `tolerance`, or within a larger distance where points are sparser.
 
-    The points are thinned to voxels of half the tolerance. Two of them are also joined when their distance is at most
-    `spacing_factor` times the spacing at either, the distance to its fourth nearest, and at most `max_tolerance`.
+    The points are thinned to voxels of half the tolerance. Two voxels are also joined when their distance is at most
+    `spacing_factor` times the spacing at both, and at most `max_tolerance`. The spacing of a voxel is the distance to
+    its fourth nearest neighbour.
 
     Parameters
     ----------
@@ -33,10 +34,10 @@ def cluster_by_spacing(
     tolerance : float
         The clustering distance where points are dense, metres.
     spacing_factor : float
-        Steps in units of the spacing. 0 keeps to the tolerance everywhere; larger joins sparse objects, and what stands
-        close to them.
+        Clustering distance in units of the spacing. 0 uses the tolerance everywhere; larger joins sparse objects, and
+        also objects close to them.
     max_tolerance : float
-        The longest step that spacing leads to, metres; at the tolerance and below spacing changes nothing.
+        Upper limit of the clustering distance, metres; values up to the tolerance disable the use of spacing.
 
     Returns
     -------
@@ -65,7 +66,7 @@ def cluster_by_spacing(
     sparse = np.flatnonzero(reach > tolerance)
     if len(sparse) == 0:
         return labels
-    first = np.unique(grid.voxel_of_point, return_index=True)[1]  # a voxel of two clusters speaks for its first point
+    first = np.unique(grid.voxel_of_point, return_index=True)[1]  # a voxel belongs to the cluster of its first point
     parent = np.arange(int(labels.max()) + 1, dtype=np.int32)
     _join_reached(
         places[sparse], np.minimum(reach[sparse], max_tolerance), labels[first[sparse]], max_tolerance, parent
@@ -101,7 +102,7 @@ def _join_cells(
     width: int,
     parent: NDArray[np.int32],
 ) -> None:
-    """Join clusters in `parent` cell by cell; a list of pairs would take gigabytes for a block of a million places."""
+    """Join clusters in `parent` cell by cell; a list of pairs would need gigabytes for a million places."""
     begin, end = first_window(keys, keys[0], rows, width)
     for cell in range(len(keys)):
         move_window(keys, keys[cell], rows, width, begin, end)

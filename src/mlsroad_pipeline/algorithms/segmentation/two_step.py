@@ -1,7 +1,8 @@
 """Two-step segmentation of ordered scans: along each scan line, then across lines (after Zhou et al. 2014).
 
 Yu et al. 2016 compare their segmentation with it (section V-B). The article, "A fast and accurate segmentation method
-for ordered LiDAR point cloud of large-scale scenes", was not at hand; the documentation says what is a reading.
+for ordered LiDAR point cloud of large-scale scenes", was not available; docs/methods/segmentation.md lists the
+assumptions.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from mlsroad_pipeline.algorithms.segmentation.numbering import number_objects
 
 @dataclass(frozen=True)
 class TwoStepParameters:
-    """How runs of a scan line are made and joined.
+    """Parameters of the segmentation along and across scan lines.
 
     Parameters
     ----------
@@ -31,8 +32,8 @@ class TwoStepParameters:
     across : float, default 0.3
         Distance within which places of two runs touch, metres.
     contact : float, default 0.25
-        Share of the places of the shorter run that must touch the other for the two to be joined, 0 to 1. Larger keeps
-        objects apart that touch with their edges.
+        Share of the places of the shorter run that must touch the other for the two to be joined, 0 to 1. Larger
+        separates objects that touch only at their edges.
     voxel_size : float, default 0.1
         A run is thinned to one place per voxel of this edge, metres.
 
@@ -64,19 +65,19 @@ def segment_two_step(
 ) -> NDArray[np.int32]:
     """Segment off-ground points into objects along and across scan lines.
 
-    Returns of one scanner that follow each other in time with short steps are a run. Two runs are joined when a share
-    of the shorter one lies beside the other.
+    Consecutive returns of one scanner at short distances form a run. Two runs are joined when a sufficient share of the
+    shorter one touches the other.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Coordinates without the ground, metres.
     gps_time : array-like of shape (n,)
-        When each point was measured, seconds.
+        Time of each return, seconds.
     scanner : array-like of shape (n,), integer
-        Which scanner measured it.
+        Scanner of each return.
     parameters : TwoStepParameters
-        See there.
+        Distances and share of contact.
     min_points : int, default 1
         Objects with fewer points are labelled -1.
 
@@ -105,7 +106,7 @@ def segment_two_step(
 
 
 def _runs(points: NDArray[np.float64], times: NDArray, devices: NDArray, along: float) -> NDArray[np.int64]:
-    """Number the runs: returns of a scanner in time whose steps are short; those of one pulse by their place."""
+    """Number the runs of consecutive returns of a scanner at short distances; returns of one pulse by position."""
     order = np.lexsort((points[:, 2], points[:, 1], points[:, 0], times, devices))
     step = np.linalg.norm(np.diff(points[order], axis=0), axis=1)
     new = np.concatenate([[True], (step > along) | (np.diff(devices[order]) != 0)])
@@ -117,7 +118,7 @@ def _runs(points: NDArray[np.float64], times: NDArray, devices: NDArray, along: 
 def _thinned(
     points: NDArray[np.float64], runs: NDArray[np.int64], size: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the mean places of each run in the voxels that it passes, and the run of each."""
+    """Return the mean places of each run in its voxels, and the run of each place."""
     cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
     order = np.lexsort((points[:, 2], points[:, 1], points[:, 0], cells[:, 2], cells[:, 1], cells[:, 0], runs))
     key = np.column_stack([runs, cells])[order]
@@ -127,7 +128,7 @@ def _thinned(
 
 
 def _touching(places: NDArray[np.float64], of_run: NDArray[np.int64], parameters: TwoStepParameters) -> NDArray:
-    """Return the pairs of runs of which a large enough share lies side by side."""
+    """Return the pairs of runs that touch over a sufficient share."""
     size = parameters.across * (1 + 1e-9) / CELLS_PER_RADIUS  # rounding cannot put a neighbour a cell too far
     grid = build_cell_grids(places, cell_size=size, margin=CELLS_PER_RADIUS)[0]
     rows = grid.row_offsets(CELLS_PER_RADIUS)
@@ -179,7 +180,7 @@ def _side_by_side(
             n_touched = _touch(places, p, order, starts, near, far, of_run, across, count, seen, touched, n_touched)
         for k in range(n_touched):
             other = touched[k]
-            # Of two equally long runs either may be the one that is judged.
+            # Of two equally long runs either may count as the shorter one.
             if size <= bounds[other + 1] - bounds[other] and count[other] >= contact * size:
                 if n_pairs == len(pairs):
                     pairs = np.concatenate((pairs, np.empty_like(pairs)))
@@ -195,7 +196,7 @@ def _touch(
     end: NDArray[np.int32], of_run: NDArray[np.int64], across: float, count: NDArray[np.int64],
     seen: NDArray[np.int64], touched: NDArray[np.int64], n_touched: int,
 ) -> int:  # fmt: skip
-    """Count a place for each other run that it touches; return how many runs its own run touches by now."""
+    """Count a place for each other run that it touches; return the number of runs touched so far."""
     for j in range(len(begin)):
         for i in range(starts[begin[j]], starts[end[j]]):
             q = order[i]

@@ -1,7 +1,7 @@
-"""Shape-based segmentation: points by dimensionality, segments by growth, objects by merging (Yang and Dong 2013).
+"""Shape-based segmentation: classification by dimensionality, region growing and merging (Yang and Dong 2013).
 
 Yu et al. 2016 compare their segmentation with it (section V-B). The article, "A shape-based segmentation method for
-mobile laser scanning point clouds", was not at hand; what is a reading is said in the documentation.
+mobile laser scanning point clouds", was not available; docs/methods/segmentation.md lists the assumptions.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ LINEAR, PLANAR, VOLUMETRIC = 0, 1, 2
 
 @dataclass(frozen=True)
 class YangDongParameters:
-    """How points are classified, segments grown and merged.
+    """Parameters of the shape-based segmentation.
 
     Parameters
     ----------
     voxel_size : float, default 0.1
         Points are thinned to voxels of this edge, metres.
     radii : sequence of float, default (0.2, 0.35, 0.5)
-        Neighbourhoods of which the one of least entropy is taken, metres.
+        Radii of neighbourhoods, of which that of least entropy is used, metres.
     tolerance : float, default 0.25
         Distance within which voxels are neighbours, metres.
     max_angle : float, default 20
         The largest angle between the directions of two linear, or the normals of two planar neighbours, degrees.
         Smaller gives more and smaller segments.
     min_voxels : int, default 15
-        Smaller segments go to the segment that they touch most.
+        Smaller segments are merged with the segment that they touch most.
     contact : float, default 0.3
         Share of the voxels of the smaller of two segments that must touch the other for the two to be merged, 0 to 1.
-        Larger leaves more segments apart.
+        Larger merges fewer segments.
     pole_height : float, default 1.5
-        Upright linear segments at least this high keep apart from foliage beside them, metres.
+        Upright linear segments of at least this height are not merged with foliage beside them, metres.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def segment_yang_dong(
     xyz : array-like of shape (n, 3)
         Coordinates without the ground, metres.
     parameters : YangDongParameters
-        See there.
+        Neighbourhoods, angles and share of contact.
     min_points : int, default 1
         Objects with fewer points are labelled -1.
 
@@ -119,14 +119,14 @@ def segment_yang_dong(
 def classify_dimensions(
     places: NDArray[np.float64], radii: tuple[float, ...]
 ) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-    """Tell whether the neighbourhood of each place is a line, a plane or a volume, at the radius of least entropy.
+    """Classify the neighbourhood of each place as linear, planar or volumetric, at the radius of least entropy.
 
     Parameters
     ----------
     places : ndarray of float64, shape (n, 3)
         Places, metres.
     radii : tuple of float
-        Radii that are tried, metres.
+        Candidate radii, metres.
 
     Returns
     -------
@@ -139,13 +139,13 @@ def classify_dimensions(
     kind = np.full(len(places), VOLUMETRIC, np.int8)
     direction = np.zeros((len(places), 3))
     for radius in radii:
-        found = compute_eigen_features(places, radius=radius)
-        root = np.sqrt(np.stack([np.maximum(found[f"eigenvalue_{k}"], 0) for k in (1, 2, 3)]).astype(np.float64))
+        eigen = compute_eigen_features(places, radius=radius)
+        root = np.sqrt(np.stack([np.maximum(eigen[f"eigenvalue_{k}"], 0) for k in (1, 2, 3)]).astype(np.float64))
         with np.errstate(invalid="ignore", divide="ignore"):
             shape = np.stack([root[0] - root[1], root[1] - root[2], root[2]]) / root[0]
             entropy = -np.where(shape > 0, shape * np.log(shape), 0.0).sum(axis=0)
-        axes = np.stack([found["direction_x"], found["direction_y"], found["direction_z"]], axis=1)
-        normals = np.stack([found["nx"], found["ny"], found["nz"]], axis=1)
+        axes = np.stack([eigen["direction_x"], eigen["direction_y"], eigen["direction_z"]], axis=1)
+        normals = np.stack([eigen["nx"], eigen["ny"], eigen["nz"]], axis=1)
         better = np.isfinite(shape).all(axis=0) & (entropy < least)
         least[better] = entropy[better]
         kind[better] = shape[:, better].argmax(axis=0)
@@ -155,7 +155,7 @@ def classify_dimensions(
 
 
 def _contacts(segments: NDArray[np.int32], edges: NDArray[np.int64]) -> tuple[NDArray, NDArray, NDArray, list[NDArray]]:
-    """Return for each ordered pair of touching segments (a, b) how many voxels of a touch b, and which."""
+    """Return the ordered pairs of touching segments (a, b), and number and indices of the voxels of a that touch b."""
     both = np.concatenate([edges, edges[:, ::-1]])
     a, b = segments[both[:, 0]].astype(np.int64), segments[both[:, 1]].astype(np.int64)
     apart = a != b
@@ -167,7 +167,7 @@ def _contacts(segments: NDArray[np.int32], edges: NDArray[np.int64]) -> tuple[ND
 
 
 def _absorb_small(segments: NDArray[np.int32], edges: NDArray[np.int64], min_voxels: int) -> NDArray[np.int32]:
-    """Give segments that are too small to the segment that they touch most; twice, as company makes larger."""
+    """Merge small segments with the segment that they touch most; two rounds, as merged segments grow."""
     for _ in range(2):
         size = np.bincount(segments)
         a, b, count, _ = _contacts(segments, edges)
@@ -186,7 +186,7 @@ def _merge(
     places: NDArray[np.float64],
     parameters: YangDongParameters,
 ) -> NDArray[np.int32]:
-    """Merge touching segments into objects; upright poles keep apart from the foliage that they pass through."""
+    """Merge touching segments into objects, except upright poles with the foliage that they pass through."""
     n = int(segments.max()) + 1
     size = np.bincount(segments, minlength=n)
     table = np.zeros((n, 3), np.int64)
@@ -207,5 +207,5 @@ def _merge(
 
 
 def _passes(heights: NDArray[np.float64], low: float, high: float) -> bool:
-    """Tell whether contacts at these heights lie along a pole rather than at its upper end."""
+    """Return whether contacts at these heights lie along a pole rather than at its upper end."""
     return bool(np.median(heights) < low + 0.75 * (high - low))
