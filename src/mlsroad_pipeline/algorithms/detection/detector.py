@@ -21,8 +21,8 @@ from mlsroad_pipeline.algorithms.stages import GroundMask, GroundParameters, fin
 
 __all__ = [
     "GEOMETRY", "WITH_INTENSITY", "Description", "DetectionStages", "Detections", "ObjectLabels", "Segments",
-    "TrainedDetector", "choose_variant", "detect_by_description", "detect_objects", "label_described_objects", "label_detected_objects",
-    "object_bounds",
+    "TrainedDetector", "choose_variant", "detect_by_description", "detect_objects", "label_described_objects",
+    "label_detected_objects", "object_bounds",
 ]  # fmt: skip
 
 WITH_INTENSITY, GEOMETRY = "geometry+intensity", "geometry"
