@@ -98,7 +98,7 @@ def test_truncation_decides_how_many_may_deviate():
         ({"members": [0.0, 1.0, 2.0]}, "members of cliques must be integers"),
         ({"uniform": [[0.0, 3.0]]}, "clique 0 has a uniform cost above its maximum of 2.0"),
         ({"maximum": [np.nan]}, "maximum of cliques must be finite"),
-        ({"maximum": [2.0, 2.0]}, "1 cliques need uniform costs per label"),
+        ({"maximum": [2.0, 2.0]}, "uniform, maximum and truncation of 1 cliques"),
         ({"truncation": [0.0]}, "truncation of clique 0 must be above 0"),
         ({"truncation": [1.6]}, "at most half of its weight of 3.0, got 1.6"),
         ({"weights": [1.0, 1.0, -1.0]}, "weights of cliques must not be negative"),
@@ -116,5 +116,5 @@ def test_cliques_must_fit_the_nodes_and_labels():
 
     with pytest.raises(DataError, match="cliques name nodes 0 to 5, but there are 3"):
         minimize(np.zeros((3, 2)), [], [], clique([0, 1, 5], 2))
-    with pytest.raises(DataError, match="cliques know 3 labels, unary 2"):
+    with pytest.raises(DataError, match="cliques have 3 labels, unary has 2"):
         minimize(np.zeros((3, 2)), [], [], clique([0, 1, 2], 3))

@@ -282,7 +282,7 @@ def test_bad_input_is_named():
     graph = train_graph(known)
     with pytest.raises(DataError, match="histograms of 16 bins, got 12"):
         match_patches(planted_patches(5, 1, n_bins=12), graph)
-    with pytest.raises(DataError, match="class 3, the scheme has 2"):
+    with pytest.raises(DataError, match="class 3, but the scheme has 2"):
         PatchGraphClassifier.fit(known, NO_EDGES, 2)
     with pytest.raises(DataError, match="at least 8 scenes"):
         PatchGraphClassifier.fit(planted_patches(40, 1), NO_EDGES, 4)
@@ -295,7 +295,7 @@ def test_bad_input_is_named():
     [
         (PatchGraphParameters, {"n_matches": 0}, "n_matches must be at least 1, got 0"),
         (PatchGraphParameters, {"scene_length": 0}, "scene_length must be"),
-        (PatchGraphParameters, {"search": {"radius": 1}}, "search has no radius"),
+        (PatchGraphParameters, {"search": {"radius": 1}}, "search has no parameter radius"),
         (GridParameters, {"smoothness": []}, "at least one value"),
         (GridParameters, {"colour_decay": [-1.0]}, "colour_decay must be a finite number >= 0, got -1.0"),
         (GridParameters, {"max_patches": 0}, "max_patches must be at least 1, got 0"),

@@ -4,8 +4,8 @@ The energy of a labelling y is
 
     E(y) = sum_i unary[i, y_i] + sum_e weights[e] * label_costs[y_i, y_j] - sum_e agreement[e, k] * [y_i = y_j = k]
 
-with the ends i and j of edge e. An expansion of label alpha lets every node keep its label or take alpha; the best of
-all these 2**n labellings is found at once, as a minimum cut. Labels take turns until none of them lowers the energy.
+with the ends i and j of edge e. In an expansion of label alpha every node keeps its label or takes alpha; a minimum cut
+gives the best of these 2**n labellings. The labels are expanded cyclically until no expansion lowers the energy.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from mlsroad_pipeline.algorithms.energy.binary_cut import CutGraph
 from mlsroad_pipeline.algorithms.energy.pairwise_energy import PairwiseEnergy
 
 _LEAST_GAIN = 1e-10
-"""Share of the energy's size by which a move must lower it: below it lies the rounding of the sums."""
+"""Minimum relative decrease of the energy by a move; smaller changes are rounding."""
 
 
 def initial_labels(unary: NDArray[np.float64], initial: ArrayLike | None) -> NDArray[np.int32]:
-    """Return the labels to start from: those given, or each node's cheapest.
+    """Return the initial labels: those given, or the label of lowest unary cost of each node.
 
     Parameters
     ----------
     unary : ndarray of float64, shape (n, l)
-        Unary terms.
+        Unary costs.
     initial : array-like of int, shape (n,), optional
-        Labels to start from.
+        Initial labels.
 
     Returns
     -------
@@ -42,7 +42,7 @@ def initial_labels(unary: NDArray[np.float64], initial: ArrayLike | None) -> NDA
     Raises
     ------
     DataError
-        If `initial` has another shape, is not of integers, or names a label that does not exist.
+        If `initial` has another shape, is not an integer array, or contains an invalid label.
     """
     if initial is None:
         return unary.argmin(axis=1).astype(np.int32)
@@ -62,25 +62,25 @@ def expand_in_turn(
     energy: Callable[[NDArray[np.int32]], float],
     move: Callable[[NDArray[np.int32], int], NDArray[np.bool_]],
 ) -> tuple[NDArray[np.int32], float]:
-    """Expand the labels in turn until no expansion lowers the energy.
+    """Expand the labels cyclically until no expansion lowers the energy.
 
     Parameters
     ----------
     labels : ndarray of int32, shape (n,)
-        Labels to start from.
+        Initial labels.
     n_labels : int
-        The number of labels.
+        Number of labels.
     max_cycles : int
-        How often each label may have its turn.
+        Maximum number of cycles over all labels.
     energy : callable
-        Labelling to energy.
+        Function of a labelling; returns its energy.
     move : callable
-        Labelling and alpha to the nodes that take alpha in the best expansion.
+        Function of a labelling and alpha; returns the nodes that take alpha in the best expansion.
 
     Returns
     -------
     tuple of (ndarray of int32, float)
-        The last labelling and its energy.
+        The final labelling and its energy.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def expand_in_turn(
     """
     check_at_least(max_cycles, 1, "max_cycles")
     lowest = energy(labels)
-    idle = 0  # labels since the last that lowered the energy, which itself need not be tried again
+    idle = 0  # labels since the last decrease; that label itself needs no new trial
     for turn in range(max_cycles * n_labels):
         alpha = turn % n_labels
         tried = np.where(move(labels, alpha), np.int32(alpha), labels)
@@ -113,29 +113,28 @@ def minimize(
     initial: ArrayLike | None = None,
     max_cycles: int = 100,
 ) -> tuple[NDArray[np.int32], float]:
-    """Minimise an energy of unary terms and pairs by alpha-expansion.
+    """Minimise an energy of unary and pairwise terms by alpha-expansion.
 
-    No expansion of any label lowers the energy of the result any further. With two labels that is the global minimum;
-    with more it is at most twice the ratio of the largest to the smallest label cost away from it (Boykov et al. 2001,
-    Theorem 6.1, for energies without negative terms). The result does not depend on anything but the arguments.
+    No expansion lowers the energy of the result. With two labels the result is the global minimum. With more labels and
+    without negative terms, its energy is at most 2 c times the minimum, where c is the ratio of the largest to the
+    smallest label cost (Boykov et al. 2001, Theorem 6.1). The result is deterministic.
 
     Parameters
     ----------
     unary : array-like of shape (n, l)
-        What node i pays for label k; any finite numbers.
+        Cost of label k at node i; any finite numbers.
     edges : array-like of int, shape (e, 2)
-        Pairs of different nodes, each undirected edge once. An edge that is listed twice counts twice.
+        Pairs of different nodes, each undirected edge once. The weights of repeated edges add up.
     weights : array-like of shape (e,) or a number
-        Factor of the label costs of each edge, not negative. Larger weights make smoother labellings.
+        Factor of the label costs of each edge, at least 0. Larger weights give smoother labellings.
     label_costs : array-like of shape (l, l), optional
-        What two labels cost at the ends of an edge of weight 1: a metric. By default 1 for different labels, the Potts
-        model.
+        Cost of two labels at the ends of an edge of weight 1, a metric; by default 1 for different labels (Potts).
     agreement : array-like of shape (e, l), optional
-        What an edge gains where both of its ends have label k, not negative: the pairs of associative Markov networks.
+        Reward of an edge if both ends have label k, at least 0, as in associative Markov networks.
     initial : array-like of int, shape (n,), optional
-        Labels to start from; by default the cheapest of each node.
+        Initial labels; by default the label of lowest unary cost of each node.
     max_cycles : int, default 100
-        How often each label may have its turn; three to five times are usual until nothing changes.
+        Maximum number of cycles over all labels; convergence usually takes three to five.
 
     Returns
     -------
@@ -147,8 +146,8 @@ def minimize(
     Raises
     ------
     DataError
-        If a shape does not fit, a number is not finite, an edge is a loop or names a node that does not exist,
-        `initial` names a label that does not exist, or a weight or agreement is negative.
+        If a shape does not match, a number is not finite, an edge is a loop or has an invalid node, `initial` has an
+        invalid label, or a weight or agreement is negative.
     ParameterError
         If `label_costs` is not a metric or `max_cycles` is below 1.
 

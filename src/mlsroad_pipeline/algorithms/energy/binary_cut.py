@@ -1,9 +1,10 @@
-"""Exact minima of submodular energies of binary variables: persistency first, a minimum cut for what is left.
+"""Exact minimisation of submodular energies of binary variables by persistency and minimum cut.
 
-The energy is ``sum_i gain_i x_i + sum_e slack_e |x_i - x_j|`` with slacks that are not negative; every submodular
-energy of pairs takes this form (Kolmogorov and Zabih 2004, Theorem 4.1). A variable whose own gain outweighs the slacks
-of all its edges has the same value in every minimum (Hammer, Hansen and Simeone 1984). It is fixed, its edges become
-gains of their other ends, and those may be fixed in turn. In label problems a few per cent of the variables are left.
+The energy is ``sum_i gain_i x_i + sum_e slack_e |x_i - x_j|`` with slacks of at least 0. Every submodular pairwise
+energy has this form (Kolmogorov and Zabih 2004, Theorem 4.1). A variable whose gain outweighs the slacks of all its
+edges has the same value in every minimum (Hammer, Hansen and Simeone 1984). It is fixed, and its edges become gains of
+their other ends, which may then be fixed as well. In labelling problems a few per cent of the variables remain for the
+cut.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ _FREE = -1
 
 @njit(cache=True, nogil=True)
 def _incidence(edges: NDArray[np.int32], n_nodes: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Return, for each node, its neighbours and the edges to them: (row starts, (2 e, 2) of neighbour and edge)."""
+    """Return row starts and (2 e, 2) pairs of neighbour and edge of each node."""
     start = np.zeros(n_nodes + 1, np.int64)
     for e in range(len(edges)):
         start[edges[e, 0] + 1] += 1
@@ -44,9 +45,9 @@ def _fix(
     start: NDArray[np.int64],
     incident: NDArray[np.int32],
 ) -> None:
-    """Set the values that hold in every minimum, ties to 0, and move their edges into the gains of the free nodes."""
+    """Fix the variables with one value in every minimum, ties to 0; move their edges into the gains of free nodes."""
     n_nodes = len(gain)
-    bound = np.empty((n_nodes, 2))  # what taking 1 costs when all free neighbours take 1, and when all take 0
+    bound = np.empty((n_nodes, 2))  # cost of value 1 if all free neighbours are 1, and if all are 0
     bound[:, 0], bound[:, 1] = gain, gain
     for e in range(len(edges)):
         if slack[e] > 0:
@@ -84,7 +85,7 @@ def _free_part(
     start: NDArray[np.int64],
     incident: NDArray[np.int32],
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return the free nodes, their gains, and the ends (as numbers of free nodes) and slacks of the edges between."""
+    """Return the free nodes, their gains, and the ends (as indices of free nodes) and slacks of their edges."""
     number = np.full(len(value), -1, np.int64)
     nodes = np.flatnonzero(value == _FREE)
     number[nodes] = np.arange(len(nodes))
@@ -103,14 +104,14 @@ def _free_part(
 
 
 class CutGraph:
-    """A graph over which binary energies are minimised again and again, with other numbers each time.
+    """Graph for repeated minimisation of binary energies with changing terms.
 
     Parameters
     ----------
     edges : ndarray of int32, shape (e, 2)
-        Pairs of node indices; a pair may occur more than once.
+        Pairs of node indices; repeated pairs are allowed.
     n_nodes : int
-        The number of nodes.
+        Number of nodes.
     """
 
     def __init__(self, edges: NDArray[np.int32], n_nodes: int) -> None:
@@ -126,16 +127,16 @@ class CutGraph:
         Parameters
         ----------
         gain : ndarray of float64, shape (n_nodes,)
-            The cost of x_i = 1; changed in place. Edges to fixed nodes must be part of it already.
+            Cost of x_i = 1, including edges to fixed nodes; changed in place.
         slack : ndarray of float64, shape (e,)
-            The cost of ends that differ, not negative; 0 for edges of fixed nodes.
+            Cost of different ends, at least 0; 0 for edges of fixed nodes.
         fixed : ndarray of bool, shape (n_nodes,)
-            Nodes that take no part; they are False in the result.
+            Excluded nodes; False in the result.
 
         Returns
         -------
         ndarray of bool, shape (n_nodes,)
-            The variables; of several minima the one with the fewest True, up to rounding.
+            The variables; among several minima the one with the fewest True, up to rounding.
         """
         value = np.where(fixed, 0, _FREE).astype(np.int8)
         _fix(gain, slack, value, self.edges, self._start, self._incident)
@@ -147,7 +148,7 @@ class CutGraph:
 def _cut(
     gain: NDArray[np.float64], first: NDArray[np.int64], second: NDArray[np.int64], weight: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Solve the free part by maximum flow: the nodes that the sink can be reached from take 1, the others 0."""
+    """Solve the free part by maximum flow; nodes on the sink side take 1."""
     if len(gain) == 0:
         return np.zeros(0, dtype=np.bool_)
     graph = maxflow.Graph[float](len(gain), len(first))

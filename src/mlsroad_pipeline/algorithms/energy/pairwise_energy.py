@@ -1,6 +1,6 @@
-"""The energy of unary terms and pairs, and what an expansion of a label costs in it (Boykov, Veksler and Zabih 2001).
+"""Energy of unary and pairwise terms, and of its expansion moves (Boykov, Veksler and Zabih 2001).
 
-See `alpha_expansion` for the energy as a formula.
+The formula of the energy is in `alpha_expansion`.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def _move_terms(
     gain: NDArray[np.float64],
     slack: NDArray[np.float64],
 ) -> None:
-    """Write what an expansion of alpha costs: gain_i for taking alpha, slack_e for ends that decide differently."""
+    """Write the terms of an expansion of alpha: gain_i for taking alpha, slack_e for ends that differ in the move."""
     for i in range(len(labels)):
         gain[i] = unary[i, alpha] - unary[i, labels[i]]
     for e in range(len(edges)):
@@ -76,7 +76,7 @@ def _move_terms(
             neither = _pair(e, a, b, weights, label_costs, agreement)
             first = _pair(e, alpha, b, weights, label_costs, agreement)
             second = _pair(e, a, alpha, weights, label_costs, agreement)
-            # neither + c_i x_i + c_j x_j + s |x_i - x_j| takes these four values where s is not negative.
+            # neither + c_i x_i + c_j x_j + s |x_i - x_j| takes these four values if s is at least 0.
             slack[e] = max(0.5 * (first + second - neither - both), 0.0)
             gain[i] += 0.5 * (first - second + both - neither)
             gain[j] += 0.5 * (second - first + both - neither)
@@ -111,20 +111,20 @@ def _check_label_costs(label_costs: ArrayLike | None, n_labels: int) -> NDArray[
 
 @dataclass(frozen=True)
 class PairwiseEnergy:
-    """The energy of unary terms and pairs, checked.
+    """Validated energy of unary and pairwise terms.
 
     Attributes
     ----------
     unary : ndarray of float64, shape (n, l)
-        What node i pays for label k.
+        Cost of label k at node i.
     edges : ndarray of int32, shape (e, 2)
         Ends of the edges.
     weights : ndarray of float64, shape (e,)
         Factors of the label costs.
     label_costs : ndarray of float64, shape (l, l)
-        What two labels cost at the ends of an edge of weight 1.
+        Cost of two labels at the ends of an edge of weight 1.
     agreement : ndarray of float64, shape (e, l) or (0, l)
-        What an edge gains where both of its ends have label k.
+        Reward of an edge if both ends have label k.
     """
 
     unary: NDArray[np.float64]
@@ -142,7 +142,7 @@ class PairwiseEnergy:
         label_costs: ArrayLike | None = None,
         agreement: ArrayLike | None = None,
     ) -> PairwiseEnergy:
-        """Build an energy from what a caller gives; see `minimize` for the arguments and errors.
+        """Validate the arguments of `minimize` and return the energy.
 
         Parameters
         ----------
@@ -152,14 +152,14 @@ class PairwiseEnergy:
         Returns
         -------
         PairwiseEnergy
-            The energy, all arrays contiguous.
+            The energy, with contiguous arrays.
 
         Raises
         ------
         DataError
-            As `minimize` does.
+            As in `minimize`.
         ParameterError
-            As `minimize` does.
+            As in `minimize`.
         """
         array = np.asarray(unary)
         if array.ndim != 2 or array.shape[1] == 0:
@@ -187,7 +187,7 @@ class PairwiseEnergy:
         Parameters
         ----------
         labels : ndarray of int32, shape (n,)
-            A label per node.
+            Label of each node.
 
         Returns
         -------
@@ -204,12 +204,12 @@ class PairwiseEnergy:
         Parameters
         ----------
         labels : ndarray of int32, shape (n,)
-            The present labelling.
+            Current labels.
         alpha : int
-            The label that may be taken.
+            Label of the expansion.
         gain : ndarray of float64, shape (n,)
-            Receives the cost of taking alpha.
+            Output: cost of taking alpha.
         slack : ndarray of float64, shape (e,)
-            Receives the cost of ends that decide differently.
+            Output: cost of ends that differ in the move.
         """
         _move_terms(labels, alpha, self.unary, self.edges, self.weights, self.label_costs, self.agreement, gain, slack)

@@ -1,13 +1,13 @@
 """Robust P^n Potts cliques in alpha-expansion (Kohli, Ladicky and Torr 2009, equation 9 and section 4).
 
-A clique pays, for the label k that suits it best, its uniform cost of k plus a share of the way to its maximum for
-every member that deviates, and never more than the maximum:
+The cost of a clique is the minimum over labels k of its uniform cost of k, increased linearly with the weight of the
+deviating members, and truncated at a maximum:
 
     psi(y) = min(maximum, min_k [uniform_k + deviating_k(y) * (maximum - uniform_k) / truncation])
 
-where deviating_k is the weight of the members that have not label k. In an expansion of alpha only two labels can lower
-the cost of a clique: alpha, and the one label that enough members have. Each is one further binary variable: whether
-the clique pays for that label or its maximum.
+where deviating_k is the weight of the members without label k. In an expansion of alpha only two labels can lower the
+cost of a clique: alpha, and the one label of sufficiently many members. Each adds one binary variable, which selects
+between the cost of that label and the maximum.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ from mlsroad_pipeline.algorithms.energy.pairwise_energy import PairwiseEnergy
 
 @dataclass(frozen=True, eq=False)
 class Cliques:
-    """Groups of nodes that had better share a label.
+    """Groups of nodes with a cost for deviating labels.
 
     Parameters
     ----------
     indptr : array-like of int, shape (c + 1,)
-        Where each clique's members start in `members`.
+        Start of each clique in `members`.
     members : array-like of int, shape (m,)
-        Node indices, clique after clique. A node may be in several cliques.
+        Node indices, clique by clique. A node may belong to several cliques.
     uniform : array-like of shape (c, l)
-        What a clique pays where all of its members have label k; at most `maximum`, negative for a reward.
+        Cost of a clique if all members have label k, at most `maximum`; negative for a reward.
     maximum : array-like of shape (c,)
-        What a clique pays where no label suits it.
+        Maximum cost of a clique.
     truncation : array-like of shape (c,)
-        Weight of deviating members at which the maximum is reached, above 0 and at most half of the clique's weight.
-        Small values come close to the strict P^n Potts model, large ones tolerate many deviating members.
+        Weight of deviating members at which the maximum is reached, above 0 and at most half the weight of the clique.
+        Small values approach the strict P^n Potts model, large values tolerate many deviating members.
     weights : array-like of shape (m,), optional
-        Weight of each member, not negative; 1 by default.
+        Weight of each member, at least 0; 1 by default.
 
     Raises
     ------
     DataError
-        If shapes do not fit, a number is not finite, a weight is negative, a uniform cost exceeds the maximum, or a
-        truncation is not above 0 and at most half of its clique's weight.
+        If shapes do not match, a number is not finite, a weight is negative, a uniform cost exceeds the maximum, or a
+        truncation is outside its domain.
     """
 
     indptr: NDArray[np.int64]
@@ -79,7 +79,7 @@ class Cliques:
             raise DataError(f"indptr of cliques must rise from 0 to {len(self.members)}")
         shapes = (self.uniform.ndim, len(self.uniform), self.maximum.shape, self.truncation.shape)
         if shapes != (2, n, (n,), (n,)) or self.member_weights.shape != self.members.shape:
-            raise DataError(f"{n} cliques need uniform costs per label, a maximum and a truncation each, got {shapes}")
+            raise DataError(f"uniform, maximum and truncation of {n} cliques have inconsistent shapes: {shapes}")
         if (self.member_weights < 0).any():
             raise DataError(f"weights of cliques must not be negative, got {self.member_weights.min()}")
         above = np.flatnonzero((self.uniform > self.maximum[:, None]).any(axis=1))
@@ -109,7 +109,7 @@ class Cliques:
 def _deviating(
     c: int, labels: NDArray[np.int32], indptr: NDArray[np.int64], members: NDArray[np.int32], weights: NDArray
 ) -> NDArray[np.float64]:
-    """Return the weight of the members of a clique that have not label k, for each k."""
+    """Return, for each label k, the weight of the members of a clique without label k."""
     share = np.zeros(labels.max() + 1)
     for s in range(indptr[c], indptr[c + 1]):
         share[labels[members[s]]] += weights[s]
@@ -130,7 +130,7 @@ def _clique_energy(
     for c in range(len(maximum)):
         deviating = _deviating(c, labels, indptr, members, weights)
         cost = maximum[c]
-        for k in range(len(deviating)):  # a label that no member has costs at least the maximum
+        for k in range(len(deviating)):  # a label without members costs at least the maximum
             cost = min(cost, uniform[c, k] + deviating[k] * (maximum[c] - uniform[c, k]) / truncation[c])
         total += cost
     return total
@@ -151,8 +151,8 @@ def _clique_terms(
 ) -> None:
     """Add the cliques to the binary energy of a move.
 
-    `gain` ends with two variables per clique: "pays for alpha" and "pays its maximum rather than for the label it has";
-    `slack` ends with two edges per member, to these two.
+    `gain` ends with two variables per clique: "cost of alpha" and "maximum instead of the cost of the present label".
+    `slack` ends with two edges per member, to these variables.
     """
     n_nodes, n_edges = len(labels), len(slack) - 2 * len(members)
     for c in range(len(maximum)):
@@ -160,7 +160,7 @@ def _clique_terms(
         deviating = _deviating(c, labels, indptr, members, weights)
         present = -1
         for k in range(len(deviating)):
-            if k != alpha and deviating[k] < truncation[c]:  # true of one label at most
+            if k != alpha and deviating[k] < truncation[c]:  # true for at most one label
                 present = k
         rate = (maximum[c] - uniform[c, alpha]) / truncation[c]
         gain[takes] = uniform[c, alpha] - maximum[c]
@@ -172,12 +172,12 @@ def _clique_terms(
         for s in range(indptr[c], indptr[c + 1]):
             i, e = members[s], n_edges + 2 * s
             slack[e], slack[e + 1] = 0.0, 0.0
-            if labels[i] != alpha:  # costs where the clique pays for alpha and the member keeps its label
+            if labels[i] != alpha:  # cost if the clique selects alpha and the member keeps its label
                 half = 0.5 * rate * weights[s]
                 slack[e] = half
                 gain[takes] += half
                 gain[i] -= half
-            if labels[i] == present:  # costs where the clique pays for its label and the member takes alpha
+            if labels[i] == present:  # cost if the clique keeps its label and the member takes alpha
                 half = 0.5 * present_rate * weights[s]
                 slack[e + 1] = half
                 gain[leaves] -= half
@@ -204,28 +204,28 @@ def minimize(
     initial: ArrayLike | None = None,
     max_cycles: int = 100,
 ) -> tuple[NDArray[np.int32], float]:
-    """Minimise an energy of unary terms, pairs and robust P^n Potts cliques by alpha-expansion.
+    """Minimise an energy of unary, pairwise and robust P^n Potts terms by alpha-expansion.
 
-    Every expansion is the best of all 2**n. No expansion of any label lowers the energy of the result any further.
+    Every expansion is optimal among all 2**n. No expansion lowers the energy of the result.
 
     Parameters
     ----------
     unary : array-like of shape (n, l)
-        What node i pays for label k.
+        Cost of label k at node i.
     edges : array-like of int, shape (e, 2)
         Pairs of different nodes, each undirected edge once.
     weights : array-like of shape (e,) or a number
-        Factor of the label costs of each edge, not negative.
+        Factor of the label costs of each edge, at least 0.
     cliques : Cliques
-        The cliques; none of them leaves the energy of `alpha_expansion.minimize`.
+        The cliques; without cliques the energy is that of `alpha_expansion.minimize`.
     label_costs : array-like of shape (l, l), optional
-        What two labels cost at the ends of an edge of weight 1, a metric; the Potts model by default.
+        Cost of two labels at the ends of an edge of weight 1, a metric; the Potts model by default.
     agreement : array-like of shape (e, l), optional
-        What an edge gains where both of its ends have label k, not negative.
+        Reward of an edge if both ends have label k, at least 0.
     initial : array-like of int, shape (n,), optional
-        Labels to start from; by default the cheapest of each node.
+        Initial labels; by default the label of lowest unary cost of each node.
     max_cycles : int, default 100
-        How often each label may have its turn.
+        Maximum number of cycles over all labels.
 
     Returns
     -------
@@ -237,14 +237,14 @@ def minimize(
     Raises
     ------
     DataError
-        As `alpha_expansion.minimize` does, or if a clique has a member that does not exist or another number of labels.
+        As in `alpha_expansion.minimize`, or if a clique has an invalid member or another number of labels.
     ParameterError
-        As `alpha_expansion.minimize` does.
+        As in `alpha_expansion.minimize`.
     """
     pairs = PairwiseEnergy.checked(unary, edges, weights, label_costs, agreement)
     n_nodes, n_labels = pairs.unary.shape
     if len(cliques) and cliques.uniform.shape[1] != n_labels:
-        raise DataError(f"cliques know {cliques.uniform.shape[1]} labels, unary {n_labels}")
+        raise DataError(f"cliques have {cliques.uniform.shape[1]} labels, unary has {n_labels}")
     if len(cliques.members) and not 0 <= cliques.members.min() <= cliques.members.max() < n_nodes:
         raise DataError(
             f"cliques name nodes {cliques.members.min()} to {cliques.members.max()}, but there are {n_nodes}"

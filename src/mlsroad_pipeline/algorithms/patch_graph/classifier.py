@@ -1,4 +1,4 @@
-"""Label transfer as a classifier of patches: fit, class probabilities, plain arrays."""
+"""Patch classifier by label transfer."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ class PatchGraphParameters:
     Parameters
     ----------
     n_matches : int, default 7
-        K, matches of each patch, all from different scenes (luo2016: 7). More votes smooth the labels.
+        Number K of matches per patch, all from different scenes (luo2016: 7). Larger values smooth the labels.
     scene_length : float, default 10.0
-        Training scenes are cut into pieces of about this length in metres (luo2016: 10): more than K are needed.
+        Length into which training scenes are cut, metres (luo2016: 10). More than K scenes are required.
     max_patches : int, default 3000
-        Most patches of a piece, drawn with every class in its share. Bounds the time and the size of the model.
+        Maximum patches per scene, sampled in proportion to the classes. Bounds the time and the size of the model.
     seed : int, default 2016
-        Seed of the draws and of the search.
+        Seed of the samples and of the search.
     weights : CostWeights
         Weights of the costs.
     search : SearchParameters
-        How matches are searched.
+        Parameters of the search.
 
     Raises
     ------
@@ -57,7 +57,7 @@ class PatchGraphParameters:
 
     def __post_init__(self) -> None:
         for name, kind in (("weights", CostWeights), ("search", SearchParameters)):
-            if isinstance(getattr(self, name), Mapping):  # as configuration gives it
+            if isinstance(getattr(self, name), Mapping):  # from configuration
                 object.__setattr__(self, name, _from_mapping(kind, getattr(self, name), name))
         check_positive(self.scene_length, "patch_graph.scene_length")
         for name, least in (("n_matches", 1), ("max_patches", 1), ("seed", 0)):
@@ -68,12 +68,12 @@ class PatchGraphParameters:
 def _from_mapping(kind: type, values: Mapping[str, Any], name: str) -> Any:
     unknown = sorted(set(values) - {entry.name for entry in fields(kind)})
     if unknown:
-        raise ParameterError(f"patch_graph.{name} has no {', '.join(unknown)}")
+        raise ParameterError(f"patch_graph.{name} has no parameter {', '.join(unknown)}")
     return kind(**values)
 
 
 class PatchGraphClassifier:
-    """Label transfer with the 3-D patch match graph.
+    """Patch classifier by label transfer with the 3-D patch match graph.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class PatchGraphClassifier:
     weights : CostWeights
         Weights of the costs.
     search : SearchParameters
-        How matches are searched.
+        Parameters of the search.
     """
 
     def __init__(self, graph: TrainedGraph, n_classes: int, *, weights: CostWeights, search: SearchParameters) -> None:
@@ -110,7 +110,7 @@ class PatchGraphClassifier:
         patches : Patches
             Labelled patches of the training scenes.
         edges : ndarray of int32, shape (m, 2)
-            Neighbouring patches.
+            Pairs of adjacent patches.
         n_classes : int
             Number of classes of the scheme.
         parameters : PatchGraphParameters, optional
@@ -126,11 +126,11 @@ class PatchGraphClassifier:
         Raises
         ------
         DataError
-            If the scenes are too few, or a class is outside the scheme.
+            If there are too few scenes, or a class is outside the scheme.
         """
         chosen = parameters or PatchGraphParameters()
         if len(patches) and patches.label.max() >= n_classes:
-            raise DataError(f"patches have class {patches.label.max()}, the scheme has {n_classes} classes")
+            raise DataError(f"patches have class {patches.label.max()}, but the scheme has {n_classes} classes")
         used, _ = select_training(patches, edges, chosen)
         graph = train_graph(
             used,
@@ -143,14 +143,14 @@ class PatchGraphClassifier:
         return cls(graph, n_classes, weights=chosen.weights, search=chosen.search)
 
     def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Return the class probabilities of the patches of one scene, equation 6.
+        """Return the class probabilities of the patches of one scene (equation 6).
 
         Parameters
         ----------
         patches : Patches
-            The patches; colour is left out where they or the training scenes have none.
+            The patches; colour is used if both they and the training scenes have it.
         edges : ndarray of int32, shape (m, 2)
-            Not used.
+            Unused.
 
         Returns
         -------
@@ -163,11 +163,11 @@ class PatchGraphClassifier:
             If the histograms have another length than those of the training.
         """
         del edges
-        found = match_patches(patches, self.graph, weights=self.weights, search=self.search)
-        return class_probabilities(self.graph.labels[found.matches], self.n_classes)
+        matched = match_patches(patches, self.graph, weights=self.weights, search=self.search)
+        return class_probabilities(self.graph.labels[matched.matches], self.n_classes)
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return all that was learned as named plain arrays."""
+        """Return the learned parameters as named arrays."""
         return {
             **self.graph.to_arrays(),
             "n_classes": np.array(self.n_classes),
@@ -177,7 +177,7 @@ class PatchGraphClassifier:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild the classifier from what `to_arrays` returned.
+        """Rebuild the classifier from the arrays of `to_arrays`.
 
         Parameters
         ----------
@@ -203,23 +203,23 @@ class PatchGraphClassifier:
 def select_training(
     patches: Patches, edges: NDArray[np.int32], parameters: PatchGraphParameters
 ) -> tuple[Patches, NDArray[np.int32]]:
-    """Cut the training scenes to their length and thin them.
+    """Cut the training scenes to the given length and thin them.
 
     Parameters
     ----------
     patches : Patches
         Labelled patches of the training scenes.
     edges : ndarray of int32, shape (m, 2)
-        Neighbouring patches.
+        Pairs of adjacent patches.
     parameters : PatchGraphParameters
-        Length, most patches and seed.
+        Length, maximum patches and seed.
 
     Returns
     -------
     patches : Patches
-        What the graph is built of.
+        Patches of the graph.
     edges : ndarray of int32
-        The edges among them.
+        Edges between these patches.
     """
     short = cut_scenes(patches, parameters.scene_length)
     return thin_scenes(short, edges, n_patches=parameters.max_patches, seed=parameters.seed)

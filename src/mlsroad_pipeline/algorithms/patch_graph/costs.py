@@ -1,4 +1,4 @@
-"""What a match costs: equations 2 to 5 of Luo et al. 2016."""
+"""Costs of matches (Luo et al. 2016, equations 2 to 5)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.algorithms.patches.extraction import Patches
 
 N_ABSOLUTE = 4
-"""Columns of a table that are compared by their absolute differences: red, green, blue and height."""
+"""Columns compared by absolute differences: red, green, blue and height."""
 
 _LEAST = np.float32(1e-30)
 _LEAST_OF_TWO = np.float32(1e-15)
@@ -21,18 +21,18 @@ _LEAST_OF_TWO = np.float32(1e-15)
 
 @dataclass(frozen=True)
 class CostWeights:
-    """Weights of the three costs of a match; patches without colour share that of colour among the other two.
+    """Weights of the three costs of a match. Without colour, its weight is distributed over the other two.
 
     Parameters
     ----------
     colour : float, default 0.3
-        Weight alpha_c of the summed absolute differences of red, green and blue in [0, 1], equation 3.
+        Weight alpha_c of the summed absolute differences of red, green and blue in [0, 1] (equation 3).
     height : float, default 0.3
-        Weight alpha_h of the difference of heights, equation 5.
+        Weight alpha_h of the difference of heights (equation 5).
     shape : float, default 0.4
-        Weight alpha_f of the chi-square distance of the histograms, equation 4; bins empty in both count nothing.
+        Weight alpha_f of the chi-square distance of the histograms (equation 4); bins empty in both contribute 0.
     max_height : float, default 20.0
-        H_max in metres: the difference of heights that counts 1. Smaller lets height weigh more.
+        H_max, the height difference of cost 1, metres. Smaller values increase the influence of height.
 
     Raises
     ------
@@ -54,49 +54,48 @@ class CostWeights:
         check_positive(self.max_height, "max_height")
 
     def without_colour(self) -> CostWeights:
-        """Return the weights for patches without colour: that of colour goes to the others, in proportion."""
+        """Return the weights for patches without colour: its weight is distributed proportionally."""
         grown = (self.colour + self.height + self.shape) / (self.height + self.shape)
         return CostWeights(0.0, self.height * grown, self.shape * grown, self.max_height)
 
 
 def weigh_descriptors(patches: Patches, weights: CostWeights, *, with_colour: bool) -> NDArray[np.float32]:
-    """Scale descriptors so that a cost is a plain sum: absolute differences of four columns, chi-square of the rest.
+    """Scale descriptors so that a cost is a sum: absolute differences of four columns, chi-square of the rest.
 
     Parameters
     ----------
     patches : Patches
         The patches.
     weights : CostWeights
-        The weights as given; they are shared out here where there is no colour.
+        The weights; without colour they are redistributed here.
     with_colour : bool
-        Whether colour counts.
+        Whether to use colour.
 
     Returns
     -------
     ndarray of float32, shape (n, 4 + d)
-        alpha_c times the colours (0 without colour), alpha_h times the heights over H_max, alpha_f times the
-        histograms.
+        alpha_c times colour (0 without colour), alpha_h times height over H_max, alpha_f times the histogram.
 
     Raises
     ------
     DataError
-        If colour counts and the patches have none.
+        If `with_colour` is set and the patches have no colour.
     """
     if with_colour and patches.rgb is None:
-        raise DataError("the patches have no colour, and the matches that they are compared with do")
+        raise DataError("the patches have no colour, but the patches to match have it")
     used = weights if with_colour else weights.without_colour()
     table = np.zeros((len(patches), N_ABSOLUTE + patches.fpfh.shape[1]), np.float32)
     if with_colour and patches.rgb is not None:
         table[:, :3] = used.colour * patches.rgb
     table[:, 3] = used.height / used.max_height * patches.height
-    # The chi-square of histograms scaled by a factor is scaled by that factor.
+    # The chi-square distance is linear in a common factor of both histograms.
     table[:, N_ABSOLUTE:] = used.shape * patches.fpfh
     return table
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "arcp"})
 def bounded_cost(a: NDArray[np.float32], i: int, b: NDArray[np.float32], j: int, bound: np.float32) -> np.float32:
-    """Return the cost of matching row i of `a` with row j of `b`, or a part of it that already reaches `bound`."""
+    """Return the cost of matching row i of `a` with row j of `b`, or a partial cost of at least `bound`."""
     absolute = abs(a[i, 0] - b[j, 0]) + abs(a[i, 1] - b[j, 1]) + abs(a[i, 2] - b[j, 2]) + abs(a[i, 3] - b[j, 3])
     if absolute >= bound:
         return absolute
@@ -111,8 +110,8 @@ def bounded_cost(a: NDArray[np.float32], i: int, b: NDArray[np.float32], j: int,
 def block_costs(a: NDArray[np.float32], i: int, block: NDArray[np.float32], n: int, costs: NDArray[np.float32]) -> None:
     """Write the costs of matching row i of `a` with the first n columns of a transposed table.
 
-    The loops run along the columns, so that they vectorise: a cost takes a tenth of the time of `bounded_cost`, from
-    which it can differ in the last bits. Two bins share a division.
+    Loops along the columns vectorise: a tenth of the time of `bounded_cost`, with differences in the last bits. Two
+    bins share a division.
     """
     for j in range(n):
         absolute = abs(a[i, 0] - block[0, j]) + abs(a[i, 1] - block[1, j])

@@ -1,4 +1,4 @@
-"""Training scenes labelled by graphs that do not know them: what the refinement's parameters are chosen on."""
+"""Labels of held-out training scenes, for the choice of the refinement parameters."""
 
 from __future__ import annotations
 
@@ -30,10 +30,9 @@ def label_held_out(
 ) -> list[ValidationScene]:
     """Label training scenes by matches in other training scenes.
 
-    With patches of two surveys or more whole surveys are held out: a graph of the other folds' surveys labels those of
-    a fold. Else the trained graph labels each piece of a survey by all other pieces, which know the same street. Whole
-    pieces are labelled: thinned ones have fewer edges than the scenes that are to be labelled, and would ask for a
-    larger lambda.
+    With two or more surveys, whole surveys are held out: the surveys of a fold are labelled by a graph of the other
+    folds. With one survey, the trained graph labels each scene by matches in all other scenes, which show the same
+    street. Scenes are not thinned: they would have fewer edges than the scenes to label, and require a larger lambda.
 
     Parameters
     ----------
@@ -42,30 +41,29 @@ def label_held_out(
     patches : Patches
         Labelled patches of the training scenes.
     edges : ndarray of int32, shape (m, 2)
-        Neighbouring patches.
+        Pairs of adjacent patches.
     parameters : PatchGraphParameters
-        The parameters of the fit.
+        Parameters of the graph.
     max_patches : int
-        Pieces are taken, evenly spread, up to about this many patches.
+        Approximate number of patches to label: whole scenes, evenly spread.
     surveys : ndarray of int32, shape (scenes,), optional
-        Survey of each scene of the patches; None holds out pieces.
+        Survey of each scene; None holds out scenes.
     n_folds : int, default 3
-        Folds that the surveys are dealt to, one after the other; each costs the training of a
-        graph. 0 holds out pieces.
+        Folds of surveys, assigned in order; each fold trains a graph. 0 holds out scenes.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
     Returns
     -------
     list of ValidationScene
-        The pieces, in the order of the scenes.
+        The labelled scenes, in order.
     """
     whole = cut_scenes(patches, parameters.scene_length)
     pieces = np.unique(whole.scene)
     wanted = min(len(pieces), max(1, round(len(pieces) * max_patches / len(whole))))
     drawn = pieces[np.unique(np.linspace(0, len(pieces) - 1, wanted).round()).astype(np.int64)]
     fold = None if surveys is None else _folds(patches, whole.scene, surveys, n_folds, parameters.n_matches)
-    found: dict[int, ValidationScene] = {}
+    labelled: dict[int, ValidationScene] = {}
     if fold is None:
         for place in drawn.tolist():
             scene, inside = _piece(whole, edges, place)
@@ -75,8 +73,8 @@ def label_held_out(
                 n_threads=n_threads,
             )  # fmt: skip
             votes = class_probabilities(transfer.graph.labels[matched.matches], transfer.n_classes)
-            found[place] = ValidationScene(votes, scene.rgb, inside, scene.label)
-        return list(found.values())
+            labelled[place] = ValidationScene(votes, scene.rgb, inside, scene.label)
+        return list(labelled.values())
     for number, rows in _held_out(fold):
         others = PatchGraphClassifier.fit(
             patches.take(~rows), _edges_of(edges, ~rows), transfer.n_classes, parameters=parameters, n_threads=n_threads
@@ -85,14 +83,14 @@ def label_held_out(
         for place in np.intersect1d(whole.scene[rows], drawn).tolist():
             scene, inside = _piece(whole, edges, place)
             votes = others.predict_proba(scene, inside)
-            found[place] = ValidationScene(votes, scene.rgb, inside, scene.label)
-    return [found[place] for place in sorted(found)]
+            labelled[place] = ValidationScene(votes, scene.rgb, inside, scene.label)
+    return [labelled[place] for place in sorted(labelled)]
 
 
 def _folds(
     patches: Patches, pieces: NDArray[np.int32], surveys: NDArray[np.int32], n_folds: int, n_matches: int
 ) -> NDArray[np.int64] | None:
-    """Return the fold of each patch; None where whole surveys cannot be held out."""
+    """Return the fold of each patch; None if whole surveys cannot be held out."""
     survey = np.unique(surveys[patches.scene], return_inverse=True)[1].astype(np.int64)
     n_surveys = int(survey.max()) + 1
     if n_folds == 0 or n_surveys == 1:
@@ -115,7 +113,7 @@ def _held_out(fold: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.bool_]]
 
 
 def _edges_of(edges: NDArray[np.int32], rows: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Return the edges among some patches, as places among these."""
+    """Return the edges between the given patches, as indices into these."""
     place = np.where(rows, np.cumsum(rows) - 1, -1).astype(np.int32)[edges]
     return place[(place >= 0).all(axis=1)]
 

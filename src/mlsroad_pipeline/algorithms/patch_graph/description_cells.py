@@ -1,7 +1,7 @@
-"""Cells of alike descriptions: where the search starts, so that few moves are left to make.
+"""Clusters of similar descriptors, which initialise the search for matches.
 
-The patches of an index are shared out to cells around a few hundred centres. A patch is compared with the centres, and
-then with the patches of the nearest cells only.
+The patches of an index are clustered around a few hundred centres. A patch is compared with the centres, then with the
+patches of the nearest clusters only.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ _SAMPLE = 32
 
 
 class DescriptionCells(NamedTuple):
-    """Patches of an index by cells of alike descriptions.
+    """Patches of an index by clusters of similar descriptors.
 
     Attributes
     ----------
     centres : ndarray of float32, shape (c, 4 + d)
         Mean weighted descriptor of each cell.
     cell_starts : ndarray of int64, shape (c + 1,)
-        Where the members of each cell begin.
+        Start of each cell in `members`.
     members : ndarray of int32, shape (n,)
-        The patches, cell after cell, ascending inside one.
+        Patches, cell by cell, ascending within a cell.
     """
 
     centres: NDArray[np.float32]
@@ -44,7 +44,7 @@ class DescriptionCells(NamedTuple):
 def _assign(
     table: NDArray[np.float32], centres: NDArray[np.float32], first: int, last: int, out: NDArray[np.int32]
 ) -> None:
-    """Write the cheapest centre of rows first to last, of equally cheap ones the first."""
+    """Write the centre of lowest cost for rows `first` to `last`, the first of equal ones."""
     columns, costs = centres.T.copy(), np.empty(len(centres), np.float32)
     for i in range(first, last):
         block_costs(table, i, columns, len(centres), costs)
@@ -53,7 +53,7 @@ def _assign(
 
 @njit(cache=True, nogil=True)
 def _means(table: NDArray[np.float32], cell: NDArray[np.int32], centres: NDArray[np.float32]) -> None:
-    """Move each centre to the mean of its rows; one without rows stays."""
+    """Move each centre to the mean of its rows; centres without rows remain."""
     sums, counts = np.zeros(centres.shape), np.zeros(len(centres), np.int64)
     for i in range(len(table)):
         counts[cell[i]] += 1
@@ -66,21 +66,21 @@ def _means(table: NDArray[np.float32], cell: NDArray[np.int32], centres: NDArray
 
 
 def build_description_cells(table: NDArray[np.float32], *, seed: int = 0, n_threads: int = 1) -> DescriptionCells:
-    """Share patches out to about as many cells as a cell has members: k-means with the costs of matches.
+    """Cluster patches by k-means with the costs of matches, into about the square root of n cells.
 
     Parameters
     ----------
     table : ndarray of float32, shape (n, 4 + d)
         Weighted descriptors, at least one.
     seed : int, default 0
-        Seed of the first centres.
+        Seed of the initial centres.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
     Returns
     -------
     DescriptionCells
-        The cells; all but few have members.
+        The cells; some may be empty.
     """
     n_cells = ceil(sqrt(len(table)))
     rows = np.random.default_rng(seed).permutation(len(table))[: _SAMPLE * n_cells]
@@ -103,7 +103,7 @@ def _nearest(table: NDArray[np.float32], centres: NDArray[np.float32], n_threads
 def _nearest_cells(
     table: NDArray[np.float32], centres: NDArray[np.float32], n_probes: int, first: int, last: int
 ) -> NDArray[np.int32]:
-    """Return the cells whose centres cost rows `first` to `last` the least, the cheapest first."""
+    """Return the cells of lowest centre cost for rows `first` to `last`, the cheapest first."""
     found = np.empty((last - first, n_probes), np.int32)
     nearest, columns, costs = np.empty(n_probes, np.float32), centres.T.copy(), np.empty(len(centres), np.float32)
     for u in range(first, last):
@@ -122,7 +122,7 @@ def _nearest_cells(
 
 @njit(cache=True, nogil=True)
 def _visitors(found: NDArray[np.int32], n_cells: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """List the rows that name each cell, as a CSR pair."""
+    """List the rows that refer to each cell, as a CSR pair."""
     indptr = np.zeros(n_cells + 1, np.int64)
     for row in found:
         for c in row:
@@ -149,10 +149,10 @@ def search_cells(
     matches: NDArray[np.int32],
     costs: NDArray[np.float32],
 ) -> None:
-    """Improve the matches of nodes `first` to `last` by the members of the cells whose centres cost each the least.
+    """Improve the matches of nodes `first` to `last` by the members of their nearest cells.
 
-    It goes from cell to cell, so that members are gathered from memory once for all nodes that look at them. Each
-    node's nearest cell comes before the others: what is found there spares most of the updates.
+    The loop runs over cells, so that the members of a cell are loaded once for all nodes that are compared with them.
+    The nearest cell of each node comes first: its matches avoid most later updates.
     """
     table, targets, target_scene = source.table, target.table, target.scene
     found = _nearest_cells(table, cells.centres, min(n_probes, len(cells.centres)), first, last)

@@ -1,4 +1,4 @@
-"""The exhaustive search of Luo et al. 2016, section III-B.2: few nodes, chosen, compared with all others."""
+"""Exhaustive search: selected nodes are compared with all others (Luo et al. 2016, section III-B.2)."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from mlsroad_pipeline.algorithms.patch_graph.moves import insert, largest, slot_
 from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex
 from mlsroad_pipeline.algorithms.patches.extraction import UNKNOWN
 
-_BLOCK = 1024  # patches that a core's cache holds
+_BLOCK = 1024  # patches that fit the cache of a core
 
 
 def minority_classes(labels: NDArray[np.int16]) -> list[int]:
-    """Return the classes that have less than half of an equal share of the labelled patches."""
+    """Return the classes with less than half of an equal share of the labelled patches."""
     classes, counts = np.unique_counts(labels[labels != UNKNOWN])
     return [int(c) for c, n in zip(classes, counts, strict=True) if 2 * n * len(classes) < counts.sum()]
 
 
 class NodeChooser:
-    """Chooses the nodes of the exhaustive search; none twice, because nothing is left to find for it.
+    """Selection of nodes for the exhaustive search, each at most once.
 
     Parameters
     ----------
     labels : ndarray of int16, shape (n,)
         Classes of the nodes.
     minority : sequence of int
-        Classes of the second strategy; empty leaves it out.
+        Classes of the second strategy (nodes of minority classes); empty to disable it.
     minority_share : float
-        Share of their patches that each iteration searches.
+        Fraction of the patches of these classes per iteration.
     n_costly : int
-        Nodes of the first strategy in each iteration.
+        Nodes of the first strategy (costly matches) per iteration.
     seed : int
-        Seed of the choice.
+        Seed of the selection.
     """
 
     def __init__(
@@ -50,11 +50,11 @@ class NodeChooser:
 
     @property
     def exhausted(self) -> bool:
-        """Whether every node has been searched, so that the graph is optimal."""
+        """Whether all nodes have been searched; the graph is then optimal."""
         return bool(self._done.all())
 
     def choose(self, costs: NDArray[np.float32]) -> NDArray[np.int32]:
-        """Choose nodes with a probability that grows with the cost of their best match, and nodes of minority classes.
+        """Select nodes with probability proportional to the cost of their best match, and nodes of minority classes.
 
         Parameters
         ----------
@@ -67,7 +67,7 @@ class NodeChooser:
             The nodes, ascending.
         """
         left = np.flatnonzero(~self._done)
-        # Efraimidis and Spirakis: the largest keys are a weighted sample without replacement.
+        # Weighted sampling without replacement by the largest keys (Efraimidis and Spirakis).
         keys = np.log(self._random.random(len(left))) / np.maximum(costs[left].min(axis=1), 1e-12)
         n = min(self._n_costly, len(left))
         costly = left[np.argpartition(-keys, n - 1)[:n]] if n else left[:0]
@@ -89,9 +89,9 @@ def search_all_targets(
     matches: NDArray[np.int32],
     costs: NDArray[np.float32],
 ) -> None:
-    """Give the nodes at places `first` to `last` of `nodes` their best matches of all.
+    """Write the best matches of the nodes at positions `first` to `last` of `nodes`.
 
-    All nodes look at one block of targets before the next: the targets are then read from memory once.
+    All nodes are compared with a block of targets before the next block, so that the targets are read once.
     """
     table, targets = source.table, target.table
     scenes = np.empty((last - first, matches.shape[1]), np.int32)
@@ -127,7 +127,7 @@ def offer_to_all(
     matches: NDArray[np.int32],
     costs: NDArray[np.float32],
 ) -> None:
-    """Try the edges from patches `first` to `last` to the chosen nodes: the direction that the paper prints."""
+    """Try edges from patches `first` to `last` to the selected nodes, the direction printed in the paper."""
     table, scene = index.table, index.scene
     scenes = np.empty(matches.shape[1], np.int32)
     for u in range(first, last):

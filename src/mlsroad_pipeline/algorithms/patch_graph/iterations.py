@@ -1,4 +1,4 @@
-"""The iterations of the 3-D patch match graph (Luo et al. 2016, section III-B.2)."""
+"""Iterations of the 3-D patch match graph (Luo et al. 2016, section III-B.2)."""
 
 from __future__ import annotations
 
@@ -20,36 +20,36 @@ from mlsroad_pipeline.algorithms.patch_graph.patch_index import PatchIndex
 
 @dataclass(frozen=True)
 class SearchParameters:
-    """How matches are searched.
+    """Parameters of the search for matches.
 
     Parameters
     ----------
     propagation_radius : float, default 0.5
-        R_pro in metres: how far neighbours pass on what they have found. Work grows with about its fourth power.
+        R_pro, the radius of propagation between neighbours, metres. Time grows with about its fourth power.
     search_radius : float, default 1.0
-        R_loc in metres: how far around a match the local search looks. Larger finds more in an iteration and takes
+        R_loc, the radius of the local search around a match, metres. Larger values find more per iteration and take
         longer.
     promise : float, default 1.5
-        Propagation looks around a neighbour's match only where that match itself, as one of the patch at hand, costs
-        less than this times the match to be beaten. Infinity is as in the paper: several times slower, with the same
-        objective after an iteration or two fewer.
+        Propagation searches around a match of a neighbour only if that match would cost the patch less than `promise`
+        times the match to replace. Infinity reproduces the paper: several times slower, with the same objective one or
+        two iterations earlier.
     n_iterations : int, default 50
-        Most iterations.
+        Maximum number of iterations.
     tolerance : float, default 0.001
-        The search ends when an iteration lowers the objective by less than this share of it; at 0 when it stands
-        still, as in the paper.
+        The search ends when an iteration lowers the objective by at most this fraction. 0 stops at no change, as in
+        the paper.
     height_tolerance : float, default 0.1
-        Difference in metres up to which patches count as of the same height in the initialisation.
+        Maximum height difference of patches of the same height in the initialisation, metres.
     minority_share : float, default 0.001
-        Share of the patches of minority classes that each iteration searches exhaustively.
+        Fraction of the patches of minority classes in the exhaustive search of each iteration.
     n_costly : int, default 10
-        Patches that each iteration searches exhaustively because their best match is costly.
+        Patches with costly best matches in the exhaustive search of each iteration.
     exhaustive_budget : int, default 50_000_000
-        More costly patches are searched, as long as an iteration compares no more than this many pairs for them. Up to
-        about its root of patches all are searched at once, and the graph is optimal; 0 leaves it at `n_costly`.
+        Maximum pairs compared in an iteration for additional costly patches; 0 limits them to `n_costly`. If the number
+        of patches is below about its square root, all are searched at once and the graph is optimal.
     n_probes : int, default 8
-        Cells of alike descriptions whose patches a patch is compared with after the initialisation. More find more at
-        once and take longer; 0 is as in the paper: three times as slow, with an objective 2 % worse.
+        Descriptor clusters searched for each patch after the initialisation. Larger values find more and take longer.
+        0 reproduces the paper: three times slower, with a 2 % worse objective.
 
     Raises
     ------
@@ -82,16 +82,16 @@ class SearchParameters:
 
 
 class MatchGraph(NamedTuple):
-    """Directed matches of patches.
+    """Directed match graph of patches.
 
     Attributes
     ----------
     matches : ndarray of int32, shape (n, K)
-        The patches that each patch is matched with, cheapest first; no two from one scene, none from its own.
+        Matches of each patch, cheapest first; all from different scenes, none from its own.
     costs : ndarray of float32, shape (n, K)
-        Costs of the matches, equation 2.
+        Costs of the matches (equation 2).
     objective : ndarray of float64, shape (iterations + 1,)
-        Equation 1 after the initialisation and after every iteration.
+        Equation 1 after the initialisation and after each iteration.
     """
 
     matches: NDArray[np.int32]
@@ -102,7 +102,7 @@ class MatchGraph(NamedTuple):
 def make_chooser(
     labels: NDArray[np.int16], minority: Sequence[int], n_targets: int, search: SearchParameters, seed: int
 ) -> NodeChooser:
-    """Return the choice of nodes for the exhaustive search that the parameters ask for.
+    """Return the selection of nodes for the exhaustive search.
 
     Parameters
     ----------
@@ -111,23 +111,23 @@ def make_chooser(
     minority : sequence of int
         Minority classes.
     n_targets : int
-        Patches that a node is compared with.
+        Number of patches that a node is compared with.
     search : SearchParameters
-        How matches are searched.
+        Parameters of the search.
     seed : int
-        Seed of the choice.
+        Seed of the selection.
 
     Returns
     -------
     NodeChooser
-        The choice.
+        The selection.
     """
     n_costly = max(search.n_costly, search.exhaustive_budget // n_targets)
     return NodeChooser(labels, minority=minority, minority_share=search.minority_share, n_costly=n_costly, seed=seed)
 
 
 class _State:
-    """The graph of the last iteration, the one being made, and which edges have not been followed yet."""
+    """Graphs of the last and the current iteration, and flags of the edges not yet followed."""
 
     def __init__(
         self,
@@ -147,7 +147,7 @@ class _State:
         self.same, self.apart, self.cells = graph is None, apart, cells
         self.matches, self.costs = np.empty((n, n_matches), np.int32), np.empty((n, n_matches), np.float32)
         self.new_matches, self.new_costs = np.empty_like(self.matches), np.empty_like(self.costs)
-        # Edges that enrichment and local search have not followed, and those that propagation has not.
+        # Edges not yet followed by enrichment and local search, and by propagation.
         self.fresh, self.unspread = np.ones((n, n_matches), bool), np.ones((n, n_matches), bool)
         self.incoming = np.zeros(n + 1, np.int64), np.empty(0, np.int32)
         self.links_fresh = self.fresh if graph is None else np.zeros(graph.shape, bool)
@@ -227,27 +227,27 @@ def find_matches(
     seed: int,
     n_threads: int,
 ) -> MatchGraph:
-    """Search matches from the patches of one index to those of another, or of the same one.
+    """Search matches from the patches of one index to those of another or of the same index.
 
     Parameters
     ----------
     source, target : PatchIndex
-        Where matches start and end.
+        Sources and targets of the matches.
     heights : ndarray of float32, shape (n,)
-        Heights of the source's patches, metres.
+        Heights of the source patches, metres.
     graph : ndarray of int32, shape (m, K), or None
-        Matches of the target that forward enrichment follows; None where source and target are the same, which
-        matches in both directions.
+        Match graph of the target for forward enrichment; None if source and target are the same index, where edges are
+        followed in both directions.
     n_matches : int
         K.
     search : SearchParameters
-        How matches are searched.
+        Parameters of the search.
     chooser : NodeChooser
-        Chooses the nodes of the exhaustive search.
+        Selection of nodes for the exhaustive search.
     cells : DescriptionCells
-        The target's cells of alike descriptions.
+        Descriptor clusters of the target.
     apart : bool
-        Whether a patch must not be matched with its own scene; scenes then have the same numbers in both indices.
+        Whether to exclude matches within a scene; scene numbers must then agree in both indices.
     seed : int
         Seed of the initialisation.
     n_threads : int
@@ -256,7 +256,7 @@ def find_matches(
     Returns
     -------
     MatchGraph
-        The matches, in the order of the indices.
+        The matches, in the order of the source index.
     """
     check_threads(n_threads)
     state = _State(source, heights, target, graph, n_matches, search, cells, apart, n_threads)

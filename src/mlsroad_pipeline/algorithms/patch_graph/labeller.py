@@ -1,4 +1,4 @@
-"""The labellers of Luo et al. 2016: from a cloud that they have never seen to a class for every point."""
+"""Training and use of the labellers of Luo et al. 2016."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ train = partial(train_model, slug=SLUG, fit=PatchGraphClassifier.fit, describe=_
 
 
 def ground_classes(scheme: ClassScheme) -> GroundClasses:
-    """Find the classes of grass and road in a scheme.
+    """Return the classes of grass and road in a scheme.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def ground_classes(scheme: ClassScheme) -> GroundClasses:
     Returns
     -------
     GroundClasses
-        Their labels; the same where one class holds both, -1 where none holds it.
+        Labels; equal if one class contains both, -1 if no class contains it.
     """
     places = {member: place for place, members in enumerate(scheme.members) for member in members}
     return GroundClasses(grass=places.get("grass", -1), road=places.get("road", -1))
@@ -68,23 +68,23 @@ def train_refinement(
     training : PatchTraining
         The training scenes.
     transfer : ModelBundle
-        What `train` made of the same scenes.
+        Model of `train` on the same scenes.
     graph_parameters : PatchGraphParameters
-        The parameters it was made with.
+        Parameters of that model.
     parameters : GridParameters
-        What to choose from.
+        Grid of parameters.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
     Returns
     -------
     ModelBundle
-        The model; its metadata say what was chosen and how every choice did.
+        The model; its metadata hold the chosen parameters and the scores of the grid.
 
     Raises
     ------
     DataError
-        If the model is not one of `train`.
+        If `transfer` is not a model of `train`.
     """
     classifier, tried = refine_classifier(
         PatchGraphClassifier.from_arrays(transfer.arrays),

@@ -1,4 +1,4 @@
-"""The 3-D patch match graph: K good matches from different scenes for every patch (Luo et al. 2016, section III-B)."""
+"""3-D patch match graph with K matches from different scenes for each patch (Luo et al. 2016, section III-B)."""
 
 from __future__ import annotations
 
@@ -42,34 +42,34 @@ def build_match_graph(
     seed: int = 0,
     n_threads: int = 1,
 ) -> MatchGraph:
-    """Match every patch with K patches of other scenes so that the summed cost is small, equation 1.
+    """Match each patch with K patches of other scenes, approximately minimising the summed cost (equation 1).
 
-    The moves of section III-B.2 are applied to the edges that the last iteration changed; a node reads the last
-    iteration's graph and writes its own matches, so that the result does not depend on the threads.
+    The moves of section III-B.2 are applied to edges that changed in the last iteration. A node reads the graph of the
+    last iteration and writes only its own matches, so that the result does not depend on the threads.
 
     Parameters
     ----------
     patches : Patches
-        Labelled patches of more than K scenes; labels serve the choice of the exhaustive search only. Without colour
-        its weight goes to height and shape.
+        Labelled patches of more than K scenes; labels affect only the exhaustive search. Without colour, its weight is
+        distributed over height and shape.
     n_matches : int, default 7
-        K. More votes smooth the labels; time and memory grow with it.
+        Number K of matches. Larger values smooth the labels; time and memory grow with it.
     weights : CostWeights, optional
-        Weights of the costs; the paper's by default.
+        Weights of the costs; those of the paper by default.
     search : SearchParameters, optional
-        How matches are searched; the paper's values by default.
+        Parameters of the search; by default those of `SearchParameters()`.
     minority : sequence of int, optional
-        Minority classes of the exhaustive search (the paper's are vehicle, cycas and light pole); by default those
-        with less than half of an equal share of the labelled patches.
+        Minority classes of the exhaustive search (luo2016: vehicle, cycas and light pole). By default those with less
+        than half of an equal share of the labelled patches.
     seed : int, default 0
-        Seed of the initialisation and of the choice of nodes for the exhaustive search.
+        Seed of the initialisation and of the node selection.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
     Returns
     -------
     MatchGraph
-        ``matches``, ``costs`` and ``objective``.
+        The graph, in the order of `patches`.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def build_match_graph(
     Luo et al.: Patch-Based Semantic Labeling of Road Scene Using Colorized Mobile LiDAR Point Clouds. IEEE
     Transactions on Intelligent Transportation Systems 17, 2016.
     """
-    found, _, _, order = match_with_each_other(
+    graph, _, _, order = match_with_each_other(
         patches,
         n_matches=n_matches,
         weights=weights or CostWeights(),
@@ -92,9 +92,9 @@ def build_match_graph(
         seed=seed,
         n_threads=n_threads,
     )
-    matches, costs = np.empty_like(found.matches), np.empty_like(found.costs)
-    matches[order], costs[order] = order[found.matches], found.costs
-    return MatchGraph(matches, costs, found.objective)
+    matches, costs = np.empty_like(graph.matches), np.empty_like(graph.costs)
+    matches[order], costs[order] = order[graph.matches], graph.costs
+    return MatchGraph(matches, costs, graph.objective)
 
 
 def match_with_each_other(
@@ -107,7 +107,7 @@ def match_with_each_other(
     seed: int,
     n_threads: int,
 ) -> tuple[MatchGraph, PatchIndex, DescriptionCells, NDArray[np.int64]]:
-    """Build a match graph, see `build_match_graph`, and keep the index that it was searched in.
+    """Build a match graph (see `build_match_graph`) and return it with its search index.
 
     Parameters
     ----------
@@ -118,11 +118,11 @@ def match_with_each_other(
     weights : CostWeights
         Weights of the costs.
     search : SearchParameters
-        How matches are searched.
+        Parameters of the search.
     minority : sequence of int, optional
         Minority classes of the exhaustive search.
     seed : int
-        The seed.
+        Seed of the search.
     n_threads : int
         Threads.
 
@@ -133,9 +133,9 @@ def match_with_each_other(
     index : PatchIndex
         The sorted patches.
     cells : DescriptionCells
-        Their cells of alike descriptions.
+        Their descriptor clusters.
     order : ndarray of int64, shape (n,)
-        Place in `patches` of each sorted patch.
+        Row in `patches` of each sorted patch.
 
     Raises
     ------
@@ -158,26 +158,26 @@ def match_with_each_other(
     labels = patches.label[order]
     rare = minority_classes(labels) if minority is None else minority
     chooser = make_chooser(labels, rare, len(patches), search, seed)
-    found = find_matches(
+    graph = find_matches(
         index, index, patches.height[order], None, n_matches, search, chooser, cells,
         apart=True, seed=seed, n_threads=n_threads,
     )  # fmt: skip
-    return found, index, cells, order
+    return graph, index, cells, order
 
 
 def check_matches(n_matches: int, n_scenes: int, *, needed: int, seed: int) -> None:
-    """Refuse parameters that no match graph can be built with.
+    """Check the parameters of a match graph.
 
     Parameters
     ----------
     n_matches : int
         K.
     n_scenes : int
-        How many scenes there are.
+        Number of scenes.
     needed : int
-        How many there must be.
+        Required number of scenes.
     seed : int
-        The seed.
+        Seed of the search.
 
     Raises
     ------

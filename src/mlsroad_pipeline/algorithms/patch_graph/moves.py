@@ -1,8 +1,8 @@
-"""The search moves of Luo et al. 2016, section III-B.2, as kernels in which every node gathers its own candidates.
+"""Search moves as compiled kernels (Luo et al. 2016, section III-B.2).
 
-A node reads the graph of the last iteration and writes its own row of the next one, so that the result depends neither
-on the number of threads nor on the order of the nodes. Nodes of the graph are rows of a `PatchIndex`; in training the
-source and the target of matches are the same index, in transfer the source is the unlabelled scene.
+A node reads the graph of the last iteration and writes only its own row of the next one. The result therefore depends
+neither on the number of threads nor on the order of the nodes. Nodes are rows of a `PatchIndex`. In training, matches
+start and end in the same index; in transfer, they start in the unlabelled scene.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _SEEN = 2048  # entries of the filter of repeated candidates, a power of two
 
 @njit(cache=True, nogil=True)
 def random_below(seed: int, stream: int, draw: int, n: int) -> int:
-    """Return a number from 0 to n - 1 that depends on nothing but its arguments (SplitMix64 as a counter)."""
+    """Return a pseudo-random number from 0 to n - 1, a function of the arguments alone (counter-based SplitMix64)."""
     x = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(stream)
     for step in range(2):
         x = x * np.uint64(0xD1342543DE82EF95) + np.uint64(draw + step) * np.uint64(0x9E3779B97F4A7C15)
@@ -33,7 +33,7 @@ def random_below(seed: int, stream: int, draw: int, n: int) -> int:
 
 @njit(cache=True, nogil=True)
 def slot_of(scenes: NDArray, costs: NDArray, scene: int) -> int:
-    """Return the match that a candidate from `scene` competes with, line 1 of algorithm 1."""
+    """Return the match that a candidate from `scene` would replace (algorithm 1, line 1)."""
     worst = 0
     for k in range(len(scenes)):
         if scenes[k] == scene:
@@ -45,7 +45,7 @@ def slot_of(scenes: NDArray, costs: NDArray, scene: int) -> int:
 
 @njit(cache=True, nogil=True)
 def largest(costs: NDArray[np.float32]) -> np.float32:
-    """Return the largest cost of a row: no candidate that costs more can enter it."""
+    """Return the largest cost of a row, the upper bound for candidates."""
     worst = costs[0]
     for k in range(1, len(costs)):
         worst = max(worst, costs[k])
@@ -54,7 +54,7 @@ def largest(costs: NDArray[np.float32]) -> np.float32:
 
 @njit(cache=True, nogil=True)
 def insert(v: int, cost: float, scene: int, matches: NDArray, costs: NDArray, scenes: NDArray) -> None:
-    """Update a row with a candidate match, algorithm 1."""
+    """Update a row with a candidate match (algorithm 1)."""
     slot = slot_of(scenes, costs, scene)
     if cost < costs[slot]:
         matches[slot], costs[slot], scenes[slot] = v, cost, scene
@@ -72,7 +72,7 @@ def best_in_ball(
     bound: np.float32,
     seen: NDArray[np.int32],
 ) -> tuple[int, np.float32]:
-    """Return the cheapest match of u among the patches around v and its cost, or -1 where none is below `bound`."""
+    """Return the cheapest match of u among the patches around v, with its cost; -1 if none is below `bound`."""
     best = -1
     x, y, z = xyz[v, 0], xyz[v, 1], xyz[v, 2]
     for j in range(len(rows)):
@@ -89,12 +89,12 @@ def best_in_ball(
 
 @njit(cache=True, nogil=True)
 def _random_of_height(target: PatchIndex, scene: int, height: float, tolerance: float, draw: int) -> int:
-    """Return a patch of a scene drawn among those of about the same height, or the one of the nearest height."""
+    """Return a random patch of a scene of about the same height, or else the patch of nearest height."""
     first, last = target.scene_starts[scene], target.scene_starts[scene + 1]
     heights = target.heights[first:last]
     low = np.searchsorted(heights, height - tolerance)
     high = np.searchsorted(heights, height + tolerance, side="right")
-    if low == high:  # nobody is that high: the neighbour below or above
+    if low == high:  # no patch of this height: take the nearest below or above
         if low == len(heights) or (low > 0 and height - heights[low - 1] <= heights[low] - height):
             low -= 1
         high = low + 1
@@ -114,7 +114,7 @@ def initialise(
     matches: NDArray[np.int32],
     costs: NDArray[np.float32],
 ) -> None:
-    """Give nodes K random matches from different scenes, and K more among patches of their height; keep the best."""
+    """Initialise nodes with the best of K random matches from different scenes and K of about the same height."""
     n_scenes = len(target.scene_starts) - 1
     n_matches = matches.shape[1]
     pool = np.empty(n_scenes, np.int64)
@@ -146,7 +146,7 @@ def initialise(
 
 @njit(cache=True, nogil=True)
 def incoming_edges(matches: NDArray[np.int32], fresh: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """List, for every node, who has found it in the last iteration, as a CSR pair."""
+    """List the sources of the fresh incoming edges of each node, as a CSR pair."""
     n, n_matches = matches.shape
     indptr = np.zeros(n + 1, np.int64)
     for u in range(n):
@@ -193,8 +193,8 @@ def enrich_and_look_around(
 ) -> None:
     """Improve the matches of nodes `first` to `last` by inverse and forward enrichment and by local search.
 
-    Only edges that are `fresh` give candidates. `graph` holds the matches that forward enrichment follows: the nodes'
-    own in training, those of the trained graph in transfer.
+    Only `fresh` edges yield candidates. Forward enrichment follows `graph`: the nodes' own matches in training, the
+    matches of the trained graph in transfer.
     """
     table, targets, xyz, target_scene = source.table, target.table, target.xyz, target.scene
     squared = np.float32(radius) * np.float32(radius)
@@ -245,9 +245,9 @@ def propagate(
     new_matches: NDArray[np.int32],
     new_costs: NDArray[np.float32],
 ) -> None:
-    """Improve the matches of nodes `first` to `last` by what lies around the `fresh` matches of their neighbours.
+    """Improve the matches of nodes `first` to `last` by patches around the `fresh` matches of their neighbours.
 
-    A place is looked through only where its centre costs less than `factor` times the match that it would replace.
+    A neighbourhood is searched only if its centre costs less than `factor` times the match to replace.
     """
     table, targets, xyz, target_scene, places = source.table, target.table, target.xyz, target.scene, source.xyz
     squared = np.float32(radius) * np.float32(radius)
@@ -282,7 +282,7 @@ def propagate(
 
 @njit(cache=True, nogil=True)
 def mark_changes(old: NDArray[np.int32], new: NDArray[np.int32], fresh: NDArray[np.bool_], keep: bool) -> None:
-    """Mark the matches that `old` lacks; with `keep`, matches that were marked before and are still there, too."""
+    """Mark matches absent from `old`; with `keep`, also those marked before and still present."""
     n_matches = old.shape[1]
     before = np.empty(n_matches, np.bool_)
     for u in range(len(old)):

@@ -1,4 +1,4 @@
-"""Patches sorted for matching: by scene, by place, and by height."""
+"""Search index of patches, sorted by scene, grid cell and height."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ _CELLS_PER_RADIUS = 4
 
 
 class PatchIndex(NamedTuple):
-    """Patches in the order of their scenes and, inside a scene, of the cells of a grid, x running fastest.
+    """Patches sorted by scene and, within a scene, by grid cell with x fastest.
 
-    A ball around a patch lies in a few rows of cells, and each row is one run of patches.
+    A ball around a patch covers a few rows of cells, and each row is a contiguous range of patches.
 
     Attributes
     ----------
     table : ndarray of float32, shape (n, 4 + d)
-        Weighted descriptors, as `weigh_descriptors` gives them.
+        Weighted descriptors, see `weigh_descriptors`.
     xyz : ndarray of float32, shape (n, 3)
-        Centroids relative to the lowest corner of their scene, metres.
+        Centroids relative to the minimum corner of their scene, metres.
     scene : ndarray of int32, shape (n,)
         Scene of each patch, 0 to s - 1.
     scene_starts : ndarray of int64, shape (s + 1,)
-        Where each scene begins.
+        Start of each scene.
     cell : ndarray of int32, shape (n,)
         Cell of each patch.
     near, far : ndarray of int32, shape (c, r, 2)
-        First patch and the one past the last of each row of cells within the propagation radius of a cell, and within
-        the radius of the local search.
+        Range of patches (first, one past the last) of each row of cells within the propagation radius of a cell, and
+        within the radius of the local search.
     by_height : ndarray of int32, shape (n,)
-        Patches sorted by height inside each scene.
+        Patches sorted by height within each scene.
     heights : ndarray of float32, shape (n,)
         Their heights, metres.
     """
@@ -55,7 +55,7 @@ class PatchIndex(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _row_limits(keys: NDArray, starts: NDArray, rows: NDArray, reach: int, first: int, out: NDArray) -> None:
-    """Find the runs of patches in the rows around every cell of a scene; both keys and runs ascend."""
+    """Write the ranges of patches in the rows around each cell of a scene; keys are ascending."""
     for j in range(len(rows)):
         begin, end = 0, 0
         for cell in range(len(keys)):
@@ -85,18 +85,18 @@ def build_patch_index(
     far_radius : float
         R_loc in metres.
     with_colour : bool
-        Whether colour counts.
+        Whether to use colour.
 
     Returns
     -------
     index : PatchIndex
         The sorted patches.
     order : ndarray of int64, shape (n,)
-        Place in `patches` of each sorted patch.
+        Row in `patches` of each sorted patch.
     scenes : ndarray of int32, shape (s,)
-        Number in `patches` of each scene of the index.
+        Scene number in `patches` of each scene of the index.
     """
-    # A cell a little wider than the radius: rounding to float32 cannot put a neighbour beyond the rows.
+    # Cells are slightly wider than the radius: float32 rounding cannot put a neighbour outside the rows.
     size = max(near_radius, far_radius / _CELLS_PER_RADIUS) * (1 + 1e-5)
     reaches = ceil(near_radius / size), ceil(far_radius / size)
     scenes, scene_of = np.unique(patches.scene, return_inverse=True)
@@ -114,14 +114,14 @@ def build_patch_index(
         order[first:last] = members[grid.order]
         xyz[first:last] = (centroids - grid.minimum)[grid.order]
         cell[first:last] = n_cells + np.repeat(np.arange(len(grid.keys)), np.diff(grid.starts))
-        for reach, found in zip(reaches, limits, strict=True):
+        for reach, ranges in zip(reaches, limits, strict=True):
             rows = grid.row_offsets(reach)
-            found.append(np.empty((len(grid.keys), len(rows), 2), np.int32))
-            _row_limits(grid.keys, grid.starts, rows, reach, first, found[-1])
+            ranges.append(np.empty((len(grid.keys), len(rows), 2), np.int32))
+            _row_limits(grid.keys, grid.starts, rows, reach, first, ranges[-1])
         n_cells += len(grid.keys)
     table = weigh_descriptors(patches, weights, with_colour=with_colour)[order]
     height, scene = patches.height[order], scene_of[order].astype(np.int32)
     by_height = np.lexsort((height, scene)).astype(np.int32)
-    near, far = (np.concatenate(found) for found in limits)
+    near, far = (np.concatenate(ranges) for ranges in limits)
     index = PatchIndex(table, xyz, scene, scene_starts, cell, near, far, by_height, height[by_height])
     return index, order, scenes.astype(np.int32)

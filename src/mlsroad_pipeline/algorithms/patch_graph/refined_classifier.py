@@ -1,4 +1,4 @@
-"""Label transfer refined by a Markov random field, as a classifier of patches."""
+"""Patch classifier by label transfer, refined by a Markov random field."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from mlsroad_pipeline.algorithms.patches.extraction import Patches
 
 @dataclass(frozen=True)
 class GridParameters:
-    """What the parameters of the Markov random field are chosen from; see `RefinementParameters`.
+    """Grid of the parameters of the Markov random field; see `RefinementParameters`.
 
     Parameters
     ----------
@@ -39,23 +39,23 @@ class GridParameters:
     ground_penalty : float, default 0.0
         Gamma (luo2016: 0).
     floor : float, default 0.01
-        Least probability of a class.
+        Lower bound of the class probabilities.
     smooth_ground : bool, default False
-        Whether edges inside grass and inside road are smoothed (luo2016: not, as equation 11 is printed).
+        Whether to smooth edges within grass and within road (luo2016: no, by equation 11 as printed).
     max_patches : int, default 200_000
-        The choice takes whole training scenes, evenly spread, up to about this many patches.
+        Approximate number of patches for the grid search: whole training scenes, evenly spread.
     criterion : {"mean_f1", "overall_accuracy"}, default "mean_f1"
-        What the choice is made by, counted in patches. The paper reports F1; the overall accuracy gives large classes
-        their weight, and asks for a larger lambda where small ones are of few patches.
+        Criterion, computed over patches. The paper reports F1. The overall accuracy weighs classes by their size and
+        favours a larger lambda if small classes have few patches.
     n_folds : int, default 3
-        Folds of whole surveys for the choice, each of which costs the training of a graph. 0 holds out scenes, which
-        other scenes of the same survey then label: quicker, and it asks for a smaller lambda than a new survey does. So
-        it is where all training scenes are of one survey.
+        Folds of whole surveys; each fold trains a graph. With 0, and always with a single survey, scenes are held out
+        and labelled by other scenes of the same survey. That is faster, but favours a smaller lambda than is optimal
+        for a new survey.
 
     Raises
     ------
     ParameterError
-        If there is nothing to choose from, or a value is outside its domain.
+        If a list is empty, or a value is outside its domain.
     """
 
     smoothness: tuple[float, ...] = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4)
@@ -83,7 +83,7 @@ class GridParameters:
 
 
 class RefinedPatchGraphClassifier:
-    """Label transfer refined by a Markov random field.
+    """Patch classifier by label transfer and a Markov random field.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class RefinedPatchGraphClassifier:
     parameters : RefinementParameters
         Parameters of the field.
     ground : GroundClasses
-        The labels of grass and road.
+        Labels of grass and road.
     """
 
     def __init__(
@@ -103,37 +103,37 @@ class RefinedPatchGraphClassifier:
         self.ground = ground
 
     def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.float64]:
-        """Return the conditional class probabilities of the patches of one scene in the refined field.
+        """Return the conditional class probabilities of the patches of one scene.
 
         Parameters
         ----------
         patches : Patches
             The patches.
         edges : ndarray of int32, shape (m, 2)
-            Neighbouring patches, each pair once.
+            Pairs of adjacent patches, each pair once.
 
         Returns
         -------
         ndarray of float64, shape (n, n_classes)
-            Probabilities; the refined label has the largest.
+            Probabilities given the refined labels of the neighbours; the refined label has the largest.
 
         Raises
         ------
         DataError
-            If the histograms have another length than those of the training, or an edge names no patch.
+            If the histograms have another length than those of training, or an edge has an invalid index.
         """
         probabilities = self.transfer.predict_proba(patches, edges)
         colours = patches.rgb if self.transfer.graph.coloured else None
         return refine(probabilities, colours, edges, parameters=self.parameters, ground=self.ground)[1]
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return all that was learned as named plain arrays."""
+        """Return the learned parameters as named arrays."""
         own = {"refinement": np.array(astuple(self.parameters)), "ground": np.array(astuple(self.ground))}
         return {**self.transfer.to_arrays(), **own}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild the classifier from what `to_arrays` returned.
+        """Rebuild the classifier from the arrays of `to_arrays`.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ def refine_classifier(
     surveys: NDArray[np.int32] | None = None,
     n_threads: int = 1,
 ) -> tuple[RefinedPatchGraphClassifier, list[dict[str, float]]]:
-    """Choose the parameters of the field by cross-validation over the training surveys, or over scenes of one survey.
+    """Choose the parameters of the field by cross-validation over training surveys, or over scenes of one survey.
 
     Parameters
     ----------
@@ -177,15 +177,15 @@ def refine_classifier(
     patches : Patches
         Labelled patches of the training scenes.
     edges : ndarray of int32, shape (m, 2)
-        Neighbouring patches.
+        Pairs of adjacent patches.
     graph_parameters : PatchGraphParameters
-        The parameters of the fit.
+        Parameters of the graph.
     grid : GridParameters
-        What to choose from.
+        Grid of parameters.
     ground : GroundClasses
-        The labels of grass and road.
+        Labels of grass and road.
     surveys : ndarray of int32, shape (scenes,), optional
-        Survey of each scene of the patches; see `label_held_out`.
+        Survey of each scene; see `label_held_out`.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -194,7 +194,7 @@ def refine_classifier(
     classifier : RefinedPatchGraphClassifier
         The refined classifier.
     tried : list of dict
-        What `choose_parameters` tells of every choice.
+        Scores of all parameters, see `choose_parameters`.
     """
     scenes = label_held_out(
         transfer, patches, edges, parameters=graph_parameters, max_patches=grid.max_patches, surveys=surveys,

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.energy.alpha_expansion import minimize
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 
 CRITERIA = ("mean_f1", "overall_accuracy")
-"""What `choose_parameters` can choose by."""
+"""Criteria of `choose_parameters`."""
 
 
 @dataclass(frozen=True)
@@ -25,19 +25,18 @@ class RefinementParameters:
     Parameters
     ----------
     smoothness : float, default 1.0
-        Lambda of equation 9: larger ones give smoother labels.
+        Lambda of equation 9; larger values give smoother labels.
     colour_decay : float, default 10.0
-        Beta of equation 11: how fast an edge weakens with the squared difference of the colours in [0, 1] at its ends;
-        without colour every such edge has weight 1.
+        Beta of equation 11, the decay of edge weights with the squared difference of the colours in [0, 1]. Without
+        colour such edges have weight 1.
     ground_penalty : float, default 0.0
-        Gamma of equation 11: the weight of edges that could turn grass or road into another class (luo2016: 0).
+        Gamma of equation 11, the weight of edges from grass or road to other classes (luo2016: 0).
     floor : float, default 0.01
-        Least probability in equation 10: a class that no match votes for costs 1 - log(floor). Larger ones let the
-        neighbours bring in classes that the patch's matches do not name.
+        Lower bound of the probability in equation 10: a class without votes costs 1 - log(floor). Larger values allow
+        neighbours to introduce classes without votes.
     smooth_ground : bool, default False
-        Whether edges between two patches of the same of grass and road are smoothed like any other. As printed,
-        equation 11 gives them `ground_penalty`, so that with 0 patches at the border of grass and road are drawn to
-        the other side alone.
+        Whether edges within grass and within road are smoothed like all others. As printed, equation 11 gives them the
+        weight `ground_penalty`; with 0, patches at the border of grass and road are attracted by the other class only.
 
     Raises
     ------
@@ -61,12 +60,12 @@ class RefinementParameters:
 
 @dataclass(frozen=True)
 class GroundClasses:
-    """The two classes that equation 11 treats apart.
+    """Ground classes with special weights in equation 11.
 
     Parameters
     ----------
     grass, road : int
-        Their labels; -1 where the scheme has no such class. They may be the same.
+        Labels, possibly equal; -1 if the scheme lacks the class.
     """
 
     grass: int = -1
@@ -81,10 +80,10 @@ def edge_weights(
     parameters: RefinementParameters,
     ground: GroundClasses,
 ) -> NDArray[np.float64]:
-    """Return what different labels at the ends of each edge cost, equation 11.
+    """Return the weight of each edge, the cost of different labels at its ends (equation 11).
 
-    The penalty for grass and road is taken where either order of the two ends meets the printed condition; so there is
-    one weight per edge, and it depends on the initial labels only.
+    The penalty for grass and road applies if either order of the ends meets the printed condition. Each edge thus has
+    one weight, which depends only on the initial labels.
 
     Parameters
     ----------
@@ -97,7 +96,7 @@ def edge_weights(
     parameters : RefinementParameters
         Beta and gamma.
     ground : GroundClasses
-        The labels of grass and road.
+        Labels of grass and road.
 
     Returns
     -------
@@ -125,33 +124,33 @@ def refine(
     parameters: RefinementParameters | None = None,
     ground: GroundClasses | None = None,
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Minimise the energy of equations 9 to 11 by alpha-expansion.
+    """Refine labels by minimising the energy of equations 9 to 11 with alpha-expansion.
 
     Parameters
     ----------
     probabilities : ndarray of shape (n, c)
-        Class probabilities of the patches after label transfer, equation 6.
+        Class probabilities of the patches after label transfer (equation 6).
     rgb : ndarray of float32, shape (n, 3), or None
         Colours of the patches in [0, 1].
     edges : ndarray of int32, shape (m, 2)
-        Neighbouring patches, each pair once.
+        Pairs of adjacent patches, each pair once.
     parameters : RefinementParameters, optional
         Parameters of the energy.
     ground : GroundClasses, optional
-        The labels of grass and road; none by default.
+        Labels of grass and road; none by default.
 
     Returns
     -------
     labels : ndarray of int32, shape (n,)
         Refined labels.
     conditional : ndarray of float64, shape (n, c)
-        Probability of each class in the field, given the refined labels of the neighbours. No single patch lowers the
-        energy by another label, so that the refined label has the largest.
+        Probability of each class given the refined labels of the neighbours. No change of a single patch lowers the
+        energy, hence the refined label has the largest probability.
 
     Raises
     ------
     DataError
-        If the columns differ in length or an edge names a patch that does not exist.
+        If the columns differ in length or an edge has an invalid index.
     """
     chosen = parameters or RefinementParameters()
     if rgb is not None:
@@ -173,7 +172,7 @@ def _conditional(
         agreeing = np.bincount(u * np.int64(n_classes) + labels[v], weights=weights, minlength=n * n_classes)
         energy -= agreeing.reshape(n, n_classes)
     energy -= energy.min(axis=1, keepdims=True)
-    # Ties and the rounding of the sums go to the refined label.
+    # The refined label wins ties and rounding differences.
     energy[np.arange(n), labels] = -1e-9
     shares: NDArray[np.float64] = np.exp(-energy)
     return shares / shares.sum(axis=1, keepdims=True)
@@ -181,18 +180,18 @@ def _conditional(
 
 @dataclass(frozen=True, eq=False)
 class ValidationScene:
-    """A training scene labelled by the graph of the other training scenes.
+    """Training scene labelled by matches in other training scenes.
 
     Attributes
     ----------
     probabilities : ndarray of shape (n, c)
-        Class probabilities of its patches, from matches in other scenes.
+        Class probabilities of the patches.
     rgb : ndarray of float32, shape (n, 3), or None
-        Their colours.
+        Colours of the patches.
     edges : ndarray of int32, shape (m, 2)
-        Neighbouring patches.
+        Pairs of adjacent patches.
     labels : ndarray of int16, shape (n,)
-        Their true classes.
+        True classes of the patches.
     """
 
     probabilities: NDArray[np.floating]
@@ -210,34 +209,34 @@ def choose_parameters(
     base: RefinementParameters | None = None,
     ground: GroundClasses | None = None,
 ) -> tuple[RefinementParameters, list[dict[str, float]]]:
-    """Choose lambda and beta by grid search with cross-validation over scenes: those that label the patches best.
+    """Choose lambda and beta by grid search on held-out scenes.
 
     Parameters
     ----------
     scenes : sequence of ValidationScene
-        Scenes that were labelled without their own labels.
+        Held-out scenes.
     smoothness : sequence of float
         Values of lambda.
     colour_decay : sequence of float
-        Values of beta; without colour they make no difference and the first is taken.
+        Values of beta; without colour they have no effect and the first is used.
     criterion : {"mean_f1", "overall_accuracy"}, default "mean_f1"
-        What is best: the mean F1 over the classes that occur, or the share of patches that are right.
+        Mean F1 over the classes that occur, or overall accuracy.
     base : RefinementParameters, optional
-        The other parameters.
+        Values of the other parameters.
     ground : GroundClasses, optional
-        The labels of grass and road.
+        Labels of grass and road.
 
     Returns
     -------
     parameters : RefinementParameters
-        The best, of equally good ones the first.
+        The best parameters, the first of equal ones.
     grid : list of dict
-        ``smoothness``, ``colour_decay``, ``mean_f1`` and ``overall_accuracy`` of every pair that was tried.
+        ``smoothness``, ``colour_decay``, ``mean_f1`` and ``overall_accuracy`` of each pair of values.
 
     Raises
     ------
     ParameterError
-        If there is no scene or no value to choose from, or the criterion is unknown.
+        If there is no scene, a list is empty, or the criterion is unknown.
     """
     if criterion not in CRITERIA:
         raise ParameterError(f"criterion must be one of {list(CRITERIA)}, got {criterion!r}")
@@ -251,8 +250,8 @@ def choose_parameters(
         parameters = replace(rest, smoothness=weight, colour_decay=decay)
         total = np.zeros((scenes[0].probabilities.shape[1],) * 2, np.int64)
         for scene in scenes:
-            found, _ = refine(scene.probabilities, scene.rgb, scene.edges, parameters=parameters, ground=ground)
-            total += confusion_matrix(scene.labels, found, len(total))[:, : len(total)]
+            labels, _ = refine(scene.probabilities, scene.rgb, scene.edges, parameters=parameters, ground=ground)
+            total += confusion_matrix(scene.labels, labels, len(total))[:, : len(total)]
         tried.append(parameters)
         grid.append({"smoothness": weight, "colour_decay": decay, **_quality(total)})
     best = max(range(len(grid)), key=lambda place: grid[place][criterion])
@@ -260,7 +259,7 @@ def choose_parameters(
 
 
 def _quality(confusion: NDArray[np.int64]) -> dict[str, float]:
-    """Return the mean F1 over the classes that occur, and the share of patches that are right."""
+    """Return the mean F1 over the classes that occur, and the overall accuracy."""
     support, right = confusion.sum(axis=1), np.diagonal(confusion)
     both = support + confusion.sum(axis=0)
     f1 = 2 * right[support > 0] / both[support > 0]

@@ -1,4 +1,4 @@
-"""Scenes of the length that the match graph wants, cut from longer ones."""
+"""Cutting and thinning of training scenes for the match graph."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ from mlsroad_pipeline.algorithms.patches.extraction import Patches
 
 
 def _along(centroid: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far along the main horizontal axis of a scene its patches lie, from 0."""
+    """Return the position of patches along the main horizontal axis of their scene, from 0."""
     plan = centroid[:, :2] - centroid[:, :2].mean(axis=0)
     _, axes = np.linalg.eigh(plan.T @ plan)
     along: NDArray[np.float64] = plan @ axes[:, 1]
-    # The sign of an axis is arbitrary: it points to where its larger component grows.
+    # The sign of an eigenvector is arbitrary: make its largest component positive.
     along *= np.sign(axes[np.abs(axes[:, 1]).argmax(), 1])
     return along - along.min()
 
 
 def cut_scenes(patches: Patches, length: float) -> Patches:
-    """Cut scenes across their main horizontal axis into pieces of about equal length, each a scene of its own.
+    """Cut scenes across their main horizontal axis into shorter scenes of about equal length.
 
-    Matches come from different scenes, so that short scenes let a patch match more places of one street.
+    Matches come from different scenes; short scenes allow a patch more matches within one street.
 
     Parameters
     ----------
     patches : Patches
         Patches of one scene or of several.
     length : float
-        Length of a piece in metres (luo2016: 10).
+        Length of a new scene in metres (luo2016: 10).
 
     Returns
     -------
     Patches
-        The same patches; `scene` numbers the pieces from 0, scene after scene.
+        The patches; `scene` numbers the new scenes from 0.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def cut_scenes(patches: Patches, length: float) -> Patches:
 def thin_scenes(
     patches: Patches, edges: NDArray[np.int32], *, n_patches: int, seed: int
 ) -> tuple[Patches, NDArray[np.int32]]:
-    """Draw patches of scenes that have too many, every class in its share.
+    """Thin scenes with too many patches by a random sample stratified by class.
 
     Parameters
     ----------
@@ -66,16 +66,16 @@ def thin_scenes(
     edges : ndarray of int32, shape (m, 2)
         Pairs of neighbouring patches.
     n_patches : int
-        Most patches of a scene.
+        Maximum patches per scene.
     seed : int
-        Seed of the draw.
+        Seed of the sample.
 
     Returns
     -------
     patches : Patches
-        The drawn patches in their order.
+        The sampled patches, in the same order.
     edges : ndarray of int32
-        The pairs of which both were drawn.
+        Pairs with both ends in the sample.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def thin_scenes(
     """
     check_at_least(n_patches, 1, "max_patches")
     random = np.random.default_rng(seed)
-    # In the order of (scene, class), with a random order inside, every k-th patch has every class in its share.
+    # Every k-th patch in the order of scene, class and a random key is a sample stratified by class.
     order = np.lexsort((random.random(len(patches)), patches.label, patches.scene))
     sizes = np.bincount(patches.scene)
     rank = np.arange(len(patches)) - np.repeat(np.cumsum(sizes) - sizes, sizes)

@@ -1,4 +1,4 @@
-"""Label transfer: from matches into a trained graph to class probabilities (Luo et al. 2016, section III-C)."""
+"""Label transfer by matches in a trained graph (Luo et al. 2016, section III-C)."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ _ARRAYS = ("matches", "labels", "rows", "objective", "coloured")
 
 @dataclass(frozen=True, eq=False)
 class TrainedGraph:
-    """A match graph over labelled patches, ready to be matched with.
+    """Match graph over labelled patches, the target of label transfer.
 
     Attributes
     ----------
     index : PatchIndex
         The labelled patches.
     cells : DescriptionCells
-        Their cells of alike descriptions.
+        Their descriptor clusters.
     matches : ndarray of int32, shape (n, K)
-        Their matches, as places in the index.
+        Their matches, as rows of the index.
     labels : ndarray of int16, shape (n,)
         Their classes.
     rows : ndarray of int64, shape (n,)
-        Their places among the patches that the graph was trained on.
+        Their rows in the training patches.
     objective : ndarray of float64
-        Equation 1 after every iteration of the training.
+        Equation 1 after each iteration of training.
     coloured : bool
-        Whether the costs count colour.
+        Whether the costs include colour.
     """
 
     index: PatchIndex
@@ -56,18 +56,18 @@ class TrainedGraph:
     coloured: bool
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return the graph as named plain arrays."""
+        """Return the graph as named arrays."""
         own = {"matches": self.matches, "labels": self.labels, "rows": self.rows, "objective": self.objective}
         return {**self.index._asdict(), **self.cells._asdict(), **own, "coloured": np.array(self.coloured)}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> TrainedGraph:
-        """Rebuild a graph from what `to_arrays` returned.
+        """Rebuild a graph from the arrays of `to_arrays`.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
-            The arrays; further entries are left alone.
+            The arrays; other entries are ignored.
 
         Returns
         -------
@@ -86,7 +86,7 @@ class TrainedGraph:
         return cls(index, cells, **own, coloured=bool(arrays["coloured"]))
 
     def without_colour(self, weights: CostWeights) -> TrainedGraph:
-        """Return the same graph for patches that have no colour: its weight goes to height and shape."""
+        """Return the graph for patches without colour, with its weight distributed over height and shape."""
         shared = (weights.colour + weights.height + weights.shape) / (weights.height + weights.shape)
         table, centres = self.index.table * np.float32(shared), self.cells.centres * np.float32(shared)
         for rows in (table, centres):
@@ -104,18 +104,18 @@ def train_graph(
     seed: int = 0,
     n_threads: int = 1,
 ) -> TrainedGraph:
-    """Build the match graph of labelled patches and keep what label transfer needs of it.
+    """Build the match graph of labelled patches for label transfer.
 
     Parameters
     ----------
     patches : Patches
         Labelled patches of more than K scenes.
     n_matches : int, default 7
-        K.
+        Number K of matches.
     weights : CostWeights, optional
         Weights of the costs.
     search : SearchParameters, optional
-        How matches are searched.
+        Parameters of the search.
     seed : int, default 0
         Seed of the search.
     n_threads : int, default 1
@@ -136,7 +136,7 @@ def train_graph(
     unlabelled = int((patches.label == UNKNOWN).sum())
     if unlabelled:
         raise DataError(f"{unlabelled} of {len(patches)} training patches have no label")
-    found, index, cells, order = match_with_each_other(
+    graph, index, cells, order = match_with_each_other(
         patches,
         n_matches=n_matches,
         weights=weights or CostWeights(),
@@ -146,7 +146,7 @@ def train_graph(
         n_threads=n_threads,
     )
     coloured = patches.rgb is not None
-    return TrainedGraph(index, cells, found.matches, patches.label[order], order, found.objective, coloured)
+    return TrainedGraph(index, cells, graph.matches, patches.label[order], order, graph.objective, coloured)
 
 
 def match_patches(
@@ -161,24 +161,24 @@ def match_patches(
 ) -> MatchGraph:
     """Match unlabelled patches with those of a trained graph.
 
-    Edges lead into the trained graph only, which does not change; so there is no inverse enrichment.
+    Edges lead only into the trained graph, which is fixed; there is no inverse enrichment.
 
     Parameters
     ----------
     patches : Patches
-        Patches of one scene or of several, none of them in the graph except with `own_scene`. Where only one side has
-        colour, it does not count.
+        Patches of one or more scenes, which are in the graph only with `own_scene`. Colour is used if both sides have
+        it.
     graph : TrainedGraph
         The trained graph.
     weights : CostWeights, optional
-        The weights that the graph was trained with.
+        Weights of the costs, the same as in training.
     search : SearchParameters, optional
-        How matches are searched. The exhaustive search takes costly patches only: classes are not known yet. Its
-        budget counts where it is enough for all patches at once, so that the matches are the best there are; else
-        `n_costly` patches are searched in an iteration, because few are left whose matches it would improve.
+        Parameters of the search. The exhaustive search selects only costly patches, since classes are unknown. If
+        `exhaustive_budget` suffices for all patches, the matches are optimal; otherwise `n_costly` patches are searched
+        per iteration.
     own_scene : array-like of int, shape (n,), optional
-        For patches of scenes that are in the graph: each patch's scene, as its place among the graph's scenes, which it
-        is not matched with. So a graph labels its own scenes without their labels.
+        For patches of scenes in the graph: index of the scene of each patch among the scenes of the graph. Matches in
+        this scene are excluded, so that a graph labels its own scenes without their labels.
     seed : int, default 0
         Seed of the search.
     n_threads : int, default 1
@@ -187,13 +187,12 @@ def match_patches(
     Returns
     -------
     MatchGraph
-        Matches as places in the trained graph's index, cheapest first.
+        Matches as rows of the index of the trained graph, cheapest first.
 
     Raises
     ------
     DataError
-        If the histograms have another length than those of the graph, or `own_scene` has another length than there are
-        patches.
+        If the histograms have another length than those of the graph, or `own_scene` another length than `patches`.
     ParameterError
         If `n_threads` is below 1 or `seed` is negative.
     """
@@ -217,11 +216,11 @@ def match_patches(
     )
     if own_scene is not None:
         source = source._replace(scene=check_column(own_scene, len(patches), "own_scene")[order].astype(np.int32))
-    nameless = np.full(len(patches), UNKNOWN, np.int16)
+    unknown = np.full(len(patches), UNKNOWN, np.int16)
     if len(patches) * len(graph.labels) > search.exhaustive_budget:
         search = replace(search, exhaustive_budget=0)
-    chooser = make_chooser(nameless, (), len(graph.labels), search, seed)
-    found = find_matches(
+    chooser = make_chooser(unknown, (), len(graph.labels), search, seed)
+    matched = find_matches(
         source,
         graph.index,
         patches.height[order],
@@ -234,13 +233,13 @@ def match_patches(
         seed=seed,
         n_threads=n_threads,
     )
-    matches, costs = np.empty_like(found.matches), np.empty_like(found.costs)
-    matches[order], costs[order] = found.matches, found.costs
-    return MatchGraph(matches, costs, found.objective)
+    matches, costs = np.empty_like(matched.matches), np.empty_like(matched.costs)
+    matches[order], costs[order] = matched.matches, matched.costs
+    return MatchGraph(matches, costs, matched.objective)
 
 
 def class_probabilities(matched_labels: ArrayLike, n_classes: int) -> NDArray[np.float64]:
-    """Let the matches of each patch vote on its class, equation 6 with the weight 1 / rank squared.
+    """Return class probabilities from the labels of the matches (equation 6, with the weight 1 / rank squared).
 
     Parameters
     ----------
@@ -252,7 +251,7 @@ def class_probabilities(matched_labels: ArrayLike, n_classes: int) -> NDArray[np
     Returns
     -------
     ndarray of float64, shape (n, n_classes)
-        Probabilities, of sum 1; the largest of a row is the patch's class, equation 7.
+        Probabilities; rows sum to 1. The largest of a row gives the class of the patch (equation 7).
 
     Raises
     ------
