@@ -28,7 +28,7 @@ from kedro_datasets.partitions import PartitionedDataset
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.scene_store_dataset import SceneStoreDataset
-from mlsroad_pipeline.execution.results import ARRAYS, POINTS, read_part, write_part
+from mlsroad_pipeline.execution.result_files import ARRAYS, POINTS, read_part, write_part
 from mlsroad_pipeline.execution.task import SceneTask
 
 FOLDER = Path(tempfile.mkdtemp(prefix="mlsroad-bench-"))

@@ -1,4 +1,4 @@
-"""How configuration is loaded: catalogs may refer to parameters, and their entries know the layer of their data."""
+"""Configuration loader: catalogs may refer to parameters, and their entries carry the layer of their data."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ _LAYER = re.compile(r"data/(\d\d_\w+?)(/|$)")
 
 
 def with_layers(catalog: Mapping[str, Any]) -> dict[str, Any]:
-    """Tell `kedro viz` the layer of each entry, which is the first folder of its path below ``data``.
+    """Add the layer of each entry, the first folder of its path below ``data``, as metadata for `kedro viz`.
 
     Examples
     --------
     >>> with_layers({"ground": {"filepath": "data/03_primary/ground.csv"}})["ground"]["metadata"]
     {'kedro-viz': {'layer': '03_primary'}}
     """
-    found = dict(catalog)
+    layered = dict(catalog)
     for name, entry in catalog.items():
         match = _LAYER.match(str(entry.get("filepath", ""))) if isinstance(entry, Mapping) else None
         if match:
-            found[name] = {"metadata": {"kedro-viz": {"layer": match[1]}}, **entry}
-    return found
+            layered[name] = {"metadata": {"kedro-viz": {"layer": match[1]}}, **entry}
+    return layered
 
 
 class ParameterConfigLoader(OmegaConfigLoader):
-    """Kedro's loader with one more resolver in catalogs: ``${params:label.output,default}``.
+    """Kedro's configuration loader with an additional resolver in catalogs: ``${params:label.output,default}``.
 
-    It gives the parameter's value wherever that was set, in the base, in the environment or on the command line
-    (Kedro's own ``runtime_params`` knows the command line alone), and the default where the parameter is missing, null
-    or empty.
+    It resolves to the value of the parameter, whether set in the base, in the environment or on the command line
+    (Kedro's ``runtime_params`` covers the command line only), or to the default if the parameter is missing, null or
+    empty.
 
     Parameters
     ----------
@@ -46,10 +46,10 @@ class ParameterConfigLoader(OmegaConfigLoader):
 
     def __init__(self, conf_source: str, **options: Any) -> None:
         super().__init__(conf_source, **options)
-        self._parameters: dict[str, Any] | None = None  # read once for the catalog and for the nodes
+        self._parameters: dict[str, Any] | None = None  # cached for the catalog and the nodes
 
     def __getitem__(self, key: str) -> dict[str, Any]:
-        """Load the configuration of a kind."""
+        """Return the configuration of a kind, such as ``"parameters"``."""
         if key == "parameters":
             if self._parameters is None:
                 self._parameters = super().__getitem__(key)
@@ -57,12 +57,12 @@ class ParameterConfigLoader(OmegaConfigLoader):
         if key == "catalog":
 
             def value_of(name: str, default: Any = None) -> Any:
-                found: Any = self._parameters or self["parameters"]
+                value: Any = self._parameters or self["parameters"]
                 for part in name.split("."):
-                    found = found.get(part) if isinstance(found, Mapping) else None
-                return default if found is None or found == "" else found
+                    value = value.get(part) if isinstance(value, Mapping) else None
+                return default if value is None or value == "" else value
 
-            # Resolvers are global to the process: that of the loader which loads its catalog now is the right one.
+            # Resolvers are global to the process; this loader replaces the one of an earlier session.
             OmegaConf.register_new_resolver("params", value_of, replace=True)
         loaded: dict[str, Any] = super().__getitem__(key)
         return with_layers(loaded) if key == "catalog" else loaded

@@ -28,6 +28,7 @@ from kedro.runner import SequentialRunner
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.execution import fingerprints
+from mlsroad_pipeline.execution.digests import digest_json
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 
 
@@ -248,7 +249,7 @@ def total(scenes):
 def test_in_a_kedro_pipeline_with_a_catalog(tmp_path):
     kind = "mlsroad_pipeline.datasets.scene_store_dataset.SceneStoreDataset"
     entries = {n: {"type": kind, "filepath": str(tmp_path / n), "execution": HERE} for n in ("points", "squares")}
-    entries["squares"]["scene_validator"] = "references_store.refuse_negative"
+    entries["squares"]["scene_validator"] = "helpers.store.refuse_negative"
     catalog = DataCatalog.from_config({**entries, "total": {"type": "MemoryDataset"}})
     catalog["numbers"] = [0, 1]
     pipeline = Pipeline(
@@ -269,3 +270,44 @@ def test_importing_the_store_is_light():
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     heavy = {"torch", "open3d", "mlflow", "matplotlib", "pandas", "sklearn", "dask", "distributed", "numba"}
     assert heavy & set(run.stdout.split()) == set()
+
+
+def store_of_earlier_code(root, tasks, **changes):
+    """Rewrite a store as an earlier release wrote it: another fingerprint, of a function in a module since removed."""
+    store_at(root).save(tasks)
+    manifest = json.loads((root / "manifest.json").read_text())
+    for key, record in manifest["scenes"].items():
+        call = {"functions": ["mlsroad_pipeline.datasets.removed_work:make_points"], "inputs": [], "parameters": []}
+        record |= {"task": digest_json(call), "function": call["functions"][0], **changes}
+        (root / key / "record.json").write_text(json.dumps(record))
+    (root / "manifest.json").write_text(json.dumps(manifest))
+
+
+def test_store_of_earlier_code_is_computed_again(tmp_path, marks, caplog):
+    caplog.set_level(logging.INFO)
+    root = tmp_path / "stage"
+    store_at(root).save(point_tasks(marks))
+    expected = tree_digest(root)
+    store_of_earlier_code(root, point_tasks(marks))
+    store = store_at(root)
+    assert list(store.load()) == ["s0", "s1", "s2"]  # its files are read as before
+    np.testing.assert_array_equal(store.load()["s1"].load().xyz, make_cloud(50, 1).xyz)
+    store.save(point_tasks(marks))
+    assert count_marks(marks) == 6
+    assert "3 scenes: 3 computed" in caplog.messages[-1]
+    assert tree_digest(root) == expected
+
+
+@pytest.mark.parametrize(
+    "changes", [{"format": 0}, {"parts": [{"name": "result", "function": "old"}]}, {"parts": "none"}]
+)
+def test_store_of_another_format_is_refused_in_one_line_until_it_is_computed_again(tmp_path, marks, changes):
+    root = tmp_path / "stage"
+    store_of_earlier_code(root, point_tasks(marks), **changes)
+    store = store_at(root)
+    assert not store.exists()
+    with pytest.raises(DatasetError, match=r"stage is not a complete scene store: run the stage that fills it$"):
+        store.load()
+    store.save(point_tasks(marks))
+    assert count_marks(marks) == 6
+    assert list(store.load()) == ["s0", "s1", "s2"]

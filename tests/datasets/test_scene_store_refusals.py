@@ -49,7 +49,7 @@ def test_failure_names_the_survey_that_a_stored_cloud_came_from(store, tmp_path)
 
 
 def test_validator_keeps_wrong_results_out(tmp_path):
-    store = store_at(tmp_path / "stage", scene_validator="references_store.refuse_negative")
+    store = store_at(tmp_path / "stage", scene_validator="helpers.store.refuse_negative")
     tasks = {n: SceneTask(give, parameters={"value": {"values": np.array([v])}}) for n, v in [("a", 1), ("b", -1)]}
     with pytest.raises(DatasetError, match="scene 'b': DataError: values must not be negative"):
         store.save(tasks)
@@ -90,7 +90,7 @@ def test_handle_of_a_replaced_result_is_refused(store, marks):
 
 
 def test_a_run_that_lost_its_store_writes_nothing_more(store, marks):
-    storage = store._storage
+    storage = store._store
     first = storage.begin()
     second = storage.begin()
     with pytest.raises(DataError.__mro__[1], match="another run has taken this store over"):
@@ -137,7 +137,7 @@ def test_wrong_settings_are_refused(tmp_path, execution, message):
         store_at(tmp_path, execution=execution)
 
 
-@pytest.mark.parametrize("name", ["nowhere.check", "references_store.nothing", "nodots", "references_store.DTYPES"])
+@pytest.mark.parametrize("name", ["nowhere.check", "helpers.store.nothing", "nodots", "helpers.store.DTYPES"])
 def test_unknown_validator_is_refused(tmp_path, name):
     with pytest.raises(ParameterError, match="cannot be imported"):
         store_at(tmp_path, scene_validator=name)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import store as references_store
+from helpers import store as store_helpers
 from helpers.store import give, make_points, square
 from sklearn.tree import DecisionTreeClassifier
 
@@ -98,7 +98,7 @@ def test_a_parameter_is_not_an_input():
 def test_function_and_validator_count():
     plain = Fingerprinter().task(give, {}, {"value": 1})
     assert Fingerprinter().task(make_points, {}, {"value": 1}) != plain
-    assert Fingerprinter().task(give, {}, {"value": 1}, validator=references_store.refuse_negative) != plain
+    assert Fingerprinter().task(give, {}, {"value": 1}, validator=store_helpers.refuse_negative) != plain
 
 
 def test_source_file_counts_by_name_and_content(tmp_path):
@@ -154,11 +154,11 @@ def test_sources_and_versions_count(monkeypatch):
 
 
 def test_the_whole_library_counts_for_functions_outside_of_the_science():
-    library, own = describe_sources([references_store.__name__])
+    library, own = describe_sources([store_helpers.__name__])
     assert library[0] == "library"
     assert ["algorithms/core/validation.py", digest_file(validation.__file__)] in library[1]
     assert {"simulation", "studies", "formats", "label"} <= {name.partition("/")[0] for name, _ in library[1]}
-    assert own == ["store.py", digest_file(references_store.__file__)]
+    assert own == ["store.py", digest_file(store_helpers.__file__)]
     assert describe_sources([fingerprints.__name__]) == [library]
     edge = describe_sources([pipeline_nodes.__name__])
     assert edge[0] == library
@@ -226,7 +226,7 @@ def test_value_that_cannot_be_pickled_is_refused():
         ({"inputs": {"value": 1}, "parameters": {"value": 1}}, r"\['value'\] are both inputs and parameters"),
         ({"inputs": {"value": 1, "cloud": 1}}, "got an unexpected keyword argument 'cloud'"),
         ({}, "missing a required argument: 'value'"),
-        ({"parameters": {"value": SourceFile("f")}}, "'value' is a SourceFile: it belongs into the inputs"),
+        ({"parameters": {"value": SourceFile("f")}}, "'value' is a SourceFile: pass it as an input"),
     ],
 )
 def test_task_that_cannot_be_called_is_refused(arguments, message):

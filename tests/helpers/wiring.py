@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import io
 import os
+import pickle
 import re
 import shutil
 import tempfile
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import mlflow
 import pytest
@@ -19,6 +22,7 @@ import yaml
 from filelock import FileLock
 from kedro.framework.session import KedroSession
 from kedro.framework.startup import bootstrap_project
+from omegaconf import OmegaConf
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SURVEYS = {"train": {"preset": "tiny", "seed": 7}, "test": {"preset": "tiny", "seed": 11}}
@@ -69,13 +73,34 @@ def joined(*trees: Mapping[str, Any]) -> dict[str, Any]:
     return result
 
 
+@functools.cache
+def _parsed(text: str, parse: Callable[[io.StringIO], Any]) -> bytes:
+    return pickle.dumps(parse(io.StringIO(text)))
+
+
+@contextlib.contextmanager
+def parsed_once() -> Iterator[None]:
+    """Parse each text of a configuration once per process: parsing the fifty files takes longer than most tests."""
+    parse = OmegaConf.load
+
+    def load(file: io.StringIO) -> Any:
+        return pickle.loads(_parsed(file.read(), parse))
+
+    with mock.patch.object(OmegaConf, "load", load):
+        yield
+
+
 @contextlib.contextmanager
 def session_of(project: Path, *, env: str | None = None, **parameters: Any) -> Iterator[KedroSession]:
     """Open a session in a project's folder, and leave MLflow afterwards as it was."""
     before = mlflow.get_tracking_uri()
     bootstrap_project(project)
     try:
-        with contextlib.chdir(project), KedroSession.create(project, env=env, runtime_params=parameters) as session:
+        with (
+            parsed_once(),
+            contextlib.chdir(project),
+            KedroSession.create(project, env=env, runtime_params=parameters) as session,
+        ):
             yield session
     finally:
         while mlflow.active_run() is not None:

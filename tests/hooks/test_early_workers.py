@@ -1,17 +1,15 @@
-"""Workers of `label` that start with the command: for which commands, and that the stages get them, warm."""
+"""Early workers of `label`: which commands start them, and that the stages run in them."""
 
 import gc
 import os
 import subprocess
 import sys
-import threading
 
 import pytest
 
 from mlsroad_pipeline.execution.settings import Execution
-from mlsroad_pipeline.hooks import command_hooks
-from mlsroad_pipeline.hooks.command_hooks import EarlyWorkersHooks
-from mlsroad_pipeline.hooks.early_workers import start_early, wanted
+from mlsroad_pipeline.hooks import early_workers
+from mlsroad_pipeline.hooks.early_workers import EarlyWorkersHooks, execution_of
 
 
 @pytest.mark.parametrize(
@@ -32,36 +30,36 @@ from mlsroad_pipeline.hooks.early_workers import start_early, wanted
     ],
 )
 def test_only_label_with_processes_starts_them(arguments, expected):
-    assert wanted(arguments) == expected
+    assert execution_of(arguments) == expected
 
 
-def test_other_commands_start_nothing():
-    assert start_early(["kedro", "run"]) is None
-
-
-def test_a_pipeline_ends_the_start_and_its_end_or_its_error_the_workers(monkeypatch):
-    ended = []
-    monkeypatch.setattr(command_hooks, "end_workers", ended.append)
-    thread = threading.Thread()
+def test_other_commands_start_nothing_and_change_nothing(monkeypatch):
+    monkeypatch.setattr(early_workers.threading, "Thread", None)  # a start would fail
+    hooks = EarlyWorkersHooks(["kedro", "run"])
+    assert gc.isenabled()
     gc.disable()
     try:
-        EarlyWorkersHooks(None).before_pipeline_run()
-        assert not gc.isenabled()  # it is not for commands that started nothing to turn it on
-        EarlyWorkersHooks(thread).before_pipeline_run()
-        assert gc.isenabled()
+        hooks.before_pipeline_run()
+        assert not gc.isenabled()
     finally:
         gc.enable()
-        gc.unfreeze()
-    for hooks in (EarlyWorkersHooks(None), EarlyWorkersHooks(thread)):
-        hooks.after_pipeline_run()
-        hooks.on_pipeline_error()
-    assert ended == [thread, thread]
+    hooks.after_pipeline_run()
+    hooks.on_pipeline_error()
+
+
+def test_an_error_ends_the_workers_too(monkeypatch):
+    ended = []
+    hooks = EarlyWorkersHooks([])
+    monkeypatch.setattr(hooks, "_end", lambda: ended.append("ended"))
+    hooks.after_pipeline_run()
+    hooks.on_pipeline_error()
+    assert ended == ["ended", "ended"]
 
 
 SCRIPT = """
 import gc, os, sys
 from mlsroad_pipeline.execution.backends import _processes
-from mlsroad_pipeline.hooks.early_workers import end_start, end_workers, start_early
+from mlsroad_pipeline.hooks.early_workers import EarlyWorkersHooks
 
 def loaded(number):
     return os.getpid(), "mlsroad_pipeline.label.warm_up" in sys.modules and gc.isenabled()
@@ -69,22 +67,22 @@ def loaded(number):
 def alive(pid):
     return os.path.exists(f"/proc/{pid}") and open(f"/proc/{pid}/stat").read().split()[2] != "Z"
 
-thread = start_early(["kedro", "run", "--pipeline=label", "--params=execution.n_workers=2"])
+hooks = EarlyWorkersHooks(["kedro", "run", "--pipeline=label", "--params=execution.n_workers=2"])
 assert "mlsroad_pipeline.label.warm_up" not in sys.modules
 print(not gc.isenabled())
-end_start()
+hooks.before_pipeline_run()
 print(gc.isenabled())
-thread.join()
-found = list(_processes(range(4), 2, loaded))
-pids = {pid for pid, _ in found}
-print(os.getpid() not in pids, all(warm for _, warm in found))
-end_workers(thread)
+hooks._thread.join()
+results = list(_processes(range(4), 2, loaded))
+pids = {pid for pid, _ in results}
+print(os.getpid() not in pids, all(warm for _, warm in results))
+hooks.after_pipeline_run()
 print(not any(map(alive, pids)))
 """
 
 
 def test_stages_get_the_workers_that_were_started_early():
-    found = subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-c", SCRIPT], capture_output=True, text=True, env=dict(os.environ), check=False, timeout=300
     )
-    assert found.stdout.split() == ["True"] * 5, found.stderr
+    assert done.stdout.split() == ["True"] * 5, done.stderr

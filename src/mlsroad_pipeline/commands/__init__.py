@@ -1,1 +1,1 @@
-"""Programs beside `kedro run`."""
+"""Commands besides `kedro run`."""

@@ -1,4 +1,4 @@
-"""What `make run` ends with: the scores, where the report lies, and three commands to go on with."""
+"""Summary printed at the end of `make run`: scores, path of the report, and three further commands."""
 
 import sys
 from pathlib import Path
@@ -18,13 +18,13 @@ NEXT = (
 
 
 def main() -> int:
-    """Print the tables of scores, the report's path and what to try next."""
-    found = [pd.read_csv(REPORTING / name) for name in TABLES if (REPORTING / name).is_file()]
-    if not found:
-        sys.stderr.write(f"{REPORTING / TABLES[0]} is not there: run `kedro run` first\n")
+    """Print the score tables, the path of the report and further commands; return the exit status."""
+    tables = [pd.read_csv(REPORTING / name) for name in TABLES if (REPORTING / name).is_file()]
+    if not tables:
+        sys.stderr.write(f"{REPORTING / TABLES[0]} does not exist: run `kedro run` first\n")
         return 1
     lines = [
-        *("\n" + part.to_string(index=False, float_format="{:.3f}".format) for part in found),
+        *("\n" + table.to_string(index=False, float_format="{:.3f}".format) for table in tables),
         "",
         f"Report: {(REPORTING / 'report.html').resolve()}",
         "",

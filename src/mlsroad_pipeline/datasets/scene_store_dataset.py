@@ -1,4 +1,4 @@
-"""`SceneStoreDataset` runs the per-scene tasks that a node returns and stores what they give, scene by scene."""
+"""Kedro dataset that runs the per-scene tasks of a node and stores their results."""
 
 from __future__ import annotations
 
@@ -15,23 +15,20 @@ from kedro.io import AbstractDataset, DatasetError
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError
 from mlsroad_pipeline.execution.backends import run_jobs
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.execution.files import StoreFiles
 from mlsroad_pipeline.execution.fingerprints import Fingerprinter
-from mlsroad_pipeline.execution.record import Record
-from mlsroad_pipeline.execution.results import is_valid_name
+from mlsroad_pipeline.execution.result_files import is_valid_name
 from mlsroad_pipeline.execution.settings import Execution, Progress
 from mlsroad_pipeline.execution.shared_values import share_values
-from mlsroad_pipeline.execution.storage import MANIFEST, SceneStorage
+from mlsroad_pipeline.execution.store import MANIFEST, Record, SceneStore
+from mlsroad_pipeline.execution.store_files import StoreFiles
 from mlsroad_pipeline.execution.task import SceneError, SceneFailure, SceneTask
-from mlsroad_pipeline.execution.worker import Outcome, SceneJob, describe_error, find_validator
-
-__all__ = ["SceneCollection", "SceneStoreDataset"]
+from mlsroad_pipeline.execution.worker import Outcome, SceneJob, describe_error, import_function
 
 logger = logging.getLogger(__name__)
 
 
 class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection]):
-    """Stores the results of per-scene tasks; saving runs the tasks in parallel, and only those whose result is missing.
+    """Store of per-scene results; saving runs the tasks in parallel, except those with a valid stored result.
 
     Catalog entry:
 
@@ -48,24 +45,24 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
     Parameters
     ----------
     filepath : str
-        The store's folder, local or any URL of fsspec. It must be empty, absent or a scene store: a store removes
-        what it does not know.
+        The folder of the store, local or a URL of fsspec. It must be empty, absent or a scene store, because a store
+        removes unknown files.
     execution : mapping, optional
         Arguments of `execution.Execution`.
     scene_validator : str, optional
-        Dotted name of a function that gets each result in its worker and raises if the result is wrong; nothing is
-        stored then. (Kedro keeps the key `validator` for itself and would apply it to the tasks.)
+        Dotted name of a function that is called with each result in its worker and raises an error for a wrong one,
+        which is then not stored. (Kedro reserves the key `validator` and would apply it to the tasks.)
     credentials : mapping, optional
         Credentials for the file system.
     fs_args : mapping, optional
         Further arguments for the file system.
     metadata : mapping, optional
-        Anything; not used.
+        Any metadata; ignored.
 
     Raises
     ------
     ParameterError
-        If `execution` is wrong, or if the validator cannot be imported.
+        If `execution` is invalid, or if the validator cannot be imported.
 
     Examples
     --------
@@ -88,10 +85,10 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
         fs_args: Mapping[str, Any] | None = None,
         metadata: Mapping[str, Any] | None = None,
     ) -> None:
-        self._storage = SceneStorage.at(str(filepath), {**(credentials or {}), **(fs_args or {})})
+        self._store = SceneStore.at(str(filepath), {**(credentials or {}), **(fs_args or {})})
         self._execution = Execution.from_config(execution)
         self._validator_name = scene_validator
-        self._validator = None if scene_validator is None else find_validator(scene_validator)
+        self._validator = None if scene_validator is None else import_function(scene_validator, "validator")
         self.metadata = metadata
 
     def load(self) -> SceneCollection:
@@ -107,13 +104,13 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
         DatasetError
             If the store is not complete.
         """
-        records = self._storage.read_manifest()
+        records = self._store.read_manifest()
         if records is None:
-            raise DatasetError(f"{self._storage.url} is not a complete scene store: run the stage that fills it")
-        return SceneCollection(self._storage, records)
+            raise DatasetError(f"{self._store.url} is not a complete scene store: run the stage that fills it")
+        return SceneCollection(self._store, records)
 
     def save(self, data: Mapping[str, SceneTask]) -> None:
-        """Run the tasks whose result is not stored yet, and list all scenes in the manifest.
+        """Run the tasks without a valid stored result, and write the manifest of all scenes.
 
         Parameters
         ----------
@@ -123,26 +120,26 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
         Raises
         ------
         DatasetError
-            Caused by a `SceneError` if scenes failed (the others are stored), by a `DataError` if `data` is something
-            else, if a name is not allowed or if the folder holds something else, and by a `ParameterError` if the
-            backend cannot reach the store.
+            Caused by a `SceneError` if scenes failed (the others are stored), by a `DataError` if `data` is of another
+            type, if a name is not allowed or if the folder holds other files, and by a `ParameterError` if the backend
+            cannot access the store.
         """
         start, backend = time.perf_counter(), self._execution.backend
         _check_tasks(data)
-        storage = self._storage
-        storage.check_ours()
+        store = self._store
+        store.check_ours()
         fingerprints, failures = self._fingerprints(data)
         records = self._valid_records(fingerprints, data)
         missing = [key for key in fingerprints if key not in records]
-        if missing or failures or storage.read_manifest() != records:
-            token = storage.begin()
-            storage.clean()
+        if missing or failures or store.read_manifest() != records:
+            token = store.begin()
+            store.clean()
             try:
                 tasks = [data[key] for key in missing]
                 if backend in ("loky", "dask"):
-                    tasks = share_values(tasks, StoreFiles(storage.url, storage.options))
+                    tasks = share_values(tasks, StoreFiles(store.url, store.options))
                 jobs = [
-                    SceneJob(key, task, fingerprints[key], storage, token, backend, self._validator_name)
+                    SceneJob(key, task, fingerprints[key], store, token, backend, self._validator_name)
                     for key, task in zip(missing, tasks, strict=True)
                 ]
                 for outcome in self._run(jobs):
@@ -151,13 +148,13 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
                     if outcome.failure is not None:
                         failures.append(outcome.failure)
                 if failures:
-                    raise SceneError(storage.name, tuple(sorted(failures, key=lambda f: f.scene)), len(data))
-                storage.finish(records, token=token)
+                    raise SceneError(store.name, tuple(sorted(failures, key=lambda f: f.scene)), len(data))
+                store.finish(records, token=token)
             finally:
-                storage.release(token)
+                store.release(token)
         seconds, valid = time.perf_counter() - start, len(data) - len(missing)
         summary = f"{len(data)} scenes: {len(missing)} computed in {seconds:.1f} s, {valid} already valid"
-        logger.info("%s: %s", storage.name, summary)
+        logger.info("%s: %s", store.name, summary)
 
     def _fingerprints(self, tasks: Mapping[str, SceneTask]) -> tuple[dict[str, str], list[SceneFailure]]:
         fingerprinter = Fingerprinter()
@@ -168,7 +165,7 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
                 fingerprints[key] = fingerprinter.task(
                     task.function, task.inputs, task.parameters, validator=self._validator
                 )
-            except MlsRoadError as error:  # a source file that is not there fails its own scene alone
+            except MlsRoadError as error:  # a missing source file fails only its own scene
                 failures.append(SceneFailure(key, ", ".join(task.sources()) or None, describe_error(error)))
         return fingerprints, failures
 
@@ -176,34 +173,34 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
         checksums = self._execution.verify == "checksum"
 
         def valid(key: str) -> Record | None:
-            record = self._storage.read_record(key)
+            record = self._store.read_record(key)
             if record is None or record.task != fingerprints[key]:
                 return None
             if not all(os.path.exists(output) for output in tasks[key].outputs):
                 return None
-            return record if self._storage.is_intact(key, record, checksums=checksums) else None
+            return record if self._store.is_intact(key, record, checksums=checksums) else None
 
         with ThreadPoolExecutor(self._execution.n_local_workers) as pool:
-            found = zip(fingerprints, pool.map(valid, fingerprints), strict=True)
-            return {key: record for key, record in found if record is not None}
+            records = zip(fingerprints, pool.map(valid, fingerprints), strict=True)
+            return {key: record for key, record in records if record is not None}
 
     def _run(self, jobs: list[SceneJob]) -> Iterator[Outcome]:
-        progress = Progress(self._storage.name, len(jobs), shown=self._execution.progress)
+        progress = Progress(self._store.name, len(jobs), shown=self._execution.progress)
         try:
             with closing(run_jobs(jobs, self._execution)) as outcomes:
                 for outcome in outcomes:
                     progress.step()
                     if outcome.failure is not None:
-                        logger.error("%s; the other scenes go on\n%s", outcome.failure, outcome.failure.traceback)
+                        logger.error("%s; the other scenes continue\n%s", outcome.failure, outcome.failure.traceback)
                     yield outcome
         finally:
             progress.close()
 
     def _exists(self) -> bool:
-        return self._storage.is_complete()
+        return self._store.is_complete()
 
     def _describe(self) -> dict[str, Any]:
-        return {"filepath": self._storage.url, "execution": self._execution, "scene_validator": self._validator_name}
+        return {"filepath": self._store.url, "execution": self._execution, "scene_validator": self._validator_name}
 
 
 def _check_tasks(data: object) -> None:

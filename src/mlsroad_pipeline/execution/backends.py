@@ -1,4 +1,4 @@
-"""Where scenes are run: in this process, in processes of this machine, or on a Dask cluster."""
+"""Backends that run scenes: this process, processes of this machine, or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -15,37 +15,33 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.execution.settings import Execution
 from mlsroad_pipeline.execution.task import SceneFailure
-from mlsroad_pipeline.execution.worker import Outcome, SceneJob, SharedLimit, describe_error, run_scene, warm_up
+from mlsroad_pipeline.execution.worker import Outcome, SceneJob, SharedLimit, WarmUp, describe_error, run_scene, warm_up
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 MAX_BROKEN_POOLS = 3
-"""How often the workers are started again after one was killed, before the rest of the stage is given up."""
+"""Number of pools started per stage; the stage fails when a worker of the last one is killed."""
 
 KILLED = (
-    "its worker process was killed, also when it ran alone; the usual reason is memory: make the scenes shorter, or "
-    "give the process more"
+    "its worker process was killed, also when it ran alone, usually for lack of memory: use shorter scenes or provide "
+    "more memory"
 )
 
-# One pool of processes serves all stages of this process, and a stage that fails ends the pool.
+# One process pool serves all stages of this process; a failed stage ends the pool.
 _pool_lock = threading.Lock()
 _shared_limit = SharedLimit()
 
 
 def run_jobs(jobs: Sequence[SceneJob], execution: Execution) -> Generator[Outcome, None, None]:
-    """Run scenes and yield what became of each, in the order in which they end.
+    """Run scenes and yield their outcomes in order of completion.
 
-    Every job yields exactly one outcome, also if its worker dies. If the caller stops early, or is interrupted, the
-    scenes in work are abandoned.
-
-    Raises
-    ------
-    ParameterError
-        If the store lies in this process's memory and the backend uses other processes.
+    Every job yields exactly one outcome, also if its worker dies. If the caller stops early or is interrupted, running
+    scenes are abandoned. Raises ParameterError if the store lies in the memory of this process and the backend uses
+    other processes.
     """
-    if execution.backend in ("loky", "dask") and any(job.storage.is_private for job in jobs):
-        raise ParameterError(f"{jobs[0].storage.url}: only the backends sequential and threading reach this memory")
+    if execution.backend in ("loky", "dask") and any(job.store.is_private for job in jobs):
+        raise ParameterError(f"{jobs[0].store.url}: only the backends sequential and threading reach this memory")
     runners: dict[str, Callable[[Sequence[SceneJob], Execution], Generator[Outcome, None, None]]] = {
         "sequential": _run_here,
         "threading": _run_here,
@@ -66,14 +62,14 @@ def _run_here(jobs: Sequence[SceneJob], execution: Execution) -> Generator[Outco
 def _parallel(
     jobs: Iterable[Any], n_workers: int, function: Callable[[Any], Any] = run_scene, **config: Any
 ) -> Generator[Any, None, None]:
-    # No memory mapping of large arguments: they would reach the function read-only, and with this backend alone.
+    # No memory mapping of large arguments: it would make them read-only, and with this backend only.
     with joblib.parallel_config(n_jobs=n_workers, max_nbytes=None, **config):
         parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch=n_workers)
         yield from parallel(joblib.delayed(function)(job) for job in jobs)
 
 
 def _run_processes(jobs: Sequence[SceneJob], execution: Execution) -> Generator[Outcome, None, None]:
-    """Run scenes in processes; those in work when a process is killed get a second chance, one by one."""
+    """Run scenes in processes; scenes running when a process is killed are repeated, each alone."""
     with _pool_lock:
         waiting = list(jobs)
         suspects: list[SceneJob] = []
@@ -100,12 +96,12 @@ def _run_processes(jobs: Sequence[SceneJob], execution: Execution) -> Generator[
 def _processes(
     jobs: Iterable[Any], n_workers: int, function: Callable[[Any], Any] = run_scene
 ) -> Generator[Any, None, None]:
-    # With one job joblib would run it in this process, which is not to die of a scene.
+    # With one worker joblib would run jobs in this process, which must survive a killed scene.
     yield from _parallel(jobs, max(n_workers, 2), function, backend="loky", inner_max_num_threads=1)
 
 
 class _Counted:
-    """Iterates once and remembers what was taken."""
+    """Iterable over jobs that records the jobs taken so far."""
 
     def __init__(self, jobs: Sequence[SceneJob]) -> None:
         self._jobs = jobs
@@ -117,12 +113,13 @@ class _Counted:
             yield job
 
 
-def warm_workers(execution: Execution) -> None:
-    """Start the processes that stages run in, and let each load what `label` needs."""
+def warm_workers(execution: Execution, function: str) -> None:
+    """Start the process pool of the stages and call a function, given by its dotted name, once in each worker."""
     n_workers = max(execution.n_local_workers, 2)
-    at_once = max(int(joblib.cpu_count()) - 1, 1)  # a core is left to this process, which has its own start to make
+    at_once = max(int(joblib.cpu_count()) - 1, 1)  # one core is left to this process
     with _pool_lock, tempfile.TemporaryDirectory(prefix="mlsroad-start-") as folder:
-        for _ in _processes([f"{folder}/{i % at_once}" for i in range(n_workers)], n_workers, warm_up):
+        jobs = [WarmUp(function, f"{folder}/{i % at_once}") for i in range(n_workers)]
+        for _ in _processes(jobs, n_workers, warm_up):
             pass
 
 
@@ -133,17 +130,17 @@ def _failed(job: SceneJob, cause: str) -> Outcome:
 def _run_dask(jobs: Sequence[SceneJob], execution: Execution) -> Generator[Outcome, None, None]:
     """Run scenes on a cluster.
 
-    joblib's own Dask backend waits for ever for a task whose worker was killed, and does not cancel what is in work
-    when the caller stops; the client's futures do both right.
+    Futures of the client are used in place of joblib's Dask backend, which waits forever for a task whose worker was
+    killed, and does not cancel running tasks when the caller stops.
     """
-    from distributed import as_completed  # noqa: PLC0415  # half a second that only this backend has to pay
+    from distributed import as_completed  # noqa: PLC0415  # takes 0.5 s, needed by this backend only
 
     with _dask_client(execution) as client:
         open_jobs: dict[Future, SceneJob] = {}
         waiting = iter(jobs)
 
         def submit(job: SceneJob) -> Future:
-            future = client.submit(run_scene, job, key=f"{job.storage.name}-{job.key}-{job.token}", pure=False)
+            future = client.submit(run_scene, job, key=f"{job.store.name}-{job.key}-{job.token}", pure=False)
             open_jobs[future] = job
             return future
 
@@ -161,7 +158,7 @@ def _run_dask(jobs: Sequence[SceneJob], execution: Execution) -> Generator[Outco
 
 @contextmanager
 def _dask_client(execution: Execution) -> Iterator[Client]:
-    from distributed import Client, LocalCluster, default_client  # noqa: PLC0415  other backends do without
+    from distributed import Client, LocalCluster, default_client  # noqa: PLC0415  # needed by this backend only
 
     if execution.scheduler is not None:
         with Client(execution.scheduler, set_as_default=False) as client:

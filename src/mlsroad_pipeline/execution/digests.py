@@ -17,7 +17,7 @@ DIGEST_BYTES = 16
 
 
 def new_digest() -> hashlib.blake2b:
-    """Return the running digest that the stores use: BLAKE2b of 128 bits."""
+    """Return a new incremental digest: BLAKE2b with 128 bits."""
     return hashlib.blake2b(digest_size=DIGEST_BYTES)
 
 
@@ -41,15 +41,10 @@ def _remote_digest(url: str, state: str) -> str:
 
 
 def digest_file(path: str) -> str:
-    """Return the digest of a file's content, or of all files below a folder.
+    """Return the digest of the content of a file, or of all files below a folder.
 
-    A file is read once as long as its size and its modification time (or whatever its file system offers instead,
-    such as an ETag) stay as they are.
-
-    Raises
-    ------
-    ReadError
-        If there is no such file or it cannot be read.
+    Digests are cached by path, size and modification time (remote files: by an identifier such as the ETag).
+    Raises ReadError if the file does not exist or cannot be read.
     """
     filesystem, root = fsspec.core.url_to_fs(path)
     try:

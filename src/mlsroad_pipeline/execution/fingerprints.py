@@ -1,9 +1,8 @@
-"""Fingerprints: short digests that change whenever a stored result would have to be computed again.
+"""Fingerprints of tasks: digests that change whenever a stored result has to be computed again.
 
-A fingerprint covers what a function is (qualified name, the sources that it can reach), what it is given (parameters,
-inputs) and what it stands on (versions of numerical packages). Two fingerprints are equal only if all of that is
-equal; what cannot influence a result, such as where the project lies on disk, stays out, so that a copied project keeps
-its results.
+A fingerprint covers the function (qualified name, reachable source files), its inputs and parameters, and the versions
+of the numerical packages. It excludes what cannot change a result, such as the location of the project on disk, so
+that a copied project keeps its results.
 """
 
 from __future__ import annotations
@@ -33,15 +32,15 @@ from mlsroad_pipeline.execution.source_reach import (
 )
 
 NUMERICAL_PACKAGES = ("numpy", "scipy", "numba", "scikit-learn", "open3d", "laspy", "torch", "PyMaxflow")
-"""Packages whose version is part of every fingerprint: another version may give other digits."""
+"""Packages whose versions are part of every fingerprint: results may differ between versions."""
 
 
 @runtime_checkable
 class Fingerprinted(Protocol):
-    """Something that knows what stands for it in a fingerprint."""
+    """Value that defines its own representation in fingerprints."""
 
     def fingerprint_data(self) -> Any:
-        """Return plain data (str, numbers, lists, mappings) that changes whenever the thing itself does."""
+        """Return plain data (str, numbers, lists, mappings) that changes whenever the value does."""
 
 
 def _digests(files: Iterable[Path], folder: Path) -> list[list[str]]:
@@ -50,7 +49,7 @@ def _digests(files: Iterable[Path], folder: Path) -> list[list[str]]:
 
 @functools.lru_cache(maxsize=1)
 def package_versions() -> dict[str, str]:
-    """Return the installed versions of `NUMERICAL_PACKAGES`, absent ones left out; imports none of them."""
+    """Return the versions of the installed `NUMERICAL_PACKAGES` without importing them."""
     versions = {}
     for package in NUMERICAL_PACKAGES:
         try:
@@ -61,11 +60,11 @@ def package_versions() -> dict[str, str]:
 
 
 def describe_sources(module_names: Iterable[str]) -> list[Any]:
-    """Return digests of all sources that functions of the named modules may reach inside this project.
+    """Return digests of all source files of this project that functions of the named modules can reach.
 
-    A function of `algorithms`, `simulation` or `studies` reaches what its module imports. A function of another package
-    can reach the whole library, since a model names the function that labels with it, and its own folder.
-    A function from outside the project counts with its own file.
+    A function of `algorithms`, `simulation` or `studies` reaches the imports of its module. A function of another
+    package reaches the whole library, since a model names its labelling function, and the folder of its module.
+    For a function from outside the project, its own file is included.
     """
     names, project = sorted(set(module_names)), project_folder()
     outside = [name for name in names if not in_science(name)]
@@ -86,30 +85,26 @@ def describe_sources(module_names: Iterable[str]) -> list[Any]:
 def qualified_name(function: Callable[..., Any]) -> str:
     """Return `module:name` of a function that a worker can import.
 
-    Raises
-    ------
-    ParameterError
-        If it is a lambda, a closure, a partial or a bound method: what they hold besides their name would escape the
-        fingerprint.
+    Raises ParameterError for a lambda, a closure, a partial or a bound method, whose state the fingerprint would miss.
     """
     module, name = getattr(function, "__module__", None), getattr(function, "__qualname__", None)
     if module and name and "<" not in name:
         try:
-            found = functools.reduce(getattr, name.split("."), sys.modules[module])
+            resolved = functools.reduce(getattr, name.split("."), sys.modules[module])
         except (KeyError, AttributeError):
-            found = None
-        if found is function:
+            resolved = None
+        if resolved is function:
             return f"{module}:{name}"
     raise ParameterError(f"a scene task needs a function that a module defines at its top level, got {function!r}")
 
 
 class Fingerprinter:
-    """Turns values into plain data and tasks into fingerprints; remembers what was costly within one save."""
+    """Compute fingerprints of tasks; digests of sources and large values are cached for the lifetime of the object."""
 
     def __init__(self) -> None:
         self._hashes: dict[int, tuple[Any, str]] = {}
         self._sources: dict[tuple[str, ...], list[Any]] = {}
-        self._types: set[str] = set()  # modules of `SCIENCE` that define what was described
+        self._types: set[str] = set()  # modules of `SCIENCE` that define the types of described values
 
     def task(
         self,
@@ -121,16 +116,12 @@ class Fingerprinter:
     ) -> str:
         """Return the fingerprint of a call.
 
-        Raises
-        ------
-        ParameterError
-            If the function is not importable by name or a value cannot be described.
-        ReadError
-            If a source file cannot be read.
+        Raises ParameterError if the function cannot be imported by name or a value cannot be described, and ReadError
+        if a source file cannot be read.
         """
         functions = [function] if validator is None else [function, validator]
         self._types = set()
-        given = {
+        call = {
             "functions": [qualified_name(f) for f in functions],
             "inputs": [[name, self.describe(inputs[name])] for name in sorted(inputs)],
             "parameters": [[name, self.describe(parameters[name])] for name in sorted(parameters)],
@@ -138,18 +129,14 @@ class Fingerprinter:
         modules = tuple(sorted({f.__module__ for f in functions} | self._types))
         if modules not in self._sources:
             self._sources[modules] = describe_sources(modules)
-        return digest_json({**given, "sources": self._sources[modules], "packages": package_versions()})
+        return digest_json({**call, "sources": self._sources[modules], "packages": package_versions()})
 
     def describe(self, value: Any) -> Any:
-        """Return plain data that stands for a value.
+        """Return plain data that represents a value.
 
-        Numbers of NumPy count as Python's, tuples as lists, paths as strings; the order of a mapping counts, because
-        it may have a meaning (labels follow the order of a class scheme).
-
-        Raises
-        ------
-        ParameterError
-            If the value is of another kind and cannot be pickled.
+        NumPy numbers equal Python numbers, tuples equal lists, paths equal strings. The order of a mapping counts,
+        since labels follow the order of a class scheme. Raises ParameterError if a value of another type cannot be
+        pickled.
         """
         if isinstance(value, list | tuple):
             described: Any = [self.describe(item) for item in value]
@@ -186,7 +173,7 @@ class Fingerprinter:
         known = self._hashes.get(id(value))
         if known is None:
             try:
-                # The value is kept beside its hash, so that its id is not given to another one.
+                # The value is kept with its hash, so that its id is not reused.
                 known = self._hashes[id(value)] = (value, str(joblib.hash(value)))
             except Exception as error:
                 raise ParameterError(f"a value of {kind} cannot be part of a scene task: {error}") from error

@@ -1,4 +1,4 @@
-"""Arrays of an NPZ file mapped into memory: pages are read when they are touched, and processes share them."""
+"""Memory-mapped arrays of an NPZ file: pages are read on access and shared between processes."""
 
 from __future__ import annotations
 
@@ -11,20 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 _LOCAL_HEADER = struct.Struct("<26xHH")
-"""The end of a zip entry's local header: lengths of the name and of the extra field that follow it."""
+"""End of the local header of a zip entry: lengths of the name and of the extra field that follow it."""
 
 
 def map_arrays(path: str | Path) -> dict[str, NDArray]:
     """Map the arrays of an NPZ file into memory.
 
-    Raises
-    ------
-    ValueError
-        If an entry is compressed, holds Python objects or is no array.
-    OSError
-        If the file cannot be read.
-    zipfile.BadZipFile
-        If the file is no NPZ file.
+    Raises ValueError for an entry that is compressed, holds Python objects or is no array, OSError for an unreadable
+    file, and zipfile.BadZipFile for a file that is not NPZ.
     """
     with open(path, "rb") as stream, zipfile.ZipFile(stream) as archive:
         content = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_COPY)

@@ -1,4 +1,4 @@
-"""How a stage is run: its settings, and what is told about it meanwhile."""
+"""Settings of a stage, and its progress report."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 BACKENDS = ("loky", "threading", "sequential", "dask")
 CHECKS = ("checksum", "size")
 LOG_INTERVAL = 15.0
-"""Seconds between two lines of the log where there is no terminal for a progress bar."""
+"""Seconds between two progress lines in the log, written where there is no terminal for a bar."""
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Execution:
-    """How the scenes of a stage are run.
+    """Settings for running the scenes of a stage.
 
     Parameters
     ----------
     backend : {"loky", "threading", "sequential", "dask"}, default "loky"
         Processes of this machine, threads, one after the other in this process, or a `dask.distributed` cluster.
     n_workers : int, optional
-        How many scenes are in work at the same time; memory grows with it. By default the number of cores that this
-        process may use, or with `scheduler` all threads of the cluster.
+        Number of scenes processed at the same time; memory grows with it. Default: the number of cores available to
+        this process, or with `scheduler` all threads of the cluster.
     scheduler : str, optional
-        Address of a Dask scheduler, such as ``tcp://host:8786``. Without it the `dask` backend uses the process's
-        current client if there is one, and otherwise starts a local cluster for the stage.
+        Address of a Dask scheduler, such as ``tcp://host:8786``. Without it the `dask` backend uses the current
+        client of this process, or else starts a local cluster for the stage.
     progress : bool, default True
-        Show a progress bar on a terminal, and write lines into the log elsewhere.
+        Show a progress bar on a terminal, and write progress lines to the log elsewhere.
     verify : {"checksum", "size"}, default "checksum"
-        How a stored result is looked at before it is taken for valid. `size` reads no data, for remote storage.
+        Check of stored results before they are reused. `size` reads no data, which suits remote storage.
 
     Raises
     ------
     ParameterError
-        If a value is outside of these, or if `scheduler` is given to another backend.
+        If a value is outside its domain, or if `scheduler` is combined with another backend.
     """
 
     backend: str = "loky"
@@ -66,13 +66,7 @@ class Execution:
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any] | None) -> Execution:
-        """Build the settings from a catalog entry.
-
-        Raises
-        ------
-        ParameterError
-            If a key is unknown or a value outside its domain.
-        """
+        """Return the settings of a catalog entry; raise ParameterError for unknown keys and values."""
         known = {f.name for f in fields(cls)}
         unknown = sorted(set(config or {}) - known)
         if unknown:
@@ -81,22 +75,12 @@ class Execution:
 
     @property
     def n_local_workers(self) -> int:
-        """The number of workers on this machine."""
+        """Number of workers on this machine."""
         return self.n_workers or int(joblib.cpu_count())
 
 
 class Progress:
-    """Tells how far a stage is: a bar with an estimate of the time left on a terminal, else lines in the log.
-
-    Parameters
-    ----------
-    stage : str
-        Name of the stage, in front of the bar and of the lines.
-    n_scenes : int
-        How many scenes it has to compute.
-    shown : bool
-        Whether to tell anything.
-    """
+    """Progress of a stage with an estimate of the time left: a bar on a terminal, otherwise lines in the log."""
 
     def __init__(self, stage: str, n_scenes: int, *, shown: bool) -> None:
         self._stage = stage
@@ -119,6 +103,6 @@ class Progress:
             logger.info("%s: %d of %d scenes, about %.0f s left", self._stage, self._done, self._total, left)
 
     def close(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self._bar is not None:
             self._bar.close()

@@ -1,6 +1,6 @@
-"""Large values that many tasks of a stage share, such as a trained model: written once, read once by each worker.
+"""Large parameters shared by the tasks of a stage, such as a trained model: written once, read once per worker.
 
-A task that carries its model would otherwise have it pickled, sent and rebuilt for every scene.
+Otherwise the model would be pickled, sent and rebuilt for every scene.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Any
 import cloudpickle  # type: ignore[import-untyped]  # it has no stubs
 
 from mlsroad_pipeline.execution.digests import new_digest
-from mlsroad_pipeline.execution.files import SHARED, StoreFiles
+from mlsroad_pipeline.execution.store_files import SHARED, StoreFiles
 from mlsroad_pipeline.execution.task import SceneTask
 
 SHARED_FROM = 1 << 20
-"""Pickled size in bytes from which on a value is shared."""
+"""Smallest pickled size of a shared value, bytes."""
 
 _PLAIN = (type(None), bool, int, float, str)
 
@@ -29,21 +29,13 @@ _loaded: dict[tuple[str, str], Any] = {}
 
 @dataclass(frozen=True)
 class SharedValue:
-    """Stands for a parameter in the tasks that workers are given.
-
-    Parameters
-    ----------
-    files : StoreFiles
-        The store that holds the value.
-    name : str
-        Its file in there.
-    """
+    """Reference to a shared parameter: the store that holds it and the name of its file."""
 
     files: StoreFiles
     name: str
 
     def load(self) -> Any:
-        """Return the value; a worker reads it once and keeps it until its next stage."""
+        """Return the value; a worker reads it once and caches it until its next stage."""
         key = (self.files.url, self.name)
         with _lock:
             if key not in _loaded:
@@ -54,7 +46,7 @@ class SharedValue:
 
 
 def share_values(tasks: Sequence[SceneTask], files: StoreFiles) -> list[SceneTask]:
-    """Write large parameters that several tasks have in common to files, and let the tasks refer to those."""
+    """Return tasks in which large parameters common to several of them are replaced by references to files."""
     values = {id(value): value for task in tasks for value in task.parameters.values()}
     uses = Counter(id(value) for task in tasks for value in task.parameters.values())
     shared: dict[int, SharedValue] = {}
@@ -77,5 +69,5 @@ def share_values(tasks: Sequence[SceneTask], files: StoreFiles) -> list[SceneTas
 
 
 def load_shared(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace what stands for shared values by the values."""
+    """Replace references to shared values by the values."""
     return {name: v.load() if isinstance(v, SharedValue) else v for name, v in parameters.items()}

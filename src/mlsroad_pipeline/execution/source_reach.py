@@ -1,4 +1,4 @@
-"""Sources that a module can reach: results are computed again when one of them changes."""
+"""Source files reachable from a module by imports: a change in one of them invalidates stored results."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ SCIENCE = ("algorithms", "simulation", "studies")
 """Packages whose modules reach only what they import."""
 
 LIBRARY = (*SCIENCE, "formats", "execution", "surveys", "datasets", "reporting", "label")
-"""Packages that a function outside of `SCIENCE` may reach: models name the function that labels with them."""
+"""Packages reachable from functions outside of `SCIENCE`, since models name their labelling function."""
 
 
 @functools.cache
 def project_folder() -> Path:
-    """Return where the project's sources lie."""
+    """Return the folder of the project's sources."""
     return Path(__file__).parents[1]
 
 
 def reachable_sources(module_names: Iterable[str]) -> list[Path]:
-    """Find the sources of `SCIENCE` that modules can reach through their imports, also those inside functions.
+    """Return the source files of `SCIENCE` that modules reach by imports, including imports inside functions.
 
-    A module that imports by name can reach its whole package: all of `algorithms`, for instance.
+    A module that calls `import_module` reaches its whole package, such as all of `algorithms`.
     """
-    waiting, found = list(module_names), set[Path]()
+    waiting, reached = list(module_names), set[Path]()
     seen: set[str] = set()
     while waiting:
         name = waiting.pop()
@@ -34,15 +34,15 @@ def reachable_sources(module_names: Iterable[str]) -> list[Path]:
             continue
         seen.add(name)
         file = source_of(name)
-        if file is None or file in found:
+        if file is None or file in reached:
             continue
-        found.add(file)
+        reached.add(file)
         waiting += _imports(file)
-    return sorted(found)
+    return sorted(reached)
 
 
 def all_sources() -> list[Path]:
-    """Return all sources of `LIBRARY`."""
+    """Return all source files of `LIBRARY`."""
     return sorted(file for package in LIBRARY for file in (project_folder() / package).rglob("*.py"))
 
 
@@ -53,7 +53,7 @@ def in_science(module_name: str) -> bool:
 
 
 def source_of(module_name: str) -> Path | None:
-    """Return the source file of a module of `SCIENCE`."""
+    """Return the source file of a module of `SCIENCE`, or None for other names."""
     if not in_science(module_name):
         return None
     place = project_folder().joinpath(*module_name.split(".")[1:])
@@ -64,7 +64,7 @@ def source_of(module_name: str) -> Path | None:
 
 
 def _imports(file: Path) -> list[str]:
-    """Return the names of what a source imports; names of what it imports from modules are among them."""
+    """Return the names that a source file imports: modules, and names imported from modules."""
     stat = file.stat()
     return _parsed_imports(file, stat.st_mtime_ns, stat.st_size)
 
@@ -91,6 +91,6 @@ def _module_name(file: Path) -> str:
 
 
 def _packages(module_name: str) -> list[str]:
-    """Return the packages that a module lies in: they are imported with it."""
+    """Return the parent packages of a module, which are imported with it."""
     parts = module_name.split(".")
     return [".".join(parts[:k]) for k in range(2, len(parts))]

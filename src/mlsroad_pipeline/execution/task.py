@@ -1,4 +1,4 @@
-"""What a per-scene stage hands to a scene store: tasks, and handles of what they read."""
+"""Tasks of a per-scene stage, and handles of their inputs."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ParameterError
 from mlsroad_pipeline.execution.digests import digest_file
 from mlsroad_pipeline.execution.fingerprints import qualified_name
-from mlsroad_pipeline.execution.storage import SceneStorage
+from mlsroad_pipeline.execution.store import SceneStore
 
 
 @dataclass(frozen=True)
 class SceneFailure:
-    """Why one scene has no result.
+    """Failure of one scene.
 
     Parameters
     ----------
     scene : str
         The scene.
     source : str or None
-        The source files, where they are known.
+        The source files, if known.
     cause : str
         Type and message of the error.
     traceback : str
-        The worker's traceback; empty where there is none.
+        Traceback of the worker; empty if there is none.
     """
 
     scene: str
@@ -41,17 +41,7 @@ class SceneFailure:
 
 
 class SceneError(MlsRoadError):
-    """Scenes of a stage failed; the others are stored, and another run computes only what is missing.
-
-    Parameters
-    ----------
-    stage : str
-        The store's name.
-    failures : tuple of SceneFailure
-        What failed.
-    n_scenes : int
-        How many scenes the stage has.
-    """
+    """Error of a stage with failed scenes; the other scenes are stored, and the next run computes the missing ones."""
 
     def __init__(self, stage: str, failures: tuple[SceneFailure, ...], n_scenes: int) -> None:
         self.stage = stage
@@ -61,18 +51,20 @@ class SceneError(MlsRoadError):
         super().__init__(f"stage {stage!r}: {len(failures)} of {n_scenes} scenes failed:\n{lines}")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by arguments: an exception would otherwise be rebuilt from its message."""
+        """Pickle the arguments: by default an exception is rebuilt from its message."""
         return type(self), (self.stage, self.failures, self.n_scenes)
 
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A raw input: a file, or a folder with all that is below it. The function gets its path.
+    """Raw input file or folder; the function of the task receives its path.
+
+    Fingerprints cover the name and the content, not the parent folder.
 
     Parameters
     ----------
     path : str
-        A path or URL. Its name and its content count in fingerprints, where it lies does not.
+        A path or URL.
     """
 
     path: str
@@ -82,14 +74,14 @@ class SourceFile:
         return str(self.path)
 
     def fingerprint_data(self) -> Any:
-        """Return name and content digest; raises ReadError if the file cannot be read."""
+        """Return name and content digest; raise ReadError if the file cannot be read."""
         path = str(self.path)
         return {"file": PurePosixPath(path).name, "content": digest_file(path)}
 
 
 @dataclass(frozen=True)
 class StoredResult:
-    """A handle of a stored result, tiny and picklable; the worker that needs the result loads it.
+    """Handle of a stored result, small and picklable; the worker loads the result.
 
     Parameters
     ----------
@@ -98,14 +90,14 @@ class StoredResult:
     key : str
         The scene.
     fingerprint : str
-        Digest of the stored content (of `part`, where one is chosen).
+        Digest of the stored content (of `part`, if given).
     part : str, optional
-        Which part of the result; None is the whole.
+        Part of the result; None is the whole result.
     storage_options : mapping, optional
-        What the store's file system is opened with.
+        Options of the store's file system.
     mapped : bool, default False
-        Map the arrays of local files into memory, read-only: a function that takes a few rows of large arrays reads
-        no more than those.
+        Map the arrays of local files into memory, copy-on-write: a function that uses some rows of large arrays reads
+        only these.
     """
 
     url: str
@@ -116,64 +108,52 @@ class StoredResult:
     mapped: bool = field(default=False, compare=False)
 
     def load(self) -> Any:
-        """Read the result from storage.
-
-        Raises
-        ------
-        ReadError
-            If it is not there, has been computed anew since, or cannot be read.
-        """
-        storage = SceneStorage(self.url, self.storage_options)
-        return storage.load(self.key, fingerprint=self.fingerprint, part=self.part, mapped=self.mapped)
+        """Read the result; raise ReadError if it is missing, has been replaced since, or cannot be read."""
+        store = SceneStore(self.url, self.storage_options)
+        return store.load(self.key, fingerprint=self.fingerprint, part=self.part, mapped=self.mapped)
 
     def fingerprint_data(self) -> Any:
-        """Return what stands for the result in the fingerprints of tasks that read it."""
+        """Return the representation of the result in fingerprints of tasks that read it."""
         return {"stored": self.fingerprint}
 
 
 @dataclass(frozen=True)
 class Deferred:
-    """Handles that the function itself loads, one by one, because all of them together may be too large.
-
-    Parameters
-    ----------
-    handles : tuple of StoredResult
-        The handles.
-    """
+    """Handles that the function loads itself, one by one, because all results together may exceed the memory."""
 
     handles: tuple[StoredResult, ...]
 
     def load(self) -> tuple[StoredResult, ...]:
-        """Return the handles as they are."""
+        """Return the handles unchanged."""
         return self.handles
 
     def fingerprint_data(self) -> Any:
-        """Return what stands for the results in fingerprints."""
+        """Return the representation of the results in fingerprints."""
         return [handle.fingerprint_data() for handle in self.handles]
 
 
 @dataclass(frozen=True)
 class SceneTask:
-    """The call that gives one scene's result: ``function(**loaded_inputs, **parameters)``, run in a worker.
+    """Call that computes the result of one scene in a worker: ``function(**loaded_inputs, **parameters)``.
 
     Parameters
     ----------
     function : callable
-        A function at the top level of a module. It returns what `scene_results` can store: a PointCloud, a
-        DataFrame, a mapping of str to arrays, or a mapping of part name to those.
+        A function at the top level of a module. It returns a PointCloud, a DataFrame, a mapping of str to arrays, or a
+        mapping of part name to any of these (see `result_files`).
     inputs : mapping of str to object
-        Keyword arguments; `StoredResult` are loaded and `SourceFile` become paths, also inside lists, tuples and
-        mappings. Anything else is passed on as it is.
+        Keyword arguments. A `StoredResult` is loaded and a `SourceFile` becomes its path, also inside lists, tuples
+        and mappings; other values are passed unchanged.
     parameters : mapping of str to object, optional
         The other keyword arguments: plain values, dataclasses, paths, arrays, estimators.
     outputs : sequence of str, optional
-        Files outside of the store that the function writes; where one is missing, the stored result does not count.
+        Files outside of the store that the function writes; if one is missing, the task runs again.
 
     Raises
     ------
     ParameterError
-        If the function is a lambda, a closure, a partial or a bound method, if a name stands in both mappings, if the
-        function does not take these arguments, or if a handle stands among the parameters.
+        If the function is a lambda, a closure, a partial or a bound method, if a name is in both mappings, if the
+        function does not accept these arguments, or if a handle is among the parameters.
     """
 
     function: Callable[..., Any]
@@ -188,10 +168,10 @@ class SceneTask:
             raise ParameterError(f"{name}: {twice} are both inputs and parameters")
         for parameter, value in self.parameters.items():
             if isinstance(value, StoredResult | SourceFile):
-                raise ParameterError(f"{name}: {parameter!r} is a {type(value).__name__}: it belongs into the inputs")
+                raise ParameterError(f"{name}: {parameter!r} is a {type(value).__name__}: pass it as an input")
         try:
             signature = inspect.signature(self.function)
-        except ValueError:  # some built-in functions do not tell theirs
+        except ValueError:  # some built-in functions have no signature
             return
         try:
             signature.bind(**self.inputs, **self.parameters)
@@ -209,17 +189,14 @@ def scene_tasks(
     inputs: Mapping[str, Any],
     parameters: Mapping[str, Any] | None = None,
 ) -> dict[str, SceneTask]:
-    """Name the same work for each scene.
+    """Create one task per scene.
 
-    Raises
-    ------
-    ParameterError
-        If `SceneTask` refuses the function or its arguments.
+    Each input maps scenes to the argument of that scene; a `SourceFile` is the same argument for all scenes.
     """
     return {
         key: SceneTask(
             function,
-            {name: given if isinstance(given, SourceFile) else given[key] for name, given in inputs.items()},
+            {name: value if isinstance(value, SourceFile) else value[key] for name, value in inputs.items()},
             parameters or {},
         )
         for key in scenes
@@ -227,7 +204,7 @@ def scene_tasks(
 
 
 def load_inputs(value: Any) -> Any:
-    """Replace handles by what they stand for, inside lists, tuples and mappings too."""
+    """Replace handles by their values, also inside lists, tuples and mappings."""
     if isinstance(value, StoredResult | SourceFile | Deferred):
         return value.load()
     if isinstance(value, Mapping):

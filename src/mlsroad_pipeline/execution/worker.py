@@ -1,4 +1,4 @@
-"""What happens in a worker: one scene is read, computed, checked and stored, with one thread."""
+"""Worker: one scene is read, computed, validated and stored, with one thread."""
 
 from __future__ import annotations
 
@@ -22,41 +22,40 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # i
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.execution.record import Record
 from mlsroad_pipeline.execution.shared_values import load_shared
-from mlsroad_pipeline.execution.storage import SceneStorage, SupersededError
+from mlsroad_pipeline.execution.store import Record, SceneStore
 from mlsroad_pipeline.execution.task import SceneFailure, SceneTask, load_inputs
 
 PARENT_INTERVAL = 0.5
-"""Seconds between two looks of a worker process at whether its driver is alive."""
+"""Seconds between two checks of a worker process that its driver is alive."""
 
 
 @dataclass(frozen=True)
 class SceneJob:
-    """What a worker is given.
+    """Job of a worker.
 
     Parameters
     ----------
     key : str
         The scene.
     task : SceneTask
-        What to call.
+        The task.
     fingerprint : str
-        The task's fingerprint, stored with the result.
-    storage : SceneStorage
-        Where the result goes.
+        Fingerprint of the task, stored with the result.
+    store : SceneStore
+        Destination of the result.
     token : str
-        The run's, from `SceneStorage.begin`.
+        Token of the run, from `SceneStore.begin`.
     backend : str
-        Where the worker runs; see `Execution`.
+        Backend of the worker; see `Execution`.
     validator : str, optional
-        Dotted name of the check that the result has to pass.
+        Dotted name of a function that checks the result.
     """
 
     key: str
     task: SceneTask
     fingerprint: str
-    storage: SceneStorage
+    store: SceneStore
     token: str
     backend: str
     validator: str | None = None
@@ -64,18 +63,18 @@ class SceneJob:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a worker gives back: a record or a failure, never the result.
+    """Outcome of a job: a record of the stored result or a failure.
 
     Parameters
     ----------
     key : str
         The scene.
     seconds : float
-        How long it took, reading and storing included.
+        Elapsed time, including reading and storing.
     record : Record, optional
-        What was stored.
+        Record of the stored result.
     failure : SceneFailure, optional
-        Why nothing was.
+        The failure, if nothing was stored.
     """
 
     key: str
@@ -84,31 +83,40 @@ class Outcome:
     failure: SceneFailure | None = None
 
 
-def find_validator(name: str) -> Callable[[Any], object]:
-    """Return the function that a dotted name means.
+@dataclass(frozen=True)
+class WarmUp:
+    """Job that prepares a worker for the tasks to come.
 
-    Raises
-    ------
-    ParameterError
-        If there is no such module or function.
+    Parameters
+    ----------
+    function : str
+        Dotted name of a function without arguments that loads libraries and compiled kernels.
+    lock : str
+        Lock file; workers with the same file warm up one after the other.
     """
+
+    function: str
+    lock: str
+
+
+def import_function(name: str, role: str) -> Callable[..., Any]:
+    """Return the function with a dotted name, or raise ParameterError naming its role and what is wrong."""
     module, _, function = name.rpartition(".")
     try:
-        found = getattr(importlib.import_module(module), function)
+        imported = getattr(importlib.import_module(module), function)
     except (ImportError, AttributeError, ValueError) as error:
-        raise ParameterError(f"validator {name!r} cannot be imported: {error}") from error
-    if not callable(found):
-        raise ParameterError(f"validator {name!r} is not a function")
-    return cast(Callable[[Any], object], found)
+        raise ParameterError(f"{role} {name!r} cannot be imported: {error}") from error
+    if not callable(imported):
+        raise ParameterError(f"{role} {name!r} is not a function")
+    return cast(Callable[..., Any], imported)
 
 
 def run_scene(job: SceneJob) -> Outcome:
-    """Load a scene's inputs, call its function, check and store what it returns; this is what runs in a worker."""
+    """Load the inputs of a scene, call its function, validate and store the result."""
     start = time.perf_counter()
     sources = job.task.sources()
     try:
-        if not job.storage.is_held(job.token):
-            raise SupersededError(f"{job.storage.url}: another run has taken this store over")
+        job.store.check_held(job.token)
         if job.backend == "loky":
             _settle()
         with _one_inner_thread(for_good=job.backend in ("loky", "dask")):
@@ -117,8 +125,8 @@ def run_scene(job: SceneJob) -> Outcome:
             result = job.task.function(**inputs, **load_shared(job.task.parameters))
             del inputs
             if job.validator is not None:
-                find_validator(job.validator)(result)
-        record = job.storage.commit(job.key, job.fingerprint, result, token=job.token)
+                import_function(job.validator, "validator")(result)
+        record = job.store.commit(job.key, job.fingerprint, result, token=job.token)
     except Exception as error:
         text = "".join(traceback.format_exception(error))
         failure = SceneFailure(job.key, ", ".join(dict.fromkeys(sources)) or None, describe_error(error), text)
@@ -127,26 +135,25 @@ def run_scene(job: SceneJob) -> Outcome:
 
 
 def _settle() -> None:
-    """Tie a process of loky to its driver, and keep it as long as the driver lives."""
+    """Bind the lifetime of a loky process to that of its driver."""
     _end_with_parent(os.getppid())
     _keep_worker()
 
 
-def warm_up(turn: str) -> str:
-    """Load the libraries and compiled kernels that labelling a scene takes; runs in a process of loky."""
+def warm_up(job: WarmUp) -> None:
+    """Call the warm-up function in a process of loky."""
     _settle()
-    with Path(turn).open("w") as stream, _one_inner_thread(for_good=True):
+    with Path(job.lock).open("w") as stream, _one_inner_thread(for_good=True):
         fcntl.flock(stream, fcntl.LOCK_EX)
-        gc.disable()  # nothing that is loaded here is ever unused
-        importlib.import_module("mlsroad_pipeline.label.warm_up").run_stages()
+        gc.disable()  # imports create many objects and no garbage
+        import_function(job.function, "warm-up function")()
         gc.freeze()
         gc.enable()
-    return turn
 
 
 @functools.lru_cache(maxsize=1)
 def _end_with_parent(parent: int) -> None:
-    """Let this worker end when its driver is gone; it would otherwise stay for minutes and hold its memory."""
+    """End this worker soon after its driver; it would otherwise keep its memory for minutes."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -158,12 +165,12 @@ def _end_with_parent(parent: int) -> None:
 
 @functools.lru_cache(maxsize=1)
 def _keep_worker() -> None:
-    """Keep loky from taking a scene's memory for a leak: it would end the worker, and the next one begins from cold."""
+    """Disable the leak detection of loky, which would replace a worker with a large scene by a cold one."""
     process_executor._MAX_MEMORY_LEAK_SIZE = sys.maxsize
 
 
 def describe_error(error: BaseException) -> str:
-    """Return an error's type and message, and its place in the code unless its message is meant to be enough."""
+    """Return type and message of an error, with its place in the code unless it is an error of this package."""
     text = f"{type(error).__name__}: {error}"
     frames = traceback.extract_tb(error.__traceback__)
     if isinstance(error, MlsRoadError) or not frames:
@@ -173,18 +180,18 @@ def describe_error(error: BaseException) -> str:
 
 @contextmanager
 def _one_inner_thread(*, for_good: bool) -> Iterator[None]:
-    """Keep libraries from starting threads of their own inside a scene: as many scenes as workers run already."""
-    if for_good:  # a process that does nothing but scenes
+    """Limit libraries to one thread inside a scene, since the workers occupy all cores."""
+    if for_good:  # a process that runs scenes only
         threadpool_limits(1)
         if "numba" not in sys.modules:
             os.environ["NUMBA_NUM_THREADS"] = "1"
-    # Importing what another thread is just importing waits for it; what nobody imports is not brought in here.
+    # Import Numba only if it is loaded or being loaded by another thread; the import waits for that thread.
     numba = importlib.import_module("numba") if "numba" in sys.modules else None
     before = None if numba is None else numba.get_num_threads()
     if numba is not None:
         numba.set_num_threads(1)
     try:
-        # A thread has its own OpenMP setting, so what holds for the process does not reach a pool's threads.
+        # OpenMP settings are per thread: the limit of the process does not apply to the threads of a pool.
         with threadpool_limits(1, user_api="openmp"):
             yield
     finally:
@@ -193,7 +200,7 @@ def _one_inner_thread(*, for_good: bool) -> Iterator[None]:
 
 
 class SharedLimit:
-    """Holds this process's BLAS and OpenMP at one thread while at least one stage runs in it."""
+    """Limit of one BLAS and OpenMP thread for this process while at least one stage runs in it."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -202,7 +209,7 @@ class SharedLimit:
 
     @contextmanager
     def hold(self) -> Iterator[None]:
-        """Limit the threads until the last of those who hold has left."""
+        """Limit the threads until the last holder leaves."""
         with self._lock:
             self._users += 1
             if self._limits is None:

@@ -1,1 +1,1 @@
-"""Kedro hooks: MLflow records, progress, stage costs and the default pipeline."""
+"""Kedro hooks: MLflow records, progress, stage costs, the default pipeline and early workers."""

@@ -1,4 +1,4 @@
-"""Which pipeline `kedro run` runs where none is named: an environment may say so."""
+"""Default pipeline of an environment, run by `kedro run` without a pipeline name."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.pipelines.composition import comparison, joined
 
 KEY = "default_pipeline"
-"""The parameter that names it."""
+"""Parameter with the name of the default pipeline."""
 
 
 class DefaultPipelineHooks:
-    """Put the pipeline that an environment's parameter `default_pipeline` names in the place of the default."""
+    """Replace the default pipeline by the one in the parameter `default_pipeline` of the environment."""
 
     def __init__(self) -> None:
         self._changed = False
 
     @hook_impl(trylast=True)
     def after_context_created(self, context: KedroContext) -> None:
-        """Exchange the default; another environment of the same process gets the comparison back."""
-        if "__default__" not in pipelines:  # a pipeline was named
+        """Replace the default pipeline; restore the comparison for another environment in the same process."""
+        if "__default__" not in pipelines:  # the command names a pipeline
             return
         name = context.config_loader["parameters"].get(KEY)
         if name is None and not self._changed:

@@ -1,62 +1,93 @@
-"""Workers that start before the driver has finished its imports.
+"""Early start of the worker pool of `label`, while the driver is still importing its libraries.
 
-`kedro run --pipeline=label` spends seconds on Kedro, MLflow and the configuration before it has work for anybody, and a
-worker needs seconds for its libraries and compiled kernels. Started with the command, both happen at the same time.
+Before the first scene of `kedro run --pipeline=label`, the driver spends 4.5 s of processor time on Kedro, MLflow, the
+configuration and the pipeline, and each worker 1.5 s on libraries and compiled kernels. With the early start both
+happen at the same time. Kedro calls no hook of a project before its settings are imported, so the settings start the
+workers, and the command line shows whether they are needed. On two cores, `label` of a simulated street of 420,000
+points took 1.3 s less than with a start in `after_context_created` (median of 15 alternating pairs of runs of about
+20 s), and 6 s less than without an early start (median of 8).
 """
 
 from __future__ import annotations
 
 import gc
 import re
+import sys
 import threading
 from collections.abc import Sequence
 
+from kedro.framework.hooks import hook_impl
+
 from mlsroad_pipeline.execution.settings import Execution
+
+WARM_UP = "mlsroad_pipeline.label.warm_up.run_stages"
+"""Function that the workers call first; the driver does not import it."""
 
 _PIPELINE = re.compile(r"(?:--pipelines?[= ]|-p ?)label(?: |$)")
 _SETTING = re.compile(r"execution\.(backend|n_workers)=(\w+)")
 
 
-def wanted(arguments: Sequence[str]) -> Execution | None:
-    """Tell from a command line whether workers for `label` will be needed, and how many."""
+def execution_of(arguments: Sequence[str]) -> Execution | None:
+    """Return the execution settings of a command line that runs `label` in processes, None for other commands."""
     # /usr/bin/kedro, "python -m kedro" or mlsroad_pipeline/__main__.py
     program = set(re.split(r"[\s/\\]+", arguments[0])) if arguments else set()
     if "mlsroad_pipeline" not in program and not ("kedro" in program and "run" in arguments):
         return None
     line = " ".join(arguments)
-    found = dict(_SETTING.findall(line))
-    if not _PIPELINE.search(line) or found.get("backend", "loky") != "loky":
+    settings = dict(_SETTING.findall(line))
+    if not _PIPELINE.search(line) or settings.get("backend", "loky") != "loky":
         return None
-    n_workers = found.get("n_workers", "")
+    n_workers = settings.get("n_workers", "")
     return Execution(n_workers=int(n_workers) if re.fullmatch("[1-9][0-9]*", n_workers) else None)
 
 
-def start_early(arguments: Sequence[str]) -> threading.Thread | None:
-    """Start the workers of `label` if a command line asks for it; they warm up while this process goes on.
+class EarlyWorkersHooks:
+    """Start the workers of `label` on construction, and end them with the run.
 
-    Until `end_start` is called, unused objects are not looked for.
+    Other commands start nothing. Until the pipeline begins, garbage collection is off in the driver: imports create
+    many objects and no garbage, and collection takes a quarter of their time.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        The command line; by default that of this process.
     """
-    execution = wanted(arguments)
-    if execution is None:
-        return None
-    gc.disable()  # imports make many objects and no rubbish: looking for it takes a quarter of their time
-    from mlsroad_pipeline.execution.backends import warm_workers  # noqa: PLC0415  # other commands need no joblib yet
 
-    thread = threading.Thread(target=warm_workers, args=(execution,), name="start-workers", daemon=True)
-    thread.start()
-    return thread
+    def __init__(self, arguments: Sequence[str] | None = None) -> None:
+        self._thread: threading.Thread | None = None
+        execution = execution_of(sys.argv if arguments is None else arguments)
+        if execution is None:
+            return
+        gc.disable()
+        from mlsroad_pipeline.execution.backends import warm_workers  # noqa: PLC0415  # other commands need no joblib yet
 
+        self._thread = threading.Thread(
+            target=warm_workers, args=(execution, WARM_UP), name="start-workers", daemon=True
+        )
+        self._thread.start()
 
-def end_start() -> None:
-    """Look for unused objects again, but no more at those that the start has made."""
-    if not gc.isenabled():
-        gc.freeze()
-        gc.enable()
+    @hook_impl(trylast=True)
+    def before_pipeline_run(self) -> None:
+        """Switch garbage collection on again, except for the objects created so far."""
+        if self._thread is not None and not gc.isenabled():
+            gc.freeze()
+            gc.enable()
 
+    @hook_impl(trylast=True)
+    def after_pipeline_run(self) -> None:
+        """End the workers."""
+        self._end()
 
-def end_workers(thread: threading.Thread) -> None:
-    """End the workers at once: asked to end on their own they take half a second, in which a command would wait."""
-    from joblib.externals.loky import get_reusable_executor  # noqa: PLC0415  this module is loaded before all others
+    @hook_impl(trylast=True)
+    def on_pipeline_error(self) -> None:
+        """End the workers."""
+        self._end()
 
-    thread.join()
-    get_reusable_executor(reuse=True, kill_workers=True).shutdown(wait=True, kill_workers=True)
+    def _end(self) -> None:
+        """Kill the workers; a regular shutdown takes half a second longer."""
+        if self._thread is None:
+            return
+        from joblib.externals.loky import get_reusable_executor  # noqa: PLC0415  # this module is imported first
+
+        self._thread.join()
+        get_reusable_executor(reuse=True, kill_workers=True).shutdown(wait=True, kill_workers=True)

@@ -1,6 +1,6 @@
-"""What a tracked run records beyond what kedro-mlflow does: flat parameters, scores, figures, data, code, environment.
+"""Records of a tracked run in addition to kedro-mlflow: parameters, scores, figures, data, code and environment.
 
-kedro-mlflow's own hook opens and closes the run; these hooks only add to the run that it opened.
+The hook of kedro-mlflow opens and closes the run; these hooks add to it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _RELATIVE_SQLITE = re.compile(r"sqlite:///(?!/)(?!:memory:)(?P<path>.+)")
 
 
 def _batches(entries: list[Any]) -> Iterable[list[Any]]:
-    """Cut a list into what MLflow takes in one call."""
+    """Split a list into batches of the size that MLflow accepts."""
     return (entries[start : start + _BATCH] for start in range(0, len(entries), _BATCH))
 
 
@@ -46,10 +46,10 @@ def _is_parameter(name: str) -> bool:
 
 
 class MlflowDetailsHooks:
-    """Add parameters, scores, figures, the data's fingerprint, the code's commit and the environment to a run.
+    """Add parameters, scores, figures, the fingerprint of the data, the commit and the environment to a run.
 
-    Everything goes to the run that was active when the pipeline started, through clients of its own, so that threads
-    of a runner cannot write into another run. Where tracking is off, nothing is recorded.
+    Records go to the run that was active when the pipeline started, through separate clients, so that threads of a
+    runner cannot write to another run. Without tracking, nothing is recorded.
     """
 
     def __init__(self) -> None:
@@ -59,7 +59,7 @@ class MlflowDetailsHooks:
 
     @hook_impl(tryfirst=True)
     def after_context_created(self, context: KedroContext) -> None:
-        """Resolve a relative SQLite store against the project folder and check that it can be used."""
+        """Resolve a relative SQLite store against the project folder and check it."""
         loader = context.config_loader
         if "mlflow" not in getattr(loader, "config_patterns", {}):
             return
@@ -77,7 +77,7 @@ class MlflowDetailsHooks:
 
     @hook_impl(trylast=True)
     def before_pipeline_run(self, run_params: dict[str, Any], pipeline: Pipeline, catalog: CatalogProtocol) -> None:
-        """Find the run that kedro-mlflow has opened, and record what is known before any node."""
+        """Take the run that kedro-mlflow has opened, and record parameters, code and environment."""
         run = mlflow.active_run()
         self._run_id = run.info.run_id if run else None
         self._catalog = catalog
@@ -93,14 +93,14 @@ class MlflowDetailsHooks:
 
     @hook_impl(tryfirst=True)
     def before_node_run(self, inputs: dict[str, Any]) -> None:
-        """Keep kedro-mlflow from recording parameters again, node by node and dataclasses as one string."""
+        """Remove parameters, which kedro-mlflow would record again per node, with dataclasses as one string."""
         if self._run_id is not None:
             for name in [name for name in inputs if _is_parameter(name)]:
                 del inputs[name]
 
     @hook_impl
     def after_dataset_saved(self, dataset_name: str, data: Any) -> None:
-        """Record saved scores and series as metrics, figures and reports as artifacts, and note raw files of tasks."""
+        """Record scores and series as metrics, figures and reports as artifacts; collect the raw files of tasks."""
         if self._run_id is None or self._catalog is None:
             return
         self._sources.update(source_files(data))
@@ -116,28 +116,28 @@ class MlflowDetailsHooks:
 
     @hook_impl(tryfirst=True)
     def after_pipeline_run(self) -> None:
-        """Record the fingerprint of the raw files that the run has read."""
+        """Record the fingerprint of the raw files of the run."""
         if self._run_id is not None and self._sources:
             self.log_fingerprint(sorted(self._sources))
-        self._forget()
+        self._discard()
 
     @hook_impl
     def on_pipeline_error(self) -> None:
-        """Forget the run: what comes next belongs to another one."""
-        self._forget()
+        """Discard the run."""
+        self._discard()
 
-    def _forget(self) -> None:
+    def _discard(self) -> None:
         self._run_id, self._catalog, self._sources = None, None, set()
 
     def log_parameters(self, pipeline: Pipeline, catalog: CatalogProtocol) -> None:
         """Record every parameter of the pipeline under its dotted name, and all in full as `parameters.json`."""
-        given: dict[str, Any] = {}
+        parameters: dict[str, Any] = {}
         for name in sorted(filter(_is_parameter, pipeline.inputs())):
             value = catalog.load(name)
-            given.update(value if name == "parameters" else {name.removeprefix("params:"): value})
-        # a node may take `a` and another `a.b`: that is one parameter, not two
-        inner = {name for name in given if any(name.startswith(f"{other}.") for other in given)}
-        flat = flatten_parameters({name: value for name, value in given.items() if name not in inner})
+            parameters.update(value if name == "parameters" else {name.removeprefix("params:"): value})
+        # `a` and `a.b`, inputs of two nodes, are one parameter
+        inner = {name for name in parameters if any(name.startswith(f"{other}.") for other in parameters)}
+        flat = flatten_parameters({name: value for name, value in parameters.items() if name not in inner})
         client = mlflow.MlflowClient()
         limit = MAX_PARAM_VAL_LENGTH
         written = [Param(n, v if len(v) <= limit else v[: limit - 1] + "…") for n, v in flat.items()]
@@ -146,24 +146,24 @@ class MlflowDetailsHooks:
         client.log_text(self._run_id, json.dumps(flat, indent=2, ensure_ascii=False), "parameters.json")
 
     def log_code_and_environment(self, project: Path) -> None:
-        """Record the commit and whether files differ from it, Python, the platform and all distributions."""
-        tags, frozen = environment()
-        tags |= git_state(project)
+        """Record the commit and whether files differ from it, Python, the platform and all packages."""
+        python = environment()
+        tags = python.tags | git_state(project)
         if "git.commit" in tags:
             tags["mlflow.source.git.commit"] = tags["git.commit"]
         client = mlflow.MlflowClient()
         client.log_batch(self._run_id, tags=[RunTag(name, value) for name, value in tags.items()])
-        client.log_text(self._run_id, "\n".join(frozen) + "\n", "environment/pip_freeze.txt")
+        client.log_text(self._run_id, "\n".join(python.packages) + "\n", "environment/pip_freeze.txt")
 
     def log_scores(self, dataset: ScoresDataset) -> None:
-        """Record every defined figure as the metric ``<slug>/<split>/<metric>/<class>``."""
+        """Record every defined score as the metric ``<slug>/<split>/<metric>/<class>``."""
         now = int(time.time() * 1000)
         metrics = [Metric(name, value, now, 0) for name, value in scores_to_metrics(dataset.load()).items()]
         for batch in _batches(metrics):
             mlflow.MlflowClient().log_batch(self._run_id, metrics=batch)
 
     def log_series(self, dataset: MetricSeriesDataset, slug: str) -> None:
-        """Record every column of figures as the metric ``<slug>/<column>``, step by step."""
+        """Record every column as the metric ``<slug>/<column>`` by step."""
         now, table = int(time.time() * 1000), dataset.load()
         steps = table.iloc[:, 0].astype(int).tolist()
         metrics = [
@@ -182,7 +182,7 @@ class MlflowDetailsHooks:
             mlflow.MlflowClient().log_artifact(self._run_id, str(path), folder)
 
     def log_fingerprint(self, paths: list[str]) -> None:
-        """Record the raw files: one digest as a tag, and each file's in `data_fingerprint.json`."""
+        """Record the digest of all raw files as a tag and those of the files in `data_fingerprint.json`."""
         fingerprint = fingerprint_files(paths)
         client = mlflow.MlflowClient()
         client.set_tag(self._run_id, "data.fingerprint", fingerprint.digest)

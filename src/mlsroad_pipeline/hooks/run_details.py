@@ -1,4 +1,4 @@
-"""What a tracked run says about itself: flat parameters, the code's commit and the environment."""
+"""Details of a tracked run: flat parameters, commit of the code and software environment."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from enum import Enum
 from importlib.metadata import Distribution, distributions
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydantic import BaseModel
 
@@ -19,7 +19,7 @@ _FIELD = re.compile(r"^(Name|Version): *(.*?)\r?$", re.MULTILINE)
 
 
 def _children(value: Any) -> dict[str, Any] | None:
-    """Return the named parts of a value that has any, or None."""
+    """Return the named parts of a value, or None if it has none."""
     if isinstance(value, BaseModel):
         return {name: getattr(value, name) for name in type(value).model_fields}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -32,7 +32,7 @@ def _children(value: Any) -> dict[str, Any] | None:
 
 
 def flatten_parameters(parameters: Mapping[str, Any]) -> dict[str, str]:
-    """Give every single parameter a dotted name.
+    """Return all single parameters by dotted name.
 
     Examples
     --------
@@ -58,34 +58,41 @@ def _written(value: Any) -> str:
     if isinstance(value, Enum):
         return str(value.value)
     if callable(value) and hasattr(value, "__qualname__"):
-        # the default text of a function holds its address, which differs in every run
+        # the default text of a function contains its address, which differs between runs
         return f"{value.__module__}.{value.__qualname__}"
     return str(value)
 
 
 def git_state(folder: Path) -> dict[str, str]:
-    """Return the commit of the code and whether files differ from it."""
-    answers = []
+    """Return tags with the commit of the code and whether files differ from it; empty outside of a git repository."""
+    outputs = []
     for arguments in (["rev-parse", "HEAD"], ["status", "--porcelain"]):
         try:
             command = ["git", "-C", str(folder), *arguments]
-            answers.append(
+            outputs.append(
                 subprocess.run(command, capture_output=True, text=True, check=True, timeout=30).stdout.strip()
             )
         except (OSError, subprocess.SubprocessError):
             return {}
-    return {"git.commit": answers[0], "git.dirty": "true" if answers[1] else "false"}
+    return {"git.commit": outputs[0], "git.dirty": "true" if outputs[1] else "false"}
 
 
-def _name_and_version(found: Distribution) -> tuple[str, str]:
-    """Read the two fields of a distribution that are wanted; parsing its whole description takes 50 times as long."""
-    text = found.read_text("METADATA") or found.read_text("PKG-INFO") or ""
+def _name_and_version(distribution: Distribution) -> tuple[str, str]:
+    """Return name and version of a distribution; parsing all of its metadata takes 50 times as long."""
+    text = distribution.read_text("METADATA") or distribution.read_text("PKG-INFO") or ""
     head = dict(_FIELD.findall(text.partition("\n\n")[0]))
     return head.get("Name", ""), head.get("Version", "")
 
 
-def environment() -> tuple[dict[str, str], list[str]]:
-    """Return what the code runs on."""
+class Environment(NamedTuple):
+    """Software environment: tags with the Python version and the platform, and all packages as ``name==version``."""
+
+    tags: dict[str, str]
+    packages: list[str]
+
+
+def environment() -> Environment:
+    """Return the environment of this process."""
     names = dict(map(_name_and_version, distributions()))
-    frozen = sorted((f"{name}=={version}" for name, version in names.items() if name), key=str.lower)
-    return {"python": platform.python_version(), "platform": platform.platform()}, frozen
+    packages = sorted((f"{name}=={version}" for name, version in names.items() if name), key=str.lower)
+    return Environment({"python": platform.python_version(), "platform": platform.platform()}, packages)

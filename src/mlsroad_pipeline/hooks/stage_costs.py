@@ -1,4 +1,4 @@
-"""What each node of a run takes: wall time, processor time, and memory of the driver and its workers together."""
+"""Costs of each node of a run: wall time, processor time, and memory of the driver and its workers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from kedro.pipeline.node import Node
 from mlsroad_pipeline.hooks.node_tables import save_rows
 
 KEY = "stage_costs"
-"""The parameter that asks for the figures, seconds between two looks at the memory, and the table of them."""
+"""Parameter with the sampling interval of the memory in seconds, and catalog entry of the table."""
 GIB = 2**30
 
 
@@ -29,17 +29,17 @@ def _processes() -> Iterator[psutil.Process]:
 
 
 def _processor_seconds() -> dict[int, float]:
-    """Return what each process of the tree has used so far."""
+    """Return the processor time of each process of the tree so far."""
     used = {}
     for process in _processes():
-        with suppress(psutil.NoSuchProcess):  # it has just ended
+        with suppress(psutil.NoSuchProcess):  # the process has just ended
             times = process.cpu_times()
             used[process.pid] = times.user + times.system
     return used
 
 
 def _memory() -> int:
-    """Return the proportional set sizes of all processes of the tree, bytes."""
+    """Return the sum of the proportional set sizes of all processes of the tree, bytes."""
     total = 0
     for process in _processes():
         with suppress(psutil.NoSuchProcess):
@@ -48,10 +48,10 @@ def _memory() -> int:
 
 
 class StageCostsHooks:
-    """Measure every node, its loading and saving included, where the parameter `stage_costs` asks for it.
+    """Measure every node, including loading and saving, if the parameter `stage_costs` is set.
 
-    Memory is looked at now and then, so that a peak between two looks is missed. A processor second of a worker that
-    ends within a node is not counted. Nodes have to run one after the other, as they do by default.
+    Memory is sampled, so that a peak between two samples is missed. The processor time of a worker that ends within a
+    node is not counted. Nodes must run sequentially, which is the default.
     """
 
     def __init__(self) -> None:
@@ -65,39 +65,39 @@ class StageCostsHooks:
 
     @hook_impl
     def after_context_created(self, context: KedroContext) -> None:
-        """Read from the configuration whether to measure."""
+        """Read the parameter."""
         self._interval = context.config_loader["parameters"].get(KEY)
 
     @hook_impl
     def before_pipeline_run(self, pipeline: Pipeline, catalog: CatalogProtocol) -> None:
-        """Begin to look at the memory."""
+        """Start to sample the memory."""
         if self._interval is None or KEY in pipeline.inputs():
             return
         self._catalog, self._rows = catalog, {}
         self._stop.clear()
-        self._watch = threading.Thread(target=self._look, args=(self._interval,), name="stage-costs", daemon=True)
+        self._watch = threading.Thread(target=self._sample, args=(self._interval,), name="stage-costs", daemon=True)
         self._watch.start()
 
-    def _look(self, interval: float) -> None:
+    def _sample(self, interval: float) -> None:
         while not self._stop.wait(interval):
             self._peak = max(self._peak, _memory())
 
     @hook_impl
     def before_dataset_loaded(self, node: Node) -> None:
-        """Begin the node whose first input is loaded."""
-        self._note(node)
+        """Record the start of a node at its first input."""
+        self._record(node)
 
     @hook_impl
     def after_node_run(self, node: Node) -> None:
-        """Note what a node took."""
-        self._note(node)
+        """Record the costs of a node."""
+        self._record(node)
 
     @hook_impl
     def after_dataset_saved(self, node: Node) -> None:
-        """Note what a node took with an output: tasks of scenes run when their table is saved."""
-        self._note(node)
+        """Record the costs of a node with its output: scene tasks run when the mapping of tasks is saved."""
+        self._record(node)
 
-    def _note(self, node: Node) -> None:
+    def _record(self, node: Node) -> None:
         if self._catalog is None:
             return
         used = _processor_seconds()
@@ -113,7 +113,7 @@ class StageCostsHooks:
 
     @hook_impl
     def after_pipeline_run(self) -> None:
-        """Save the table; nodes that did not run keep their rows."""
+        """Save the table; rows of other nodes are kept."""
         if self._catalog is not None:
             table = pd.DataFrame.from_dict(self._rows, orient="index").rename_axis("node").reset_index()
             save_rows(self._catalog, KEY, table)
@@ -121,7 +121,7 @@ class StageCostsHooks:
 
     @hook_impl
     def on_pipeline_error(self) -> None:
-        """Stop looking."""
+        """Stop sampling."""
         self._end()
 
     def _end(self) -> None:

@@ -1,4 +1,4 @@
-"""Whether the database of runs and models can be used, told in one line before MLflow fails in many."""
+"""Check of the database of runs and models, with an error of one line before MLflow fails with many."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from pathlib import Path
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 
 WAIT = 10.0
-"""Seconds that a database may be held by another program before it counts as locked."""
+"""Time to wait for another program that holds the database, seconds."""
 
 _SQLITE = re.compile(r"sqlite:///(?!:memory:)(?P<path>.+)")
 _ADVICE = {
-    "locked": "another program holds it; wait for it or end it, or name another store in conf/local/mlflow.yml",
-    "readonly": "it cannot be written; make it writable, or name another store in conf/local/mlflow.yml",
-    "not a database": "it is damaged or another file; restore it, or move it away and train again",
+    "locked": "another program holds it; wait for it or end it, or set another store in conf/local/mlflow.yml",
+    "readonly": "it cannot be written; make it writable, or set another store in conf/local/mlflow.yml",
+    "not a database": "it is damaged or of another type; restore it, or move it away and train again",
 }
 
 
 class TrackingStoreError(MlsRoadError):
-    """The database of runs and models cannot be used; the message names it and says what to do."""
+    """Unusable database of runs and models; the message names it and a remedy."""
 
 
 def check_tracking_store(uri: str, *, wait: float = WAIT) -> None:
-    """Raise an error where an SQLite store of MLflow is locked, read-only or no database; servers are not asked."""
+    """Raise TrackingStoreError for an SQLite store that is locked, read-only or no database; skip servers."""
     match = _SQLITE.fullmatch(uri)
     if match is None:
         return
     path = Path(match["path"])
     if not path.exists():
-        return  # MLflow makes it
+        return  # MLflow creates it
     try:
         with closing(sqlite3.connect(path, timeout=wait, isolation_level=None)) as connection:
             connection.execute("BEGIN IMMEDIATE")

@@ -1,4 +1,4 @@
-"""Tables of a GeoPackage that tell a GIS how to show its layers: names of fields, and styles."""
+"""Tables of a GeoPackage with field aliases and QGIS styles."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CREATE TABLE IF NOT EXISTS gpkg_extensions (
 """
 _EXTENSION = ("gpkg_schema", "http://www.geopackage.org/spec121/#extension_schema", "read-write")
 
-# As QGIS makes it, with whose names a layer's style is found.
+# Table and column names under which QGIS looks up the style of a layer.
 _LAYER_STYLES = """
 CREATE TABLE layer_styles (
   id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, f_table_catalog TEXT(256), f_table_schema TEXT(256),
@@ -34,16 +34,9 @@ CREATE TABLE layer_styles (
 
 
 def add_tables(path: Path, styles: Mapping[str, str], *, date: str) -> None:
-    """Add the names of fields (extension "Schema") and the styles of layers (QGIS) to a GeoPackage.
+    """Add field aliases (extension Schema) and layer styles (QML, by layer) to a GeoPackage without these tables.
 
-    Parameters
-    ----------
-    path : Path
-        The GeoPackage, without such tables.
-    styles : mapping of str to str
-        Layer to its style as QML. Layers that are not there are left out.
-    date : str
-        Time of the last change to write, as ISO 8601 in UTC.
+    `date` is the time of the last change, ISO 8601 in UTC. Styles of absent layers are skipped.
     """
     with closing(sqlite3.connect(path)) as base, base:
         layers = dict(base.execute("SELECT table_name, column_name FROM gpkg_geometry_columns").fetchall())
@@ -51,7 +44,7 @@ def add_tables(path: Path, styles: Mapping[str, str], *, date: str) -> None:
         for table in ("gpkg_data_columns", "gpkg_data_column_constraints"):
             base.execute("INSERT INTO gpkg_extensions VALUES (?, NULL, ?, ?, ?)", (table, *_EXTENSION))
         for layer in layers:
-            # The pragma's argument cannot be bound; layers are named by this package.
+            # The argument of a pragma cannot be bound; the layer names are constants of this package.
             names = [row[1] for row in base.execute(f'PRAGMA table_info("{layer}")')]
             rows = [(layer, n, FIELDS[n].alias, FIELDS[n].alias, FIELDS[n].description) for n in names if n in FIELDS]
             base.executemany(

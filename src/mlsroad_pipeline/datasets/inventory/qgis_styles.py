@@ -1,4 +1,4 @@
-"""Styles of the inventory's layers for QGIS 3 (QML)."""
+"""QGIS 3 styles (QML) of the inventory layers."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from xml.etree import ElementTree as XML
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS
 
 COLOURS = {"pole": "70,70,80", "sign": "214,40,40", "tree": "60,140,60", "vehicle": "40,100,190"}
-"""Colour of each kind of object, red, green and blue."""
+"""Kind of object to colour (red, green, blue)."""
 
 _LABEL_SCALE = 1500  # labels are drawn at this scale and larger
-_BESIDE, _OVER = "6", "1"  # where QGIS puts a label: around a point, or across the middle of an area
+_BESIDE, _OVER = "6", "1"  # QGIS codes of label placement: around a point, over the centre of an area
 
 Properties = Mapping[str, str]
 
@@ -22,7 +22,7 @@ def _option(parent: XML.Element, name: str, value: str = "", kind: str = "QStrin
 
 
 def _symbol_layer(parent: XML.Element, class_name: str, properties: Properties, expressions: Properties) -> None:
-    """Add a layer of a symbol; QGIS 3 of any version reads its properties as `prop`."""
+    """Add a symbol layer; every version of QGIS 3 reads its properties from `prop` elements."""
     layer = XML.SubElement(parent, "layer", {"class": class_name, "enabled": "1", "pass": "0", "locked": "0"})
     for key, value in properties.items():
         XML.SubElement(layer, "prop", k=key, v=value)
@@ -96,7 +96,7 @@ _TRAJECTORY: _Symbols = (
         {},
     ),
 )  # fmt: skip
-_ALL = ""  # the filter that every object passes
+_ALL = ""  # a filter that passes all objects
 
 _RULES: dict[str, tuple[str, Sequence[tuple[str, str, _Symbols]]]] = {
     "objects": (
@@ -119,7 +119,7 @@ _RULES: dict[str, tuple[str, Sequence[tuple[str, str, _Symbols]]]] = {
     "footprints": ("fill", [("outline of what was seen", _ALL, _FOOTPRINT)]),
     "trajectory": ("line", [("path of the scanner", _ALL, _TRAJECTORY)]),
 }
-"""Layer to the type of its symbols and its rules: text of the legend, filter, symbol."""
+"""Layer to the symbol type and the rules (legend text, filter, symbol)."""
 
 _LABELS = {
     "poles": """format_number("height", 1) || ' m' || if("tilt" >= 1, '\n' || format_number("tilt", 1) || '°', '')""",
@@ -129,11 +129,11 @@ _LABELS = {
 }
 
 LAYERS = tuple(_RULES)
-"""Layers that there are styles for."""
+"""Layers with a style."""
 
 
 def _renderer(root: XML.Element, layer: str) -> None:
-    """Add the rules; each has a line in the legend."""
+    """Add the rules; each rule has a legend entry."""
     kind, legend = _RULES[layer]
     renderer = XML.SubElement(
         root, "renderer-v2", {"type": "RuleRenderer", "symbollevels": "0", "enableorderby": "0", "forceraster": "0"}
@@ -171,25 +171,12 @@ def _labels(root: XML.Element, layer: str, *, scaled: bool) -> None:
 
 
 def qml(layer: str, *, scaled: bool = True) -> str:
-    """Return the style of a layer.
+    """Return the style of a layer as a QML document.
 
-    Poles are dots, with an arrow to where they lean from 1 degree on; signs point to where they look, or are bars where
-    their front is not known; trees are as wide as their crowns; vehicles are their boxes. The legend says so. Labels
-    appear from 1:1,500 on. Attribute tables show the columns
-    by their names with units.
-
-    Parameters
-    ----------
-    layer : str
-        One of `LAYERS`.
-    scaled : bool, default True
-        Whether labels wait for that scale. Without a coordinate system QGIS takes metres for degrees, at whose scales
-        they would never appear.
-
-    Returns
-    -------
-    str
-        A QML document.
+    Poles are dots, with an arrow in the direction of lean from 1 degree on. Signs are triangles that point in their
+    facing direction, or bars where the front is unknown. Trees are circles of crown diameter, vehicles their boxes.
+    With `scaled`, labels are shown at 1:1,500 and larger. A layer without coordinate system needs False: QGIS reads
+    its metres as degrees, so that the scale is never reached. Attribute tables show aliases with units.
     """
     categories = "Symbology|Labeling|Fields"
     root = XML.Element("qgis", version="3.22.0", styleCategories=categories, labelsEnabled=str(int(layer in _LABELS)))

@@ -1,4 +1,4 @@
-"""The road objects of a survey as geometries, which the files of the inventory share."""
+"""Road inventory of a survey: its table, and the geometries that both file formats write."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 MAY_LACK = ("facing_from", "method", "model_version")
-"""Columns of text that are NULL in files where they are empty."""
+"""Text columns whose empty values are NULL in files."""
 
 
 @dataclass(frozen=True)
 class RoadInventory:
-    """What is known of the objects of a survey.
+    """Road objects of a survey, with their reference system and the trajectory.
 
     Parameters
     ----------
     objects : DataFrame
-        Columns of `OBJECT_FIELDS`, as `merge_across_scenes` gives them.
+        Columns of `OBJECT_FIELDS`, as `merge_across_scenes` returns them.
     crs : str or None
         Coordinate reference system as WKT or a code such as ``EPSG:25832``; None is written as undefined.
     trajectory : Trajectory or None
-        The survey's path.
+        Trajectory of the scanner.
     """
 
     objects: pd.DataFrame
@@ -39,27 +39,7 @@ class RoadInventory:
 
 
 def checked(inventory: RoadInventory, target: Path) -> tuple[pd.DataFrame, CRS | None]:
-    """Return an inventory's table with typed columns and its reference system.
-
-    Parameters
-    ----------
-    inventory : RoadInventory
-        The inventory.
-    target : Path
-        The file that it is written to, which messages name.
-
-    Returns
-    -------
-    table : DataFrame
-        Columns of `OBJECT_FIELDS`.
-    crs : CRS or None
-        The reference system.
-
-    Raises
-    ------
-    DataError
-        If a column is missing or the CRS is not understood.
-    """
+    """Return the typed table and the reference system of an inventory; error messages name the target file."""
     missing = [name for name in OBJECT_FIELDS if name not in inventory.objects]
     if missing:
         raise DataError(f"{target}: the inventory lacks the column {missing[0]!r}")
@@ -71,71 +51,41 @@ def checked(inventory: RoadInventory, target: Path) -> tuple[pd.DataFrame, CRS |
 
 
 def attributes(table: pd.DataFrame) -> pd.DataFrame:
-    """Return what is written beside the geometries: all columns but the footprint, with NULL for what is not known.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Columns of `OBJECT_FIELDS`.
-
-    Returns
-    -------
-    DataFrame
-        The same rows.
-    """
-    kept = table[[name for name in FIELDS if name != "footprint"]].copy()
+    """Return all columns but the footprint, with None in place of empty text."""
+    columns = table[[name for name in FIELDS if name != "footprint"]].copy()
     for name in MAY_LACK:
-        kept[name] = kept[name].astype(object).where(kept[name] != "", None)
-    return kept
+        columns[name] = columns[name].astype(object).where(columns[name] != "", None)
+    return columns
+
+
+def with_empty_text(objects: pd.DataFrame) -> pd.DataFrame:
+    """Return a table read from a file with empty text in place of missing values: the inverse of `attributes`."""
+    columns = pd.DataFrame(objects)
+    for name in MAY_LACK:
+        columns[name] = columns[name].astype(object).where(columns[name].notna(), "")
+    return columns
 
 
 def base_points(table: pd.DataFrame) -> np.ndarray:
-    """Return the base points of objects.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Columns `x, y, z`.
-
-    Returns
-    -------
-    ndarray of shapely Point, shape (n,)
-        Points with heights.
-    """
+    """Return the base points of objects as shapely points with heights."""
     points: np.ndarray = shapely.points(table[["x", "y", "z"]].to_numpy())
     return points
 
 
 def hulls(table: pd.DataFrame) -> np.ndarray:
-    """Return the footprints of objects.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Column `footprint`.
-
-    Returns
-    -------
-    ndarray of shapely Polygon or None, shape (n,)
-        Counterclockwise polygons, None where there is no area.
-    """
+    """Return the footprints of objects as counterclockwise shapely polygons, None for those without area."""
     shapes: np.ndarray = shapely.from_wkt([text or None for text in table["footprint"]])
     return shapes
 
 
+def footprint_text(shapes: np.ndarray) -> np.ndarray:
+    """Return footprints as WKT with two decimals (1 cm), empty text for None: the inverse of `hulls`."""
+    text = shapely.to_wkt(shapes, rounding_precision=2, trim=False)
+    return np.where(shapely.is_missing(shapes), "", text)
+
+
 def vehicle_boxes(objects: pd.DataFrame) -> np.ndarray:
-    """Return the oriented boxes of vehicles as polygons at the height of their base.
-
-    Parameters
-    ----------
-    objects : DataFrame
-        Columns `x, y, z, length, width, heading`.
-
-    Returns
-    -------
-    ndarray of shapely Polygon, shape (n,)
-        Rectangles, counterclockwise.
-    """
+    """Return the oriented boxes of vehicles as counterclockwise polygons at the height of their base."""
     centre = objects[["x", "y"]].to_numpy()
     turn = np.radians(objects["heading"].to_numpy())
     along = np.column_stack([np.sin(turn), np.cos(turn)]) * objects["length"].to_numpy()[:, None] / 2

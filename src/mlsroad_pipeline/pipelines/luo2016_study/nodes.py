@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParamet
 from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.stages import GroundParameters
-from mlsroad_pipeline.datasets.scene_store_dataset import SceneCollection
+from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.pipelines.study import street_tasks
 from mlsroad_pipeline.studies.luo2016 import plan as luo2016_plan

@@ -1,4 +1,4 @@
-"""The inventory as GeoParquet 1.1: one table for data bases, notebooks and cloud storage."""
+"""Road inventory as GeoParquet 1.1: one table for databases, notebooks and cloud storage."""
 
 from __future__ import annotations
 
@@ -14,13 +14,16 @@ from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
-from mlsroad_pipeline.datasets.inventory.inventory_file import (
-    InventoryFileDataset,
+from mlsroad_pipeline.datasets.inventory.road_inventory import (
+    RoadInventory,
+    attributes,
+    base_points,
+    checked,
     footprint_text,
-    replaced,
+    hulls,
     with_empty_text,
 )
-from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory, attributes, base_points, checked, hulls
+from mlsroad_pipeline.formats.files import atomic_file
 
 VERSION = "1.1.0"
 _CORNERS = ("xmin", "ymin", "xmax", "ymax")
@@ -28,7 +31,7 @@ _TYPES = {"int64": pa.int64(), "float64": pa.float64(), "str": pa.string()}
 
 
 def _geo_metadata(points: np.ndarray, footprints: np.ndarray, crs: CRS | None) -> dict[str, Any]:
-    """Return the file metadata that GeoParquet 1.1 asks for."""
+    """Return the file metadata that GeoParquet 1.1 requires."""
     system = None if crs is None else crs.to_json_dict()
     columns: dict[str, dict[str, Any]] = {
         "geometry": {"encoding": "WKB", "geometry_types": ["Point Z"], "crs": system},
@@ -59,15 +62,15 @@ def write_geoparquet(inventory: RoadInventory, path: str | Path) -> None:
     """Write an inventory as a GeoParquet file.
 
     `geometry` holds the base points and `footprint` the polygons, both as WKB; `bbox` covers `geometry`. Every other
-    column carries its description as field metadata. The file appears whole or not at all, and the same inventory gives
-    the same bytes. The trajectory is not written.
+    column carries its description as field metadata. The file is written atomically, and equal inventories give equal
+    bytes. The trajectory is not written.
 
     Parameters
     ----------
     inventory : RoadInventory
-        The objects and where they lie.
+        The objects and their coordinate reference system.
     path : str or Path
-        The file, replaced if it exists; its folder must exist.
+        The file, replaced if it exists.
 
     Raises
     ------
@@ -88,12 +91,12 @@ def write_geoparquet(inventory: RoadInventory, path: str | Path) -> None:
     boxes = _boxes(points)
     schema = pa.schema([*fields, pa.field("bbox", boxes.type)])
     schema = schema.with_metadata({"geo": json.dumps(_geo_metadata(points, footprints, crs))})
-    with replaced(target) as temporary:
-        pq.write_table(pa.Table.from_arrays([*columns, boxes], schema=schema), temporary, compression="zstd")
+    with atomic_file(target) as stream:
+        pq.write_table(pa.Table.from_arrays([*columns, boxes], schema=schema), stream, compression="zstd")
 
 
 def read_geoparquet(path: str | Path) -> RoadInventory:
-    """Read back what `write_geoparquet` wrote.
+    """Read an inventory from a GeoParquet file of `write_geoparquet`.
 
     Parameters
     ----------
@@ -128,29 +131,3 @@ def read_geoparquet(path: str | Path) -> RoadInventory:
     system = json.loads(metadata[b"geo"])["columns"]["geometry"]["crs"]
     crs = None if system is None else CRS.from_json_dict(system).to_wkt()
     return RoadInventory(with_empty_text(objects).astype(OBJECT_FIELDS), crs)
-
-
-class GeoParquetDataset(InventoryFileDataset):
-    """An inventory of road objects in a GeoParquet file.
-
-    Parameters
-    ----------
-    filepath : str
-        The file.
-    metadata : dict, optional
-        Anything; not read.
-
-    Examples
-    --------
-    In a catalog::
-
-        inventory_table:
-          type: mlsroad_pipeline.datasets.inventory.geoparquet_dataset.GeoParquetDataset
-          filepath: data/07_model_output/inventory.parquet
-    """
-
-    def _read(self) -> RoadInventory:
-        return read_geoparquet(self._filepath)
-
-    def _write(self, data: RoadInventory) -> None:
-        write_geoparquet(data, self._filepath)

@@ -1,13 +1,13 @@
-"""Where a scene store lies: files of results, a record per scene that makes them valid, a manifest over all scenes.
+"""Scene store: result files, a record per scene that makes them valid, and a manifest of all scenes.
 
 ```
-<store>/manifest.json            all records, written last; while a run is under way it holds that run's token instead
-<store>/<scene>/record.json      fingerprint, and name, size and checksum of each part; written after the parts
-<store>/<scene>/<part>.parquet   the parts (`result` where there is only one)
+<store>/manifest.json            all records, written last; during a run it holds the token of that run instead
+<store>/<scene>/record.json      fingerprint of the task; name, size and checksum of each part; written after the parts
+<store>/<scene>/<part>.parquet   the parts (`result` for a result that is not divided)
 ```
 
-Nothing is synchronised to the disk: after a power failure the checksums tell what is whole. A process that outlived
-its killed run finds another token in the manifest, or none, and stores nothing.
+Files are not synchronised to the disk; after a power failure the checksums show which are complete. A process that
+outlives its killed run reads another token in the manifest, or none, and stores nothing.
 """
 
 from __future__ import annotations
@@ -16,41 +16,77 @@ import hashlib
 import io
 import uuid
 from collections.abc import Collection, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import PurePosixPath
 from typing import Any
 
 from fsspec.implementations.local import LocalFileSystem
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ReadError
-from mlsroad_pipeline.execution.digests import new_digest
-from mlsroad_pipeline.execution.files import SHARED, HashingStream, StoreFiles
-from mlsroad_pipeline.execution.record import FORMAT, Part, Record
-from mlsroad_pipeline.execution.results import EXTENSIONS, SINGLE, read_part, split_parts, write_part
+from mlsroad_pipeline.execution.digests import digest_json, new_digest
+from mlsroad_pipeline.execution.result_files import EXTENSIONS, SINGLE, read_part, split_parts, write_part
+from mlsroad_pipeline.execution.store_files import SHARED, HashingStream, StoreFiles
 
+FORMAT = 1
+"""Version of the records and manifests; results of other versions are computed again."""
 MANIFEST = "manifest.json"
 RECORD = "record.json"
 _BLOCK = 1 << 20
 
 
 class SupersededError(MlsRoadError):
-    """Another run has taken the store over; this one stores nothing more."""
+    """Another run has taken over the store; this run stores nothing more."""
 
 
-class SceneStorage(StoreFiles):
-    """A store's scenes and manifest.
+@dataclass(frozen=True)
+class Part:
+    """One file of a result: its name, its kind (a key of `EXTENSIONS`), its size in bytes and its BLAKE2b checksum."""
 
-    Parameters
-    ----------
-    url : str
-        The store's folder.
-    options : mapping, optional
-        What the file system is opened with (credentials, endpoints).
-    """
+    name: str
+    kind: str
+    size: int
+    checksum: str
+
+    @property
+    def file(self) -> str:
+        """The file's name in the folder of its scene."""
+        return f"{self.name}.{EXTENSIONS[self.kind]}"
+
+
+@dataclass(frozen=True)
+class Record:
+    """Record of a stored result: the fingerprint of its task and its files."""
+
+    task: str
+    parts: tuple[Part, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the record as plain data."""
+        return {"format": FORMAT, "task": self.task, "parts": [asdict(part) for part in self.parts]}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Record:
+        """Return the record of `to_json`; raise KeyError, TypeError or ValueError for other data."""
+        if data["format"] != FORMAT:
+            raise ValueError(f"record of format {data['format']}, not {FORMAT}")
+        return cls(data["task"], tuple(Part(**part) for part in data["parts"]))
+
+    def fingerprint(self, part: str | None = None) -> str:
+        """Return the fingerprint of the stored content, or of one part; raise DataError for an unknown part."""
+        chosen = [p for p in self.parts if part is None or p.name == part]
+        if part is not None and not chosen:
+            names = ", ".join(p.name for p in self.parts)
+            raise DataError(f"no part {part!r} is stored (parts: {names})")
+        return digest_json([[p.name, p.kind, p.checksum] for p in chosen])
+
+
+class SceneStore(StoreFiles):
+    """Scenes and manifest of a store; small and picklable, like the `StoreFiles` below it."""
 
     # --- scenes --------------------------------------------------------------------------------------------------
 
     def read_record(self, key: str) -> Record | None:
-        """Return the record of a scene, or None if it has none that is whole."""
+        """Return the record of a scene, or None if it is missing or incomplete."""
         data = self.read_json(f"{key}/{RECORD}")
         try:
             return None if data is None else Record.from_json(data)
@@ -58,7 +94,7 @@ class SceneStorage(StoreFiles):
             return None
 
     def is_intact(self, key: str, record: Record, *, checksums: bool) -> bool:
-        """Tell whether a scene's files are as its record says."""
+        """Return whether the files of a scene have the sizes, and optionally the checksums, of its record."""
         filesystem, root = self.opened()
         for part in record.parts:
             path = f"{root}/{key}/{part.file}"
@@ -74,38 +110,26 @@ class SceneStorage(StoreFiles):
         return True
 
     def commit(self, key: str, task: str, result: Any, *, token: str) -> Record:
-        """Store a result: the old record goes first, the new one comes last.
+        """Store a result: remove the old record first, write the new one last.
 
-        Raises
-        ------
-        DataError
-            If the result is of a type that cannot be stored.
-        SupersededError
-            If another run has taken the store over.
+        Raises DataError for a result of a type that cannot be stored and SupersededError after a takeover.
         """
         parts = split_parts(result)
-        if not self.is_held(token):
-            raise SupersededError(f"{self.url}: another run has taken this store over")
+        self.check_held(token)
         self.remove(f"{key}/{RECORD}")
         self.remove(key)
         written = []
-        for name, (kind, value) in parts.items():
-            with self.writing(f"{key}/{name}.{EXTENSIONS[kind]}") as target:
+        for name, part in parts.items():
+            with self.writing(f"{key}/{name}.{EXTENSIONS[part.kind]}") as target:
                 stream = HashingStream(target)
-                write_part(kind, value, stream)
-            written.append(Part(name, kind, stream.size, stream.digest.hexdigest()))
+                write_part(part.kind, part.value, stream)
+            written.append(Part(name, part.kind, stream.size, stream.digest.hexdigest()))
         record = Record(task, tuple(written))
         self.write_json(f"{key}/{RECORD}", record.to_json())
         return record
 
     def load(self, key: str, *, fingerprint: str, part: str | None = None, mapped: bool = False) -> Any:
-        """Read a result, or one part of it.
-
-        Raises
-        ------
-        ReadError
-            If the result is not there, has been replaced by another one since, or cannot be read.
-        """
+        """Read a result or one part of it; raise ReadError if it is missing, replaced since or unreadable."""
         record = self.read_record(key)
         if record is None:
             raise ReadError(f"{self.url}: scene {key!r} is not stored")
@@ -124,53 +148,45 @@ class SceneStorage(StoreFiles):
         except Exception as error:
             raise ReadError(f"{path}: cannot be read: {type(error).__name__}: {error}") from error
 
-    # --- the store as a whole --------------------------------------------------------------------------------------
+    # --- the whole store -------------------------------------------------------------------------------------------
 
     def check_ours(self) -> None:
-        """Refuse a folder that holds something else, since a store removes what it does not know.
-
-        Raises
-        ------
-        DataError
-            If there are files but no manifest.
-        """
+        """Raise DataError for a folder with other files and no manifest: a store removes unknown files."""
         if self.read_json(MANIFEST) is None:
             foreign = sorted(p for p in self.listing() if p != ".gitkeep" and not p.endswith(".tmp"))
             if foreign:
                 raise DataError(f"{self.url} is not a scene store but holds {len(foreign)} files, such as {foreign[0]}")
 
     def begin(self) -> str:
-        """Take the store over for a run and return its token; until `finish` the store does not exist."""
+        """Take over the store for a run and return its token; the store is incomplete until `finish`."""
         token = uuid.uuid4().hex
         self.write_json(MANIFEST, {"format": FORMAT, "run": token})
         return token
 
     def is_held(self, token: str) -> bool:
-        """Tell whether the run of this token has the store."""
+        """Return whether the run with this token holds the store."""
         manifest = self.read_json(MANIFEST)
         return manifest is not None and manifest.get("run") == token
 
+    def check_held(self, token: str) -> None:
+        """Raise SupersededError if another run has taken over the store."""
+        if not self.is_held(token):
+            raise SupersededError(f"{self.url}: another run has taken this store over")
+
     def release(self, token: str) -> None:
-        """End a run that did not finish, so that nothing of it is stored any more."""
+        """End an unfinished run, so that its remaining workers store nothing more."""
         if self.is_held(token):
             self.remove(SHARED)
             self.write_json(MANIFEST, {"format": FORMAT, "run": None})
 
     def finish(self, records: Mapping[str, Record], *, token: str) -> None:
-        """Remove what belongs to no scene of this run, and write the manifest.
-
-        Raises
-        ------
-        SupersededError
-            If another run has taken the store over.
-        """
-        if not self.is_held(token):
-            raise SupersededError(f"{self.url}: another run has taken this store over")
-        self._remove_strangers(records)
+        """Remove files of other scenes and write the manifest; raise SupersededError after a takeover."""
+        self.check_held(token)
+        self._remove_others(records)
         scenes = {key: records[key].to_json() for key in sorted(records)}
         self.write_json(MANIFEST, {"format": FORMAT, "scenes": scenes})
 
-    def _remove_strangers(self, keys: Collection[str]) -> None:
+    def _remove_others(self, keys: Collection[str]) -> None:
         filesystem, root = self.opened()
         filesystem.invalidate_cache()
         names = {PurePosixPath(path).name for path in filesystem.ls(root, detail=False)}  # empty folders too
@@ -178,7 +194,7 @@ class SceneStorage(StoreFiles):
             self.remove(name)
 
     def clean(self) -> None:
-        """Remove temporary files and shared values that a killed run left."""
+        """Remove temporary files and shared values of a killed run."""
         self.remove(SHARED)
         for path in self.listing():
             name = PurePosixPath(path).name
@@ -186,7 +202,7 @@ class SceneStorage(StoreFiles):
                 self.remove(path)
 
     def read_manifest(self) -> dict[str, Record] | None:
-        """Return the records of all scenes, or None if the store is not complete."""
+        """Return the records of all scenes, or None for an incomplete store."""
         manifest = self.read_json(MANIFEST)
         try:
             scenes = None if manifest is None else manifest.get("scenes")
@@ -195,7 +211,7 @@ class SceneStorage(StoreFiles):
             return None
 
     def is_complete(self) -> bool:
-        """Tell whether a manifest lists all scenes and all their files are there in their size."""
+        """Return whether there is a manifest and all files of its scenes exist in their recorded sizes."""
         records = self.read_manifest()
         if records is None:
             return False

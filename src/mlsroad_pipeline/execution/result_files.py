@@ -1,7 +1,7 @@
-"""How results lie in files: point clouds and tables as Parquet, arrays as NPZ, with the same bytes for the same result.
+"""Files of results: point clouds and tables as Parquet, arrays as NPZ; equal results give equal bytes.
 
-A result is a `PointCloud`, a pandas `DataFrame`, a mapping of names to arrays, or a mapping of part names to those;
-then each part is a file of its own. What comes back equals what was given in count, order, names, dtypes and bits.
+A result is a `PointCloud`, a pandas `DataFrame`, a mapping of names to arrays, or a mapping of part names to any of
+these, with one file per part. Reading restores number, order, names, dtypes and bits.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import sys
 import zipfile
 from collections.abc import Mapping
 from io import RawIOBase
-from typing import Any, BinaryIO, cast
+from typing import Any, BinaryIO, NamedTuple, cast
 
 import numpy as np
 import pyarrow as pa
@@ -28,11 +28,11 @@ from mlsroad_pipeline.execution.mapped_arrays import map_arrays
 POINTS, ARRAYS, TABLE = "points", "arrays", "table"
 EXTENSIONS = {POINTS: "parquet", ARRAYS: "npz", TABLE: "parquet"}
 SINGLE = "result"
-"""Name of the part of a result that is not divided into parts."""
+"""Part name of a result that is not divided into parts."""
 
 _NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
 _CSR_FIELDS = ("data", "indices", "indptr", "shape")
-# Of what was measured, byte stream split with zstd writes floating columns fastest and halves them.
+# Of the measured encodings, byte stream split with zstd writes floating-point columns fastest, at half their size.
 _COMPRESSION = {"compression": "zstd", "compression_level": 1}
 _SCHEMA_KEY = b"mlsroad"
 _GROUP = 1 << 19  # points
@@ -40,13 +40,13 @@ _SAMPLE = 4096
 
 
 def is_valid_name(name: object) -> bool:
-    """Tell whether a scene or a part may bear a name: letters, digits, `_`, `.` and `-`, no dot in front."""
+    """Return whether a name suits a scene or a part: letters, digits, `_`, `.` and `-`, no leading dot."""
     return isinstance(name, str) and _NAME.fullmatch(name) is not None
 
 
 def kind_of(value: object) -> str | None:
-    """Return the kind of file that holds a value."""
-    pandas = sys.modules.get("pandas")  # a value can only be a table if somebody has imported pandas
+    """Return the kind of file for a value, or None if there is none."""
+    pandas = sys.modules.get("pandas")  # a table exists only if pandas has been imported
     if isinstance(value, PointCloud):
         return POINTS
     if pandas is not None and isinstance(value, pandas.DataFrame):
@@ -60,17 +60,21 @@ def _is_csr(value: object) -> bool:
     return sparse.issparse(value) and isinstance(value, sparse.csr_array)
 
 
-def split_parts(result: object) -> dict[str, tuple[str, Any]]:
-    """Divide a result into parts, one file each.
+class ResultPart(NamedTuple):
+    """Part of a result: the kind of its file (a key of `EXTENSIONS`) and its value."""
 
-    Raises
-    ------
-    DataError
-        If the result, or one of its parts, is of another type, or if a part's name cannot name a file.
+    kind: str
+    value: Any
+
+
+def split_parts(result: object) -> dict[str, ResultPart]:
+    """Divide a result into named parts, one file each.
+
+    Raises DataError if the result or a part is of another type, or if a part name cannot name a file.
     """
     kind = kind_of(result)
     if kind is not None:
-        return {SINGLE: (kind, result)}
+        return {SINGLE: ResultPart(kind, result)}
     if not isinstance(result, Mapping):
         raise DataError(f"a scene's result must be a PointCloud, a DataFrame or a mapping, got {type(result).__name__}")
     parts = {}
@@ -80,7 +84,7 @@ def split_parts(result: object) -> dict[str, tuple[str, Any]]:
         part_kind = kind_of(value)
         if part_kind is None:
             raise DataError(f"part {name!r} of a result cannot be stored: it is a {_type_name(value)}")
-        parts[name] = (part_kind, value)
+        parts[name] = ResultPart(part_kind, value)
     return parts
 
 
@@ -91,13 +95,7 @@ def _type_name(value: object) -> str:
 
 
 def write_part(kind: str, value: Any, stream: BinaryIO | RawIOBase) -> None:
-    """Write a value to a stream.
-
-    Raises
-    ------
-    DataError
-        If a column or an array is of a dtype that files cannot hold without loss.
-    """
+    """Write a value to a stream; raise DataError for a dtype that cannot be stored without loss."""
     if kind == POINTS:
         _write_points(value, stream)
     elif kind == ARRAYS:
@@ -107,20 +105,23 @@ def write_part(kind: str, value: Any, stream: BinaryIO | RawIOBase) -> None:
 
 
 def read_part(kind: str, source: str | BinaryIO, *, mapped: bool = False) -> Any:
-    """Read back what `write_part` wrote."""
+    """Read a value written by `write_part`."""
     if kind == POINTS:
         return _read_points(source)
     return _read_arrays(source, mapped=mapped) if kind == ARRAYS else _read_table(source)
 
 
-def _free_name(wish: str, taken: list[str]) -> str:
-    while wish in taken:
-        wish += "_"
-    return wish
+def _unique_name(name: str, taken: list[str]) -> str:
+    while name in taken:
+        name += "_"
+    return name
 
 
 def _flat_columns(cloud: PointCloud) -> tuple[list[dict[str, Any]], list[str], list[NDArray]]:
-    """Lay vector columns out as flat ones: other programs read them, and they compress better than lists."""
+    """Split vector columns into scalar ones, which other programs read and which compress better than lists.
+
+    Returns the layout of the original columns (JSON data), and the names and values of the scalar ones.
+    """
     layout: list[dict[str, Any]] = []
     names: list[str] = []
     arrays: list[NDArray] = []
@@ -131,8 +132,8 @@ def _flat_columns(cloud: PointCloud) -> tuple[list[dict[str, Any]], list[str], l
         flat = array.reshape(len(array), math.prod(array.shape[1:]))
         fields = []
         for i in range(flat.shape[1]):
-            wish = "xyz"[i] if name is None else name if array.ndim == 1 else f"{name}[{i}]"
-            fields.append(_free_name(wish, names))
+            field = "xyz"[i] if name is None else name if array.ndim == 1 else f"{name}[{i}]"
+            fields.append(_unique_name(field, names))
             names.append(fields[-1])
             arrays.append(flat[:, i])
         layout.append({"name": name, "dtype": array.dtype.str, "shape": list(array.shape[1:]), "fields": fields})
@@ -140,7 +141,7 @@ def _flat_columns(cloud: PointCloud) -> tuple[list[dict[str, Any]], list[str], l
 
 
 def _has_many_values(array: NDArray) -> bool:
-    """Tell coordinates and times from floating columns that a dictionary suits, such as intensities of 8 bits."""
+    """Return False for floating-point columns with few values (8-bit intensities), which suit a dictionary."""
     if array.dtype.kind != "f":
         return False
     sample = array[:: max(1, len(array) // _SAMPLE)]
@@ -168,18 +169,18 @@ def _write_points(cloud: PointCloud, stream: BinaryIO | RawIOBase) -> None:
         write_page_checksum=True,
         **_COMPRESSION,
     ) as writer:
-        # Group by group, so that beside the cloud there is never more than a group in memory.
+        # Row group by row group: besides the cloud, memory holds at most one group.
         for start in range(0, max(len(cloud), 1), _GROUP):
             rows = slice(start, start + _GROUP)
-            pieces = [np.ascontiguousarray(a[rows], dtype=t) for a, t in zip(arrays, types, strict=True)]
-            writer.write_table(pa.table([pa.array(piece) for piece in pieces], schema=schema))
+            group = [np.ascontiguousarray(a[rows], dtype=t) for a, t in zip(arrays, types, strict=True)]
+            writer.write_table(pa.table([pa.array(values) for values in group], schema=schema))
 
 
 def _read_points(source: str | BinaryIO) -> PointCloud:
     file = pq.ParquetFile(source, page_checksum_verification=True, pre_buffer=False)
     header = json.loads(file.schema_arrow.metadata[_SCHEMA_KEY])
     n, layout = file.metadata.num_rows, header["columns"]
-    # Allocated here rather than taken from Arrow: Numba and PyTorch treat read-only arrays as another kind.
+    # Copied into own arrays: arrays of Arrow are read-only, which Numba and PyTorch treat as another type.
     arrays = [np.empty((n, len(column["fields"])), dtype=np.dtype(column["dtype"])) for column in layout]
     start = 0
     for group in range(file.num_row_groups):
@@ -195,7 +196,7 @@ def _read_points(source: str | BinaryIO) -> PointCloud:
 
 
 def _write_arrays(arrays: Mapping[str, Any], stream: BinaryIO | RawIOBase) -> None:
-    # Stored, not deflated: zip knows no zstd here, and deflate is slower than a scene's disk. Entries carry no date.
+    # Stored without compression: zipfile has no zstd, and deflate is slower than a disk. Entries carry no date.
     with zipfile.ZipFile(cast(BinaryIO, stream), "w", zipfile.ZIP_STORED) as archive:
         for name, value in arrays.items():
             if not isinstance(name, str) or not name or "/" in name:

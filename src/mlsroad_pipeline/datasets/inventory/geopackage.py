@@ -1,8 +1,12 @@
-"""The inventory as a GeoPackage: layers of typed features that a GIS opens."""
+"""Road inventory as a GeoPackage: typed layers with styles for a GIS."""
 
 from __future__ import annotations
 
+import os
+import uuid
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import geopandas as gpd
@@ -18,27 +22,23 @@ from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.datasets.inventory import qgis_styles
 from mlsroad_pipeline.datasets.inventory.geopackage_tables import add_tables
-from mlsroad_pipeline.datasets.inventory.inventory_file import (
-    InventoryFileDataset,
-    footprint_text,
-    replaced,
-    with_empty_text,
-)
 from mlsroad_pipeline.datasets.inventory.road_inventory import (
     RoadInventory,
     attributes,
     base_points,
     checked,
+    footprint_text,
     hulls,
     vehicle_boxes,
+    with_empty_text,
 )
 
 LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicle"}
-"""Layer name to the kind of object in it."""
+"""Layer name to kind of object."""
 
 _FIXED_DATE = "2000-01-01T00:00:00.000Z"
 _POINT, _POLYGON, _LINE = "Point Z", "Polygon Z", "LineString Z"
-_OF_FOOTPRINTS = ["object_id", "class", "kind", "score", "height"]  # what the layer of footprints repeats
+_OF_FOOTPRINTS = ["object_id", "class", "kind", "score", "height"]  # repeated in the layer of footprints
 
 
 def _write_layer(
@@ -46,9 +46,9 @@ def _write_layer(
 ) -> None:
     frame = gpd.GeoDataFrame(table.reset_index(drop=True), geometry=gpd.GeoSeries(geometry, dtype="geometry"), crs=crs)
     with warnings.catch_warnings():
-        # A survey without a known CRS is normal; GeoPackage has a code for it (-1, undefined Cartesian).
+        # A survey may have no known CRS; GeoPackage has a code for it (-1, undefined Cartesian).
         warnings.filterwarnings("ignore", message=".*crs.* was not provided", category=UserWarning)
-        # Older releases of QGIS 3 warn of versions after 1.2, which has all that is needed.
+        # Version 1.2 is sufficient, and older releases of QGIS 3 warn about later ones.
         options = {} if path.exists() else {"VERSION": "1.2"}
         pyogrio.write_dataframe(
             frame, path, layer=layer, driver="GPKG", geometry_type=kind, append=path.exists(), dataset_options=options
@@ -59,14 +59,14 @@ def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
     """Write an inventory as layers of a GeoPackage.
 
     Layers: `objects` (base points, all kinds), `poles`, `signs`, `trees` (base points), `vehicles` (oriented boxes),
-    `footprints` (convex hulls) and `trajectory` (a line), each with names of its fields and a style for QGIS.
-    The file appears whole or not at all, and the same inventory gives the same bytes. Layers without objects are there,
-    empty and typed; `trajectory` is left out where there is none.
+    `footprints` (convex hulls) and `trajectory` (a line), each with field aliases and a style for QGIS.
+    The file is written atomically, and equal inventories give equal bytes. Layers without objects are written empty
+    and typed; `trajectory` is omitted if the inventory has none.
 
     Parameters
     ----------
     inventory : RoadInventory
-        The objects, where they lie, and the path.
+        The objects, their coordinate reference system and the trajectory.
     path : str or Path
         The file, replaced if it exists; its folder must exist.
 
@@ -78,22 +78,34 @@ def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
     target = Path(path)
     table, crs = checked(inventory, target)
     before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
-    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": _FIXED_DATE})  # otherwise the file tells when it was written
+    # The default is the time of writing: equal inventories would give different bytes.
+    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": _FIXED_DATE})
     try:
-        with replaced(target) as temporary:
+        with _replaced(target) as temporary:
             _write_layers(temporary, inventory, table, crs)
     finally:
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
 
 
+@contextmanager
+def _replaced(target: Path) -> Iterator[Path]:
+    """Yield a temporary path in the target's folder; rename it to the target at the end, remove it on an error."""
+    temporary = target.with_name(f".{target.stem}-{uuid.uuid4().hex}{target.suffix}")
+    try:
+        yield temporary
+        os.replace(temporary, target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
 def _write_layers(path: Path, inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> None:
-    shown, points = attributes(table), base_points(table)
-    _write_layer(path, "objects", shown, geometry=points, kind=_POINT, crs=crs)
+    columns, points = attributes(table), base_points(table)
+    _write_layer(path, "objects", columns, geometry=points, kind=_POINT, crs=crs)
     for layer, kind in LAYERS.items():
-        mine = (table["kind"] == kind).to_numpy()
-        shapes = vehicle_boxes(table[mine]) if kind == "vehicle" else points[mine]
+        rows = (table["kind"] == kind).to_numpy()
+        shapes = vehicle_boxes(table[rows]) if kind == "vehicle" else points[rows]
         shape = _POLYGON if kind == "vehicle" else _POINT
-        _write_layer(path, layer, shown[mine], geometry=shapes, kind=shape, crs=crs)
+        _write_layer(path, layer, columns[rows], geometry=shapes, kind=shape, crs=crs)
     _write_footprints(path, table, crs=crs)
     if inventory.trajectory is not None:
         line = np.array([shapely.LineString(inventory.trajectory.xyz)])
@@ -105,14 +117,14 @@ def _write_layers(path: Path, inventory: RoadInventory, table: pd.DataFrame, crs
 
 def _write_footprints(path: Path, table: pd.DataFrame, *, crs: CRS | None) -> None:
     shapes = hulls(table)
-    there = ~shapely.is_missing(shapes)
-    areas = [polygon_area(shapely.get_coordinates(shape)) for shape in shapes[there]]
-    rows = table.loc[there, _OF_FOOTPRINTS].assign(area=np.round(np.array(areas, dtype=np.float64), 2))
-    _write_layer(path, "footprints", rows, geometry=shapes[there], kind="Polygon", crs=crs)
+    present = ~shapely.is_missing(shapes)
+    areas = [polygon_area(shapely.get_coordinates(shape)) for shape in shapes[present]]
+    rows = table.loc[present, _OF_FOOTPRINTS].assign(area=np.round(np.array(areas, dtype=np.float64), 2))
+    _write_layer(path, "footprints", rows, geometry=shapes[present], kind="Polygon", crs=crs)
 
 
 def read_geopackage(path: str | Path) -> RoadInventory:
-    """Read back what `write_geopackage` wrote.
+    """Read an inventory from a GeoPackage of `write_geopackage`.
 
     Parameters
     ----------
@@ -122,7 +134,7 @@ def read_geopackage(path: str | Path) -> RoadInventory:
     Returns
     -------
     RoadInventory
-        Objects, CRS as WKT, and the path without times.
+        Objects, CRS as WKT, and the trajectory without times.
 
     Raises
     ------
@@ -147,7 +159,7 @@ def read_geopackage(path: str | Path) -> RoadInventory:
     if "trajectory" in layers:
         line = gpd.read_file(source, layer="trajectory").geometry.iloc[0]
         trajectory = Trajectory.from_positions(shapely.get_coordinates(line, include_z=True), source=str(source))
-    # An undefined CRS is read back as GDAL's engineering CRS of that name.
+    # GDAL reads an undefined CRS as an engineering CRS of that name.
     known = frame.crs is not None and "Undefined" not in frame.crs.name
     return RoadInventory(_objects_of(source, frame), frame.crs.to_wkt() if known else None, trajectory)
 
@@ -158,31 +170,3 @@ def _objects_of(source: Path, frame: gpd.GeoDataFrame) -> pd.DataFrame:
     objects = with_empty_text(frame.drop(columns="geometry"))
     objects["footprint"] = objects["object_id"].map(dict(zip(shapes["object_id"], text, strict=True))).fillna("")
     return objects[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
-
-
-class GeoPackageDataset(InventoryFileDataset):
-    """An inventory of road objects in a GeoPackage, with the style of the layer `objects` beside it.
-
-    Parameters
-    ----------
-    filepath : str
-        The file; the style has its name and the ending ``.qml``, so that QGIS takes it for a GeoParquet file of that
-        name, too.
-    metadata : dict, optional
-        Anything; not read.
-
-    Examples
-    --------
-    In a catalog::
-
-        inventory:
-          type: mlsroad_pipeline.datasets.inventory.geopackage_dataset.GeoPackageDataset
-          filepath: data/07_model_output/inventory.gpkg
-    """
-
-    def _read(self) -> RoadInventory:
-        return read_geopackage(self._filepath)
-
-    def _write(self, data: RoadInventory) -> None:
-        write_geopackage(data, self._filepath)
-        self._filepath.with_suffix(".qml").write_text(qgis_styles.qml("objects"), encoding="utf-8")

@@ -1,6 +1,7 @@
 """GeoParquet: the metadata of the specification, read by others, same bytes, whole or not at all."""
 
 import json
+import os
 import struct
 
 import geopandas as gpd
@@ -14,8 +15,8 @@ from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS, empty_table
-from mlsroad_pipeline.datasets.inventory import inventory_file
-from mlsroad_pipeline.datasets.inventory.geoparquet_dataset import GeoParquetDataset, read_geoparquet, write_geoparquet
+from mlsroad_pipeline.datasets.inventory.geoparquet import read_geoparquet, write_geoparquet
+from mlsroad_pipeline.datasets.inventory.inventory_dataset import RoadInventoryDataset
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
 
 SQUARE = "POLYGON ((583001.00 4477000.00, 583001.50 4477000.00, 583001.50 4477000.50, 583001.00 4477000.00))"
@@ -72,7 +73,7 @@ def test_geopandas_reads_it_also_by_place(inventory, tmp_path):
 
 @pytest.mark.parametrize("crs", ["EPSG:25832", None])
 def test_round_trip(inventory, tmp_path, crs):
-    dataset = GeoParquetDataset(filepath=str(tmp_path / "out" / "inventory.parquet"))
+    dataset = RoadInventoryDataset(filepath=str(tmp_path / "out" / "inventory.parquet"))
     assert not dataset.exists()
     dataset.save(RoadInventory(inventory.objects, crs))
     back = dataset.load()
@@ -102,7 +103,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(inventory, tmp_path
     def fail(*_, **__):
         raise OSError("disk full")
 
-    monkeypatch.setattr(inventory_file.os, "replace", fail)
+    monkeypatch.setattr(os, "replace", fail)
     with pytest.raises(OSError, match="disk full"):
         write_geoparquet(RoadInventory(inventory.objects.head(1)), path)
     assert path.read_bytes() == before

@@ -278,7 +278,7 @@ def test_interrupt_ends_processes_at_once_and_leaves_a_resumable_store(tmp_path,
     root = tmp_path / "stage"
     assert json.loads((root / "manifest.json").read_text())["run"] is None
     store = store_at(root, backend="sequential")
-    finished = whole_records(root, store._storage)
+    finished = whole_records(root, store._store)
     before = {key: count_marks(marks, f"{key}.") for key in finished}
     store.save(part_tasks(marks, 16, pause=0.2))
     assert store.exists()
@@ -301,7 +301,7 @@ def test_run_killed_at_random_moments_ends_with_the_same_bytes(tmp_path, marks, 
         {f"s{i}": SceneTask(slow_parts, {}, {"seed": i, "marks": str(marks), "pause": 0.02}) for i in range(16)}
     )
     root, moments = tmp_path / "stage", random.Random(20160217 + group)
-    storage = store_at(root)._storage
+    storage = store_at(root)._store
     for _ in range(5):
         finished = whole_records(root, storage)
         before = {key: count_marks(marks, f"{key}.") for key in finished}

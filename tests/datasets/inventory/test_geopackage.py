@@ -15,12 +15,9 @@ import shapely
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS, empty_table
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
-from mlsroad_pipeline.datasets.inventory import geopackage_dataset
-from mlsroad_pipeline.datasets.inventory.geopackage_dataset import (
-    GeoPackageDataset,
-    read_geopackage,
-    write_geopackage,
-)
+from mlsroad_pipeline.datasets.inventory import geopackage
+from mlsroad_pipeline.datasets.inventory.geopackage import read_geopackage, write_geopackage
+from mlsroad_pipeline.datasets.inventory.inventory_dataset import RoadInventoryDataset
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory, vehicle_boxes
 
 WRITTEN = [name for name in OBJECT_FIELDS if name != "footprint"]
@@ -92,7 +89,7 @@ def test_footprints_are_polygons_with_their_area(inventory, tmp_path):
     assert shapely.is_valid(found.geometry).all()
 
 
-def test_what_is_not_known_is_null(inventory, tmp_path):
+def test_missing_values_are_null(inventory, tmp_path):
     path = tmp_path / "inventory.gpkg"
     write_geopackage(inventory, path)
     assert query(path, "SELECT tilt, facing_from, model_version, method FROM poles") == [
@@ -147,7 +144,7 @@ def test_vehicle_footprint_is_its_oriented_box(inventory):
 
 
 def test_round_trip(inventory, tmp_path):
-    dataset = GeoPackageDataset(filepath=str(tmp_path / "out" / "inventory.gpkg"))
+    dataset = RoadInventoryDataset(filepath=str(tmp_path / "out" / "inventory.gpkg"))
     assert not dataset.exists()
     dataset.save(inventory)
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["inventory.gpkg", "inventory.qml"]
@@ -201,7 +198,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(inventory, tmp_path
     def fail(objects):
         raise OSError("disk full")
 
-    monkeypatch.setattr(geopackage_dataset, "vehicle_boxes", fail)
+    monkeypatch.setattr(geopackage, "vehicle_boxes", fail)
     with pytest.raises(OSError, match="disk full"):
         write_geopackage(RoadInventory(inventory.objects.head(2)), path)
     assert path.read_bytes() == before

@@ -10,7 +10,7 @@ from scipy import sparse
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.execution.results import ARRAYS, POINTS, SINGLE, TABLE, read_part, split_parts, write_part
+from mlsroad_pipeline.execution.result_files import ARRAYS, POINTS, SINGLE, TABLE, read_part, split_parts, write_part
 
 DTYPES = ["?", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f2", "f4", "f8", ">f4", ">i4"]
 

@@ -1,4 +1,4 @@
-"""The files of a store on any file system of fsspec: each appears whole or not at all."""
+"""Files of a store on any file system of fsspec, written atomically."""
 
 from __future__ import annotations
 
@@ -18,17 +18,11 @@ from fsspec.implementations.local import LocalFileSystem
 from mlsroad_pipeline.execution.digests import new_digest
 
 SHARED = ".shared"
-"""Folder of a store for values that tasks share; it is there only while they run."""
+"""Folder of a store for values shared by tasks; it exists only while they run."""
 
 
 class HashingStream(io.RawIOBase):
-    """An append-only stream that counts and hashes what passes through.
-
-    Parameters
-    ----------
-    target : binary stream
-        Where the bytes go.
-    """
+    """Append-only stream that counts and hashes the bytes it passes on to a target stream."""
 
     def __init__(self, target: IO[bytes]) -> None:
         self._target = target
@@ -40,7 +34,7 @@ class HashingStream(io.RawIOBase):
         return True
 
     def write(self, data: Any) -> int:
-        """Pass bytes on and return their number."""
+        """Write bytes to the target and return their number."""
         view = memoryview(data).cast("B")
         self._target.write(view)
         self.digest.update(view)
@@ -48,20 +42,20 @@ class HashingStream(io.RawIOBase):
         return len(view)
 
     def tell(self) -> int:
-        """Return how many bytes have passed."""
+        """Return the number of bytes written."""
         return self.size
 
 
 @dataclass(frozen=True)
 class StoreFiles:
-    """A folder of files; small and picklable, so that workers can be given it.
+    """Folder of files; small and picklable, so that it can be sent to workers.
 
     Parameters
     ----------
     url : str
         The folder.
     options : mapping, optional
-        What the file system is opened with (credentials, endpoints).
+        Options of the file system (credentials, endpoints).
     """
 
     url: str
@@ -69,14 +63,9 @@ class StoreFiles:
 
     @classmethod
     def at(cls, url: str, options: Mapping[str, Any] | None = None) -> Self:
-        """Return the storage at a path or URL.
+        """Return the folder at a path or URL.
 
-        Raises
-        ------
-        ValueError
-            If fsspec knows no file system of the URL's protocol.
-        ImportError
-            If the package of that file system is not installed.
+        Raises ValueError for an unknown protocol and ImportError if the package of its file system is missing.
         """
         filesystem, root = fsspec.core.url_to_fs(url, **(options or {}))
         absolute = root if isinstance(filesystem, LocalFileSystem) else filesystem.unstrip_protocol(root)
@@ -84,22 +73,22 @@ class StoreFiles:
 
     @property
     def name(self) -> str:
-        """The last folder's name, which is what messages call the stage."""
+        """Name of the last folder: the name of the stage in messages."""
         return PurePosixPath(self.url).name
 
     @property
     def is_private(self) -> bool:
-        """Whether the files are in this process's memory, out of the reach of other processes."""
+        """Whether the files lie in the memory of this process, inaccessible to other processes."""
         return self.url.startswith("memory://")
 
     def opened(self) -> tuple[fsspec.AbstractFileSystem, str]:
-        """Return the file system (fsspec keeps one per set of options) and the folder's path in it."""
+        """Return the file system (cached by fsspec per set of options) and the path of the folder in it."""
         filesystem, root = fsspec.core.url_to_fs(self.url, **self.options)
         return filesystem, root.rstrip("/")
 
     @contextmanager
     def writing(self, relative: str) -> Iterator[IO[bytes]]:
-        """Open a file that appears under its name whole or not at all."""
+        """Open a file for atomic writing: it appears under its name only when it is complete."""
         filesystem, root = self.opened()
         path = f"{root}/{relative}"
         if not isinstance(filesystem, LocalFileSystem):
@@ -120,38 +109,32 @@ class StoreFiles:
             raise
 
     def write_json(self, relative: str, data: Any) -> None:
-        """Write plain data as a JSON file.
-
-        Raises
-        ------
-        TypeError
-            If the data are not plain; the file stays as it was.
-        """
+        """Write plain data as a JSON file; a TypeError for other data leaves an existing file unchanged."""
         with self.writing(relative) as stream:
             stream.write(json.dumps(data, indent=1).encode() + b"\n")
 
     def read_bytes(self, relative: str) -> bytes:
-        """Return a file's content."""
+        """Return the content of a file."""
         filesystem, root = self.opened()
         return bytes(filesystem.cat_file(f"{root}/{relative}"))
 
     def read_json(self, relative: str) -> Any:
-        """Return a JSON file's content, or None if there is none or it is not whole."""
+        """Return the content of a JSON file, or None if it is missing or incomplete."""
         try:
             return json.loads(self.read_bytes(relative))
         except (FileNotFoundError, NotADirectoryError, IsADirectoryError, ValueError):
             return None
 
     def remove(self, relative: str) -> None:
-        """Remove a file, or a folder with all that is in it; nothing to remove is fine."""
+        """Remove a file, or a folder with its content, if it exists."""
         filesystem, root = self.opened()
         if filesystem.exists(f"{root}/{relative}"):
             filesystem.rm(f"{root}/{relative}", recursive=True)
             filesystem.invalidate_cache()
 
     def listing(self) -> dict[str, int]:
-        """Return the size of every file below the folder, by its relative path."""
+        """Return the sizes of all files below the folder by relative path, bytes."""
         filesystem, root = self.opened()
         filesystem.invalidate_cache()
-        found = filesystem.find(root, detail=True)
-        return {path.removeprefix(f"{root}/"): info["size"] for path, info in found.items()}
+        files = filesystem.find(root, detail=True)
+        return {path.removeprefix(f"{root}/"): info["size"] for path, info in files.items()}

@@ -1,0 +1,82 @@
+"""Kedro dataset of the road inventory: GeoPackage or GeoParquet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from kedro.io import AbstractDataset, DatasetError
+
+from mlsroad_pipeline.datasets.inventory.geopackage import read_geopackage, write_geopackage
+from mlsroad_pipeline.datasets.inventory.geoparquet import read_geoparquet, write_geoparquet
+from mlsroad_pipeline.datasets.inventory.qgis_styles import qml
+from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
+
+
+class _Format(NamedTuple):
+    read: Callable[[Path], RoadInventory]
+    write: Callable[[RoadInventory, Path], None]
+
+
+def _write_styled_geopackage(inventory: RoadInventory, path: Path) -> None:
+    write_geopackage(inventory, path)
+    path.with_suffix(".qml").write_text(qml("objects"), encoding="utf-8")
+
+
+_FORMATS = {
+    ".gpkg": _Format(read_geopackage, _write_styled_geopackage),
+    ".parquet": _Format(read_geoparquet, write_geoparquet),
+}
+
+
+class RoadInventoryDataset(AbstractDataset[RoadInventory, RoadInventory]):
+    """Inventory of road objects in a GeoPackage or a GeoParquet file.
+
+    A GeoPackage gets the QGIS style of its layer `objects` beside it, with the same name and the extension ``.qml``.
+    QGIS applies this style to a GeoParquet file of that name, too.
+
+    Parameters
+    ----------
+    filepath : str
+        The file; its extension ``.gpkg`` or ``.parquet`` selects the format.
+    metadata : dict, optional
+        Any metadata; ignored.
+
+    Raises
+    ------
+    DatasetError
+        If the file has another extension.
+
+    Examples
+    --------
+    In a catalog::
+
+        inventory:
+          type: mlsroad_pipeline.datasets.inventory.inventory_dataset.RoadInventoryDataset
+          filepath: data/07_model_output/inventory.gpkg
+    """
+
+    def __init__(self, *, filepath: str, metadata: dict[str, Any] | None = None) -> None:
+        self._filepath = Path(filepath)
+        self.metadata = metadata
+        suffix = self._filepath.suffix.lower()
+        if suffix not in _FORMATS:
+            known = " or ".join(_FORMATS)
+            raise DatasetError(f"{filepath}: an inventory needs the extension {known}, got {suffix!r}")
+        self._format = _FORMATS[suffix]
+
+    def load(self) -> RoadInventory:
+        """Read the inventory."""
+        return self._format.read(self._filepath)
+
+    def save(self, data: RoadInventory) -> None:
+        """Write the inventory, creating its folder."""
+        self._filepath.parent.mkdir(parents=True, exist_ok=True)
+        self._format.write(data, self._filepath)
+
+    def _exists(self) -> bool:
+        return self._filepath.is_file()
+
+    def _describe(self) -> dict[str, Any]:
+        return {"filepath": str(self._filepath)}

@@ -1,0 +1,23 @@
+"""The dataset of the inventory selects the format by the file's extension."""
+
+import pytest
+from kedro.io import DataCatalog, DatasetError
+
+from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS, empty_table
+from mlsroad_pipeline.datasets.inventory.inventory_dataset import RoadInventoryDataset
+from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
+
+
+@pytest.mark.parametrize(("name", "written"), [("i.gpkg", ["i.gpkg", "i.qml"]), ("i.parquet", ["i.parquet"])])
+def test_a_catalog_entry_writes_the_format_of_its_extension(tmp_path, name, written):
+    kind = f"{RoadInventoryDataset.__module__}.{RoadInventoryDataset.__name__}"
+    catalog = DataCatalog.from_config({"inventory": {"type": kind, "filepath": str(tmp_path / name)}})
+    catalog.save("inventory", RoadInventory(empty_table(OBJECT_FIELDS), "EPSG:25832"))
+    assert sorted(path.name for path in tmp_path.iterdir()) == written
+    assert len(catalog.load("inventory").objects) == 0
+
+
+@pytest.mark.parametrize("name", ["inventory.shp", "inventory"])
+def test_another_extension_is_refused(name):
+    with pytest.raises(DatasetError, match=rf"{name}: an inventory needs the extension \.gpkg or \.parquet, got"):
+        RoadInventoryDataset(filepath=name)
