@@ -95,7 +95,7 @@ def test_what_a_first_run_expects_names_the_nodes_of_make_run():
 def test_summary_has_every_table_the_report_and_three_commands(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert summary.main() == 1
-    assert "comparison.csv is not there" in capsys.readouterr().err
+    assert "comparison.csv does not exist" in capsys.readouterr().err
     folder = tmp_path / summary.REPORTING
     folder.mkdir(parents=True)
     for number, name in enumerate(summary.TABLES):
