@@ -167,5 +167,5 @@ def test_bad_input_is_named():
         compute_eigen_features(xyz[:, :2], radius=1)
     with pytest.raises(DataError, match="NaN or infinite coordinates, the first at row 2"):
         compute_eigen_features(np.array([[0, 0, 0], [1, 1, 1], [0, 0, np.inf]]), radius=1)
-    with pytest.raises(DataError, match="are there outliers"):
+    with pytest.raises(DataError, match="remove outliers"):
         compute_eigen_features(np.array([[0.0, 0, 0], [1e9, 1e9, 1e9]]), radius=1e-3)

@@ -43,9 +43,9 @@ def test_chunks_cover_all_items_in_order():
 
 
 def test_bad_input_is_named():
-    with pytest.raises(DataError, match=r"too large for cells of 1e-06 m: are there outliers"):
+    with pytest.raises(DataError, match=r"too large for cells of 1e-06 m: remove outliers"):
         build_cell_grids(np.array([[0.0, 0, 0], [1e4, 1e4, 1e4]]), cell_size=1e-6)
-    with pytest.raises(DataError, match="no points to sort"):
+    with pytest.raises(DataError, match="at least one point"):
         build_cell_grids(np.empty((0, 3)), cell_size=1.0)
     with pytest.raises(ParameterError, match="cell_size must be"):
         build_cell_grids(np.zeros((1, 3)), cell_size=0.0)

@@ -153,7 +153,7 @@ def test_empty_one_point_and_few_points():
         ([[0, 0, 0], [np.nan, 0, 0]], "1 points with NaN or infinite coordinates, the first at row 1"),
         ([[0, 0, np.inf]], "row 0"),
         ([[0, 0, 0], [0, 0, 2e5]], "spans 200000 m in z"),
-        ([[0, 0, 0], [1e12, 0, 0]], "too far for blocks"),
+        ([[0, 0, 0], [1e12, 0, 0]], "too large for blocks"),
     ],
 )
 def test_bad_points_are_named(xyz, message):

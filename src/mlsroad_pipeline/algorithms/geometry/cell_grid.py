@@ -11,38 +11,38 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive, check_xyz
 from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort
 
 _MAX_CELLS = 2**62
 CELLS_PER_RADIUS = 2
-"""Cells along one search radius: smaller cells waste fewer distance tests, larger ones share more of the gathering."""
+"""Cells per search radius: smaller cells need fewer distance tests, larger cells share more candidate lists."""
 
 
 @dataclass(frozen=True)
 class CellGrid:
-    """Points sorted into the occupied cells of a grid, x running fastest, so that cells in a row lie side by side.
+    """Points sorted into the occupied cells of a grid with x fastest, so that the cells of a row are contiguous.
 
     Attributes
     ----------
     order : ndarray of int32, shape (n,)
-        Point indices in the order of their cells; within a cell they ascend.
+        Point indices in the order of their cells, ascending within a cell.
     keys : ndarray of int64, shape (c,)
         Ascending keys ``(iz * ny + iy) * nx + ix`` of the occupied cells.
     starts : ndarray of int64, shape (c + 1,)
         Cell j holds ``order[starts[j]:starts[j + 1]]``.
     local : ndarray of float32, shape (3, n)
-        Coordinates in `order`, relative to the centre of the point's own cell, metres: float32 resolves them to
-        nanometres wherever on Earth the points are.
+        Coordinates in `order`, relative to the centre of the point's cell, metres. float32 resolves these to
+        nanometres for any origin.
     shape : tuple of int
-        (nx, ny, nz), margins included.
+        (nx, ny, nz), including margins.
     cell_size : float
         Edge of a cell in metres.
     minimum : ndarray of float64, shape (3,)
-        Lowest corner of the cells inside the margin, metres.
+        Minimum corner of the cells inside the margin, metres.
     margin : int
-        Empty cells kept below and above the points along each axis.
+        Empty cells below and above the points along each axis.
     """
 
     order: NDArray[np.int32]
@@ -61,7 +61,7 @@ class CellGrid:
         return self.minimum + (indices - self.margin + 0.5) * self.cell_size
 
     def row_offsets(self, reach: int) -> NDArray[np.int64]:
-        """Return (dy, dz, key offset) of the rows of cells up to `reach` cells away, nearest z first, shape (r, 3)."""
+        """Return (dy, dz, key offset) of the rows of cells up to `reach` cells away, shape (r, 3)."""
         nx, ny, _ = self.shape
         steps = range(-reach, reach + 1)
         return np.array([(dy, dz, (dz * ny + dy) * nx) for dz in steps for dy in steps], dtype=np.int64)
@@ -69,7 +69,7 @@ class CellGrid:
 
 @njit(cache=True, nogil=True)
 def bounding_box(xyz: NDArray) -> NDArray[np.float64]:
-    """Return the lowest and the highest coordinates, float64 (2, 3); many times faster than NumPy along axis 0."""
+    """Return minimum and maximum coordinates, float64 (2, 3); many times faster than NumPy along axis 0."""
     box = np.empty((2, 3), np.float64)
     box[0], box[1] = np.inf, -np.inf
     for i in range(len(xyz)):
@@ -84,7 +84,7 @@ def bounding_box(xyz: NDArray) -> NDArray[np.float64]:
 def cell_keys(xyz: NDArray, minimum: NDArray, inverse: float, nx: int, ny: int, margin: int) -> NDArray[np.int64]:
     """Return the key of each point for cells of edge ``1 / inverse``.
 
-    The margin keeps neighbours of border cells from wrapping into the next row.
+    The margin prevents neighbours of border cells from wrapping into the next row.
     """
     keys = np.empty(len(xyz), np.int64)
     for i in range(len(xyz)):
@@ -141,7 +141,7 @@ def _local_coordinates(
 
 
 def build_cell_grids(*clouds: ArrayLike, cell_size: float, margin: int = 1) -> list[CellGrid]:
-    """Sort clouds into the cells of one common grid, anchored at their lowest corner.
+    """Sort clouds into the cells of a common grid, anchored at their minimum corner.
 
     Parameters
     ----------
@@ -150,12 +150,12 @@ def build_cell_grids(*clouds: ArrayLike, cell_size: float, margin: int = 1) -> l
     cell_size : float
         Edge of a cell in metres.
     margin : int, default 1
-        Empty cells kept around the points, at least the reach of the search that will use the grid.
+        Empty cells around the points, at least the reach of later searches.
 
     Returns
     -------
     list of CellGrid
-        One grid per cloud; equal keys mean the same cell.
+        One grid per cloud; equal keys denote the same cell.
 
     Raises
     ------
@@ -168,14 +168,12 @@ def build_cell_grids(*clouds: ArrayLike, cell_size: float, margin: int = 1) -> l
     arrays = [check_xyz(cloud) for cloud in clouds]
     boxes = [bounding_box(array) for array in arrays if len(array)]
     if not boxes:
-        raise DataError("no points to sort into a grid")
+        raise DataError("a cell grid needs at least one point, got none")
     minimum = np.min([box[0] for box in boxes], axis=0)
     extent = np.max([box[1] for box in boxes], axis=0) - minimum
     nx, ny, nz = (int(length // cell_size) + 2 * margin + 2 for length in extent.tolist())
     if nx * ny * nz > _MAX_CELLS:
-        raise DataError(
-            f"an extent of {extent.tolist()} m is too large for cells of {cell_size} m: are there outliers?"
-        )
+        raise DataError(f"an extent of {extent.tolist()} m is too large for cells of {cell_size} m: remove outliers")
     n_bits = (nx * ny * nz).bit_length()
     grids = []
     for array in arrays:
@@ -188,7 +186,7 @@ def build_cell_grids(*clouds: ArrayLike, cell_size: float, margin: int = 1) -> l
 
 
 def check_threads(n_threads: int) -> int:
-    """Return a number of threads that makes sense.
+    """Check a number of threads and return it.
 
     Parameters
     ----------
@@ -198,34 +196,36 @@ def check_threads(n_threads: int) -> int:
     Returns
     -------
     int
-        The same number.
+        The number.
 
     Raises
     ------
     ParameterError
-        If it is below 1.
+        If the number is not an integer or is below 1.
     """
+    if not isinstance(n_threads, int | np.integer):
+        raise ParameterError(f"n_threads must be an integer, got {n_threads!r}")
     check_at_least(n_threads, 1, "n_threads")
-    return n_threads
+    return int(n_threads)
 
 
 def run_in_chunks(kernel: Callable[..., Any], n_items: int, *, n_threads: int) -> list[Any]:
-    """Call ``kernel(start, stop)`` over contiguous chunks of items, on threads where asked for.
+    """Call ``kernel(start, stop)`` on contiguous chunks of items, in a thread pool.
 
     Parameters
     ----------
     kernel : callable
-        Takes the first item and the one past the last; must release the GIL and write only what its items own, so
+        Takes the first item and one past the last. It must release the GIL and write only data of its own items, so
         that the result does not depend on the chunks.
     n_items : int
-        How many items there are.
+        Number of items.
     n_threads : int
-        Threads to use; 1 runs in the calling thread.
+        Threads; 1 runs in the calling thread.
 
     Returns
     -------
     list
-        What the calls returned, in the order of the items.
+        Results of the calls, in the order of the items.
 
     Raises
     ------
@@ -235,7 +235,7 @@ def run_in_chunks(kernel: Callable[..., Any], n_items: int, *, n_threads: int) -
     check_threads(n_threads)
     if n_threads == 1 or n_items < 2:
         return [kernel(0, n_items)]
-    # More chunks than threads, so that a dense part of the cloud does not leave the other threads idle.
+    # More chunks than threads balance the load between dense and sparse parts of the cloud.
     bounds = np.linspace(0, n_items, 1 + min(n_items, 8 * n_threads)).astype(np.int64).tolist()
     with ThreadPoolExecutor(n_threads) as pool:
         return list(pool.map(kernel, bounds[:-1], bounds[1:]))

@@ -1,4 +1,4 @@
-"""The occupied cells around a cell, found by moving on from the cell before: what neighbourhood kernels share."""
+"""Sliding windows of occupied cells around a cell, for neighbourhood kernels."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 @njit(cache=True, nogil=True)
 def first_window(keys: NDArray, key: int, rows: NDArray, reach: int) -> tuple[NDArray, NDArray]:
-    """Return each row's range of cells within reach of a cell, still empty: `move_window` fills it."""
+    """Return empty ranges of cells, one per row, at the lower limit of the reach; `move_window` extends them."""
     begin, end = np.zeros(len(rows), np.int64), np.zeros(len(rows), np.int64)
     for j in range(len(rows)):
         begin[j] = np.searchsorted(keys, key + rows[j, 2] - reach)
@@ -19,7 +19,7 @@ def first_window(keys: NDArray, key: int, rows: NDArray, reach: int) -> tuple[ND
 
 @njit(cache=True, nogil=True)
 def move_window(keys: NDArray, key: int, rows: NDArray, reach: int, begin: NDArray, end: NDArray) -> None:
-    """Move each row's range of cells on to those within reach of a cell; cells must come in ascending order."""
+    """Advance the range of cells of each row to those within reach of a cell; calls must be in ascending order."""
     n = len(keys)
     for j in range(len(rows)):
         low = key + rows[j, 2] - reach
@@ -34,7 +34,7 @@ def move_window(keys: NDArray, key: int, rows: NDArray, reach: int, begin: NDArr
 
 @njit(cache=True, nogil=True)
 def most_near(starts: NDArray, begin: NDArray, end: NDArray) -> int:
-    """Return how many points lie in the ranges of cells, at least 1."""
+    """Return an upper bound, at least 1, of the number of points in the ranges of cells."""
     bound = 1
     for j in range(len(begin)):
         bound += starts[end[j]] - starts[begin[j]]

@@ -1,4 +1,4 @@
-"""Lens distortion after Brown and Conrady, both ways."""
+"""Brown-Conrady lens distortion and its inverse."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 _STEPS = 40
-_MARGIN = 1.04  # a lens is trusted this little beyond its corners
+_MARGIN = 1.04  # the lens model is used slightly beyond the image corners
 
 
 @njit(cache=True, nogil=True)
 def distort_one(x: float, y: float, d: NDArray[np.float64]) -> tuple[float, float]:
-    """Return where a place of the ideal image plane lies behind a lens; see `distort`."""
+    """Distort a point of the ideal image plane; see `distort`."""
     squared = x * x + y * y
     radial = 1.0 + squared * (d[0] + squared * (d[1] + squared * d[4]))
     return (
@@ -23,7 +23,7 @@ def distort_one(x: float, y: float, d: NDArray[np.float64]) -> tuple[float, floa
 
 @njit(cache=True, nogil=True)
 def undistort_one(u: float, v: float, d: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the place of the ideal image plane that a lens puts at another; see `undistort`."""
+    """Undistort a point of the image plane; see `undistort`."""
     x, y = u, v
     for _ in range(_STEPS):
         squared = x * x + y * y
@@ -39,20 +39,20 @@ def undistort_one(u: float, v: float, d: NDArray[np.float64]) -> tuple[float, fl
 
 
 def distort(plane: NDArray[np.float64], distortion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return where places of the ideal image plane lie behind a lens.
+    """Apply lens distortion to points of the ideal image plane.
 
     Parameters
     ----------
     plane : ndarray of shape (n, 2), float64
         x / z and y / z in the camera's frame.
     distortion : ndarray of shape (5,), float64
-        k1, k2, p1, p2, k3, in OpenCV's order: with r^2 = x^2 + y^2 and f = 1 + k1 r^2 + k2 r^4 + k3 r^6, x becomes
+        k1, k2, p1, p2, k3 (the order of OpenCV). With r^2 = x^2 + y^2 and f = 1 + k1 r^2 + k2 r^4 + k3 r^6, x becomes
         x f + 2 p1 x y + p2 (r^2 + 2 x^2) and y becomes y f + p1 (r^2 + 2 y^2) + 2 p2 x y.
 
     Returns
     -------
     ndarray of shape (n, 2), float64
-        Distorted places; K makes pixels of them.
+        Distorted points; the calibration matrix maps them to pixels.
 
     References
     ----------
@@ -62,14 +62,14 @@ def distort(plane: NDArray[np.float64], distortion: NDArray[np.float64]) -> NDAr
 
 
 def undistort(plane: NDArray[np.float64], distortion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the places of the ideal image plane that a lens puts at given ones: the inverse of `distort`.
+    """Remove lens distortion from points of the image plane, the inverse of `distort`.
 
     Parameters
     ----------
     plane : ndarray of shape (n, 2), float64
-        Distorted places, within the image.
+        Distorted points within the image.
     distortion : ndarray of shape (5,), float64
-        As for `distort`.
+        As in `distort`.
 
     Returns
     -------
@@ -91,21 +91,21 @@ def _each(plane: NDArray[np.float64], distortion: NDArray[np.float64], inverse: 
 
 
 def trusted_radius(k: NDArray[np.float64], distortion: NDArray[np.float64], width: int, height: int) -> float:
-    """Return the squared radius in the ideal plane beyond which nothing is in the image, whatever `distort` says.
+    """Return the squared radius in the ideal plane beyond which points are outside the image.
 
     Parameters
     ----------
     k : ndarray of shape (3, 3), float64
         Calibration matrix, pixels.
     distortion : ndarray of shape (5,), float64
-        As for `distort`.
+        As in `distort`.
     width, height : int
         Size of the image, pixels.
 
     Returns
     -------
     float
-        That of the farthest corner and a margin; polynomials of a lens turn back somewhere beyond.
+        Squared radius of the farthest corner, with a margin. Farther out, the distortion polynomial may fold back.
     """
     u, v = np.meshgrid([-0.5, width - 0.5], [-0.5, height - 0.5])
     corners = np.column_stack([(u.ravel() - k[0, 2]) / k[0, 0], (v.ravel() - k[1, 2]) / k[1, 1]])
@@ -113,18 +113,18 @@ def trusted_radius(k: NDArray[np.float64], distortion: NDArray[np.float64], widt
 
 
 def fold_radius(distortion: NDArray[np.float64]) -> float:
-    """Return the radius in the ideal plane up to which a lens keeps the order of places along a ray from its centre.
+    """Return the radius in the ideal plane up to which the radial distortion is monotonic.
 
     Parameters
     ----------
     distortion : ndarray of shape (5,), float64
-        As for `distort`.
+        As in `distort`.
 
     Returns
     -------
     float
-        The least r > 0 at which d/dr (r + k1 r^3 + k2 r^5 + k3 r^7) is 0; beyond it the polynomial puts places back
-        into the image that are not in it. Infinite where there is none.
+        Smallest r > 0 at which d/dr (r + k1 r^3 + k2 r^5 + k3 r^7) is 0; infinite if there is none. Beyond it, the
+        polynomial maps outside points back into the image.
     """
     roots = np.roots([7 * distortion[4], 5 * distortion[1], 3 * distortion[0], 1.0])
     squares = roots.real[(np.abs(roots.imag) < 1e-9 * np.maximum(np.abs(roots.real), 1e-300)) & (roots.real > 0)]

@@ -1,4 +1,4 @@
-"""Radius and k-nearest neighbourhoods as CSR pairs.
+"""Radius and k-nearest-neighbour search with CSR results.
 
 A CSR pair is (`indices`, `indptr`): the neighbours of query i are ``indices[indptr[i]:indptr[i + 1]]``.
 """
@@ -38,7 +38,7 @@ def _search_rows(
     first: int,
     last: int,
 ) -> None:
-    """Count neighbours into `indptr` (shifted by one) where `out` is empty, else fill them in, for query cells."""
+    """Count neighbours of query cells into `indptr` (shifted by one) if `out` is empty, else write them."""
     counting = len(out) == 0
     squared = radius * radius
     if first == last:
@@ -68,26 +68,25 @@ def _search_rows(
 def radius_neighbors(
     xyz: ArrayLike, *, radius: float, queries: ArrayLike | None = None, n_threads: int = 1
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Find all points within a radius of each query point.
+    """Return all points within a radius of each query point.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Points in metres.
     radius : float
-        Search radius in metres; a point at exactly this distance is a neighbour. Work and memory grow with its square
-        on surfaces.
+        Search radius in metres, inclusive. On surfaces, time and memory grow with its square.
     queries : array-like of shape (m, 3), optional
-        Where to search; the points themselves by default, each being its own neighbour.
+        Query points; by default the points themselves, each its own neighbour.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
     Returns
     -------
     indices : ndarray of int32
-        Neighbours of all queries one after another, ascending within a query.
+        Neighbours of all queries, ascending within a query.
     indptr : ndarray of int64, shape (m + 1,)
-        Where each query's neighbours begin.
+        Start of each query in `indices`.
 
     Raises
     ------
@@ -98,22 +97,22 @@ def radius_neighbors(
     """
     check_positive(radius, "radius")
     points = check_xyz(xyz).astype(np.float64, copy=False)
-    wanted = points if queries is None else check_xyz(queries, name="queries").astype(np.float64, copy=False)
-    indptr = np.zeros(len(wanted) + 1, np.int64)
-    if len(points) == 0 or len(wanted) == 0:
+    at_points = points if queries is None else check_xyz(queries, name="queries").astype(np.float64, copy=False)
+    indptr = np.zeros(len(at_points) + 1, np.int64)
+    if len(points) == 0 or len(at_points) == 0:
         return np.empty(0, np.int32), indptr
-    # A cell one part in a billion wider than the radius: rounding cannot put a neighbour two cells away.
+    # Cells are wider by a factor of 1 + 1e-9: rounding cannot put a neighbour out of reach.
     size, reach = radius * (1 + 1e-9) / CELLS_PER_RADIUS, CELLS_PER_RADIUS
     if queries is None:
         grid = query_grid = build_cell_grids(points, cell_size=size, margin=reach)[0]
     else:
-        grid, query_grid = build_cell_grids(points, wanted, cell_size=size, margin=reach)
+        grid, query_grid = build_cell_grids(points, at_points, cell_size=size, margin=reach)
     rows = grid.row_offsets(reach)
     indices = np.empty(0, np.int32)
 
     def search(first: int, last: int) -> None:
         _search_rows(
-            wanted, query_grid.order, query_grid.keys, query_grid.starts, points, grid.order, grid.keys, grid.starts,
+            at_points, query_grid.order, query_grid.keys, query_grid.starts, points, grid.order, grid.keys, grid.starts,
             rows, reach, radius, indices, indptr, first, last,
         )  # fmt: skip
 
@@ -128,25 +127,25 @@ def radius_neighbors(
 def nearest_neighbors(
     xyz: ArrayLike, *, k: int, queries: ArrayLike | None = None, n_threads: int = 1
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Find the k nearest points of each query point.
+    """Return the k nearest points of each query point.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Points in metres.
     k : int
-        Neighbours per query; where there are fewer points, all of them are returned.
+        Neighbours per query; all points if there are fewer.
     queries : array-like of shape (m, 3), optional
-        Where to search; the points themselves by default, each being its own nearest neighbour.
+        Query points; by default the points themselves, each its own nearest neighbour.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
     Returns
     -------
     indices : ndarray of int32, shape (m * min(k, n),)
-        Neighbours of all queries one after another, nearest first, equal distances by ascending index.
+        Neighbours of all queries, nearest first, ties in ascending index.
     indptr : ndarray of int64, shape (m + 1,)
-        Where each query's neighbours begin.
+        Start of each query in `indices`.
 
     Raises
     ------
@@ -158,12 +157,12 @@ def nearest_neighbors(
     check_at_least(k, 1, "k")
     check_threads(n_threads)
     points = check_xyz(xyz).astype(np.float64, copy=False)
-    wanted = points if queries is None else check_xyz(queries, name="queries").astype(np.float64, copy=False)
-    found = min(k, len(points))
-    indptr = np.arange(len(wanted) + 1, dtype=np.int64) * found
-    if found == 0 or len(wanted) == 0:
+    at_points = points if queries is None else check_xyz(queries, name="queries").astype(np.float64, copy=False)
+    n_found = min(k, len(points))
+    indptr = np.arange(len(at_points) + 1, dtype=np.int64) * n_found
+    if n_found == 0 or len(at_points) == 0:
         return np.empty(0, np.int32), indptr
-    distances, indices = cKDTree(points).query(wanted, k=np.arange(1, found + 1), workers=n_threads)
+    distances, indices = cKDTree(points).query(at_points, k=np.arange(1, n_found + 1), workers=n_threads)
     by_index = np.argsort(indices, axis=1, kind="stable")
     distances, indices = np.take_along_axis(distances, by_index, 1), np.take_along_axis(indices, by_index, 1)
     by_distance = np.argsort(distances, axis=1, kind="stable")

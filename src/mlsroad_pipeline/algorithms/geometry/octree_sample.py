@@ -1,4 +1,4 @@
-"""A multi-resolution octree over points: every point in one node, each node a sample of what lies in it."""
+"""Multi-resolution octree: each point belongs to one node, each node holds a sample of its points."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BITS = 21
 """Bits per axis of a Morton code."""
 
 SPAN_BITS = 7
-"""A node's sample has one point in each of 128 cells along an axis."""
+"""Bits per axis of the cells of a node: 128 cells, one sample point each."""
 
 DEEPEST = BITS - SPAN_BITS
 
@@ -26,15 +26,15 @@ class OctreeSample:
     Attributes
     ----------
     order : ndarray of shape (n,), int64
-        The points, node after node; within a node along a Morton curve.
+        Point indices, node by node, in Morton order within a node.
     keys : ndarray of shape (m, 4), int32
         Depth, x, y and z of each node, parents first.
     counts : ndarray of shape (m,), int64
-        Points of each node, above zero.
+        Points of each node, at least 1.
     low : ndarray of shape (3,), float64
-        The root's corner.
+        Minimum corner of the root.
     size : float
-        The root's side.
+        Edge of the root.
     """
 
     order: NDArray[np.int64]
@@ -45,23 +45,22 @@ class OctreeSample:
 
 
 def sample_octree(xyz: NDArray[np.float64], *, largest: int = 50_000) -> OctreeSample:
-    """Give every point a node of an octree.
+    """Assign each point to a node of an octree.
 
-    A node takes one point of each of its 128^3 cells and passes the others on to its children; where at most `largest`
-    are left in it, it takes them all. A node's parents therefore hold points, too (COPC 1.0 needs that).
+    A node takes one point of each of its 128^3 cells and passes the others to its children. It takes all points if at
+    most `largest` remain. All ancestors of a node thus hold points, as COPC 1.0 requires.
 
     Parameters
     ----------
     xyz : ndarray of shape (n, 3), float64
         Points.
     largest : int, default 50,000
-        Points that a node takes without dividing. More makes fewer and larger chunks of a file; a viewer loads one at
-        a time.
+        Maximum points of a node that is not divided. Larger values give fewer and larger file chunks.
 
     Returns
     -------
     OctreeSample
-        The nodes, the same for the same points.
+        The nodes, deterministic.
 
     Raises
     ------
@@ -110,7 +109,7 @@ def _morton(xyz: NDArray[np.float64], low: NDArray[np.float64], cells: float) ->
 
 @njit(cache=True, nogil=True)
 def _take(codes: NDArray[np.uint64], shift: np.uint64, largest: int, everything: bool) -> NDArray[np.bool_]:
-    """Mark what the nodes of a depth take of sorted codes: all of small nodes, the first of each cell of large ones."""
+    """Mark the points taken by the nodes of a depth: all of small nodes, the first of each cell of large ones."""
     taken = np.zeros(len(codes), dtype=np.bool_)
     begin = 0
     while begin < len(codes):

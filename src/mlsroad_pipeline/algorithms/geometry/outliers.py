@@ -1,4 +1,4 @@
-"""Stray points told from surfaces by the distance to their neighbours."""
+"""Statistical outlier removal."""
 
 from __future__ import annotations
 
@@ -9,42 +9,41 @@ from scipy.spatial import cKDTree
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive, check_xyz
 
 QUERY_SIZE = 100_000
-"""Points asked for at once; bounds the memory of the neighbour lists, not the result."""
+"""Query points per batch; bounds the memory of the neighbour lists."""
 
 
 def keep_inliers(xyz: ArrayLike, *, n_neighbors: int = 20, std_ratio: float = 2.0) -> NDArray[np.bool_]:
-    """Tell the points to keep in statistical outlier removal.
+    """Return the inliers of statistical outlier removal.
 
-    A point's spacing is the mean distance to its `n_neighbors` nearest points, itself (at distance 0) counted among
-    them. Points are kept whose spacing is at most the mean spacing plus `std_ratio` standard deviations. This is the
-    rule of Open3D's ``remove_statistical_outlier``, its detail included that points of spacing 0 count in the mean but
-    their deviations do not. On purpose one thing differs: such piles of `n_neighbors` or more coinciding points are no
-    outliers and stay, where Open3D drops them.
+    The spacing of a point is the mean distance to its `n_neighbors` nearest points, itself (at distance 0) included.
+    Inliers have a spacing of at most the mean spacing plus `std_ratio` standard deviations. This is the rule of
+    Open3D's ``remove_statistical_outlier``: points of spacing 0 enter the mean, but not the standard deviation. Unlike
+    Open3D, which removes them, points of spacing 0 (`n_neighbors` or more duplicates) are inliers.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Coordinates in metres.
     n_neighbors : int, default 20
-        Nearest points, the point itself included, so at least 2. More of them find larger clumps of stray points.
+        Nearest points including the point itself, at least 2. Larger values detect larger clusters of outliers.
     std_ratio : float, default 2.0
-        How many standard deviations above the mean spacing is still kept. Lower values drop more.
+        Threshold in standard deviations above the mean spacing. Smaller values remove more points.
 
     Returns
     -------
     ndarray of bool, shape (n,)
-        True keeps. With fewer points than neighbours all there are count; a single point is kept.
+        True for inliers. With fewer than `n_neighbors` points, all are neighbours; a single point is an inlier.
 
     Raises
     ------
     DataError
-        If `xyz` is not (n, 3), or holds NaN or infinite coordinates.
+        If `xyz` is not (n, 3), or a coordinate is NaN or infinite.
     ParameterError
         If `n_neighbors` is below 2 or `std_ratio` is not positive.
 
     Notes
     -----
-    About 1 second per 100,000 points, in the caller's thread.
+    About 1 second per 100,000 points, in one thread.
     """
     check_positive(std_ratio, "std_ratio")
     check_at_least(n_neighbors, 2, "n_neighbors")

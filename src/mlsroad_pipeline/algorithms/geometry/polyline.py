@@ -1,4 +1,4 @@
-"""Nearest place on a polyline in plan, for millions of points: a tree of boxes over runs of consecutive segments."""
+"""Projection of points onto a polyline in plan, with a bounding-box tree over its segments."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-_LEAF = 8  # segments per leaf: testing eight costs about as much as one more level of boxes
+_LEAF = 8  # segments per leaf: testing eight costs about as much as another level of boxes
 _STACK = 64
 
 
 def build_boxes(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Build a binary tree of boxes over consecutive segments.
+    """Build a binary tree of bounding boxes over consecutive segments.
 
     Parameters
     ----------
@@ -21,8 +21,8 @@ def build_boxes(xy: NDArray[np.float64]) -> NDArray[np.float64]:
     Returns
     -------
     ndarray of float64, shape (2 * l, 4)
-        x_min, y_min, x_max, y_max per node; node 1 is the root, children of node i are 2 i and 2 i + 1, and the last l
-        nodes are leaves of four segments each. Leaves without segments have an empty box.
+        x_min, y_min, x_max, y_max of each node. Node 1 is the root, the children of node i are 2 i and 2 i + 1, and the
+        last l nodes are leaves of eight segments each. Leaves without segments have an empty box.
     """
     low, high = np.minimum(xy[:-1], xy[1:]), np.maximum(xy[:-1], xy[1:])
     n_leaves = 1
@@ -52,10 +52,10 @@ def _box_distance(boxes: NDArray[np.float64], node: int, x: float, y: float) -> 
 
 @njit(cache=True)
 def _segment(segments: NDArray[np.float64], s: int, x: float, y: float) -> tuple[float, float]:
-    """Return the squared distance to segment s and the fraction of the way where it is nearest."""
+    """Return the squared distance to segment s and the fraction of its length at the nearest point."""
     ax, ay, ex, ey = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
     t = min(max(((x - ax) * ex + (y - ay) * ey) * segments[s, 4], 0.0), 1.0)
-    # The far vertex itself at t = 1, so that both segments at a vertex give the same distance to the bit.
+    # At t = 1 the end vertex itself: both segments at a vertex then give the same distance to the last bit.
     px = segments[s, 5] if t == 1.0 else ax + t * ex
     py = segments[s, 6] if t == 1.0 else ay + t * ey
     return (x - px) * (x - px) + (y - py) * (y - py), t
@@ -65,12 +65,12 @@ def _segment(segments: NDArray[np.float64], s: int, x: float, y: float) -> tuple
 def _nearest(
     segments: NDArray[np.float64], boxes: NDArray[np.float64], x: float, y: float, guess: int, stack: NDArray[np.int64]
 ) -> tuple[int, float]:
-    """Return the nearest segment and fraction; ties go to the first segment, whatever the guess."""
+    """Return the nearest segment and the fraction along it; ties go to the first segment, for any `guess`."""
     n_segments, n_leaves = len(segments), len(boxes) // 2
     best_d, best_t = _segment(segments, guess, x, y)
     best = guess
-    # From the guess's leaf up to the root every sibling waits, the widest to be taken first: after a good guess most
-    # are out of reach at a glance, after a bad one the search starts near the root.
+    # Push the siblings on the path from the leaf of the guess to the root; the largest is visited first. After a good
+    # guess most are pruned at once, after a bad one the search starts near the root.
     node = n_leaves + guess // _LEAF
     stack[0], top = node, 1
     while node > 1:
@@ -82,7 +82,7 @@ def _nearest(
         node = stack[top]
         if _box_distance(boxes, node, x, y) > best_d:
             continue
-        while node < n_leaves:  # down to the nearer leaf; the farther child waits, unless it is out of reach
+        while node < n_leaves:  # descend to the nearer child; push the farther one if within reach
             left, right = 2 * node, 2 * node + 1
             d_left, d_right = _box_distance(boxes, left, x, y), _box_distance(boxes, right, x, y)
             near, far, d_far = (left, right, d_right) if d_left <= d_right else (right, left, d_left)
@@ -105,25 +105,24 @@ def locate(
     station: NDArray[np.float64],
     boxes: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return station and signed offset of points along a polyline.
+    """Return the station and signed offset of points along a polyline.
 
     Parameters
     ----------
     points : ndarray of float64, shape (n, 2 or more)
-        Points in the polyline's coordinates; only x and y are read.
+        Points in the coordinates of the polyline; only x and y are used.
     xy : ndarray of float64, shape (m, 2)
-        Vertices, no two consecutive ones equal.
+        Vertices, consecutive ones different.
     station : ndarray of float64, shape (m,)
-        Running length of the vertices.
+        Length along the polyline at each vertex.
     boxes : ndarray of float64
-        What `build_boxes` gives for the vertices.
+        Bounding boxes of `build_boxes` for the vertices.
 
     Returns
     -------
     station, offset : ndarray of float64, shape (n,)
-        Where the nearest place is, and the distance to it, positive on the right of travel. A point whose nearest place
-        is an end of the polyline is measured against the end segment extended straight: its station is below
-        the first or above the last.
+        Station of the nearest point of the polyline, and the distance to it, positive to the right. Beyond an end of
+        the polyline, the end segment is extended straight: stations are below the first or above the last.
     """
     n, n_segments = len(points), len(xy) - 1
     segments = np.empty((n_segments, 7))
@@ -137,7 +136,7 @@ def locate(
     s = 0
     for i in range(n):
         x, y = points[i, 0], points[i, 1]
-        s, t = _nearest(segments, boxes, x, y, s, stack)  # the last point's segment bounds the search for the next
+        s, t = _nearest(segments, boxes, x, y, s, stack)  # the segment of the previous point bounds the search
         ex, ey = xy[s + 1, 0] - xy[s, 0], xy[s + 1, 1] - xy[s, 1]
         length = np.sqrt(ex * ex + ey * ey)
         ux, uy = ex / length, ey / length
@@ -150,7 +149,7 @@ def locate(
         out_station[i] = station[s] + t * (station[s + 1] - station[s])
         other = s + 1 if t == 1.0 else s - 1
         if t in (0.0, 1.0):
-            # At a bend both segments are equally near and may disagree about the side: their mean direction decides.
+            # At a vertex both segments are equally near and may differ in side: use their mean direction.
             px, py = xy[s + int(t), 0], xy[s + int(t), 1]
             fx, fy = xy[other + 1, 0] - xy[other, 0], xy[other + 1, 1] - xy[other, 1]
             norm = np.sqrt(fx * fx + fy * fy)

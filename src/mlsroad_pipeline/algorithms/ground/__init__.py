@@ -1,1 +1,1 @@
-"""Ground points told from the rest."""
+"""Ground classification and ground surface."""

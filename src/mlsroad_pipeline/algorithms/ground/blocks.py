@@ -1,9 +1,9 @@
-"""Blocks of columns: the XY grid that the ground filter works on, holding occupied blocks only.
+"""Sparse XY grid of the ground filter: occupied blocks of columns.
 
-A point falls into a *column* of the voxel's width; `n_columns` x `n_columns` columns make a *block*. Occupied blocks
-are found once and numbered in the order of their keys, so results depend neither on the order of the points nor on the
-number of threads, and a stray point a thousand kilometres away costs one block rather than a raster that reaches it.
-Points are never sorted: each pass reads them as they lie and remembers the block of the point before.
+A *column* has the width of a voxel; `n_columns` x `n_columns` columns form a *block*. Occupied blocks are numbered in
+the order of their keys, so that results depend neither on the order of the points nor on the threads. A distant outlier
+costs one block, not a large raster. Points are not sorted: each pass reads them in order and caches the block of the
+previous point.
 """
 
 from __future__ import annotations
@@ -19,36 +19,36 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.ground.spans import Span, in_chunks
 
 Frame: TypeAlias = tuple[float, float, float, float, int, int]
-"""Origin x, y, z, columns per metre, columns per block side, and key stride, as the kernels take them."""
+"""Origin x, y, z, columns per metre, columns per block side, and key stride."""
 
 Lookup: TypeAlias = tuple[Frame, NDArray[np.int64], NDArray[np.int32]]
-"""Frame and hash of a grid: all that leads a kernel from a point to its column."""
+"""Frame and hash table of a grid, for the column of a point."""
 
 NOWHERE = -(2**60)
-"""First column of the block before the first point: no column is near it."""
+"""First column of the cached block before the first point, far from all columns."""
 
 MAX_BLOCKS_PER_AXIS = 2**31
-"""Bound on the blocks along one axis, so that block keys fit 64 bits."""
+"""Maximum blocks along an axis, so that block keys fit 64 bits."""
 
 
 @dataclass(frozen=True)
 class BlockGrid:
-    """Occupied blocks of columns over a point cloud.
+    """Occupied blocks of columns of a point cloud.
 
     Attributes
     ----------
     origin : ndarray of shape (3,), float64
-        Smallest coordinates of the points; all kernels subtract it in float64.
+        Minimum coordinates of the points; kernels subtract it in float64.
     width : float
         Width of a column in metres.
     n_columns : int
-        Columns along a block's side.
+        Columns along the side of a block.
     stride : int
-        Blocks along x that a key counts before it steps in y, the ring around the points included.
+        Blocks along x per row of keys, including the ring around the points.
     keys : ndarray of shape (b,), int64
         Key ``(by + 2) * stride + bx + 2`` of each occupied block, ascending.
     table_keys, table_slots : ndarray of shape (h,), int64 and int32
-        Open-addressing hash from key to row of `keys`; -1 marks a free entry.
+        Open-addressing hash table from key to row of `keys`; -1 marks a free entry.
     """
 
     origin: NDArray[np.float64]
@@ -61,13 +61,13 @@ class BlockGrid:
 
     @property
     def frame(self) -> Frame:
-        """Return origin, columns per metre, columns per block and stride, as the kernels take them."""
+        """Origin, columns per metre, columns per block and stride."""
         x, y, z = (float(value) for value in self.origin)
         return x, y, z, 1.0 / self.width, self.n_columns, self.stride
 
     @property
     def lookup(self) -> Lookup:
-        """Return frame and hash."""
+        """Frame and hash table."""
         return self.frame, self.table_keys, self.table_slots
 
 
@@ -78,7 +78,7 @@ def _hash(key: int, mask: int) -> np.int64:
 
 @njit(cache=True, nogil=True)
 def find_slot(table_keys: NDArray[np.int64], table_slots: NDArray[np.int32], key: int) -> np.int32:
-    """Return the row of a block by its key, or -1 where the block is not occupied."""
+    """Return the row of a block by its key; -1 for empty blocks."""
     mask = len(table_keys) - 1
     at = _hash(key, mask)
     while table_keys[at] != -1:
@@ -90,7 +90,7 @@ def find_slot(table_keys: NDArray[np.int64], table_slots: NDArray[np.int32], key
 
 @njit(cache=True)
 def build_table(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Return hash arrays that lead from each key to its row, at most half full."""
+    """Return the arrays of a hash table from key to row, at most half full."""
     size = 16
     while size < 2 * len(keys):
         size *= 2
@@ -107,10 +107,9 @@ def build_table(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.
 
 @njit(cache=True, nogil=True)
 def enter_block(ix: int, iy: int, lookup: Lookup) -> tuple[int, int, int]:
-    """Return the row of the block that a column lies in, and its first column along x and y.
+    """Return the row of the block of a column, and its first column along x and y.
 
-    Kernels call this only when a point leaves the block of the point before: neighbours in a survey mostly share one,
-    and then neither a division nor the hash is needed.
+    Kernels call it only if a point is outside the block of the previous point, which saves divisions and lookups.
     """
     (_, _, _, _, n_columns, stride), table_keys, table_slots = lookup
     bx = ix // n_columns
@@ -121,7 +120,7 @@ def enter_block(ix: int, iy: int, lookup: Lookup) -> tuple[int, int, int]:
 
 @njit(cache=True, nogil=True)
 def _insert(table: NDArray[np.int64], key: int) -> bool:
-    """Put a key in an open-addressing set; tell whether it is new."""
+    """Insert a key into an open-addressing set; return whether it is new."""
     mask = len(table) - 1
     at = _hash(key, mask)
     while table[at] != -1 and table[at] != key:
@@ -133,7 +132,7 @@ def _insert(table: NDArray[np.int64], key: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _keys_of_range(xyz: NDArray[np.floating], span: Span, frame: Frame) -> NDArray[np.int64]:
-    """Return the distinct block keys of a range of points, in no particular order."""
+    """Return the distinct block keys of a range of points, unsorted."""
     x0, y0, _, per_metre, n_columns, stride = frame
     table = np.full(1024, -1, dtype=np.int64)
     used = 0
@@ -163,18 +162,18 @@ def build_blocks(
     n_columns: int,
     n_threads: int = 1,
 ) -> BlockGrid:
-    """Find the occupied blocks of a point cloud.
+    """Return the occupied blocks of a point cloud.
 
     Parameters
     ----------
     xyz : ndarray of shape (n, 3), float32 or float64
         Finite coordinates in metres.
     bounds : pair of ndarray of shape (3,)
-        Smallest and largest coordinates.
+        Minimum and maximum coordinates.
     width : float
         Width of a column in metres.
     n_columns : int
-        Columns along a block's side.
+        Columns along the side of a block.
     n_threads : int, default 1
         Threads over the points; the result does not depend on it.
 
@@ -186,12 +185,14 @@ def build_blocks(
     Raises
     ------
     DataError
-        If the points reach further than 2**31 blocks along an axis.
+        If the points extend over 2**31 blocks or more along an axis.
     """
     low, high = bounds
     n_blocks = np.floor((high - low)[:2] / width / n_columns) + 5
     if n_blocks.max() >= MAX_BLOCKS_PER_AXIS:
-        raise DataError(f"xyz spans {(high - low)[:2].tolist()} m, too far for blocks of {width * n_columns} m")
+        raise DataError(
+            f"xyz spans {(high - low)[:2].tolist()} m, too large for blocks of {width * n_columns} m: remove outliers"
+        )
     grid = BlockGrid(
         origin=low,
         width=width,
@@ -201,8 +202,8 @@ def build_blocks(
         table_keys=np.empty(0, dtype=np.int64),
         table_slots=np.empty(0, dtype=np.int32),
     )
-    found = in_chunks(len(xyz), n_threads, lambda span: _keys_of_range(xyz, span, grid.frame))
-    keys = np.unique(np.concatenate(found))
+    parts = in_chunks(len(xyz), n_threads, lambda span: _keys_of_range(xyz, span, grid.frame))
+    keys = np.unique(np.concatenate(parts))
     table_keys, table_slots = build_table(keys)
     return BlockGrid(low, width, n_columns, grid.stride, keys, table_keys, table_slots)
 
@@ -211,7 +212,7 @@ def build_blocks(
 def neighbour_slots(
     keys: NDArray[np.int64], table_keys: NDArray[np.int64], table_slots: NDArray[np.int32], stride: int
 ) -> NDArray[np.int32]:
-    """Return the rows of each block's 3 x 3 neighbours, (b, 9) int32 in rows of y, -1 where there is none."""
+    """Return the rows of the 3 x 3 neighbourhood of each block, (b, 9) int32 in rows of y; -1 for empty blocks."""
     slots = np.empty((len(keys), 9), dtype=np.int32)
     for row in range(len(keys)):
         for dy in range(-1, 2):
@@ -222,7 +223,7 @@ def neighbour_slots(
 
 @njit(cache=True, nogil=True)
 def column_minima(xyz: NDArray[np.floating], span: Span, lookup: Lookup, minima: NDArray[np.float32]) -> None:
-    """Lower `minima` (b, columns, columns) to the lowest z of each column, metres above the grid's origin."""
+    """Update `minima` (b, columns, columns) with the lowest z of each column, metres above the origin of the grid."""
     x0, y0, z0, per_metre, n_columns, _ = lookup[0]
     slot, corner_x, corner_y = 0, NOWHERE, NOWHERE
     for i in range(span[0], span[1]):

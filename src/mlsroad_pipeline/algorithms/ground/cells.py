@@ -1,6 +1,6 @@
-"""Kernels on the cells of the lower surface: lows, patches, cones, growth along slopes, filling.
+"""Kernels on the cells of the lower surface: minima, patches, slope envelope, growth along slopes, gap filling.
 
-Cells are stored per block, (blocks, side, side); `around` (blocks, 9) leads to the blocks beside each one.
+Cells are stored per block, (blocks, side, side); `around` (blocks, 9) holds the neighbours of each block.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 SUPPORT = 0.3
-"""A column minimum needs a second one in its cell at most this far above it, metres, or it is taken for a stray."""
+"""Maximum distance above a column minimum of further minima that support it, metres; others are outliers."""
 
 
 @njit(cache=True, inline="always")
 def _cell(values: NDArray[np.float32], around: NDArray[np.int32], block: int, i: int, j: int) -> np.float32:
-    """Return a cell's value, in the neighbouring block where the index runs over the border; NaN where none is."""
+    """Return the value of a cell, also across the border of the block; NaN outside the blocks."""
     side = values.shape[1]
     down = 1 + (i >= side) - (i < 0)
     right = 1 + (j >= side) - (j < 0)
@@ -27,7 +27,7 @@ def _cell(values: NDArray[np.float32], around: NDArray[np.int32], block: int, i:
 
 @njit(cache=True)
 def _lowest_supported(ordered: NDArray[np.float32], share: float) -> float:
-    """Return the lowest of ascending heights that has `share` of them within `SUPPORT` above it, itself included."""
+    """Return the lowest of ascending heights with a fraction `share` of all within `SUPPORT` above it, inclusive."""
     n = len(ordered)
     needed = max(share * n, np.float64(min(n, 2)))
     high = 0
@@ -43,10 +43,10 @@ def _lowest_supported(ordered: NDArray[np.float32], share: float) -> float:
 def cell_lows(
     minima: NDArray[np.float32], rows: NDArray[np.int64], n_cells: int, per_cell: int, share: float
 ) -> NDArray[np.float32]:
-    """Return the lowest supported column minimum of each cell, (n_cells blocks, side, side), NaN where none is."""
+    """Return the lowest supported column minimum of each cell, (n_cells blocks, side, side); NaN for empty cells."""
     side = minima.shape[1] // per_cell
     lows = np.full((n_cells, side, side), np.nan, dtype=np.float32)
-    found = np.empty(per_cell * per_cell, dtype=np.float32)
+    heights = np.empty(per_cell * per_cell, dtype=np.float32)
     for block in range(len(minima)):
         for i in range(side):
             for j in range(side):
@@ -54,11 +54,11 @@ def cell_lows(
                 for y in range(i * per_cell, (i + 1) * per_cell):
                     for x in range(j * per_cell, (j + 1) * per_cell):
                         if minima[block, y, x] < np.inf:
-                            found[n] = minima[block, y, x]
+                            heights[n] = minima[block, y, x]
                             n += 1
                 if n == 0:
                     continue
-                lows[rows[block], i, j] = _lowest_supported(np.sort(found[:n]), share)
+                lows[rows[block], i, j] = _lowest_supported(np.sort(heights[:n]), share)
     return lows
 
 
@@ -72,7 +72,7 @@ def _root(parents: NDArray[np.int64], at: int) -> int:
 
 @njit(cache=True)
 def patch_sizes(lows: NDArray[np.float32], around: NDArray[np.int32], slope: float, step: float) -> NDArray[np.int64]:
-    """Return how many cells hang together with each cell along rises of at most `slope` per cell and `step`."""
+    """Return the size of the connected patch of each cell, over rises of at most `slope` per cell plus `step`."""
     side = lows.shape[1]
     parents = np.arange(lows.size)
     for at in range(lows.size):
@@ -98,7 +98,7 @@ def patch_sizes(lows: NDArray[np.float32], around: NDArray[np.int32], slope: flo
 
 @njit(cache=True)
 def slope_envelope(lows: NDArray[np.float32], around: NDArray[np.int32], straight: float) -> NDArray[np.float32]:
-    """Return the highest surface under all lows that rises by at most `straight` per cell; inf where none reaches."""
+    """Return the highest surface below all minima with a slope of at most `straight` per cell; inf if unreached."""
     side = lows.shape[1]
     envelope = np.where(np.isnan(lows), np.float32(np.inf), lows)
     changed = True
@@ -113,7 +113,7 @@ def slope_envelope(lows: NDArray[np.float32], around: NDArray[np.int32], straigh
                 for dj in range(-1, 2):
                     rise = straight * np.float32(np.sqrt(np.float32(di * di + dj * dj)))
                     z = _cell(envelope, around, block, i + di, j + dj) + rise
-                    if z < best:  # NaN, where there is no block, compares false
+                    if z < best:  # false for NaN, outside the blocks
                         best = z
                         changed = True
             envelope[block, i, j] = best
@@ -125,10 +125,10 @@ def slope_envelope(lows: NDArray[np.float32], around: NDArray[np.int32], straigh
 def grow_along_slope(
     lows: NDArray[np.float32], accepted: NDArray[np.bool_], around: NDArray[np.int32], step: float
 ) -> NDArray[np.float32]:
-    """Return accepted lows (NaN elsewhere) after taking in cells that continue their neighbours' slope.
+    """Return accepted minima (NaN elsewhere), extended by cells that continue the slope of their neighbours.
 
-    A cell joins when it lies at most `step` above the line through two accepted cells in a row before it. Cells join
-    in rounds that look at the round before only, so the order of the cells does not matter.
+    A cell is added if it lies within `step` of the line through two accepted cells beside it in a row. Each round reads
+    only the previous round, so that the order of the cells does not matter.
     """
     side = lows.shape[1]
     ground = np.where(accepted, lows, np.float32(np.nan))
@@ -157,7 +157,7 @@ def grow_along_slope(
 
 @njit(cache=True)
 def fill_from_neighbours(ground: NDArray[np.float32], around: NDArray[np.int32]) -> NDArray[np.float32]:
-    """Return the surface with empty cells filled in rounds by the mean of their filled neighbours."""
+    """Fill empty cells iteratively by the mean of their filled neighbours."""
     side = ground.shape[1]
     filled = ground.copy()
     changed = True
@@ -184,7 +184,7 @@ def fill_from_neighbours(ground: NDArray[np.float32], around: NDArray[np.int32])
 
 @njit(cache=True, inline="always")
 def _common_slope(before: float, here: float, after: float) -> float:
-    """Return the lesser of the slopes before and after a cell, as a magnitude; 0 where they disagree in sign."""
+    """Return the smaller magnitude of the slopes before and after a cell; 0 if their signs differ."""
     first, second = here - before, after - here
     if first * second > 0:
         return min(abs(first), abs(second))
@@ -193,9 +193,9 @@ def _common_slope(before: float, here: float, after: float) -> float:
 
 @njit(cache=True)
 def lift_to_centres(lows: NDArray[np.float32], around: NDArray[np.int32]) -> NDArray[np.float32]:
-    """Return the heights at the cells' centres: a low lies in the corner that a slope leaves lowest.
+    """Return the heights at the centres of cells: on a slope, the minimum of a cell lies at its lowest corner.
 
-    The slope is the one that a cell shares with both sides, so that neither a curb nor a wall counts as one.
+    The slope is the one common to both sides of a cell, so that curbs and walls do not count.
     """
     side = lows.shape[1]
     centres = lows.copy()
@@ -211,7 +211,7 @@ def lift_to_centres(lows: NDArray[np.float32], around: NDArray[np.int32]) -> NDA
 
 @njit(cache=True)
 def blend(cells: NDArray[np.float32], around: NDArray[np.int32], block: int, y: float, x: float) -> np.float32:
-    """Return the bilinear value at (y, x), in cells from the block's corner; the own cell's where a corner is NaN."""
+    """Return the bilinear value at (y, x) in cells from the corner of the block, or the cell value next to NaN."""
     fi, fj = np.floor(y - 0.5), np.floor(x - 0.5)
     wy, wx = np.float32(y - 0.5 - fi), np.float32(x - 0.5 - fj)
     i, j = np.int64(fi), np.int64(fj)

@@ -1,8 +1,8 @@
 """Kernels of upward growing on bit columns: one 64-bit word per column, one bit per voxel above the reference.
 
-A voxel's region is what is reached by stepping from layer to layer through the nine upper neighbours. Whether a region
-climbs k layers needs no flood fill: "climbs k" is "is occupied and an upper neighbour climbs k - 1", which is three
-ORs and a shift for 64 voxels at once.
+The region of a voxel is reached layer by layer through the nine upper neighbours. A flood fill is not needed: a region
+climbs k layers if its voxel is occupied and an upper neighbour climbs k - 1. For the 64 voxels of a word this takes
+three ORs and a shift.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from mlsroad_pipeline.algorithms.ground.blocks import NOWHERE, Lookup, enter_blo
 from mlsroad_pipeline.algorithms.ground.spans import Span
 
 LAYERS = 64
-"""Voxels of a column above the reference: a column is one word."""
+"""Voxels of a column above the reference, one bit each."""
 
 
 @njit(cache=True, nogil=True)
 def occupy(
     xyz: NDArray[np.floating], span: Span, lookup: Lookup, surface: NDArray[np.float32], masks: NDArray[np.uint64]
 ) -> None:
-    """Set the bit of each point's voxel, counted from the surface.
+    """Set the bit of the voxel of each point, counted from the surface.
 
-    Points below the surface lie in layer 0; points above the last layer are in no voxel.
+    Points below the surface are in layer 0; points above the last layer are ignored.
     """
     x0, y0, z0, per_metre, n_columns, _ = lookup[0]
     per_layer = np.float32(per_metre)
@@ -42,7 +42,7 @@ def occupy(
 
 @njit(cache=True)
 def _spread(masks: NDArray[np.uint64], around: NDArray[np.int32], block: int, padded: NDArray[np.uint64]) -> None:
-    """Fill `padded` (side + 2, side + 2) with a block's words and the border of its neighbours, then OR it 3 x 3."""
+    """Fill `padded` (side + 2, side + 2) with the words of a block and the border of its neighbours; OR over 3 x 3."""
     side = masks.shape[1]
     padded[:] = 0
     padded[1:-1, 1:-1] = masks[block]
@@ -76,7 +76,7 @@ def _spread(masks: NDArray[np.uint64], around: NDArray[np.int32], block: int, pa
 
 @njit(cache=True)
 def climbing(masks: NDArray[np.uint64], around: NDArray[np.int32], n_steps: int) -> NDArray[np.uint64]:
-    """Return the voxels whose region rises at least `n_steps` layers above them."""
+    """Return the voxels whose region rises by at least `n_steps` layers."""
     side = masks.shape[1]
     one = np.uint64(1)
     padded = np.empty((side + 2, side + 2), dtype=np.uint64)
@@ -93,7 +93,7 @@ def climbing(masks: NDArray[np.uint64], around: NDArray[np.int32], n_steps: int)
 
 @njit(cache=True)
 def reaching(masks: NDArray[np.uint64], around: NDArray[np.int32], layer: int) -> NDArray[np.uint64]:
-    """Return the voxels whose region has its top in `layer` or above, those voxels included."""
+    """Return the voxels whose region reaches `layer` or above, including voxels in these layers."""
     side = masks.shape[1]
     one = np.uint64(1)
     padded = np.empty((side + 2, side + 2), dtype=np.uint64)
@@ -118,10 +118,10 @@ def label_points(
     volume: tuple[NDArray[np.float32], NDArray[np.uint64]],
     heights: tuple[np.float32, np.float32, np.float32],
 ) -> NDArray[np.bool_]:
-    """Tell which points of a range are ground: near the surface and in no object's voxel, or at the very surface.
+    """Return which points of a range are ground: on the surface, or near it and outside object voxels.
 
-    `volume` is the surface and the objects' voxels. `heights` are (lowest, base, highest): below `lowest` is a ghost,
-    below `base` is ground whatever stands on it, above `highest` is never ground.
+    `volume` is the surface and the voxels of objects. `heights` are (lowest, base, highest): points below `lowest` are
+    outliers, points below `base` are always ground, points above `highest` never.
     """
     surface, objects = volume
     lowest, base, highest = heights

@@ -1,4 +1,4 @@
-"""Kernels of the ground raster: heights summed per cell, and read between the cells' centres."""
+"""Kernels of the ground raster: sums of heights per cell, and bilinear interpolation between cell centres."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mlsroad_pipeline.algorithms.ground.blocks import NOWHERE, Lookup, enter_blo
 from mlsroad_pipeline.algorithms.ground.spans import Span
 
 UNITS_PER_METRE = 100_000
-"""Heights are summed as integers of 0.01 mm: integer sums do not depend on the order of the points."""
+"""Heights are summed as integers of 0.01 mm; integer sums do not depend on the order of the points."""
 
 
 @njit(cache=True, nogil=True)
@@ -21,7 +21,7 @@ def ground_minima(
     lookup: Lookup,
     minima: NDArray[np.float32],
 ) -> None:
-    """Lower `minima` to the lowest ground point of each cell, metres above the grid's origin."""
+    """Update `minima` with the lowest ground point of each cell, metres above the origin of the grid."""
     x0, y0, z0, per_metre, n_columns, _ = lookup[0]
     slot, corner_x, corner_y = 0, NOWHERE, NOWHERE
     for i in range(span[0], span[1]):
@@ -43,7 +43,7 @@ def ground_sums(
     lookup: Lookup,
     cells: tuple[NDArray[np.float32], NDArray[np.int64]],
 ) -> None:
-    """Add the heights (0.01 mm) and the number of each cell's ground points up to its limit; `cells` is both."""
+    """Sum heights (0.01 mm) and number of the ground points up to the limit of each cell; `cells`: limits, totals."""
     limits, totals = cells
     x0, y0, z0, per_metre, n_columns, _ = lookup[0]
     slot, corner_x, corner_y = 0, NOWHERE, NOWHERE
@@ -65,7 +65,7 @@ def ground_sums(
 def interpolate(
     xy: NDArray[np.floating], span: Span, lookup: Lookup, nodes: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Return the bilinear ground height at places, metres above the grid's origin, NaN outside the grid's blocks."""
+    """Return the bilinear ground height, metres above the origin of the grid; NaN outside the blocks."""
     x0, y0, _, per_metre, n_columns, _ = lookup[0]
     heights = np.full(span[1] - span[0], np.nan, dtype=np.float32)
     slot, corner_x, corner_y = 0, NOWHERE, NOWHERE
@@ -77,7 +77,7 @@ def interpolate(
             slot, corner_x, corner_y = enter_block(ix, iy, lookup)
         if slot < 0:
             continue
-        # Node (1, 1) is the centre of the block's first cell.
+        # Node (1, 1) is the centre of the first cell of the block.
         y, x = v - corner_y + 0.5, u - corner_x + 0.5
         row, column = int(y), int(x)
         wy, wx = np.float32(y - row), np.float32(x - column)

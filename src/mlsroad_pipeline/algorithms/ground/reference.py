@@ -1,9 +1,9 @@
-"""The height that a voxel is measured from: a block's ground as in the paper, or a robust lower surface.
+"""Reference height of the ground filter: the lowest point of a block (the paper) or a robust lower surface.
 
-The lower surface lives on square cells of several columns. It starts from the lowest column of each cell, cuts away
-what a slope-limited cone standing on lower cells leaves above it (car roofs, crowns, walls seen without their base),
-grows back along steps that continue the ground's own slope (banks), and fills the rest from its surroundings, across
-block borders and one block beyond the points.
+The lower surface is defined on square cells of several columns. It starts from the lowest column of each cell. Cells
+above a slope-limited cone of lower cells are removed (car roofs, crowns, walls without a visible base). Cells that
+continue the slope of the ground are added again (embankments). The remaining gaps are filled from their surroundings,
+across block borders and one block beyond the points.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from mlsroad_pipeline.algorithms.ground.cells import (
 
 @dataclass(frozen=True)
 class SurfaceParameters:
-    """Parameters of the lower surface; `classify_ground` says what their size does.
+    """Parameters of the lower surface, see `classify_ground`.
 
     Attributes
     ----------
     slope : float
-        Rise of the cones that no cell may stand above, metres per metre.
+        Slope of the cones that limit the heights of cells, metres per metre.
     step : float
-        How far a cell may stand above the cones, or off the line that its neighbours draw, metres.
+        Tolerance of a cell above the cones, or from the line through its neighbours, metres.
     drop : float
-        How far below the cones a cell may lie that is no patch's part, metres.
+        Tolerance below the cones of a cell outside large patches, metres.
     share : float
-        Part of a cell's columns that its lowest height needs near it, 0 to 1.
+        Fraction of the columns of a cell that must support its lowest height, 0 to 1.
     patch : float
-        Area of hanging-together cells that may carry a cone, square metres.
+        Minimum area of a connected patch whose cells define cones, square metres.
     """
 
     slope: float
@@ -55,7 +55,7 @@ class SurfaceParameters:
 def column_levels(
     rows: NDArray[np.int64], cells: NDArray[np.float32], around: NDArray[np.int32], per_cell: int
 ) -> NDArray[np.float32]:
-    """Return the cells' surface at the centre of each column of the occupied blocks."""
+    """Return the surface at the centre of each column of the occupied blocks."""
     side = cells.shape[1] * per_cell
     levels = np.empty((len(rows), side, side), dtype=np.float32)
     for block in range(len(rows)):
@@ -67,10 +67,10 @@ def column_levels(
 
 @njit(cache=True)
 def snap_to_minima(levels: NDArray[np.float32], minima: NDArray[np.float32], step: float) -> NDArray[np.float32]:
-    """Return the levels shifted by the lowest offset of the 3 x 3 column minima that lie within `step` of their level.
+    """Return the levels shifted by the lowest offset of the 3 x 3 column minima within `step` of their level.
 
-    This is what keeps a curb's two sides apart, which the cells blend. Offsets are taken rather than heights so that a
-    slope stays one; columns look no further than their block.
+    This separates the two sides of a curb, which cells blend. Offsets instead of heights preserve slopes. The
+    neighbourhood ends at the border of the block.
     """
     side = levels.shape[1]
     surface = levels.copy()
@@ -94,23 +94,23 @@ def snap_to_minima(levels: NDArray[np.float32], minima: NDArray[np.float32], ste
 def lower_surface(
     grid: BlockGrid, minima: NDArray[np.float32], *, per_cell: int, parameters: SurfaceParameters
 ) -> NDArray[np.float32]:
-    """Estimate the ground height of every column of the occupied blocks.
+    """Estimate the ground height of each column of the occupied blocks.
 
     Parameters
     ----------
     grid : BlockGrid
         The occupied blocks.
     minima : ndarray of shape (b, columns, columns), float32
-        Lowest z of each column in metres, inf where a column is empty.
+        Lowest z of each column in metres; inf for empty columns.
     per_cell : int
-        Columns along a cell's side; divides the columns of a block.
+        Columns along the side of a cell; divides the columns of a block.
     parameters : SurfaceParameters
-        Slope, step and drop.
+        Parameters of the surface.
 
     Returns
     -------
     ndarray of shape (b, columns, columns), float32
-        Ground height of each column in metres, relative to the grid's origin.
+        Ground height of each column in metres, relative to the origin of the grid.
     """
     ring = (np.arange(-1, 2)[:, None] * grid.stride + np.arange(-1, 2)).ravel()
     keys = np.unique(grid.keys[:, None] + ring)
@@ -129,17 +129,17 @@ def lower_surface(
 
 
 def block_surface(minima: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return each block's lowest height for all of its columns: the paper's reference.
+    """Return the lowest height of each block for all of its columns (the reference of the paper).
 
     Parameters
     ----------
     minima : ndarray of shape (b, columns, columns), float32
-        Lowest z of each column in metres, inf where a column is empty.
+        Lowest z of each column in metres; inf for empty columns.
 
     Returns
     -------
     ndarray of shape (b, columns, columns), float32
-        The lowest minimum of the block, repeated.
+        The lowest minimum of the block in all columns.
     """
     lowest = minima.min(axis=(1, 2), keepdims=True)
     return np.ascontiguousarray(np.broadcast_to(lowest, minima.shape))

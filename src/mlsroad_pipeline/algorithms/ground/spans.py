@@ -1,4 +1,4 @@
-"""Ranges of points shared out to threads, and the one pass that checks and bounds them."""
+"""Ranges of points for threads, and the validation and bounds of coordinates in one pass."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_xyz
 
 Span: TypeAlias = tuple[int, int]
-"""First point of a range and the one after its last."""
+"""First point of a range and one past its last."""
 
 MAX_Z_RANGE = 1e5
-"""Largest difference of heights, metres; beyond it float32 heights would be coarser than a centimetre."""
+"""Maximum height range, metres; float32 resolves it to a centimetre."""
 
 
 def in_chunks(n_points: int, n_threads: int, work: Callable[[Span], Any]) -> list[Any]:
-    """Run `work((start, stop))` over contiguous ranges of points, one per thread, and return its results in order.
+    """Call ``work((start, stop))`` on contiguous ranges of points, one per thread.
 
     Parameters
     ----------
     n_points : int
-        Number of points to share out.
+        Number of points.
     n_threads : int
-        Number of ranges; with 1 the caller's own thread does the work and none is started.
+        Number of ranges; 1 runs in the calling thread.
     work : callable
-        Calls a compiled kernel that releases the interpreter lock.
+        Takes a range; calls a kernel that releases the GIL.
 
     Returns
     -------
     list
-        What `work` returned for each range.
+        Results of the calls, in the order of the ranges.
     """
     bounds = np.linspace(0, n_points, n_threads + 1).astype(np.int64)
     spans = [(int(start), int(stop)) for start, stop in pairwise(bounds)]
@@ -48,7 +48,7 @@ def in_chunks(n_points: int, n_threads: int, work: Callable[[Span], Any]) -> lis
 
 @njit(cache=True, nogil=True)
 def point_bounds(xyz: NDArray[np.floating], span: Span) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
-    """Return min and max of x, y, z over a range, and whether all are finite; one read of the points."""
+    """Return minimum and maximum coordinates of a range, and whether all are finite, in one pass."""
     low = np.full(3, np.inf)
     high = np.full(3, -np.inf)
     sums = np.zeros(3)
@@ -64,7 +64,7 @@ def point_bounds(xyz: NDArray[np.floating], span: Span) -> tuple[NDArray[np.floa
 def bounds_of(
     xyz: ArrayLike, n_threads: int = 1
 ) -> tuple[NDArray[np.floating], tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Check coordinates and find their bounds in one pass.
+    """Validate coordinates and return them with their bounds, in one pass.
 
     Parameters
     ----------
@@ -76,14 +76,14 @@ def bounds_of(
     Returns
     -------
     points : ndarray of shape (n, 3), float32 or float64
-        The coordinates, C-contiguous, copied only where that is needed.
+        The coordinates, C-contiguous, copied only if required.
     bounds : pair of ndarray of shape (3,)
-        Smallest and largest coordinates; infinite for no points.
+        Minimum and maximum coordinates; infinite without points.
 
     Raises
     ------
     DataError
-        If `xyz` is not (n, 3), holds NaN or infinity, or spans more than 1e5 m in z.
+        If `xyz` is not (n, 3) or not finite, or spans more than 1e5 m in z.
     """
     points = np.asarray(xyz)
     usable = points.dtype in (np.float32, np.float64) and points.ndim == 2 and points.shape[1] == 3
@@ -94,5 +94,5 @@ def bounds_of(
     if not all(part[2] for part in parts):
         check_xyz(points)
     if len(points) and high[2] - low[2] > MAX_Z_RANGE:
-        raise DataError(f"xyz spans {high[2] - low[2]:g} m in z, more than {MAX_Z_RANGE:g}: drop the outliers first")
+        raise DataError(f"xyz spans {high[2] - low[2]:g} m in z, more than {MAX_Z_RANGE:g}: remove outliers")
     return points, (low, high)

@@ -1,4 +1,4 @@
-"""Height of the ground below every point, as a raster of cells over the occupied blocks."""
+"""Ground surface as a raster of cells, and heights above it."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from mlsroad_pipeline.algorithms.ground.raster import (
 from mlsroad_pipeline.algorithms.ground.spans import Span, bounds_of, in_chunks
 
 CELLS_PER_BLOCK = 16
-"""Cells along a block's side."""
+"""Cells along the side of a block."""
 
 
 @dataclass(frozen=True)
 class GroundSurface:
-    """Ground height on a raster of square cells, known cells and filled gaps alike.
+    """Ground heights on a raster of square cells, with gaps filled.
 
     Attributes
     ----------
     grid : BlockGrid
-        The blocks that hold points; a column is a cell.
+        Occupied blocks; a column is a cell.
     nodes : ndarray of shape (b, s + 2, s + 2), float32
-        Ground height at the centre of each cell above the grid's origin, metres, with a border of one cell around each
-        block. All NaN where no point is ground.
+        Ground height at the centre of each cell above the origin of the grid, metres, with a border of one cell around
+        each block. All NaN without ground points.
     known : ndarray of shape (k, 2), float64
-        Centres of the cells that hold ground points, metres from the grid's origin.
+        Centres of the cells with ground points, metres from the origin of the grid.
     known_heights : ndarray of shape (k,), float32
-        Their heights above the grid's origin, metres.
+        Their heights above the origin of the grid, metres.
     n_neighbours : int
-        Known cells that a gap is filled from.
+        Number of cells from which a gap is interpolated.
     """
 
     grid: BlockGrid
@@ -60,36 +60,36 @@ class GroundSurface:
         n_neighbours: int = 8,
         n_threads: int = 1,
     ) -> GroundSurface:
-        """Estimate the surface from labelled points.
+        """Estimate the surface from classified points.
 
-        A cell's height is the mean of its ground points that lie at most `spread` above the lowest of them, so that a
-        car's sill that was taken for ground does not raise it. A cell without ground points takes the mean of the
-        `n_neighbours` nearest cells with some, weighted by the inverse square of the distance.
+        The height of a cell is the mean of its ground points at most `spread` above the lowest, so that misclassified
+        points, such as car sills, do not raise it. A cell without ground points takes the inverse-square-distance
+        weighted mean of the `n_neighbours` nearest cells with ground points.
 
         Parameters
         ----------
         xyz : array-like of shape (n, 3)
-            All points in metres, off-ground ones too: the surface reaches as far as they do.
+            All points in metres, ground or not; they define the extent of the surface.
         ground : array-like of bool, shape (n,)
-            True is ground.
+            True for ground.
         cell_size : float, default 0.5
-            Side of a cell in metres. Larger cells are steadier and blur curbs.
+            Side of a cell in metres. Larger cells reduce noise and blur curbs.
         spread : float, default 0.3
-            Range of heights within a cell that counts, metres; must cover the fall of the ground across a cell.
+            Height range of the averaged points of a cell, metres; must cover the slope across a cell.
         n_neighbours : int, default 8
-            Known cells that a gap is filled from; 1 takes the nearest as it is.
+            Number of cells from which a gap is interpolated; 1 takes the nearest.
         n_threads : int, default 1
             Threads over the points; the result does not depend on it.
 
         Returns
         -------
         GroundSurface
-            The surface; without any ground point its heights are NaN.
+            The surface; NaN without ground points.
 
         Raises
         ------
         DataError
-            If there are no points, if `xyz` is not (n, 3) or not finite, or if `ground` has another length.
+            If there are no points, `xyz` is not (n, 3) or not finite, or `ground` has another length.
         ParameterError
             If `cell_size` or `spread` is not positive, or `n_neighbours` or `n_threads` is below 1.
         """
@@ -111,12 +111,12 @@ class GroundSurface:
         return surface
 
     def _fill(self) -> None:
-        """Give every node its height; a border node is a cell of the block beside it and gets that cell's value."""
+        """Compute the height of all nodes; a border node has the value of the cell of the adjacent block."""
         slots, rows, columns = (index.ravel() for index in np.indices(self.nodes.shape))
         self.nodes[slots, rows, columns] = self._nearest(_centres(self.grid, slots, rows - 1, columns - 1))
 
     def _nearest(self, at: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return inverse-distance heights at places given from the grid's origin; a known cell's own at its centre."""
+        """Return interpolated heights at positions relative to the origin of the grid."""
         if len(self.known) == 0:
             return np.full(len(at), np.nan, dtype=np.float32)
         k = min(self.n_neighbours, len(self.known))
@@ -126,17 +126,17 @@ class GroundSurface:
         return ((self.known_heights[index] * weight).sum(axis=1) / weight.sum(axis=1)).astype(np.float32)
 
     def elevation(self, xy: ArrayLike) -> NDArray[np.float64]:
-        """Return the height of the ground at places, in the coordinates of the points that the surface is made from.
+        """Return the ground elevation at given positions, in the coordinates of the points.
 
         Parameters
         ----------
         xy : array-like of shape (m, 2)
-            Places in metres; outside the blocks that hold points the gap rule of `from_points` gives the height.
+            Positions in metres; outside the occupied blocks, heights are interpolated as in gaps, see `from_points`.
 
         Returns
         -------
         ndarray of float64, shape (m,)
-            z of the ground in metres, NaN where the surface knows no ground at all.
+            z of the ground in metres; NaN without ground points.
 
         Raises
         ------
@@ -162,35 +162,34 @@ def height_above_ground(
     n_neighbours: int = 8,
     n_threads: int = 1,
 ) -> NDArray[np.float32]:
-    """Return each point's height above the ground below it.
+    """Return the height of each point above the ground.
 
-    The ground is a `GroundSurface`, interpolated bilinearly between the centres of its cells.
+    The ground is a `GroundSurface`, interpolated bilinearly between cell centres.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Coordinates in metres, z up.
     ground : array-like of bool, shape (n,)
-        True is ground.
+        True for ground.
     cell_size : float, default 0.5
-        Side of a cell in metres. Larger cells are steadier and blur curbs.
+        Side of a cell in metres. Larger cells reduce noise and blur curbs.
     spread : float, default 0.3
-        Range of heights within a cell that counts, metres.
+        Height range of the averaged points of a cell, metres.
     n_neighbours : int, default 8
-        Known cells that a gap is filled from.
+        Number of cells from which a gap is interpolated.
     n_threads : int, default 1
         Threads over the points; the result does not depend on it.
 
     Returns
     -------
     ndarray of float32, shape (n,)
-        Height in metres, negative below the surface; NaN everywhere if no point is ground, which is the caller's to
-        warn of. Empty for no points.
+        Height in metres, negative below the surface; all NaN without ground points. Empty without points.
 
     Raises
     ------
     DataError
-        If `xyz` is not (n, 3) or not finite, or if `ground` has another length.
+        If `xyz` is not (n, 3) or not finite, or `ground` has another length.
     ParameterError
         If `cell_size` or `spread` is not positive, or `n_neighbours` or `n_threads` is below 1.
     """
@@ -210,7 +209,7 @@ def height_above_ground(
 
 
 def _centres(grid: BlockGrid, slots: NDArray, rows: NDArray, columns: NDArray) -> NDArray[np.float64]:
-    """Return centres of cells as x, y from the grid's origin."""
+    """Return the centres of cells as x, y from the origin of the grid."""
     by, bx = np.divmod(grid.keys[slots], grid.stride)
     x = ((bx - 2) * grid.n_columns + columns + 0.5) * grid.width
     y = ((by - 2) * grid.n_columns + rows + 0.5) * grid.width
@@ -220,7 +219,7 @@ def _centres(grid: BlockGrid, slots: NDArray, rows: NDArray, columns: NDArray) -
 def _cell_means(
     points: NDArray[np.floating], mask: NDArray[np.bool_], grid: BlockGrid, spread: float, n_threads: int
 ) -> NDArray[np.float32]:
-    """Return the mean height of each cell's ground points near its lowest one, NaN where it has none."""
+    """Return the mean height of the ground points of each cell near its lowest one; NaN without ground points."""
     shape = (len(grid.keys), grid.n_columns, grid.n_columns)
 
     def lowest(span: Span) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""Ground points by voxel-based upward growing (Yu et al. 2016, section III-A, and its reference [17])."""
+"""Ground classification by voxel-based upward growing (Yu et al. 2016, section III-A, and its reference [17])."""
 
 from __future__ import annotations
 
@@ -32,81 +32,81 @@ def classify_ground(
     surface_patch: float = 10.0,
     n_threads: int = 1,
 ) -> NDArray[np.bool_]:
-    """Tell ground points from the rest by growing voxels upward.
+    """Classify ground points by upward growing of voxels.
 
-    The points are cut into blocks in the XY plane and each block into voxels. Every voxel grows upward through its nine
-    upper neighbours as long as they are occupied. It is ground if its region ends at most `global_height` above the
-    reference and rises at most `local_height` above the voxel itself; so the foot of a pole goes with the pole.
+    The points are partitioned into blocks in the XY plane, and each block into voxels. Every voxel grows upward through
+    its nine upper neighbours while they are occupied. A voxel is ground if its region ends at most `global_height`
+    above the reference and rises at most `local_height` above the voxel. The foot of a pole thus belongs to the pole.
 
-    The paper measures from each block's own ground (``reference="block"``; with ``base_tolerance=0`` that is its plain
-    form, blocks grown one by one). That takes a slope for an object, and a car's roof for ground where nothing below it
-    was seen. The default therefore measures from a robust lower surface (``reference="surface"``), lets regions cross
-    the borders of blocks, and gives the points at the very surface back to the ground.
+    The paper measures heights from the lowest point of each block (``reference="block"``; with ``base_tolerance=0``
+    exactly its method, with separate blocks). This classifies slopes as objects, and a car roof as ground if no point
+    below it was measured. The default measures heights from a robust lower surface (``reference="surface"``), grows
+    regions across block borders, and classifies points on the surface as ground.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Coordinates in metres, z up; float32 or float64, local or projected.
     voxel_size : float, default 0.1
-        Edge of a voxel in metres. Larger voxels bridge gaps between scan lines, and take more ground around a foot for
-        the object. The paper gives no value.
+        Edge of a voxel in metres. Larger voxels bridge gaps between scan lines, but assign more ground around a foot to
+        the object. Not given in the paper.
     block_size : float, default 8.0
-        Side of a block in metres, rounded to whole cells and at least two of them. Matters to the result only with
-        ``reference="block"``: larger blocks see the ground beside wider objects, and less of a slope passes.
+        Side of a block in metres, rounded to whole cells, at least two. It affects the result only with
+        ``reference="block"``: larger blocks contain ground beside wider objects, but tolerate less slope.
     local_height : float, default 0.2
-        How far a region may rise above a voxel that is ground, metres. Raising it keeps curbs and rough verges, and the
-        feet of objects with them.
+        Maximum height of a region above a ground voxel, metres. Larger values include curbs and rough verges, but also
+        the feet of objects.
     global_height : float, default 0.3
-        How far above the reference ground may lie, metres, at most 63 voxels. With ``reference="block"`` it must cover
-        the fall of the ground within a block.
+        Maximum height of ground above the reference, metres, below 63 voxels. With ``reference="block"`` it must cover
+        the height range of the ground within a block.
     reference : {"surface", "block"}, default "surface"
-        What heights are measured from.
+        Reference of the heights: lower surface, or lowest point of the block (the paper).
     base_tolerance : float, default 0.03
-        Points less than this above the reference are ground even where an object stands on them, metres. 0 leaves
-        all of the foot's voxel to the object.
+        Points less than this above the reference are ground even below an object, metres. 0 assigns the whole voxel of
+        a foot to the object.
     cell_size : float, default 1.0
         Side of a cell of the lower surface, metres, rounded to whole voxels.
     surface_slope : float, default 0.3
-        Slope up to which ground is believed at once; steeper ground must continue its surroundings. Raising it lets
-        wide low objects through.
+        Maximum slope of ground without further conditions; steeper ground must continue the slope of its surroundings.
+        Larger values misclassify wide low objects.
     surface_step : float, default 0.2
-        Unevenness of the ground from cell to cell, metres. Points lower than this below the surface are ghosts, not
+        Unevenness of the ground between cells, metres. Points more than this below the surface are outliers, not
         ground.
     surface_drop : float, default 0.5
-        How far below its surroundings a patch smaller than `surface_patch` may lie and still be ground, metres.
+        Maximum depth of patches smaller than `surface_patch` below their surroundings, metres.
     surface_share : float, default 0.2
-        Part of a cell's columns that must have their lowest point within 0.3 m above the lowest one for it to count;
-        stray returns below the ground have fewer.
+        Fraction of the columns of a cell that must have their lowest point within 0.3 m above the lowest one.
+        Outliers below the ground have less support.
     surface_patch : float, default 10.0
-        Area in square metres from which cells that hang together are trusted to be the lowest there is. Where no patch
-        is as large the largest are trusted.
+        Minimum area of a connected patch of cells that counts as ground level, square metres. If no patch is as large,
+        the largest counts.
     n_threads : int, default 1
-        Threads over the points. The result is the same for any number; 1 starts no thread.
+        Threads over the points; the result does not depend on them. 1 runs in the calling thread.
 
     Returns
     -------
     ndarray of bool, shape (n,)
-        True is ground. Empty for no points. One point alone is ground: it is the lowest that was seen.
+        True for ground. Empty without points. A single point is ground.
 
     Raises
     ------
     DataError
-        If `xyz` is not (n, 3), holds NaN or infinity, or spans more than 1e5 m in z or 2**31 blocks in x or y.
+        If `xyz` is not (n, 3) or not finite, or spans more than 1e5 m in z or 2**31 blocks in x or y.
     ParameterError
         If a size, slope or `local_height` is not positive, a tolerance is negative, `surface_share` is outside 0 to 1,
-        `global_height` is not positive or more than 63 voxels, `reference` is unknown or `n_threads` is below 1.
+        `global_height` is not positive or too large, `reference` is unknown, or `n_threads` is below 1.
 
     Notes
     -----
-    Points are read five times in their own order and never sorted or copied. Memory is 1 byte per point and 12 to 40
-    bytes per column of the occupied blocks, times `n_threads` for a part of them.
+    The points are read five times, without sorting or copying. Memory is 1 byte per point and 12 to 40 bytes per column
+    of the occupied blocks, part of it per thread.
 
     References
     ----------
     Y. Yu, J. Li, H. Guan, C. Wang, "Automated extraction of urban road facilities using mobile laser scanning data",
-    IEEE Transactions on Intelligent Transportation Systems 16(4), 2015: the method. Y. Yu, J. Li, H. Guan, C. Wang,
-    C. Wen, "Bag of contextual-visual words for road scene object detection from mobile laser scanning data", the same
-    Transactions, 2016, section III-A: its summary.
+    IEEE Transactions on Intelligent Transportation Systems 16(4), 2015 (the method). Y. Yu, J. Li, H. Guan, C. Wang,
+    C. Wen, "Bag of contextual-visual words for road scene object detection from mobile laser scanning data", IEEE
+    Transactions on Intelligent Transportation Systems, 2016, section III-A (its summary).
 
     Examples
     --------
@@ -149,7 +149,7 @@ def classify_ground(
 
 
 def _layers(height: float, voxel_size: float) -> int:
-    """Return how many layers up the first one is that lies above a height; 0.3 m is three layers of 0.1 m, not two."""
+    """Return the index of the first layer above a height; the tolerance makes 0.3 m three layers of 0.1 m."""
     return int(height / voxel_size + 1e-6) + 1
 
 
@@ -181,7 +181,7 @@ def _check_tolerance(value: float, name: str) -> None:
 
 
 def _column_minima(points: NDArray[np.floating], grid: BlockGrid, n_threads: int) -> NDArray[np.float32]:
-    """Return the lowest z of each column; threads fill arrays of their own, and the minimum has no order."""
+    """Return the lowest z of each column, as the minimum over the arrays of the threads."""
     shape = (len(grid.keys), grid.n_columns, grid.n_columns)
 
     def work(span: Span) -> NDArray[np.float32]:
@@ -198,7 +198,7 @@ def _column_minima(points: NDArray[np.floating], grid: BlockGrid, n_threads: int
 def _occupied_voxels(
     points: NDArray[np.floating], grid: BlockGrid, surface: NDArray[np.float32], n_threads: int
 ) -> NDArray[np.uint64]:
-    """Return one word of occupied voxels per column, merged over the threads."""
+    """Return the word of occupied voxels of each column, merged over the threads."""
 
     def work(span: Span) -> NDArray[np.uint64]:
         masks = np.zeros(surface.shape, dtype=np.uint64)

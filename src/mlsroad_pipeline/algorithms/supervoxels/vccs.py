@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.geometry.cell_grid import check_threads
 from mlsroad_pipeline.algorithms.geometry.voxels import VoxelGrid, build_voxel_grid
-from mlsroad_pipeline.algorithms.geometry.voxels.grid import check_threads, run_chunks
+from mlsroad_pipeline.algorithms.geometry.voxels.grid import run_chunks
 from mlsroad_pipeline.algorithms.supervoxels import _growth, _partition, _seeds
 from mlsroad_pipeline.algorithms.supervoxels._features import compute_normals, voxel_features
 

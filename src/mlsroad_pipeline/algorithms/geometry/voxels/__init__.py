@@ -1,4 +1,4 @@
-"""Points sorted once into voxels: the ground that the supervoxels and the ground filter stand on."""
+"""Voxel grid of a point cloud."""
 
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import VoxelGrid, build_voxel_grid
 

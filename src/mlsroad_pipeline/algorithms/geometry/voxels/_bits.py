@@ -1,4 +1,4 @@
-"""Bit counting for compiled kernels: Numba exposes no population count of its own."""
+"""Population count for compiled kernels, which Numba does not provide."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ __all__ = ["popcount", "trailing_zeros"]
 def popcount(typing_context: Any, word: Any) -> tuple[Signature, Any]:
     """Count the set bits of a uint64; usable in compiled code only."""
     if word != types.uint64:
-        return None  # type: ignore[return-value]  # how an intrinsic declines a type
+        return None  # type: ignore[return-value]  # rejects other types
 
     def generate(context: Any, builder: Any, signature: Signature, arguments: Any) -> Any:
         return builder.ctpop(arguments[0])

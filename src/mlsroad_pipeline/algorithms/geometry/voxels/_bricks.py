@@ -1,8 +1,8 @@
-"""Compiled kernels of the voxel grid: bricks of 8 x 8 x 8 voxels, each one hash-table entry with a bitmap.
+"""Compiled kernels of the voxel grid. A brick of 8 x 8 x 8 voxels is one hash-table entry with a bitmap.
 
-A point finds its voxel through its brick: one hash look-up (none when the brick is that of the point before it) and one
-population count. Coordinates are quantised to 2^-20 of a voxel, so that every sum over points is a sum of integers and
-does not depend on the order of the points or on how they are shared out among threads.
+The voxel of a point is found by one hash lookup of its brick (none if the previous point is in the same brick) and one
+population count. Coordinates are quantised to 2^-20 of a voxel. All sums over points are sums of integers, and do not
+depend on the order of the points or on the threads.
 """
 
 import numpy as np
@@ -20,14 +20,14 @@ EMPTY = -1
 
 @njit(cache=True, nogil=True)
 def hash_key(key: int, mask: int) -> np.int64:
-    """Spread a key over a table of `mask` + 1 slots (Fibonacci hashing, the high half folded down)."""
+    """Return the slot of a key in a table of `mask` + 1 slots (Fibonacci hashing of the high half)."""
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     return np.int64((mixed >> np.uint64(32)) & np.uint64(mask))
 
 
 @njit(cache=True, nogil=True)
 def bounds(xyz: NDArray[np.floating], start: int, stop: int) -> NDArray[np.float64]:
-    """Return the minimum and maximum of each axis; a coordinate that is not finite shows as NaN in the last value."""
+    """Return the minimum and maximum of each axis; the last value is NaN if a coordinate is not finite."""
     low_x = low_y = low_z = np.inf
     high_x = high_y = high_z = -np.inf
     zero = 0.0  # stays 0 for finite coordinates and becomes NaN otherwise
@@ -54,7 +54,7 @@ def _mark_cells(
     bitmaps: NDArray[np.uint64],
     codes: NDArray[np.int32],
 ) -> tuple[int, int]:
-    """Code points until the table is half full; return the first point left and the number of bricks."""
+    """Write codes of points until the table is half full; return the next point and the number of bricks."""
     ox, oy, oz = origin[0], origin[1], origin[2]
     mask = len(slots) - 1
     last_key, brick = np.int64(-1), np.int64(0)
@@ -91,7 +91,7 @@ def assign_bricks(
     stop: int,
     codes: NDArray[np.int32],
 ) -> tuple[NDArray[np.int64], NDArray[np.uint64]]:
-    """Number the bricks of a range of points as they come; write brick * 512 + cell per point, mark the cells."""
+    """Number the bricks of a range of points; write brick * 512 + cell of each point and mark the cells."""
     capacity = 4096
     keys = np.empty(capacity, np.int64)
     bitmaps = np.zeros((capacity, 8), np.uint64)
@@ -119,7 +119,7 @@ def assign_bricks(
 
 @njit(cache=True, nogil=True)
 def merge_bitmaps(merged: NDArray[np.uint64], bitmaps: NDArray[np.uint64], position: NDArray[np.int32]) -> None:
-    """Mark the cells of one range's bricks in those of the whole cloud."""
+    """Merge the bitmaps of a range of points into those of the cloud."""
     for b in range(len(bitmaps)):
         for w in range(8):
             merged[position[b], w] |= bitmaps[b, w]
@@ -127,7 +127,7 @@ def merge_bitmaps(merged: NDArray[np.uint64], bitmaps: NDArray[np.uint64], posit
 
 @njit(cache=True, nogil=True)
 def number_voxels(keys: NDArray[np.int64], bitmaps: NDArray[np.uint64]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Number the voxels brick by brick: the first voxel of every bitmap word, and the integer coordinates."""
+    """Number the voxels brick by brick; return the first voxel of each bitmap word and the voxel coordinates."""
     first = np.empty(bitmaps.shape, np.int32)
     n = 0
     for b in range(len(bitmaps)):
@@ -165,7 +165,7 @@ def accumulate_points(
     voxel_of_point: NDArray[np.int32],
     sums: NDArray[np.int64],
 ) -> None:
-    """Turn the codes in `voxel_of_point` into voxel ids, and add up (x, y, z, 1) of the points of each voxel."""
+    """Replace the codes in `voxel_of_point` by voxel ids, and sum (x, y, z, 1) over the points of each voxel."""
     ox, oy, oz = origin[0], origin[1], origin[2]
     for i in range(start, stop):
         code = voxel_of_point[i]
@@ -182,7 +182,7 @@ def accumulate_points(
 
 @njit(cache=True, nogil=True)
 def local_centroids(coords: NDArray[np.int32], sums: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the mean of each voxel's points in units of the voxel size from the grid's origin."""
+    """Return the mean of the points of each voxel, in voxel sizes from the origin of the grid."""
     out = np.empty(coords.shape, np.float64)
     for v in range(len(coords)):
         weight = 1.0 / (np.float64(sums[v, 3]) * (1 << FRACTION_BITS))
@@ -193,7 +193,7 @@ def local_centroids(coords: NDArray[np.int32], sums: NDArray[np.int64]) -> NDArr
 
 @njit(cache=True, nogil=True)
 def sort_points(voxel_of_point: NDArray[np.int32], indptr: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Sort points by voxel, keeping their order inside a voxel."""
+    """Sort points by voxel, stably."""
     order = np.empty(len(voxel_of_point), np.int64)
     place = indptr[:-1].copy()
     for i in range(len(voxel_of_point)):

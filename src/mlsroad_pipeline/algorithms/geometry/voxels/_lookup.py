@@ -1,4 +1,4 @@
-"""Compiled kernels that find voxels again: by their coordinates, and around each other."""
+"""Compiled kernels for voxel lookup by coordinates and for voxel neighbours."""
 
 import numpy as np
 from numba import njit
@@ -41,7 +41,7 @@ def find_key(slots: NDArray[np.int64], values: NDArray[np.int32], key: int) -> i
 def _fill_cube(
     cube: NDArray[np.int32], dx: int, dy: int, dz: int, bitmap: NDArray[np.uint64], first: NDArray[np.int32]
 ) -> None:
-    """Write the ids of one brick's voxels that fall into the 10 x 10 x 10 cube around the middle brick."""
+    """Write the ids of the voxels of a brick inside the 10 x 10 x 10 cube around the middle brick."""
     mask = ~np.uint64(0)
     if dy < 0:
         mask &= np.uint64(0xFF00000000000000)
@@ -72,7 +72,7 @@ def _fill_surroundings(
     bitmaps: NDArray[np.uint64],
     first: NDArray[np.int32],
 ) -> None:
-    """Write the ids of a brick's voxels and of those one step around it into the cube, -1 elsewhere."""
+    """Write the ids of the voxels of a brick and of those adjacent to it into the cube, -1 elsewhere."""
     cube[:] = -1
     bx, by, bz = key >> (2 * AXIS_BITS), (key >> AXIS_BITS) & AXIS_MASK, key & AXIS_MASK
     for dx in range(-1, 2):
@@ -98,7 +98,7 @@ def neighbor_rows(
     v_start: int,
     v_stop: int,
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """List the occupied voxels among the 26 around each voxel of a range of bricks, in (x, y, z) order of offsets."""
+    """List the occupied 26-neighbours of each voxel of a range of bricks, in (x, y, z) order of offsets."""
     offsets = np.empty(26, np.int64)
     k = 0
     for dx in range(-1, 2):
@@ -136,7 +136,7 @@ def find_voxels(
     bitmaps: NDArray[np.uint64],
     first: NDArray[np.int32],
 ) -> NDArray[np.int32]:
-    """Return the voxel at each triple of integer coordinates, -1 where none is occupied."""
+    """Return the voxel at each triple of integer coordinates; -1 if it is empty."""
     out = np.full(len(coords), -1, np.int32)
     for i in range(len(coords)):
         x, y, z = coords[i, 0], coords[i, 1], coords[i, 2]

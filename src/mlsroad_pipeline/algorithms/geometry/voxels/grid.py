@@ -1,4 +1,4 @@
-"""The voxel grid: which points share a voxel, where their mean lies, and which voxels touch."""
+"""Voxel grid: voxels of points, voxel centroids and voxel adjacency."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_positive, check_xyz
+from mlsroad_pipeline.algorithms.geometry.cell_grid import check_threads
 from mlsroad_pipeline.algorithms.geometry.voxels import _bricks, _lookup
 
 
 def run_chunks(work: Callable[[int, int], object], n: int, n_threads: int) -> list:
-    """Run `work(start, stop)` on `n_threads` equal ranges of `n` items; one range runs in the calling thread.
+    """Call ``work(start, stop)`` on `n_threads` equal ranges of `n` items, in a thread pool.
 
-    The kernels called release the GIL; so threads of the standard library serve, and a single-threaded caller pays
-    neither for a pool nor for a second compilation.
+    The kernels release the GIL. With one thread, the call runs in the calling thread.
 
     Parameters
     ----------
     work : callable
-        Called with the limits of a range.
+        Takes the limits of a range.
     n : int
-        The number of items.
+        Number of items.
     n_threads : int
-        The number of ranges.
+        Number of ranges.
 
     Returns
     -------
     list
-        What the calls returned, in the order of the ranges.
+        Results of the calls, in the order of the ranges.
     """
     if n_threads == 1:
         return [work(0, n)]
@@ -46,24 +46,24 @@ def run_chunks(work: Callable[[int, int], object], n: int, n_threads: int) -> li
 class VoxelGrid:
     """Points sorted into the occupied voxels of a regular grid.
 
-    Voxels are numbered by place, not by the points' order: brick by brick (8 x 8 x 8 voxels, in the order of their x, y
-    and z), and by x, y and z inside a brick. Voxels near each other in space are therefore mostly near each other in
-    memory. Everything but `voxel_of_point` and `order` is the same for any order of the points, to the last bit.
+    Voxels are numbered by position: brick by brick (8 x 8 x 8 voxels, sorted by x, y and z), and by x, y and z within a
+    brick. Voxels that are close in space are thus mostly close in memory. All attributes except `voxel_of_point` and
+    `order` are independent of the order of the points, to the last bit.
 
     Attributes
     ----------
     voxel_size : float
         Edge of a voxel, metres.
     origin : ndarray of shape (3,), float64
-        Corner of voxel (0, 0, 0) in the coordinates of the points, metres.
+        Minimum corner of voxel (0, 0, 0) in the coordinates of the points, metres.
     voxel_of_point : ndarray of shape (n,), int32
         Voxel of each point.
     coords : ndarray of shape (v, 3), int32
-        Integer coordinates of each voxel, none negative.
+        Integer coordinates of each voxel, at least 0.
     counts : ndarray of shape (v,), int32
         Points in each voxel, at least 1.
     local_centroids : ndarray of shape (v, 3), float64
-        Mean of each voxel's points in voxel sizes from `origin`, exact to 2^-20 of a voxel.
+        Mean of the points of each voxel, in voxel sizes from `origin`, exact to 2^-20 of a voxel.
     """
 
     voxel_size: float
@@ -82,17 +82,17 @@ class VoxelGrid:
 
     @cached_property
     def centroids(self) -> NDArray[np.float64]:
-        """Mean of each voxel's points, (v, 3) float64, in the coordinates of the points (metres)."""
+        """Mean of the points of each voxel, (v, 3) float64, metres in the coordinates of the points."""
         return self.origin + self.local_centroids * self.voxel_size
 
     @cached_property
     def indptr(self) -> NDArray[np.int64]:
-        """Where each voxel's points start in `order`, (v + 1,) int64."""
+        """Start of each voxel in `order`, (v + 1,) int64."""
         return np.concatenate([np.zeros(1, np.int64), np.cumsum(self.counts, dtype=np.int64)])
 
     @cached_property
     def order(self) -> NDArray[np.int64]:
-        """Points sorted by voxel and, inside a voxel, by their place in the input, (n,) int64."""
+        """Point indices sorted by voxel, ascending within a voxel, (n,) int64."""
         return _bricks.sort_points(self.voxel_of_point, self.indptr)
 
     @cached_property
@@ -105,43 +105,43 @@ class VoxelGrid:
         Parameters
         ----------
         coords : array-like of shape (m, 3), integer
-            Voxel coordinates; any integers, also outside of the grid.
+            Voxel coordinates, inside or outside the grid.
 
         Returns
         -------
         ndarray of shape (m,), int32
-            Voxel ids, -1 where no voxel is occupied.
+            Voxel ids; -1 for empty voxels.
 
         Raises
         ------
         DataError
             If `coords` is not an integer array of shape (m, 3).
         """
-        wanted = np.asarray(coords)
-        if wanted.ndim != 2 or wanted.shape[1] != 3 or not np.issubdtype(wanted.dtype, np.integer):
-            raise DataError(f"coords must be integers of shape (m, 3), got {wanted.dtype} {wanted.shape}")
+        triples = np.asarray(coords)
+        if triples.ndim != 2 or triples.shape[1] != 3 or not np.issubdtype(triples.dtype, np.integer):
+            raise DataError(f"coords must be integers of shape (m, 3), got {triples.dtype} {triples.shape}")
         slots, values = self._table
-        return _lookup.find_voxels(wanted.astype(np.int64), slots, values, self._bitmaps, self._first)
+        return _lookup.find_voxels(triples.astype(np.int64), slots, values, self._bitmaps, self._first)
 
     def neighbors(self, *, n_threads: int = 1) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-        """List the occupied voxels that share a face, an edge or a corner with each voxel.
+        """Return the occupied 26-neighbours of each voxel as a CSR pair.
 
         Parameters
         ----------
         n_threads : int, default 1
-            Threads to use; the result does not depend on it.
+            Threads; the result does not depend on it.
 
         Returns
         -------
         indptr : ndarray of shape (v + 1,), int64
-            Where each voxel's neighbours start in `indices`.
+            Start of each voxel in `indices`.
         indices : ndarray, int32
-            The neighbours, at most 26 a voxel and never itself, in the order of their offsets in x, y and z.
+            Neighbours, at most 26 per voxel, in the order of their offsets in x, y and z.
 
         Raises
         ------
         ParameterError
-            If `n_threads` is less than 1.
+            If `n_threads` is not an integer or is below 1.
         """
         slots, values = self._table
         n_bricks = len(self._keys)
@@ -161,49 +161,26 @@ class VoxelGrid:
         return np.concatenate(indptr), np.concatenate([indices for _, indices in parts])
 
 
-def check_threads(n_threads: int) -> int:
-    """Return a number of threads that must be at least one.
-
-    Parameters
-    ----------
-    n_threads : int
-        The parameter.
-
-    Returns
-    -------
-    int
-        The value.
-
-    Raises
-    ------
-    ParameterError
-        If it is not an integer of at least 1.
-    """
-    if not isinstance(n_threads, int | np.integer) or n_threads < 1:
-        raise ParameterError(f"n_threads must be an integer >= 1, got {n_threads!r}")
-    return int(n_threads)
-
-
 def build_voxel_grid(
     xyz: ArrayLike, *, voxel_size: float, anchor: ArrayLike | None = None, n_threads: int = 1
 ) -> VoxelGrid:
     """Sort points into the voxels of a regular grid.
 
-    Takes two passes over the points and memory for one int32 a point and about 60 bytes a voxel. A point on the face
+    The function reads the points twice and needs 4 bytes per point and about 60 bytes per voxel. A point on the face
     between two voxels belongs to the upper one.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
-        Coordinates in metres, of any magnitude: they are taken relative to the grid's corner in float64.
+        Coordinates in metres, of any magnitude; the corner of the grid is subtracted in float64.
     voxel_size : float
-        Edge of a voxel, metres. Memory and the time of what follows grow with the number of voxels.
+        Edge of a voxel, metres. Smaller voxels increase memory and the time of later steps.
     anchor : array-like of shape (3,), optional
-        A point that shall be a corner of the grid, so that clouds cut from one survey share one grid. By default it is
-        the centre of the points' bounding box: the voxels are then the same wherever the cloud is moved, and a wall at
-        the rim of the cloud does not lie on voxel faces, as it would with the minimum corner.
+        A corner of the grid, so that clouds of one survey share a grid. By default the centre of the bounding box: the
+        voxels are then invariant to translation, and walls at the border of the cloud do not coincide with voxel faces,
+        as with the minimum corner.
     n_threads : int, default 1
-        Threads to use; the result does not depend on it.
+        Threads; the result does not depend on it.
 
     Returns
     -------
@@ -213,11 +190,10 @@ def build_voxel_grid(
     Raises
     ------
     DataError
-        If `xyz` is not of shape (n, 3), is empty, or has NaN or infinite coordinates; if `anchor` is not three finite
-        numbers.
+        If `xyz` is empty, not (n, 3) or not finite, or `anchor` is not three finite numbers.
     ParameterError
-        If `voxel_size` is not a positive finite number, if `n_threads` is less than 1, or if the cloud is longer than
-        2^24 voxels along an axis or has more than 2^22 occupied bricks of 8 x 8 x 8 voxels.
+        If `voxel_size` is not positive and finite, `n_threads` is below 1, or the cloud extends over more than 2^24
+        voxels along an axis or more than 2^22 occupied bricks of 8 x 8 x 8 voxels.
     """
     size = check_positive(voxel_size, "voxel_size")
     threads = check_threads(n_threads)
@@ -247,19 +223,19 @@ def build_voxel_grid(
 def _checked_points(
     xyz: ArrayLike, n_threads: int
 ) -> tuple[NDArray[np.floating], NDArray[np.float64], NDArray[np.float64]]:
-    """Return contiguous finite points with their minimum and maximum corners, reading them once."""
+    """Return contiguous finite points with their minimum and maximum corners, in one pass."""
     points = np.asarray(xyz)
     usable = points.dtype in (np.float32, np.float64) and points.ndim == 2 and points.shape[1] == 3
     if not usable or not points.flags.c_contiguous or len(points) == 0:
         points = check_xyz(points, minimum=1)
     parts = np.array(run_chunks(lambda start, stop: _bricks.bounds(points, start, stop), len(points), n_threads))
     if np.isnan(parts[:, 6]).any():
-        check_xyz(points)  # names the rows that are not finite
+        check_xyz(points)  # raises an error with the row
     return points, parts[:, :3].min(axis=0), parts[:, 3:6].max(axis=0)
 
 
 def _anchored_origin(low: NDArray[np.float64], anchor: ArrayLike, size: float) -> NDArray[np.float64]:
-    """Return the corner of the anchored grid at or just below the minimum corner of the points."""
+    """Return the corner of the anchored grid at or below the minimum corner of the points."""
     corner = np.asarray(anchor, dtype=np.float64)
     if corner.shape != (3,) or not np.isfinite(corner).all():
         raise DataError(f"anchor must be three finite coordinates, got {anchor!r}")
@@ -277,7 +253,7 @@ def _sum_points(
     codes: NDArray[np.int32],
     n_voxels: int,
 ) -> NDArray[np.int64]:
-    """Turn codes into voxel ids in place and return the integer sums of every voxel."""
+    """Replace codes by voxel ids in place; return the integer sums of each voxel."""
     n_threads = len(positions)
 
     def work(start: int, stop: int) -> NDArray[np.int64]:
