@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError, UnknownClassError
-from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
+from mlsroad_pipeline.algorithms.recognition.object_set import ObjectArrays, ObjectSet
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.formats.sydney import object_class
@@ -51,7 +50,7 @@ def listed_files(path: Path) -> list[Path]:
     return found
 
 
-def read_fold(path: str, files: Sequence[str], *, scheme: ClassScheme) -> dict[str, NDArray]:
+def read_fold(path: str, files: Sequence[str], *, scheme: ClassScheme) -> ObjectArrays:
     """Read the objects of a fold; the class of each is the first part of its file's name.
 
     Raises

@@ -126,7 +126,7 @@ def test_objects_of_hardly_any_points_are_labelled_or_left_out(rng, slug):
 def test_models_that_are_damaged_or_of_other_classes_are_named(rng, slug, tmp_path):
     bundle = trained(rng, slug)
     other = {**bundle.arrays, "classes": np.array([0, 9])}
-    with pytest.raises(DataError, match=rf"model '{slug}' knows the labels \[0, 9\], of 4 classes"):
+    with pytest.raises(DataError, match=rf"model '{slug}' has the labels \[0, 9\], of 4 classes"):
         recognisers.load_recogniser(ModelBundle(bundle.slug, other, bundle.metadata))
     swapped = {**bundle.arrays, "classes": np.array([0, 2])}
     with pytest.raises(DataError, match=rf"model '{slug}' was trained on pole, car; its arrays are of pole, bin"):

@@ -1,1 +1,1 @@
-"""Evaluation of labels against a reference."""
+"""Evaluation of labels and shared stages against a reference."""

@@ -1,9 +1,9 @@
-"""From labelled scenes to one confusion matrix per split, at full resolution and over core points only."""
+"""Confusion matrices of labelled scenes per split, at full resolution and over core points only."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.labels import PointLabels
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
@@ -18,14 +19,14 @@ from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
 
 
 def find_scheme(schemes: Mapping[str, Any], name: str) -> ClassScheme:
-    """Build a class scheme of the configuration.
+    """Return a class scheme of the configuration.
 
     Parameters
     ----------
     schemes : mapping of str to mapping
         The configured schemes.
     name : str
-        The one that is wanted.
+        Name of the scheme.
 
     Returns
     -------
@@ -43,7 +44,7 @@ def find_scheme(schemes: Mapping[str, Any], name: str) -> ClassScheme:
 
 
 def coarse_labels(label: NDArray[np.integer], trained: ClassScheme, scored: ClassScheme) -> NDArray[np.int16]:
-    """Turn labels of the scheme that a method was trained on into those of the scheme that it is scored on.
+    """Convert labels of the training scheme of a method to labels of the scoring scheme.
 
     Parameters
     ----------
@@ -64,28 +65,38 @@ def coarse_labels(label: NDArray[np.integer], trained: ClassScheme, scored: Clas
     """
     if trained == scored:
         return label.astype(np.int16)
-    table = np.append(trained.coarsen(scored), np.int16(IGNORE))  # -1 finds the last entry
+    table = np.append(trained.coarsen(scored), np.int16(IGNORE))  # -1 indexes the last entry
     return table[label]
 
 
-def count_scene(
-    scene: PointCloud, labels: Mapping[str, NDArray], *, trained: ClassScheme, scored: ClassScheme
-) -> dict[str, NDArray]:
-    """Count the core points of a scene by true and predicted class.
+class SceneMatrix(TypedDict):
+    """Confusion matrix of a scene.
+
+    Attributes
+    ----------
+    matrix : ndarray of int64, shape (C, C + 1) or (k, C, C + 1)
+        Points by true and predicted class, see `confusion_matrix`; k matrices for k sets of points.
+    """
+
+    matrix: NDArray[np.int64]
+
+
+def count_scene(scene: PointCloud, labels: PointLabels, *, trained: ClassScheme, scored: ClassScheme) -> SceneMatrix:
+    """Return the confusion matrix of the core points of a scene.
 
     Parameters
     ----------
     scene : PointCloud
-        The scene, with `label` and `core`.
-    labels : mapping
-        ``label`` int16 (n,), of the scheme that the method was trained on.
+        The scene, with columns `label` and `core`.
+    labels : PointLabels
+        Predicted labels of the training scheme; the confidence is not used.
     trained, scored : ClassScheme
-        The schemes.
+        The schemes of training and scoring.
 
     Returns
     -------
-    dict of str to ndarray
-        ``matrix`` int64 (C, C + 1).
+    SceneMatrix
+        The confusion matrix, C classes of `scored`.
 
     Raises
     ------
@@ -94,24 +105,58 @@ def count_scene(
     UnknownClassError
         If a label is not in the scheme.
     """
-    core = scene["core"]
-    truth = scored.encode(scene["label"][core], source=scene.source)
-    predicted = coarse_labels(labels["label"][core], trained, scored)
-    return {"matrix": confusion_matrix(truth, predicted, len(scored))}
+    return {"matrix": count_labels(scene, labels["label"], scene["core"], trained=trained, scored=scored)}
 
 
-def sum_by_split(matrices: Mapping[str, Mapping[str, NDArray]]) -> dict[str, NDArray[np.int64]]:
-    """Add the matrices of each split.
+def count_labels(
+    scene: PointCloud,
+    label: NDArray[np.integer],
+    counted: NDArray[np.bool_],
+    *,
+    trained: ClassScheme,
+    scored: ClassScheme,
+) -> NDArray[np.int64]:
+    """Return the confusion matrix of some points of a scene.
 
     Parameters
     ----------
-    matrices : mapping of str to mapping
-        Scene name, which begins with its split and a dot, to what `count_scene` gave.
+    scene : PointCloud
+        The scene, with column `label`.
+    label : ndarray of int, shape (n,)
+        Predicted labels of the training scheme, -1 for none.
+    counted : ndarray of bool, shape (n,)
+        Points to count.
+    trained, scored : ClassScheme
+        The schemes of training and scoring.
+
+    Returns
+    -------
+    ndarray of int64, shape (C, C + 1)
+        The confusion matrix.
+
+    Raises
+    ------
+    MissingColumnError
+        If the scene has no labels.
+    UnknownClassError
+        If a label is not in the scheme.
+    """
+    truth = scored.encode(scene["label"][counted], source=scene.source)
+    return confusion_matrix(truth, coarse_labels(label[counted], trained, scored), len(scored))
+
+
+def sum_by_split(matrices: Mapping[str, SceneMatrix]) -> dict[str, NDArray[np.int64]]:
+    """Return the sum of the confusion matrices of each split.
+
+    Parameters
+    ----------
+    matrices : mapping of str to SceneMatrix
+        Key of the scene to its matrix.
 
     Returns
     -------
     dict of str to ndarray
-        Split to matrix.
+        Split to the sum of its matrices.
     """
     total: dict[str, NDArray[np.int64]] = {}
     for key, counted in matrices.items():
@@ -121,12 +166,12 @@ def sum_by_split(matrices: Mapping[str, Mapping[str, NDArray]]) -> dict[str, NDA
 
 
 def given_classes(metadata: Mapping[str, Any], trained: ClassScheme, scored: ClassScheme) -> list[str]:
-    """Name the classes that a model can give, in the scheme that it is scored on.
+    """Return the classes that a model can predict, in the scoring scheme.
 
     Parameters
     ----------
     metadata : mapping
-        Metadata of the model; ``classes_given`` names classes of `trained`, without it all can be given.
+        Metadata of the model; ``classes_given`` names classes of `trained`, default all.
     trained, scored : ClassScheme
         The schemes; the first nests in the second.
 
@@ -149,18 +194,18 @@ def given_classes(metadata: Mapping[str, Any], trained: ClassScheme, scored: Cla
 def scores_table(
     matrices: Mapping[str, NDArray[np.int64]], *, method: str, scheme: ClassScheme, given: Sequence[str] | None = None
 ) -> pd.DataFrame:
-    """Score a method on all splits.
+    """Return the scores of a method on all splits.
 
     Parameters
     ----------
     matrices : mapping of str to ndarray
         Split to confusion matrix.
     method : str
-        The method's slug.
+        Slug of the method.
     scheme : ClassScheme
         The scheme of the matrices.
     given : sequence of str, optional
-        The classes that the method can give; None is all.
+        Classes that the method can predict; None is all.
 
     Returns
     -------

@@ -1,9 +1,10 @@
-"""How good the shared stages are where there are labels: ground removal and supervoxels."""
+"""Scores of the shared stages on labelled surveys: ground removal and supervoxels."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from typing import TypedDict
 
 import numpy as np
 import pandas as pd
@@ -29,27 +30,54 @@ GROUND_CLASSES = (
     "soil",
     "other_ground",
 )
-"""Taxonomy classes that the ground filter should find."""
+"""Taxonomy classes of ground points."""
 
 UNSCORED = ("unlabelled", "outlier")
 
 SUPERVOXEL_SCORES = ("boundary_recall", "under_segmentation_error", "accuracy_ceiling")
 
 
-def count_ground_points(scene: PointCloud, ground: GroundMask) -> dict[str, NDArray]:
-    """Count the core points of a scene by what they are and what the ground filter says.
+class GroundCounts(TypedDict):
+    """Counts of a ground filter on a scene.
+
+    Attributes
+    ----------
+    counts : ndarray of int64, shape (4,)
+        See `count_ground`.
+    """
+
+    counts: NDArray[np.int64]
+
+
+class SupervoxelQuality(TypedDict):
+    """Quality of the supervoxels of a scene.
+
+    Attributes
+    ----------
+    quality : ndarray of float64, shape (3,)
+        The scores of `SUPERVOXEL_SCORES`; NaN where undefined.
+    weights : ndarray of int64, shape (2,)
+        Numbers of scored points and of supervoxels.
+    """
+
+    quality: NDArray[np.float64]
+    weights: NDArray[np.int64]
+
+
+def count_ground_points(scene: PointCloud, ground: GroundMask) -> GroundCounts:
+    """Count the core points of a scene by true and predicted ground.
 
     Parameters
     ----------
     scene : PointCloud
         The scene, with `label` and `core`.
     ground : GroundMask
-        Its ground points.
+        Predicted ground points.
 
     Returns
     -------
-    dict of str to ndarray
-        ``counts``: see `count_ground`; unlabelled points are left out.
+    GroundCounts
+        The counts; unlabelled points are excluded.
 
     Raises
     ------
@@ -62,13 +90,13 @@ def count_ground_points(scene: PointCloud, ground: GroundMask) -> dict[str, NDAr
     return {"counts": count_ground(ground["ground"], truth, valid=known)}
 
 
-def ground_table(counts: Mapping[str, Mapping[str, NDArray]]) -> pd.DataFrame:
-    """Score the ground filter per split.
+def ground_table(counts: Mapping[str, GroundCounts]) -> pd.DataFrame:
+    """Return the scores of the ground filter per split.
 
     Parameters
     ----------
-    counts : mapping of str to mapping
-        Scene name, which begins with its split and a dot, to what `count_ground_points` gave.
+    counts : mapping of str to GroundCounts
+        Key of the scene to its counts.
 
     Returns
     -------
@@ -79,23 +107,22 @@ def ground_table(counts: Mapping[str, Mapping[str, NDArray]]) -> pd.DataFrame:
     return pd.DataFrame([{"split": split, **asdict(scores_of_counts(total))} for split, total in sums.items()])
 
 
-def measure_supervoxels(scene: PointCloud, supervoxels: SupervoxelPartition) -> dict[str, NDArray]:
-    """Measure the quality of a scene's partition in its core: points of buffers count in the scene that they belong to.
+def measure_supervoxels(scene: PointCloud, supervoxels: SupervoxelPartition) -> SupervoxelQuality:
+    """Return the quality of the supervoxels of a scene over its core points.
 
-    The border between classes is looked for around a seeded sample of the points, which is enough for a share.
+    The boundary recall is estimated from a seeded sample of the points.
 
     Parameters
     ----------
     scene : PointCloud
         The scene, with `label`.
     supervoxels : SupervoxelPartition
-        Its supervoxels.
+        The supervoxels.
 
     Returns
     -------
-    dict of str to ndarray
-        ``quality``: the scores in the order of `SUPERVOXEL_SCORES`; ``weights``: number of scored points and of
-        supervoxels.
+    SupervoxelQuality
+        Scores and weights.
 
     Raises
     ------
@@ -108,27 +135,27 @@ def measure_supervoxels(scene: PointCloud, supervoxels: SupervoxelPartition) -> 
     if len(truth) < 2:
         quality = np.full(len(SUPERVOXEL_SCORES), np.nan)
     else:
-        found = evaluate_partition(labels, truth, pairs=_near_pairs(scene.xyz[keep]))
-        quality = np.array([getattr(found, name) for name in SUPERVOXEL_SCORES], dtype=np.float64)
+        scores = evaluate_partition(labels, truth, pairs=_near_pairs(scene.xyz[keep]))
+        quality = np.array([getattr(scores, name) for name in SUPERVOXEL_SCORES], dtype=np.float64)
     return {"quality": quality, "weights": np.array([len(truth), len(np.unique(labels))])}
 
 
 def _near_pairs(xyz: NDArray[np.floating], *, sample: int = 20_000, k: int = 10) -> NDArray[np.int64]:
-    """Pair sampled points with their nearest neighbours."""
+    """Return pairs of sampled points and their nearest neighbours."""
     chosen = np.sort(np.random.default_rng(0).permutation(len(xyz))[:sample])
-    found = cKDTree(xyz).query(xyz[chosen], k=min(k, len(xyz) - 1) + 1)[1]
-    first = np.repeat(chosen, found.shape[1])
-    pairs = np.column_stack([first, found.ravel()])
+    neighbours = cKDTree(xyz).query(xyz[chosen], k=min(k, len(xyz) - 1) + 1)[1]
+    first = np.repeat(chosen, neighbours.shape[1])
+    pairs = np.column_stack([first, neighbours.ravel()])
     return pairs[pairs[:, 0] != pairs[:, 1]]
 
 
-def supervoxel_table(measured: Mapping[str, Mapping[str, NDArray]]) -> pd.DataFrame:
-    """Score the partition per split: means over scenes, weighted by their points.
+def supervoxel_table(measured: Mapping[str, SupervoxelQuality]) -> pd.DataFrame:
+    """Return the scores of the supervoxels per split: means over scenes, weighted by their points.
 
     Parameters
     ----------
-    measured : mapping of str to mapping
-        Scene name, which begins with its split and a dot, to what `measure_supervoxels` gave.
+    measured : mapping of str to SupervoxelQuality
+        Key of the scene to its scores.
 
     Returns
     -------

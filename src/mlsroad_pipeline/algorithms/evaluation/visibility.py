@@ -1,4 +1,4 @@
-"""Scores of methods that use images: over all points, and over those that a camera sees."""
+"""Scores of methods that use images, over all points and over the points visible in images."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.evaluation.labelling import count_scene, scores_table, sum_by_split
+from mlsroad_pipeline.algorithms.evaluation.labelling import count_labels, scores_table, sum_by_split
 
 
 def count_seen_scene(
@@ -20,24 +20,24 @@ def count_seen_scene(
     answers: Mapping[str, str],
     trained: ClassScheme,
     scored: ClassScheme,
-) -> dict[str, NDArray]:
-    """Count the core points of a scene, all of them and those that cameras see.
+) -> dict[str, NDArray[np.int64]]:
+    """Return the confusion matrices of a scene over all core points and over the visible ones.
 
     Parameters
     ----------
     scene : PointCloud
         The scene, with `label` and `core`.
     labels : mapping
-        ``seen`` bool (n,), and the labels of `trained` that `answers` names, int16 (n,).
+        ``seen`` bool (n,), and the labels of `trained` under the names of `answers`, int16 (n,).
     answers : mapping of str to str
-        Method to the name of its labels.
+        Method to the name of its labels in `labels`.
     trained, scored : ClassScheme
         The schemes.
 
     Returns
     -------
     dict of str to ndarray
-        Method to its matrices, int64 (2, C, C + 1): of all points, of those that cameras see.
+        Method to its matrices, int64 (2, C, C + 1): of all core points, of the visible ones.
 
     Raises
     ------
@@ -46,39 +46,37 @@ def count_seen_scene(
     UnknownClassError
         If a label is not in the scheme.
     """
-    kept = (scene["core"], scene["core"] & labels["seen"])
-    given = {method: {"label": labels[name]} for method, name in answers.items()}
-    parts = [scene.with_columns(core=rows) for rows in kept]
+    parts = (scene["core"], scene["core"] & labels["seen"])
     return {
-        method: np.stack([count_scene(part, mine, trained=trained, scored=scored)["matrix"] for part in parts])
-        for method, mine in given.items()
+        method: np.stack([count_labels(scene, labels[name], part, trained=trained, scored=scored) for part in parts])
+        for method, name in answers.items()
     }
 
 
 def seen_scores_table(
     counted: Mapping[str, Mapping[str, NDArray]], *, scheme: ClassScheme, suffix: str = ""
 ) -> tuple[pd.DataFrame, dict[str, dict[str, NDArray[np.int64]]]]:
-    """Score methods on all splits, over all points and over those that cameras see.
+    """Return the scores of methods on all splits, over all points and over the visible ones.
 
     Parameters
     ----------
     counted : mapping of str to mapping
-        Scene name, which begins with its split and a dot, to what `count_seen_scene` gave.
+        Key of the scene to the matrices of each method, see `count_seen_scene`.
     scheme : ClassScheme
         The scheme of the matrices.
     suffix : str, default ""
-        What is appended to the names of the splits.
+        Suffix of the names of the splits.
 
     Returns
     -------
     table : DataFrame
-        The table of scores; of the points that cameras see, the split's name ends in ``_visible``.
+        Table of scores; splits of the visible points end in ``_visible``.
     matrices : dict of str to dict
         Method to split to its confusion matrix over all points.
     """
     tables, matrices = [], {}
     for method in next(iter(counted.values())):
-        total = sum_by_split({key: {"matrix": given[method]} for key, given in counted.items()})
+        total = sum_by_split({key: {"matrix": matrix[method]} for key, matrix in counted.items()})
         every = {f"{split}{suffix}": both[0] for split, both in total.items()}
         visible = {f"{split}{suffix}_visible": both[1] for split, both in total.items()}
         tables.append(scores_table(every | visible, method=method, scheme=scheme))
@@ -87,7 +85,7 @@ def seen_scores_table(
 
 
 def seen_share(table: pd.DataFrame, split: str) -> str:
-    """Say how many points of a split cameras see.
+    """Return a log message with the number of points of a split outside all images.
 
     Parameters
     ----------
@@ -99,7 +97,7 @@ def seen_share(table: pd.DataFrame, split: str) -> str:
     Returns
     -------
     str
-        A sentence for the log.
+        The message.
     """
     overall = table[(table["class"] == "all") & (table["metric"] == "overall_accuracy")].set_index("split")["support"]
     every, seen = int(overall[split]), int(overall[f"{split}_visible"])

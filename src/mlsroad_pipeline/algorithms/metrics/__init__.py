@@ -1,1 +1,1 @@
-"""Figures of merit, all from plain counts."""
+"""Scores of labels, segmentations, detections and ground filters from counts."""

@@ -1,4 +1,4 @@
-"""The confusion matrix, and every figure of merit of a labelling read off that one matrix."""
+"""Confusion matrix and the scores derived from it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _CHUNK = 1 << 20
 
 @njit(cache=True)
 def _count(truth, predicted, matrix):  # type: ignore[no-untyped-def]  # numba infers the types
-    """Add points to a matrix whose last column is "unlabelled"; return the first bad row, or -1."""
+    """Add points to a matrix whose last column is "unlabelled"; return the first invalid row, or -1."""
     n_classes = matrix.shape[0]
     for i in range(truth.size):
         t = truth[i]
@@ -29,23 +29,23 @@ def _count(truth, predicted, matrix):  # type: ignore[no-untyped-def]  # numba i
 
 
 def confusion_matrix(truth: ArrayLike, predicted: ArrayLike, n_classes: int) -> NDArray[np.int64]:
-    """Count points by their true and their predicted class.
+    """Count points by true and predicted class.
 
-    Matrices of several scenes are added to give the matrix of all of them.
+    The matrix of several scenes is the sum of their matrices.
 
     Parameters
     ----------
     truth : array-like of int, shape (n,)
         True labels 0 to ``n_classes - 1``; points labelled -1 are ignored.
     predicted : array-like of int, shape (n,)
-        Predicted labels 0 to ``n_classes - 1``; -1 is "unlabelled", which is wrong wherever the truth is known.
+        Predicted labels 0 to ``n_classes - 1``; -1 is "unlabelled", which is wrong if the truth is known.
     n_classes : int
         Number of classes C of the scheme.
 
     Returns
     -------
     ndarray of int64, shape (n_classes, n_classes + 1)
-        Row: true class. Column: predicted class; the last column counts the points that were left unlabelled.
+        Row: true class. Column: predicted class; the last column counts the unlabelled points.
 
     Raises
     ------
@@ -82,19 +82,19 @@ def confusion_matrix(truth: ArrayLike, predicted: ArrayLike, n_classes: int) -> 
 
 @dataclass(frozen=True)
 class LabellingScores:
-    """Figures of merit of a labelling; what is undefined is NaN.
+    """Scores of labels; undefined values are NaN.
 
     Parameters
     ----------
     precision, recall, f1, iou : ndarray of float64, shape (C,)
-        Per class. Precision is undefined for a class never predicted, recall for a class without points, F1 and IoU
-        where both hold.
+        Scores per class. Precision is undefined for a class never predicted, recall for a class without points, F1 and
+        IoU if both hold.
     support : ndarray of int64, shape (C,)
         True points of each class.
     overall_accuracy : float
-        Share of the points that carry their true class.
+        Share of correctly labelled points.
     kappa : float
-        Cohen's kappa: agreement beyond the agreement by chance.
+        Cohen's kappa: agreement beyond chance.
     mean_f1, mean_iou : float
         Means over the classes that have support.
     """
@@ -111,13 +111,13 @@ class LabellingScores:
 
 
 def _ratio(numerator: ArrayLike, denominator: ArrayLike) -> NDArray[np.float64]:
-    """Divide, with NaN for 0/0."""
+    """Return the ratio, NaN for a denominator of 0."""
     top, bottom = np.asarray(numerator, dtype=np.float64), np.asarray(denominator, dtype=np.float64)
     return np.divide(top, bottom, out=np.full(np.broadcast(top, bottom).shape, np.nan), where=bottom != 0)
 
 
 def scores(matrix: NDArray[np.integer]) -> LabellingScores:
-    """Read precision, recall, F1, IoU, overall accuracy, kappa and the means off a confusion matrix.
+    """Return precision, recall, F1, IoU, overall accuracy, kappa and means of a confusion matrix.
 
     With TP on the diagonal, FN the rest of the row (unlabelled points included) and FP the rest of the column:
     precision TP / (TP + FP), recall TP / (TP + FN), F1 2 TP / (2 TP + FP + FN), IoU TP / (TP + FP + FN).
@@ -125,17 +125,17 @@ def scores(matrix: NDArray[np.integer]) -> LabellingScores:
     Parameters
     ----------
     matrix : ndarray of int, shape (C, C) or (C, C + 1)
-        A matrix of `confusion_matrix`, or a square one where no point was left unlabelled.
+        A matrix of `confusion_matrix`, or a square one without unlabelled points.
 
     Returns
     -------
     LabellingScores
-        The figures, NaN where they are undefined; all NaN for a matrix of zeros.
+        The scores; all NaN for a matrix of zeros.
 
     Raises
     ------
     DataError
-        If the matrix has another shape, or negative counts.
+        If the matrix has another shape or negative counts.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Detections against reference objects: counts at a threshold, the paper's four figures, precision-recall curves."""
+"""Scores of detections: matching with reference objects, counts, scores of the paper, precision-recall curves."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from mlsroad_pipeline.algorithms.metrics.scores import ALL, COLUMNS, DETECTION_M
 
 @dataclass(frozen=True)
 class DetectionCounts:
-    """Right, wrong and missing detections, and what follows from them (Yu et al. 2016, section V-D).
+    """True positives, false positives and false negatives, and their scores (Yu et al. 2016, section V-D).
 
     Attributes
     ----------
     tp, fp, fn : int
-        Detections that match an object, detections that do not, objects without one.
+        Detections that match an object, detections without an object, objects without a detection.
     """
 
     tp: int
@@ -40,12 +40,12 @@ class DetectionCounts:
 
     @property
     def quality(self) -> float:
-        """TP / (TP + FP + FN); NaN without either."""
+        """TP / (TP + FP + FN); NaN without detections and objects."""
         return _ratio(self.tp, self.tp + self.fp + self.fn)
 
     @property
     def f_score(self) -> float:
-        """Harmonic mean of precision and recall, 2 TP / (2 TP + FP + FN); NaN without either."""
+        """Harmonic mean of precision and recall, 2 TP / (2 TP + FP + FN); NaN without detections and objects."""
         return _ratio(2 * self.tp, 2 * self.tp + self.fp + self.fn)
 
 
@@ -56,25 +56,25 @@ def _ratio(part: int, whole: int) -> float:
 def match_detections(
     overlaps: Overlaps, scores: ArrayLike, wanted: ArrayLike, *, iou_threshold: float = 0.5
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Match the detections of one class with the reference objects of that class, the best score first.
+    """Match the detections of a class with its reference objects greedily, highest score first.
 
     Parameters
     ----------
     overlaps : Overlaps
-        Which segments share points with which instances; a detection is a segment.
+        Overlaps of segments (the detections) and reference instances.
     scores : array-like of shape (s,)
-        Score of each segment of `overlaps` for the class; NaN where it is not detected.
+        Score of each segment of `overlaps` for the class; NaN if it is not a detection.
     wanted : array-like of shape (t,), bool
-        Whether each instance of `overlaps` is of the class.
+        True for instances of `overlaps` of the class.
     iou_threshold : float, default 0.5
-        A detection is right when its points overlap a still unmatched object with an IoU of at least this much.
+        Minimum IoU of a detection and an unmatched object.
 
     Returns
     -------
     order : ndarray of int64, shape (d,)
-        Detected segments, the best score first; of equal ones the first segment.
+        Detected segments by descending score; ties by segment number.
     right : ndarray of bool, shape (d,)
-        Whether each matched an object.
+        True for detections that match an object.
 
     Raises
     ------
@@ -105,12 +105,12 @@ def match_detections(
 
 
 def count_detections(right: ArrayLike, n_objects: int) -> DetectionCounts:
-    """Count right, wrong and missing detections.
+    """Count true positives, false positives and false negatives.
 
     Parameters
     ----------
     right : array-like of shape (d,), bool
-        Whether each detection matched an object, from `match_detections`.
+        True for detections that match an object, see `match_detections`.
     n_objects : int
         Number of reference objects of the class.
 
@@ -122,7 +122,7 @@ def count_detections(right: ArrayLike, n_objects: int) -> DetectionCounts:
     Raises
     ------
     DataError
-        If more detections are right than there are objects.
+        If there are more matches than objects.
     """
     flags = np.asarray(right, dtype=bool)
     tp = int(flags.sum())
@@ -134,26 +134,26 @@ def count_detections(right: ArrayLike, n_objects: int) -> DetectionCounts:
 def precision_recall_curve(
     scores: ArrayLike, right: ArrayLike, n_objects: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Follow precision and recall as the threshold on the score falls.
+    """Return precision and recall for falling thresholds of the score.
 
     Parameters
     ----------
     scores : array-like of shape (d,)
-        Scores of the detections, in any order; several surveys may be joined.
+        Scores of the detections, in any order.
     right : array-like of shape (d,), bool
-        Whether each matched an object.
+        True for detections that match an object.
     n_objects : int
         Number of reference objects, at least 1.
 
     Returns
     -------
     threshold, precision, recall : ndarray of float64, shape (t,)
-        One entry per different score, falling: figures of the detections that score as much or more.
+        One entry per distinct score, descending: precision and recall of the detections with at least this score.
 
     Raises
     ------
     DataError
-        If the lengths differ, there are no objects, or more detections are right than there are objects.
+        If the lengths differ, there are no objects, or there are more matches than objects.
     """
     values, flags = np.asarray(scores, dtype=np.float64), np.asarray(right, dtype=bool)
     if values.shape != flags.shape:
@@ -169,29 +169,29 @@ def precision_recall_curve(
 def detection_scores(
     counts: Sequence[DetectionCounts], *, method: str, split: str, classes: Sequence[str]
 ) -> pd.DataFrame:
-    """Turn the counts of each class into the table of scores of one method on one split.
+    """Return the table of scores of one method on one split from the counts of each class.
 
     Parameters
     ----------
     counts : sequence of DetectionCounts
-        One per class.
+        Counts of each class.
     method : str
-        The method's slug.
+        Slug of the method.
     split : str
-        The split's name.
+        Name of the split.
     classes : sequence of str
         Class names.
 
     Returns
     -------
     DataFrame
-        Rows of `DETECTION_METRICS` per class (support: its objects) and for ``"all"``: means over the classes that have
-        objects for the four figures, sums for the counts.
+        Rows of `DETECTION_METRICS` per class (support: its objects) and for ``"all"``: means of the four scores over
+        the classes with objects, sums of the counts.
 
     Raises
     ------
     DataError
-        If there is not one name per class, or one of them is ``"all"``.
+        If the number of names differs from that of counts, or a class is called ``"all"``.
     """
     if len(counts) != len(classes) or ALL in classes:
         raise DataError(f"{len(counts)} classes are called {', '.join(classes)}; none may be called {ALL!r}")

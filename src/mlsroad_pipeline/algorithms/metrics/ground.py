@@ -1,4 +1,4 @@
-"""Scores of a ground filter, in the terms of the ISPRS filter test (Sithole and Vosselman 2004)."""
+"""Scores of ground filters as in the ISPRS filter test (Sithole and Vosselman 2004)."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 
 @dataclass(frozen=True)
 class GroundScores:
-    """Errors of a ground filter as fractions; a fraction of nothing is NaN.
+    """Errors of a ground filter as fractions; undefined values are NaN.
 
     Attributes
     ----------
     type_1 : float
-        Part of the true ground points that were rejected.
+        Share of the true ground points that are classified as objects.
     type_2 : float
-        Part of the true object points that were taken for ground.
+        Share of the true object points that are classified as ground.
     total : float
-        Part of all points that are wrong.
+        Share of all points that are misclassified.
     kappa : float
-        Cohen's kappa: agreement beyond chance; NaN where all points are of one class in truth and prediction.
+        Cohen's kappa: agreement beyond chance; NaN if truth and prediction consist of the same single class.
     n_ground, n_object : int
-        Numbers of scored points, by truth.
+        Numbers of scored points by true class.
     """
 
     type_1: float
@@ -37,26 +37,26 @@ class GroundScores:
 
 
 def count_ground(is_ground: ArrayLike, reference: ArrayLike, *, valid: ArrayLike | None = None) -> NDArray[np.int64]:
-    """Count what the scores of a ground filter are made of; counts of several scenes add up.
+    """Count points by true and predicted ground; counts of several scenes are added.
 
     Parameters
     ----------
     is_ground : array-like of bool, shape (n,)
-        The filter's answer; True is ground.
+        Prediction; True is ground.
     reference : array-like of bool, shape (n,)
-        The truth; True is ground.
+        Reference; True is ground.
     valid : array-like of bool, shape (n,), optional
-        Points to score; the others, such as unlabelled ones, are left out. None scores all.
+        Points to score, for example without unlabelled points; None scores all.
 
     Returns
     -------
     ndarray of int64, shape (4,)
-        Points that are ground in both, in truth, in the filter's answer, and all points.
+        Number of points that are ground in both, in the reference, in the prediction, and of all points.
 
     Raises
     ------
     DataError
-        If the arrays are not boolean or not of one length.
+        If the arrays are not boolean or differ in length.
     """
     predicted, truth = np.asarray(is_ground), np.asarray(reference)
     scored = np.ones(truth.shape, dtype=np.bool_) if valid is None else np.asarray(valid)
@@ -71,7 +71,7 @@ def count_ground(is_ground: ArrayLike, reference: ArrayLike, *, valid: ArrayLike
 
 
 def scores_of_counts(counts: NDArray[np.int64]) -> GroundScores:
-    """Score a ground filter from the counts of `count_ground`.
+    """Return the scores of a ground filter from the counts of `count_ground`.
 
     Parameters
     ----------
@@ -83,13 +83,13 @@ def scores_of_counts(counts: NDArray[np.int64]) -> GroundScores:
     GroundScores
         Type I, type II and total error, kappa and supports.
     """
-    both, n_ground, n_taken, n_points = (int(count) for count in counts)
+    both, n_ground, n_predicted, n_points = (int(count) for count in counts)
     n_object = n_points - n_ground
-    wrong = n_ground + n_taken - 2 * both
-    by_chance = _ratio(n_ground * n_taken + n_object * (n_points - n_taken), n_points**2)
+    wrong = n_ground + n_predicted - 2 * both
+    by_chance = _ratio(n_ground * n_predicted + n_object * (n_points - n_predicted), n_points**2)
     return GroundScores(
         type_1=_ratio(n_ground - both, n_ground),
-        type_2=_ratio(n_taken - both, n_object),
+        type_2=_ratio(n_predicted - both, n_object),
         total=_ratio(wrong, n_points),
         kappa=_ratio(1.0 - _ratio(wrong, n_points) - by_chance, 1.0 - by_chance),
         n_ground=n_ground,
@@ -98,16 +98,16 @@ def scores_of_counts(counts: NDArray[np.int64]) -> GroundScores:
 
 
 def score_ground(is_ground: ArrayLike, reference: ArrayLike, *, valid: ArrayLike | None = None) -> GroundScores:
-    """Score predicted ground points against a reference.
+    """Return the scores of predicted ground points against a reference.
 
     Parameters
     ----------
     is_ground : array-like of bool, shape (n,)
-        The filter's answer; True is ground.
+        Prediction; True is ground.
     reference : array-like of bool, shape (n,)
-        The truth; True is ground.
+        Reference; True is ground.
     valid : array-like of bool, shape (n,), optional
-        Points to score; the others, such as unlabelled ones, are left out. None scores all.
+        Points to score, for example without unlabelled points; None scores all.
 
     Returns
     -------
@@ -117,7 +117,7 @@ def score_ground(is_ground: ArrayLike, reference: ArrayLike, *, valid: ArrayLike
     Raises
     ------
     DataError
-        If the arrays are not boolean or not of one length.
+        If the arrays are not boolean or differ in length.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""How well a segmentation finds the objects that are there: overlaps of segments with reference instances."""
+"""Scores of a segmentation into objects: overlaps of segments with reference instances."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
 
-_FRAGMENT = 0.1  # the least share of an instance, or of a segment, that counts as a part of it
+_FRAGMENT = 0.1  # minimum share of an instance or segment for a relevant part
 
 
 @dataclass(frozen=True)
 class Overlaps:
-    """Which segments share how many points with which instances.
+    """Numbers of points shared by segments and instances.
 
     Attributes
     ----------
     instances, segments : ndarray of int64
-        Their numbers, ascending.
+        Numbers of the instances and segments, ascending.
     instance_sizes, segment_sizes : ndarray of int64
-        Their points.
+        Numbers of points of the instances and segments.
     instance, segment : ndarray of int64, shape (m,)
         Index into `instances` and `segments` of each pair that shares points.
     shared : ndarray of int64, shape (m,)
-        Points of the pair.
+        Number of points shared by the pair.
     """
 
     instances: NDArray[np.int64]
@@ -46,22 +46,22 @@ class Overlaps:
 
 @dataclass(frozen=True)
 class InstanceScores:
-    """Scores of a segmentation against reference instances; NaN where there is nothing to score.
+    """Scores of a segmentation against reference instances; undefined values are NaN.
 
     Attributes
     ----------
     coverage : float
-        Mean over instances of the best IoU that a segment has with it.
+        Mean over instances of the best IoU with a segment.
     weighted_coverage : float
-        The same, weighted by the points of the instances.
+        Coverage weighted by the points of the instances.
     precision, recall : float
-        Share of segments, and of instances, that match one to one with an IoU above the threshold.
+        Share of segments and of instances that match one to one with an IoU above the threshold.
     over_segmentation : float
-        Share of instances of which two or more segments, each mostly in it, hold a tenth or more each.
+        Share of instances split over at least two segments that lie mostly in it and contain at least a tenth of it.
     under_segmentation : float
-        Share of segments of which two or more instances make up a tenth or more each.
+        Share of segments with at least two instances that make up at least a tenth of it each.
     n_instances, n_segments : int
-        How many were compared.
+        Numbers of scored instances and segments.
     """
 
     coverage: float
@@ -84,7 +84,7 @@ def find_overlaps(instances: ArrayLike, segments: ArrayLike, *, background: int 
     segments : array-like of shape (n,), integer
         Segment of each point; -1 is none.
     background : int, default 0
-        The number of points that belong to no instance; they count to the size of segments.
+        Instance number of background points; they count in the sizes of segments.
 
     Returns
     -------
@@ -94,17 +94,19 @@ def find_overlaps(instances: ArrayLike, segments: ArrayLike, *, background: int 
     Raises
     ------
     DataError
-        If the lengths differ or the numbers are no integers.
+        If the lengths differ or the numbers are not integers.
     """
-    truth, found = np.asarray(instances), np.asarray(segments)
-    if truth.shape != found.shape or truth.ndim != 1:
-        raise DataError(f"instances have shape {truth.shape}, segments {found.shape}: one number per point is needed")
-    for name, values in (("instances", truth), ("segments", found)):
+    truth, predicted = np.asarray(instances), np.asarray(segments)
+    if truth.shape != predicted.shape or truth.ndim != 1:
+        raise DataError(
+            f"instances have shape {truth.shape}, segments {predicted.shape}: one number per point is needed"
+        )
+    for name, values in (("instances", truth), ("segments", predicted)):
         if not np.issubdtype(values.dtype, np.integer):
             raise DataError(f"{name} must be integers, got {values.dtype}")
-    real, in_segment = truth != background, found != -1
+    real, in_segment = truth != background, predicted != -1
     names, own = rank_integers(truth[real])
-    labels, of = rank_integers(found[in_segment])
+    labels, of = rank_integers(predicted[in_segment])
     row, column = np.full(len(truth), -1, np.int64), np.full(len(truth), -1, np.int64)
     row[real], column[in_segment] = own, of
     both = real & in_segment
@@ -124,7 +126,7 @@ def find_overlaps(instances: ArrayLike, segments: ArrayLike, *, background: int 
 def score_segmentation(
     instances: ArrayLike, segments: ArrayLike, *, background: int = 0, iou_threshold: float = 0.5, min_points: int = 1
 ) -> InstanceScores:
-    """Score a segmentation of points into objects.
+    """Return the scores of a segmentation of points into objects.
 
     Parameters
     ----------
@@ -133,12 +135,12 @@ def score_segmentation(
     segments : array-like of shape (n,), integer
         Segment of each point; -1 is none.
     background : int, default 0
-        The number of points of no instance. Segments that lie mostly in it are not judged: what is there has no
+        Instance number of background points. Segments that lie mostly in the background are not scored, since it has no
         reference.
     iou_threshold : float, default 0.5
-        A match has a larger IoU; at 0.5 and above matches are one to one by themselves.
+        Minimum IoU of a match (exclusive), at least 0.5, which makes matches one to one.
     min_points : int, default 1
-        Smaller instances are not looked for, and smaller segments not judged.
+        Minimum number of points of scored instances and segments.
 
     Returns
     -------
@@ -148,7 +150,7 @@ def score_segmentation(
     Raises
     ------
     DataError
-        If the lengths differ or the numbers are no integers.
+        If the lengths differ or the numbers are not integers.
     ParameterError
         If `iou_threshold` is not in [0.5, 1).
     """
@@ -156,21 +158,21 @@ def score_segmentation(
         raise ParameterError(f"iou_threshold must be at least 0.5 and below 1, got {iou_threshold!r}")
     pairs = find_overlaps(instances, segments, background=background)
     covered = np.bincount(pairs.segment, pairs.shared, minlength=len(pairs.segments))
-    judged = (2 * covered > pairs.segment_sizes) & (pairs.segment_sizes >= min_points)
-    wanted = pairs.instance_sizes >= min_points
+    scored = (2 * covered > pairs.segment_sizes) & (pairs.segment_sizes >= min_points)
+    relevant = pairs.instance_sizes >= min_points
     best = np.zeros(len(pairs.instances))
     np.maximum.at(best, pairs.instance, pairs.iou)
-    match = (pairs.iou > iou_threshold) & wanted[pairs.instance] & judged[pairs.segment]
-    n_instances, n_segments = int(wanted.sum()), int(judged.sum())
-    sizes = pairs.instance_sizes[wanted]
+    match = (pairs.iou > iou_threshold) & relevant[pairs.instance] & scored[pairs.segment]
+    n_instances, n_segments = int(relevant.sum()), int(scored.sum())
+    sizes = pairs.instance_sizes[relevant]
     split, merged = _split_and_merged(pairs)
     return InstanceScores(
-        coverage=_mean(best[wanted]),
-        weighted_coverage=float(best[wanted] @ sizes / sizes.sum()) if n_instances else np.nan,
+        coverage=_mean(best[relevant]),
+        weighted_coverage=float(best[relevant] @ sizes / sizes.sum()) if n_instances else np.nan,
         precision=float(match.sum() / n_segments) if n_segments else np.nan,
         recall=float(match.sum() / n_instances) if n_instances else np.nan,
-        over_segmentation=_mean(split[wanted]),
-        under_segmentation=_mean(merged[judged]),
+        over_segmentation=_mean(split[relevant]),
+        under_segmentation=_mean(merged[scored]),
         n_instances=n_instances,
         n_segments=n_segments,
     )
@@ -181,7 +183,7 @@ def _mean(values: NDArray) -> float:
 
 
 def _split_and_merged(pairs: Overlaps) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Tell which instances are split over several segments, and which segments hold several instances."""
+    """Return the instances split over several segments and the segments that contain several instances."""
     sizes, lengths = pairs.instance_sizes[pairs.instance], pairs.segment_sizes[pairs.segment]
     piece = (2 * pairs.shared > lengths) & (pairs.shared >= _FRAGMENT * sizes)
     part = pairs.shared >= _FRAGMENT * lengths

@@ -1,4 +1,4 @@
-"""How good a partition into segments is before anyone labels it: boundaries kept, borders crossed, best score left."""
+"""Quality of a partition into segments: boundary recall, under-segmentation error, accuracy ceiling."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ IGNORED = -1
 
 @dataclass(frozen=True)
 class PartitionQuality:
-    """Scores of a partition against reference labels; NaN where there is nothing to score.
+    """Scores of a partition against reference labels; undefined values are NaN.
 
     Attributes
     ----------
     n_segments : int
         Segments with at least one scored point.
     boundary_recall : float
-        Share of the reference's boundary that is a boundary of the partition, too: of all pairs of near points with
-        different reference labels, those that lie in different segments. NaN without such a pair.
+        Share of near pairs of points with different reference labels that lie in different segments. NaN without such
+        pairs.
     under_segmentation_error : float
-        Share of points by which segments leak over the reference's borders; 0 is best.
+        Share of points by which segments cross the borders of the reference; 0 is best.
     leakage : float
-        The older, harsher form: what the segments that touch each reference label hold beyond it, as a share of the
-        points. Can exceed 1; 0 is best.
+        Earlier, stricter form of the error: points outside each reference label in the segments that overlap it, as a
+        share of the points. Can exceed 1; 0 is best.
     accuracy_ceiling : float
-        The overall accuracy of a labeller that gives every segment its most frequent reference label: no labeller of
-        segments can reach more.
+        Overall accuracy if every segment has its most frequent reference label: the upper bound for any labeller of
+        segments.
     """
 
     n_segments: int
@@ -45,31 +45,31 @@ class PartitionQuality:
 def evaluate_partition(
     labels: ArrayLike, truth: ArrayLike, *, xyz: ArrayLike | None = None, pairs: ArrayLike | None = None, k: int = 10
 ) -> PartitionQuality:
-    """Score a partition against reference labels.
+    """Return the scores of a partition against reference labels.
 
     Parameters
     ----------
     labels : array-like of shape (n,), integer
-        Segment of each point; any integers, each value one segment.
+        Segment of each point; any integers.
     truth : array-like of shape (n,), integer
-        Reference label (a class or an object) of each point; -1 is ignored everywhere.
+        Reference label (class or object) of each point; points labelled -1 are ignored.
     xyz : array-like of shape (n, 3), optional
-        Coordinates in metres, from which near pairs are taken: each scored point and its `k` nearest scored points.
+        Coordinates in metres; near pairs are each scored point and its `k` nearest scored points.
     pairs : array-like of shape (m, 2), integer, optional
-        Near pairs, given instead of `xyz`; pairs with an ignored point are left out.
+        Near pairs, instead of `xyz`; pairs with an ignored point are skipped.
     k : int, default 10
-        Neighbours of a point in the near pairs. More of them thicken the boundary that must be found.
+        Neighbours of a point in the near pairs. Larger widens the boundary.
 
     Returns
     -------
     PartitionQuality
-        The scores; the boundary recall is NaN where neither `xyz` nor `pairs` is given.
+        The scores; the boundary recall is NaN without `xyz` and `pairs`.
 
     Raises
     ------
     DataError
-        If `truth` has another length than `labels`, if either is not of integers, if `pairs` are not pairs of point
-        numbers, or if both `xyz` and `pairs` are given.
+        If `truth` and `labels` differ in length or are not integers, if `pairs` are not pairs of point indices, or if
+        both `xyz` and `pairs` are given.
     ParameterError
         If `k` is less than 1.
 
@@ -100,10 +100,9 @@ def evaluate_partition(
 
 
 def majority_labels(labels: ArrayLike, truth: ArrayLike) -> NDArray[np.int64]:
-    """Give every point the most frequent reference label of its segment: the best that the partition allows.
+    """Return the most frequent reference label of the segment of each point.
 
-    Scores of any kind that these labels reach are the ceilings of the partition (of accuracy exactly, of others to
-    within ties).
+    Scores of these labels are upper bounds for the partition (exact for the overall accuracy, up to ties for others).
 
     Parameters
     ----------
@@ -120,7 +119,7 @@ def majority_labels(labels: ArrayLike, truth: ArrayLike) -> NDArray[np.int64]:
     Raises
     ------
     DataError
-        If `truth` has another length than `labels`, or if either is not of integers.
+        If `truth` and `labels` differ in length or are not integers.
     """
     segments, reference = _checked(labels, truth)
     values, classes = np.unique(reference, return_inverse=True)
@@ -128,14 +127,14 @@ def majority_labels(labels: ArrayLike, truth: ArrayLike) -> NDArray[np.int64]:
     counted = reference != IGNORED
     keys, counts = np.unique(segment[counted] * len(values) + classes[counted], return_counts=True)
     winner = np.full(len(segments), IGNORED, np.int64)
-    order = np.lexsort((-keys, counts))  # ascending: the last one written for a segment is the winner
+    order = np.lexsort((-keys, counts))  # ascending: the last write for a segment is its majority
     winner[keys[order] // max(len(values), 1)] = values[keys[order] % max(len(values), 1)]
     majority: NDArray[np.int64] = winner[segment]
     return majority
 
 
 def _checked(labels: ArrayLike, truth: ArrayLike) -> tuple[NDArray, NDArray]:
-    """Return two integer columns of one length."""
+    """Return two integer columns of the same length."""
     segments = np.asarray(labels)
     segments = check_column(segments, segments.size, "labels")
     reference = check_column(truth, len(segments), "truth")
@@ -160,7 +159,7 @@ def _overlaps(segments: NDArray, reference: NDArray) -> tuple[NDArray, NDArray, 
 def _near_pairs(
     n: int, scored: NDArray, xyz: ArrayLike | None, pairs: ArrayLike | None, k: int
 ) -> NDArray[np.int64] | None:
-    """Return pairs of near points, from what is given, or None."""
+    """Return pairs of near points from `xyz` or `pairs`, or None."""
     if xyz is not None and pairs is not None:
         raise DataError("give either xyz or pairs, not both")
     if pairs is not None:
@@ -178,7 +177,7 @@ def _near_pairs(
         return np.empty((0, 2), np.int64)
     others = cKDTree(points).query(points, k=k + 1)[1]
     first = np.repeat(np.arange(len(points)), k + 1)
-    differ = first != others.ravel()  # a point is its own nearest one, unless others share its place
+    differ = first != others.ravel()  # a point is its own nearest neighbour, unless points coincide
     near_pairs: NDArray[np.int64] = scored[np.stack([first[differ], others.ravel()[differ]], axis=1)]
     return near_pairs
 

@@ -1,4 +1,4 @@
-"""The table of scores that every evaluated method writes: `method,split,class,metric,value,support`."""
+"""Table of scores of all evaluated methods: `method,split,class,metric,value,support`."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ COLUMNS = ("method", "split", "class", "metric", "value", "support")
 """Columns of the table, in order."""
 
 ALL = "all"
-"""The `class` of figures over all classes."""
+"""Value of `class` for scores over all classes."""
 
 CLASS_METRICS = ("precision", "recall", "f1", "iou")
 OVERALL_METRICS = ("overall_accuracy", "kappa", "mean_f1", "mean_iou")
 RECOGNITION_METRICS = (*OVERALL_METRICS, "weighted_f1")
 DETECTION_METRICS = ("precision", "recall", "quality", "f_score", "tp", "fp", "fn")
 METRICS = tuple(dict.fromkeys((*CLASS_METRICS, *RECOGNITION_METRICS, *DETECTION_METRICS)))
-"""Every metric that a table may hold: of labellings, recognitions and detections."""
+"""All metrics of labels, recognitions and detections."""
 
 _ILLEGAL = re.compile(r"[^\w.\- /]")
 
@@ -37,21 +37,21 @@ def labelling_scores(
     classes: Sequence[str],
     given: Sequence[str] | None = None,
 ) -> pd.DataFrame:
-    """Turn a confusion matrix into the table of scores of one method on one split.
+    """Return the table of scores of one method on one split from a confusion matrix.
 
     Parameters
     ----------
     matrix : ndarray of int, shape (C, C + 1) or (C, C)
         A matrix of `confusion_matrix`.
     method : str
-        The method's slug.
+        Slug of the method.
     split : str
-        The split's name, such as ``"test"``.
+        Name of the split, such as ``"test"``.
     classes : sequence of str, length C
         Class names in label order.
     given : sequence of str, optional
-        The classes that the method can give; None is all. The others get NaN and are in no mean over classes; their
-        points still count in overall accuracy and kappa.
+        Classes that the method can predict; None is all. The others are NaN and excluded from means over classes; their
+        points count in overall accuracy and kappa.
 
     Returns
     -------
@@ -62,8 +62,8 @@ def labelling_scores(
     Raises
     ------
     DataError
-        If the matrix has another number of classes or is no confusion matrix, if a class is called ``"all"``, if
-        two classes have the same name, or if a given class is none of them.
+        If the matrix is not a confusion matrix of this number of classes, a class is called ``"all"``, two classes have
+        the same name, or a class of `given` is unknown.
     """
     figures = scores(matrix)
     if len(classes) != len(figures.support):
@@ -83,24 +83,24 @@ def labelling_scores(
 
 
 def recognition_scores(matrix: NDArray[np.integer], *, method: str, split: str, classes: Sequence[str]) -> pd.DataFrame:
-    """Turn a confusion matrix of objects into the table of scores of one method on one split.
+    """Return the table of scores of one method on one split from a confusion matrix of objects.
 
     Parameters
     ----------
     matrix : ndarray of int, shape (C, C + 1) or (C, C)
         A matrix of `confusion_matrix`, one count per object.
     method : str
-        The method's slug.
+        Slug of the method.
     split : str
-        The split's name.
+        Name of the split.
     classes : sequence of str, length C
         Class names in label order.
 
     Returns
     -------
     DataFrame
-        What `labelling_scores` gives, and of class ``"all"`` ``weighted_f1``: the mean of the classes' F1, weighted by
-        their support, which is what is published for the Sydney Urban Objects (Maturana and Scherer 2015).
+        Rows as `labelling_scores`, and ``weighted_f1`` of class ``"all"``: the mean F1 weighted by support, the
+        published score for the Sydney Urban Objects (Maturana and Scherer 2015).
 
     Raises
     ------
@@ -117,26 +117,26 @@ def recognition_scores(matrix: NDArray[np.integer], *, method: str, split: str, 
 
 
 def _of_given(figures: LabellingScores, classes: Sequence[str], given: Sequence[str]) -> LabellingScores:
-    """Leave out the classes that a method cannot give."""
+    """Return the scores without the classes that a method cannot predict."""
     unknown = sorted(set(given) - set(classes))
     if unknown:
         raise DataError(f"{', '.join(unknown)} cannot be given: the classes are {', '.join(classes)}")
-    able = np.array([name in given for name in classes])
-    precision, recall, f1, iou = (np.where(able, getattr(figures, metric), np.nan) for metric in CLASS_METRICS)
-    scored = able & (figures.support > 0)
+    predictable = np.array([name in given for name in classes])
+    precision, recall, f1, iou = (np.where(predictable, getattr(figures, metric), np.nan) for metric in CLASS_METRICS)
+    scored = predictable & (figures.support > 0)
     mean_f1, mean_iou = (float(v[scored].mean()) if scored.any() else float("nan") for v in (f1, iou))
     return replace(figures, precision=precision, recall=recall, f1=f1, iou=iou, mean_f1=mean_f1, mean_iou=mean_iou)
 
 
 def check_scores(frame: pd.DataFrame, *, source: str = "scores") -> pd.DataFrame:
-    """Return a table of scores in its fixed types, or say what is wrong with it.
+    """Validate a table of scores and return it in its fixed types.
 
     Parameters
     ----------
     frame : DataFrame
         The table.
     source : str, default "scores"
-        What the message calls the table, as a rule its file.
+        Name of the table in messages, usually its file.
 
     Returns
     -------
@@ -147,7 +147,7 @@ def check_scores(frame: pd.DataFrame, *, source: str = "scores") -> pd.DataFrame
     ------
     DataError
         If the columns differ from `COLUMNS`, a name is missing, a metric is unknown, a value or a support is no
-        finite number (an undefined value is NaN), a support is negative, or a figure stands there twice.
+        finite number (an undefined value is NaN), a support is negative, or a row is duplicated.
     """
     if tuple(frame.columns) != COLUMNS:
         raise DataError(f"{source}: columns must be {','.join(COLUMNS)}, got {','.join(map(str, frame.columns))}")
@@ -176,7 +176,7 @@ def check_scores(frame: pd.DataFrame, *, source: str = "scores") -> pd.DataFrame
 
 
 def scores_to_metrics(frame: pd.DataFrame) -> dict[str, float]:
-    """Name every defined figure as a metric of an experiment tracker.
+    """Return all defined scores as metrics for an experiment tracker.
 
     Parameters
     ----------
@@ -186,13 +186,13 @@ def scores_to_metrics(frame: pd.DataFrame) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        ``<method>/<split>/<metric>/<class>`` to the value. Undefined values are left out; characters other than
+        ``<method>/<split>/<metric>/<class>`` to the value. Undefined values are omitted; characters other than
         letters, digits, ``_``, ``-``, ``.``, space and ``/`` become ``_``.
 
     Raises
     ------
     DataError
-        If the table is no table of scores, or if two figures get the same name.
+        If the table is not a table of scores, or if two scores have the same name.
     """
     table = check_scores(frame)
     metrics: dict[str, float] = {}
@@ -207,7 +207,7 @@ def scores_to_metrics(frame: pd.DataFrame) -> dict[str, float]:
 
 
 def summary(frame: pd.DataFrame) -> pd.DataFrame:
-    """Put the overall figures of each method and split in one row.
+    """Return the scores over all classes, one row per method and split.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def summary(frame: pd.DataFrame) -> pd.DataFrame:
     Raises
     ------
     DataError
-        If the table is no table of scores.
+        If the table is not a table of scores.
     """
     table = check_scores(frame)
     overall = table[table["class"] == ALL]

@@ -1,8 +1,8 @@
-"""Which objects are recognised: cut out of scenes, named by their points, drawn to learn from."""
+"""Extraction of objects from scenes, and selection of training objects."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,30 +12,30 @@ from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
-from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
+from mlsroad_pipeline.algorithms.recognition.object_set import ObjectArrays, ObjectSet
 from mlsroad_pipeline.algorithms.segmentation.stage import Segments, owned_by_core
 
 
 @dataclass(frozen=True)
 class RecognitionParameters:
-    """Which objects are recognised.
+    """Selection of objects.
 
     Parameters
     ----------
     scheme : str, default "hdr9"
         Class scheme of the objects.
     min_points : int, default 30
-        Smaller objects are left out.
+        Minimum number of points of an object.
     purity : float, default 0.8
-        Share of an object's labelled points that must be of one class; mixed objects are left out of training and
+        Minimum share of the labelled points of an object in one class; other objects are excluded from training and
         scores.
     max_per_class : int, default 2000
-        Most training objects of a class.
+        Maximum number of training objects of a class.
     folds : str, optional
-        Files below the survey's root that list files of objects, one list for each fold, as a glob; the class of an
-        object is in its file's name. Each fold is recognised by what the others teach. None takes objects of scenes.
+        Glob pattern below the root of the survey; each match lists the object files of a fold, whose names contain the
+        class. Cross-validation over the folds. None takes the objects of scenes.
     seed : int, default 2019
-        Seed of the draw of training objects.
+        Seed of the sample of training objects.
 
     Raises
     ------
@@ -57,15 +57,27 @@ class RecognitionParameters:
             raise ParameterError(f"recognition.purity must be above 0 and at most 1, got {self.purity!r}")
 
 
+class SceneObjectArrays(ObjectArrays):
+    """Arrays of the objects of a scene.
+
+    Attributes
+    ----------
+    object : ndarray of int32, shape (objects,)
+        Segment number of each object in the scene.
+    """
+
+    object: NDArray[np.int32]
+
+
 def objects_of_segments(cloud: PointCloud, segments: NDArray[np.int32]) -> ObjectSet:
-    """Gather the points of each segment.
+    """Return the points of each segment as objects.
 
     Parameters
     ----------
     cloud : PointCloud
-        Points; their intensity is kept where there is any.
+        Points; intensity is kept if present.
     segments : ndarray of int32, shape (n,)
-        Segment of each point, from 0; -1 for none.
+        Segment of each point, -1 for none.
 
     Returns
     -------
@@ -82,30 +94,30 @@ def objects_of_segments(cloud: PointCloud, segments: NDArray[np.int32]) -> Objec
 
 def cut_objects(
     scene: PointCloud, objects: Segments, *, scheme: ClassScheme, parameters: RecognitionParameters
-) -> dict[str, NDArray]:
-    """Cut the objects out of a scene that it is responsible for, and name them by their points.
+) -> SceneObjectArrays:
+    """Return the objects that a scene owns, with the majority class of their points.
 
     Parameters
     ----------
     scene : PointCloud
-        The scene; without labels all classes are unknown.
-    objects : mapping
-        What `segment_scene` gave.
+        The scene; without labels all classes are -1.
+    objects : Segments
+        Segments of the points.
     scheme : ClassScheme
         The classes.
     parameters : RecognitionParameters
-        The smallest object, and how pure it must be.
+        Minimum size and purity.
 
     Returns
     -------
-    dict of str to ndarray
-        The arrays of an `ObjectSet`, and ``object`` int32: the number of each in the scene.
+    SceneObjectArrays
+        The objects with their segment numbers.
     """
     segments = objects["objects"]
     every = objects_of_segments(scene, segments)
     n = len(every)
     large = np.diff(every.indptr) >= parameters.min_points
-    wanted = np.flatnonzero(large & owned_by_core(scene, segments, n))
+    chosen = np.flatnonzero(large & owned_by_core(scene, segments, n))
     label = every.label
     if "label" in scene:
         table = np.zeros((n, len(scheme)), dtype=np.int64)
@@ -114,29 +126,29 @@ def cut_objects(
         np.add.at(table, (segments[known], truth[known]), 1)
         pure = table.max(axis=1, initial=0) >= parameters.purity * np.maximum(table.sum(axis=1), 1)
         label = np.where(pure, table.argmax(axis=1), IGNORE).astype(np.int16)
-    named = ObjectSet(every.xyz, every.indptr, label, every.intensity)
-    return {**named.take(wanted).to_arrays(), "object": wanted.astype(np.int32)}
+    labelled = ObjectSet(every.xyz, every.indptr, label, every.intensity)
+    return {**labelled.take(chosen).to_arrays(), "object": chosen.astype(np.int32)}
 
 
-def training_objects(sets: Sequence[Mapping[str, NDArray]], parameters: RecognitionParameters) -> ObjectSet:
-    """Join sets and draw the objects to learn from.
+def training_objects(sets: Sequence[ObjectArrays], parameters: RecognitionParameters) -> ObjectSet:
+    """Concatenate sets and sample the training objects.
 
     Parameters
     ----------
-    sets : sequence of mapping
-        Arrays of `ObjectSet`.
+    sets : sequence of ObjectArrays
+        The sets.
     parameters : RecognitionParameters
-        The most objects of a class.
+        Maximum number of objects of a class, and the seed.
 
     Returns
     -------
     ObjectSet
-        Objects of known class.
+        Training objects; all have a class.
 
     Raises
     ------
     DataError
-        If there are none.
+        If no object has a class.
     """
     joined = ObjectSet.join([ObjectSet.from_arrays(arrays) for arrays in sets])
     rng = np.random.default_rng(parameters.seed)

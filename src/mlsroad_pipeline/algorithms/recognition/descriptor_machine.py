@@ -1,4 +1,4 @@
-"""Recognisers that describe an object by one vector and give it to a support vector machine (Luo et al. 2019, 4.4)."""
+"""Recognisers by one descriptor per object and a support vector machine (Luo et al. 2019, section 4.4)."""
 
 from __future__ import annotations
 
@@ -26,28 +26,28 @@ from mlsroad_pipeline.algorithms.recognition.shape_recogniser import ShapeRecogn
 
 @dataclass(frozen=True)
 class DescriptorParameters:
-    """Parameters of a descriptor with a machine.
+    """Parameters of a descriptor with a support vector machine.
 
     Parameters
     ----------
     radii : sequence of float, default [0.0, 2.0, 4.0]
-        Radii around an object's middle to choose from by cross-validation, metres; 0 reaches as far as the object does,
-        whatever its size. Descriptors of layers have no radius.
+        Candidate radii of the descriptor, selected by cross-validation, metres; 0 is the extent of each object. The
+        hierarchy descriptor has no radius.
     costs : sequence of float, default [1.0, 10.0, 100.0]
-        Values of C to choose from. Larger ones fit single objects more closely.
+        Candidate values of C. Larger fits single objects more closely.
     gammas : sequence of float, default [0.001, 0.003, 0.01, 0.03]
-        Values of gamma to choose from, for features of standard deviation 1.
+        Candidate values of gamma, for features of standard deviation 1.
     n_folds : int, default 4
         Folds of the cross-validation, at least 2.
     max_per_class : int, default 1000
-        Most objects of a class to train on.
+        Maximum number of training objects of a class.
     seed : int, default 2019
-        Seed of the folds and of the draw.
+        Seed of the folds and of the sample.
 
     Raises
     ------
     ParameterError
-        If a list is empty, a value is out of range, or a number is too small.
+        If a list is empty or a value is out of range.
     """
 
     radii: Sequence[float] = field(default_factory=lambda: [0.0, 2.0, 4.0])
@@ -69,19 +69,19 @@ class DescriptorParameters:
 
 
 class DescriptorRecogniser(ShapeRecogniser):
-    """A descriptor with a support vector machine; subclasses say what the descriptor is.
+    """Descriptor with a support vector machine; subclasses define the descriptor.
 
     Parameters
     ----------
     parameters : DescriptorParameters, optional
-        What is chosen from.
+        Candidates of the cross-validation.
 
     Attributes
     ----------
     classes_ : ndarray
         The classes, sorted; columns of `predict_proba`.
     radius_ : float
-        The radius that was chosen, metres; 0 is the object's own.
+        The selected radius, metres; 0 is the extent of each object.
     """
 
     has_radius: ClassVar[bool] = True
@@ -92,14 +92,14 @@ class DescriptorRecogniser(ShapeRecogniser):
     @staticmethod
     @abstractmethod
     def describe_objects(objects: Sequence[ArrayLike], radius: float) -> NDArray[np.float32]:
-        """Describe objects.
+        """Return the descriptors of objects.
 
         Parameters
         ----------
         objects : sequence of array-like of shape (n_i, 3)
             Points of each object, metres.
         radius : float
-            How far the descriptor reaches, metres; 0 is as far as the object does.
+            Radius of the descriptor, metres; 0 is the extent of the object.
 
         Returns
         -------
@@ -122,7 +122,7 @@ class DescriptorRecogniser(ShapeRecogniser):
             tried.append(
                 (choose_machine(scaled, target, folds, costs=p.costs, gammas=p.gammas), radius, features, scaled)
             )
-        best, self.radius_, features, scaled = max(tried, key=lambda found: found[0].mean_f1)
+        best, self.radius_, features, scaled = max(tried, key=lambda trial: trial[0].mean_f1)
         self.machine_ = fit_machine(features, target, best, held_out=scaled, held_out_labels=target, folds=folds)
 
     def _folds(self, target: NDArray[np.int64]) -> Folds:
@@ -144,30 +144,30 @@ class DescriptorRecogniser(ShapeRecogniser):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], parameters: DescriptorParameters) -> Self:
-        """Rebuild a recogniser from what `to_arrays` gave.
+        """Rebuild a recogniser from the arrays of `to_arrays`.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
             The arrays.
         parameters : DescriptorParameters
-            Those that it was trained with.
+            Parameters of the training.
 
         Returns
         -------
         DescriptorRecogniser
-            The same recogniser.
+            The trained recogniser.
 
         Raises
         ------
         DataError
-            If an array is missing, or the machine is not one of as many classes.
+            If an array is missing, or the number of classes of the machine differs.
         """
         self = cls._restored(arrays, parameters, "radius")
         self.radius_ = float(arrays["radius"])
         self.machine_ = KernelMachine.from_arrays(arrays)
         if len(self.machine_.n_vectors) != len(self.classes_):
             raise DataError(
-                f"the machine of {cls.slug} knows {len(self.machine_.n_vectors)} classes, not {len(self.classes_)}"
+                f"the machine of {cls.slug} has {len(self.machine_.n_vectors)} classes, not {len(self.classes_)}"
             )
         return self

@@ -1,6 +1,6 @@
-"""What may befall an object before it is recognised: noise, fewer points, outliers, occlusion (Luo et al. 2019, 4.5).
+"""Disturbances of objects: down-sampling, noise, outliers and occlusion (Luo et al. 2019, section 4.5).
 
-Levels are those of the paper, in its normalised space: x, y in [-1, 1] and z in [0, 2], whatever an object's size.
+Levels refer to the normalised space of the paper: x, y in [-1, 1] and z in [0, 2] for objects of any size.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from mlsroad_pipeline.algorithms.core.validation import check_xyz
 
 @dataclass(frozen=True)
 class Disturbance:
-    """How much an object is disturbed; the parts apply in this order.
+    """Levels of disturbance; they apply in the order of the parameters.
 
     Parameters
     ----------
     keep : float, default 1.0
-        Share of the points that is kept, above 0 and at most 1 (paper: down to 1/64). One point stays at least.
+        Share of the points to keep, above 0 and at most 1 (paper: down to 1/64); at least one point is kept.
     noise : float, default 0.0
         Standard deviation of Gaussian noise on each axis in normalised space (paper: up to 0.1).
     outliers : float, default 0.0
-        Share of the points that are outliers afterwards, at least 0 and below 1 (equation 13; paper: up to 0.3). They
-        are spread evenly over the normalised space.
+        Share of outliers in the result, at least 0 and below 1 (equation 13; paper: up to 0.3). Outliers are uniformly
+        distributed over the normalised space.
     occlusion : float, default 0.0
-        Share of the normalised space that is hidden, at least 0 and below 1 (equation 19): a slab across the heading
-        that is drawn, from one side. One point stays at least.
+        Hidden share of the normalised space, at least 0 and below 1 (equation 19): a slab from one side along x or y.
+        At least one point is kept.
 
     Raises
     ------
@@ -61,63 +61,63 @@ PAPER_LEVELS = (
 
 
 def down_sample(xyz: ArrayLike, share: float, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Draw the points that stay.
+    """Return a random subset of the points.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Points of an object.
     share : float
-        Share that is kept.
+        Share to keep.
     rng : Generator
-        Source of the draw.
+        Random number generator.
 
     Returns
     -------
     ndarray of int64
-        Their rows, ascending; at least one.
+        Rows of the kept points, ascending; at least one.
     """
     n = len(np.asarray(xyz))
     return np.sort(rng.choice(n, max(round(share * n), 1), replace=False))
 
 
 def add_noise(xyz: ArrayLike, deviation: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Move each point by Gaussian noise.
+    """Add Gaussian noise to each point.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Points of an object, metres.
     deviation : float
-        Standard deviation in normalised space: on each axis it is this times half of the object's extent there.
+        Standard deviation in normalised space: multiplied by half the extent of the object along each axis.
     rng : Generator
-        Source of the noise.
+        Random number generator.
 
     Returns
     -------
     ndarray of float64, shape (n, 3)
-        The moved points.
+        The noisy points, metres.
     """
     points = check_xyz(xyz, minimum=1).astype(np.float64)
     return points + rng.normal(size=points.shape) * deviation * 0.5 * np.ptp(points, axis=0)
 
 
 def draw_outliers(xyz: ArrayLike, rate: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Draw outliers, evenly spread over the object's bounding box.
+    """Return outliers, uniformly distributed over the bounding box of an object.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Points of an object, metres.
     rate : float
-        Outliers as a share of points and outliers together (equation 13).
+        Share of outliers among points and outliers (equation 13).
     rng : Generator
-        Source of the draw.
+        Random number generator.
 
     Returns
     -------
     ndarray of float64, shape (round(n rate / (1 - rate)), 3)
-        The outliers.
+        The outliers, metres.
     """
     points = check_xyz(xyz, minimum=1).astype(np.float64)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -125,24 +125,24 @@ def draw_outliers(xyz: ArrayLike, rate: float, rng: np.random.Generator) -> NDAr
 
 
 def occlude(xyz: ArrayLike, rate: float, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Hide a slab of the object's bounding box.
+    """Return the points outside a hidden slab of the bounding box of an object.
 
-    The paper hides x of the extent along one horizontal axis over the whole width and height (equation 19), and does
-    not say where. Here it is one end of the x or of the y axis, each of the four as likely.
+    The paper hides a share of the extent along one horizontal axis over the full width and height (equation 19); the
+    position is not specified. Here the slab is at one end of the x or y axis, each of the four with equal probability.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Points of an object, metres.
     rate : float
-        Share of the box that is hidden.
+        Hidden share of the box.
     rng : Generator
-        Source of the side.
+        Random number generator.
 
     Returns
     -------
     ndarray of int64
-        Rows of the points that stay, ascending; where none would, the one farthest from the hidden end.
+        Rows of the visible points, ascending; if there is none, the point farthest from the hidden end.
     """
     points = check_xyz(xyz, minimum=1).astype(np.float64)
     axis, end = rng.integers(2), rng.choice([-1.0, 1.0])
@@ -161,18 +161,18 @@ def disturb(
     xyz : array-like of shape (n, 3)
         Points of an object, metres.
     disturbance : Disturbance
-        How much.
+        The levels.
     seed : int
-        Seed of all draws.
+        Seed of the random numbers.
     intensity : array-like of shape (n,), optional
-        Intensity of each point; an outlier takes that of a point that is drawn.
+        Intensity of each point; an outlier has that of a random point.
 
     Returns
     -------
     xyz : ndarray of float64, shape (m, 3)
         The disturbed object.
     intensity : ndarray of float64, shape (m,), or None
-        Its intensities, where given.
+        Its intensities; None without `intensity`.
 
     Raises
     ------

@@ -1,10 +1,10 @@
-"""What all methods that recognise objects share: sets of objects with classes, and the protocol."""
+"""Sets of objects with classes, and the protocol of recognisers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import NotRequired, Protocol, Self, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,33 +14,33 @@ from mlsroad_pipeline.algorithms.features.accumulation_images import join_object
 
 
 class Recogniser(Protocol):
-    """A method that tells what an object is from its points."""
+    """Classifier of objects by their points."""
 
     def fit(
         self, objects: Sequence[ArrayLike], classes: ArrayLike, *, intensities: Sequence[ArrayLike] | None = None
     ) -> Self:
-        """Learn from objects and their classes.
+        """Train on objects and their classes.
 
         Parameters
         ----------
         objects : sequence of array-like of shape (n_i, 3)
             Points of each object, metres, z up.
         classes : array-like of shape (objects,)
-            The class of each, any sortable values.
+            Class of each object, any sortable values.
         intensities : sequence of array-like of shape (n_i,), optional
             Intensity of each point in [0, 1].
 
         Returns
         -------
         Recogniser
-            Itself.
+            The fitted recogniser.
         """
         ...
 
     def predict_proba(
         self, objects: Sequence[ArrayLike], *, intensities: Sequence[ArrayLike] | None = None
     ) -> NDArray[np.float64]:
-        """Return the probability of each class, columns in the order of the sorted classes.
+        """Return the class probabilities of objects, columns in the order of the sorted classes.
 
         Parameters
         ----------
@@ -57,20 +57,29 @@ class Recogniser(Protocol):
         ...
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return what was learned as plain arrays."""
+        """Return the fitted state as plain arrays."""
         ...
+
+
+class ObjectArrays(TypedDict):
+    """Arrays of an `ObjectSet`, as they are stored; without ``intensity`` if it is unknown."""
+
+    xyz: NDArray[np.float64]
+    indptr: NDArray[np.int64]
+    label: NDArray[np.int16]
+    intensity: NotRequired[NDArray[np.float32]]
 
 
 @dataclass(frozen=True)
 class ObjectSet:
-    """Objects with their classes, joined into flat arrays.
+    """Objects with their classes, concatenated into flat arrays.
 
     Parameters
     ----------
     xyz : ndarray of float64, shape (n, 3)
         Points, object by object, metres.
     indptr : ndarray of int64, shape (objects + 1,)
-        Where the points of each object begin.
+        Start of the points of each object; the last entry is n.
     label : ndarray of int16, shape (objects,)
         Class of each object, -1 for unknown.
     intensity : ndarray of float32, shape (n,), or None
@@ -79,7 +88,7 @@ class ObjectSet:
     Raises
     ------
     DataError
-        If the arrays do not fit each other.
+        If the lengths of the arrays are inconsistent.
     """
 
     xyz: NDArray[np.float64]
@@ -99,14 +108,14 @@ class ObjectSet:
     def from_objects(
         cls, objects: Sequence[ArrayLike], label: ArrayLike, intensities: Sequence[ArrayLike] | None = None
     ) -> Self:
-        """Join objects.
+        """Build a set from lists of points.
 
         Parameters
         ----------
         objects : sequence of array-like of shape (n_i, 3)
             Points of each object.
         label : array-like of int, shape (objects,)
-            Class of each.
+            Class of each object.
         intensities : sequence of array-like of shape (n_i,), optional
             Intensity of each point.
 
@@ -131,17 +140,17 @@ class ObjectSet:
 
     @classmethod
     def join(cls, sets: Sequence[Self]) -> Self:
-        """Join sets; intensity is kept where all have it.
+        """Concatenate sets; intensity is kept if all sets have it.
 
         Parameters
         ----------
         sets : sequence of ObjectSet
-            At least one set.
+            The sets, at least one.
 
         Returns
         -------
         ObjectSet
-            All objects in the order of the sets.
+            All objects, in the order of the sets.
 
         Raises
         ------
@@ -160,12 +169,12 @@ class ObjectSet:
         )
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Build a set from what `to_arrays` gave.
+    def from_arrays(cls, arrays: ObjectArrays) -> Self:
+        """Build a set from the arrays of `to_arrays`.
 
         Parameters
         ----------
-        arrays : mapping of str to ndarray
+        arrays : ObjectArrays
             The arrays.
 
         Returns
@@ -175,10 +184,12 @@ class ObjectSet:
         """
         return cls(arrays["xyz"], arrays["indptr"], arrays["label"], arrays.get("intensity"))
 
-    def to_arrays(self) -> dict[str, NDArray]:
-        """Return the set as plain arrays; without ``intensity`` where there is none."""
-        arrays: dict[str, NDArray] = {"xyz": self.xyz, "indptr": self.indptr, "label": self.label}
-        return arrays if self.intensity is None else {**arrays, "intensity": self.intensity}
+    def to_arrays(self) -> ObjectArrays:
+        """Return the set as plain arrays; without ``intensity`` if it is unknown."""
+        arrays: ObjectArrays = {"xyz": self.xyz, "indptr": self.indptr, "label": self.label}
+        if self.intensity is not None:
+            arrays["intensity"] = self.intensity
+        return arrays
 
     def __len__(self) -> int:
         """Return the number of objects."""
@@ -191,23 +202,23 @@ class ObjectSet:
 
     @property
     def intensities(self) -> list[NDArray[np.float32]] | None:
-        """Return the intensities of each object's points."""
+        """Return the intensities of the points of each object."""
         if self.intensity is None:
             return None
         return np.split(self.intensity, self.indptr[1:-1]) if len(self) else []
 
     def take(self, rows: ArrayLike) -> ObjectSet:
-        """Take some objects.
+        """Return a subset of the objects.
 
         Parameters
         ----------
         rows : array-like of int or bool
-            The objects, in the order that is wanted.
+            Indices, in any order, or a mask.
 
         Returns
         -------
         ObjectSet
-            They alone.
+            The selected objects.
         """
         chosen = np.arange(len(self))[np.asarray(rows)]
         counts = np.diff(self.indptr)[chosen]
@@ -220,7 +231,7 @@ class ObjectSet:
 def check_training(
     objects: Sequence[ArrayLike], classes: ArrayLike, *, method: str
 ) -> tuple[NDArray, NDArray[np.int64]]:
-    """Check that there is something to learn, and number the classes.
+    """Validate training data and number the classes.
 
     Parameters
     ----------
@@ -229,24 +240,24 @@ def check_training(
     classes : array-like of shape (objects,)
         Their classes.
     method : str
-        What messages call the method.
+        Name of the method in messages.
 
     Returns
     -------
     classes : ndarray
         The classes that occur, sorted.
     target : ndarray of int64, shape (objects,)
-        The place of each object's class among them.
+        Index of the class of each object.
 
     Raises
     ------
     DataError
         If there is not one class per object, or fewer than two classes.
     """
-    given = np.asarray(classes)
-    if given.shape != (len(objects),):
-        raise DataError(f"{method}: classes must have shape ({len(objects)},), got {given.shape}")
-    found, target = np.unique(given, return_inverse=True)
-    if len(found) < 2:
-        raise DataError(f"{method} needs objects of at least two classes, got {found.tolist()} alone")
-    return found, target.astype(np.int64)
+    values = np.asarray(classes)
+    if values.shape != (len(objects),):
+        raise DataError(f"{method}: classes must have shape ({len(objects)},), got {values.shape}")
+    present, target = np.unique(values, return_inverse=True)
+    if len(present) < 2:
+        raise DataError(f"{method} needs objects of at least two classes, got {present.tolist()} alone")
+    return present, target.astype(np.int64)

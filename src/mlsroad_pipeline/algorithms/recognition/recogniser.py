@@ -1,6 +1,6 @@
-"""Methods that recognise objects, by their slugs: training sets, models, and labelling from raw coordinates on.
+"""Training, storage and use of recognisers, and labelling of point clouds with them.
 
-A method is imported when it is used, for some of them import PyTorch.
+A method is imported when it is used; some import PyTorch.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from mlsroad_pipeline.algorithms.recognition.cutting import (
     objects_of_segments,
     training_objects,
 )
-from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
+from mlsroad_pipeline.algorithms.recognition.object_set import ObjectArrays, ObjectSet
 
 logger = logging.getLogger(__name__)
 
@@ -42,14 +42,14 @@ def _recogniser_of(slug: str) -> Method:
 
 
 def make_recogniser(slug: str, parameters: Any) -> Any:
-    """Make a recogniser that is not trained yet.
+    """Return an untrained recogniser.
 
     Parameters
     ----------
     slug : str
-        One of the recognisers of `METHODS`.
+        Slug of a recogniser in `METHODS`.
     parameters : dataclass
-        Its parameters; a sub-network takes those of JointNet.
+        Parameters of the method; a sub-network takes those of JointNet.
 
     Returns
     -------
@@ -59,14 +59,14 @@ def make_recogniser(slug: str, parameters: Any) -> Any:
     Raises
     ------
     ParameterError
-        If there is no such method.
+        If no recogniser has this slug.
     """
     method = _recogniser_of(slug)
     return method.load("use")(parameters.with_views(method.variant) if method.variant else parameters)
 
 
 def train_recogniser(
-    sets: Sequence[Mapping[str, NDArray]],
+    sets: Sequence[ObjectArrays],
     *,
     slug: str,
     parameters: Any,
@@ -75,24 +75,24 @@ def train_recogniser(
     scheme: ClassScheme,
     trained_on: Mapping[str, Any],
 ) -> ModelBundle:
-    """Train a method and pack what it learned.
+    """Train a method and return its model.
 
     Parameters
     ----------
-    sets : sequence of mapping
-        Arrays of `ObjectSet`: the training objects.
+    sets : sequence of ObjectArrays
+        The training objects, see `ObjectSet.to_arrays`.
     slug : str
-        The method.
+        Slug of the method.
     parameters : dataclass
-        Its parameters.
+        Parameters of the method.
     recognition : RecognitionParameters
-        Which objects are recognised.
+        Selection of the objects.
     stages : DetectionStages
-        How the scenes were prepared.
+        Parameters of ground removal and segmentation.
     scheme : ClassScheme
         The classes.
     trained_on : mapping
-        What the metadata say of the training data; JSON values.
+        Metadata of the training data; JSON values.
 
     Returns
     -------
@@ -102,22 +102,21 @@ def train_recogniser(
     Raises
     ------
     DataError
-        If there are no objects of two classes to learn from.
+        If there are no objects of at least two classes.
     """
     chosen = training_objects(sets, recognition)
-    found = make_recogniser(slug, parameters).fit(chosen.objects, chosen.label, intensities=chosen.intensities)
-    given = [int(label) for label in found.classes_]
+    recogniser = make_recogniser(slug, parameters).fit(chosen.objects, chosen.label, intensities=chosen.intensities)
     metadata = {
         "classes": list(scheme.classes),
-        "classes_given": [scheme.classes[label] for label in given],
+        "classes_given": [scheme.classes[int(label)] for label in recogniser.classes_],
         "wanted": list(range(len(scheme))),
         "scheme": asdict(scheme),
-        "parameters": {**asdict(stages), "recogniser": found.describe(), "recognition": asdict(recognition)},
+        "parameters": {**asdict(stages), "recogniser": recogniser.describe(), "recognition": asdict(recognition)},
         "attributes": ["intensity"] if chosen.intensity is not None and METHODS[slug].uses_intensity else [],
         "learned": {"objects": np.bincount(chosen.label, minlength=len(scheme)).tolist()},
         "trained_on": dict(trained_on),
     }
-    return ModelBundle(slug, found.to_arrays(), metadata)
+    return ModelBundle(slug, recogniser.to_arrays(), metadata)
 
 
 def load_recogniser(bundle: ModelBundle) -> Any:
@@ -136,41 +135,58 @@ def load_recogniser(bundle: ModelBundle) -> Any:
     Raises
     ------
     ParameterError
-        If there is no such method.
+        If no recogniser has this slug.
     DataError
-        If the model's arrays do not fit it, or its classes are not those of the model's scheme.
+        If the arrays do not fit the method, or its classes differ from those in the metadata.
     """
     method = _recogniser_of(bundle.slug)
     kind, parameters = method.load("use"), method.load("parameters")
-    found = kind.from_arrays(bundle.arrays, parameters(**bundle.metadata["parameters"]["recogniser"]))
-    labels = np.asarray(found.classes_)
+    recogniser = kind.from_arrays(bundle.arrays, parameters(**bundle.metadata["parameters"]["recogniser"]))
+    labels = np.asarray(recogniser.classes_)
     if labels.dtype.kind not in "iu" or labels.min() < 0 or labels.max() >= len(bundle.classes):
-        raise DataError(f"model {bundle.slug!r} knows the labels {labels.tolist()}, of {len(bundle.classes)} classes")
-    named, given = [bundle.classes[label] for label in labels], bundle.metadata["classes_given"]
-    if named != list(given):
+        raise DataError(f"model {bundle.slug!r} has the labels {labels.tolist()}, of {len(bundle.classes)} classes")
+    names, expected = [bundle.classes[label] for label in labels], bundle.metadata["classes_given"]
+    if names != list(expected):
         raise DataError(
-            f"model {bundle.slug!r} was trained on {', '.join(given)}; its arrays are of {', '.join(named)}"
+            f"model {bundle.slug!r} was trained on {', '.join(expected)}; its arrays are of {', '.join(names)}"
         )
-    return found
+    return recogniser
 
 
-def probabilities(recogniser: Any, objects: ObjectSet, n_classes: int) -> dict[str, NDArray]:
+class Recognitions(TypedDict):
+    """Classes of objects.
+
+    Attributes
+    ----------
+    label : ndarray of int16, shape (objects,)
+        Most probable class.
+    score : ndarray of float32, shape (objects,)
+        Its probability.
+    scores : ndarray of float32, shape (objects, classes)
+        Probabilities of the classes of the scheme; 0 for classes that were not learned.
+    """
+
+    label: NDArray[np.int16]
+    score: NDArray[np.float32]
+    scores: NDArray[np.float32]
+
+
+def probabilities(recogniser: Any, objects: ObjectSet, n_classes: int) -> Recognitions:
     """Recognise objects.
 
     Parameters
     ----------
     recogniser : Recogniser
-        A trained method whose classes are labels.
+        A trained recogniser whose classes are labels.
     objects : ObjectSet
         The objects.
     n_classes : int
-        Classes of the scheme.
+        Number of classes of the scheme.
 
     Returns
     -------
-    dict of str to ndarray
-        ``label`` int16 (objects,), ``score`` float32: its probability; ``scores`` float32 (objects, n_classes), 0 for
-        classes that were not learned.
+    Recognitions
+        Class and probabilities of each object.
     """
     scores = np.zeros((len(objects), n_classes), dtype=np.float32)
     if len(objects):
@@ -179,91 +195,91 @@ def probabilities(recogniser: Any, objects: ObjectSet, n_classes: int) -> dict[s
     return {"label": label, "score": scores.max(axis=1, initial=0.0), "scores": scores}
 
 
-def recognise_objects(objects: Mapping[str, NDArray], bundle: ModelBundle) -> dict[str, NDArray]:
+def recognise_objects(objects: ObjectArrays, bundle: ModelBundle) -> Recognitions:
     """Recognise a set of objects with a model.
 
     Parameters
     ----------
-    objects : mapping
-        Arrays of an `ObjectSet`.
+    objects : ObjectArrays
+        The objects.
     bundle : ModelBundle
         The model.
 
     Returns
     -------
-    dict of str to ndarray
-        What `probabilities` gives.
+    Recognitions
+        Class and probabilities of each object.
     """
     return probabilities(load_recogniser(bundle), ObjectSet.from_arrays(objects), len(bundle.classes))
 
 
 def train_and_recognise(
-    train: Mapping[str, Mapping[str, NDArray]],
-    test: Mapping[str, NDArray],
+    train: Mapping[str, ObjectArrays],
+    test: ObjectArrays,
     *,
     slug: str,
     parameters: Any,
     recognition: RecognitionParameters,
     n_classes: int,
-) -> dict[str, NDArray]:
-    """Learn from some folds and recognise another.
+) -> Recognitions:
+    """Train on some folds and recognise another.
 
     Parameters
     ----------
-    train : mapping of str to mapping
-        Folds to learn from.
-    test : mapping
+    train : mapping of str to ObjectArrays
+        Training folds.
+    test : ObjectArrays
         The fold to recognise.
     slug : str
-        The method.
+        Slug of the method.
     parameters : dataclass
-        Its parameters.
+        Parameters of the method.
     recognition : RecognitionParameters
-        Which objects are recognised.
+        Selection of the objects.
     n_classes : int
-        Classes of the scheme.
+        Number of classes of the scheme.
 
     Returns
     -------
-    dict of str to ndarray
-        What `probabilities` gives.
+    Recognitions
+        Class and probabilities of each object of `test`.
     """
     chosen = training_objects([train[key] for key in sorted(train)], recognition)
-    found = make_recogniser(slug, parameters).fit(chosen.objects, chosen.label, intensities=chosen.intensities)
-    return probabilities(found, ObjectSet.from_arrays(test), n_classes)
+    recogniser = make_recogniser(slug, parameters).fit(chosen.objects, chosen.label, intensities=chosen.intensities)
+    return probabilities(recogniser, ObjectSet.from_arrays(test), n_classes)
 
 
 def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Give the points of recognised objects their class and probability, from raw coordinates on; all others none.
+    """Segment a point cloud and label the points of its objects.
 
     Parameters
     ----------
     cloud : PointCloud
-        Points. Where it has the columns `ground` and `height`, as `find_ground` gives them, they are taken.
+        Points. Columns `ground` and `height` (see `Ground`) are used if present, otherwise computed.
     bundle : ModelBundle
         A model of `train_recogniser`.
 
     Returns
     -------
     labels : ndarray of int16, shape (n,)
-        Labels of the model's scheme, -1 outside objects.
+        Labels of the scheme of the model, -1 outside objects.
     confidence : ndarray of float32, shape (n,)
-        Probability of the class; 0 outside.
+        Probability of the class; 0 outside objects.
 
     Raises
     ------
     DataError
-        If a coordinate is NaN or infinite, or the model's parts do not fit each other.
+        If a coordinate is NaN or infinite, or the model is inconsistent.
     """
     recogniser = load_recogniser(bundle)
-    least = RecognitionParameters(**bundle.metadata["parameters"]["recognition"]).min_points
+    min_points = RecognitionParameters(**bundle.metadata["parameters"]["recognition"]).min_points
 
     def detect(objects: Segments) -> ObjectLabels:
         every = objects_of_segments(cloud, objects["objects"])
-        large = np.flatnonzero(np.diff(every.indptr) >= least)
-        found = probabilities(recogniser, every.take(large), len(bundle.classes))
+        large = np.flatnonzero(np.diff(every.indptr) >= min_points)
+        recognised = probabilities(recogniser, every.take(large), len(bundle.classes))
         label, score = every.label, np.zeros(len(every), dtype=np.float32)
-        label[large], score[large] = found["label"], found["score"]
+        label[large], score[large] = recognised["label"], recognised["score"]
         return {"label": label, "score": score}
 
     return label_detected_objects(cloud, bundle, detect)

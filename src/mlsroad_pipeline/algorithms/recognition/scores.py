@@ -1,4 +1,4 @@
-"""Scores of recognised objects, split by split or fold by fold."""
+"""Scores of recognised objects per split or fold."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 from mlsroad_pipeline.algorithms.metrics.scores import recognition_scores
 
 ALL_FOLDS = "test"
-"""The split of all folds together, each recognised by what the others teach."""
+"""Split of all folds together in cross-validation."""
 
 
 def score_recognitions(
@@ -25,23 +25,23 @@ def score_recognitions(
     scheme: ClassScheme,
     folds: bool,
 ) -> tuple[pd.DataFrame, dict[str, NDArray[np.int64]]]:
-    """Score recognised objects; objects of unknown class are left out.
+    """Score recognised objects; objects of unknown class are excluded.
 
     Parameters
     ----------
     truth, predicted : mapping of str to ndarray of int
-        Scene, which begins with its split and a dot, or fold, to the class of each object; -1 is unknown.
+        Key of the scene (``<split>.<scene>``) or fold to the class of each object; -1 is unknown.
     method : str
         The method's slug.
     scheme : ClassScheme
         The classes.
     folds : bool
-        Whether the sets are folds: each is a split then, and the split ``test`` has all of them together.
+        True if the keys are folds: each is a split then, and the split ``test`` is all of them together.
 
     Returns
     -------
     scores : DataFrame
-        The table of scores, see `metrics.scores`.
+        Table of scores, see `metrics.scores`.
     matrices : dict of str to ndarray of int64, shape (C, C + 1)
         Split to confusion matrix, ``test`` last.
     """

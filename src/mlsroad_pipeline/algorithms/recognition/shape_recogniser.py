@@ -1,4 +1,4 @@
-"""What the rivals of Luo et al. 2019 share: recognisers that see the shape of an object and not its intensity."""
+"""Base class of the baselines of Luo et al. 2019, which use the shape of an object and not its intensity."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.recognition.object_set import check_training
 
 
 class ShapeRecogniser(ABC):
-    """A recogniser by shape; subclasses say how it learns.
+    """Recogniser by shape; subclasses implement training and prediction.
 
     Parameters
     ----------
@@ -43,19 +43,19 @@ class ShapeRecogniser(ABC):
         objects : sequence of array-like of shape (n_i, 3)
             Points of each object, metres, z up.
         classes : array-like of shape (objects,)
-            The class of each.
+            Class of each object.
         intensities : sequence of array-like, optional
             Not used.
 
         Returns
         -------
         ShapeRecogniser
-            Itself.
+            The fitted recogniser.
 
         Raises
         ------
         DataError
-            If an object is empty or not finite, there is not one class per object, or there is one class alone.
+            If an object is empty or not finite, there is not one class per object, or only one class occurs.
         """
         del intensities
         self.classes_, target = check_training(objects, classes, method=self.slug)
@@ -64,12 +64,12 @@ class ShapeRecogniser(ABC):
 
     @abstractmethod
     def _learn(self, objects: Sequence[ArrayLike], target: NDArray[np.int64]) -> None:
-        """Learn from objects and the places of their classes among the sorted ones."""
+        """Train on objects and the indices of their classes."""
 
     def predict_proba(
         self, objects: Sequence[ArrayLike], *, intensities: Sequence[ArrayLike] | None = None
     ) -> NDArray[np.float64]:
-        """Return the probability of each class.
+        """Return the class probabilities of objects.
 
         Parameters
         ----------
@@ -88,15 +88,15 @@ class ShapeRecogniser(ABC):
 
     @abstractmethod
     def _probabilities(self, objects: Sequence[ArrayLike]) -> NDArray[np.float64]:
-        """Return the probability of each class; there is at least one object."""
+        """Return class probabilities; there is at least one object."""
 
     @abstractmethod
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return what was learned as plain arrays."""
+        """Return the fitted state as plain arrays."""
 
     @classmethod
     def _restored(cls, arrays: Mapping[str, NDArray], parameters: Any, *names: str) -> Self:
-        """Begin to rebuild a recogniser: the parameters and the classes, once all arrays are known to be there."""
+        """Return a recogniser with parameters and classes after checking that all arrays are present."""
         check_arrays(arrays, ("classes", *names), f"{cls.slug}")
         self = cls(parameters)
         self.classes_ = np.array(arrays["classes"])

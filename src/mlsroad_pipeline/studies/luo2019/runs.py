@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.recognition.disturbances import Disturbance, disturb
-from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
+from mlsroad_pipeline.algorithms.recognition.object_set import ObjectArrays, ObjectSet
 from mlsroad_pipeline.algorithms.recognition.recogniser import make_recogniser, probabilities
+from mlsroad_pipeline.studies.luo2019.sets import StreetObjects
 
 
 def disturb_objects(objects: ObjectSet, disturbance: Disturbance, seed: int) -> ObjectSet:
@@ -40,9 +41,9 @@ def mislabel(objects: ObjectSet, share: float, seed: int) -> ObjectSet:
 
 
 def train_and_recognise(
-    train: Mapping[str, Mapping[str, NDArray]],
-    test: Mapping[str, NDArray],
-    validation: Mapping[str, NDArray] | None = None,
+    train: Mapping[str, ObjectArrays],
+    test: StreetObjects,
+    validation: ObjectArrays | None = None,
     *,
     method: str,
     settings: Sequence[Any],
@@ -82,7 +83,7 @@ def train_and_recognise(
         "tried": np.array(tried),
         "chosen": np.array(chosen),
     }
-    results = {
+    results: dict[str, NDArray] = {
         "scores": np.stack(scores),
         "label": given.label,
         "street": np.asarray(test.get("street", np.arange(len(given)))),

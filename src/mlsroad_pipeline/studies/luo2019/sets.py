@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps
 from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters, cut_objects
-from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
+from mlsroad_pipeline.algorithms.recognition.object_set import ObjectArrays, ObjectSet
 from mlsroad_pipeline.algorithms.segmentation.stage import (
     SegmentationParameters,
     Segments,
@@ -26,6 +26,18 @@ from mlsroad_pipeline.studies.luo2019.set_parameters import BY_HAND, CutParamete
 from mlsroad_pipeline.studies.streets import make_street
 
 
+class StreetObjects(ObjectArrays):
+    """Objects of streets, with the seed of the street of each."""
+
+    street: NDArray[np.int64]
+
+
+class SplitObjects(StreetObjects):
+    """Objects of a split, with the number of objects of each class on its streets."""
+
+    found: NDArray[np.int64]
+
+
 def cut_street(
     *,
     simulation: SimulationParameters,
@@ -34,7 +46,7 @@ def cut_street(
     scheme: ClassScheme,
     wanted: Sequence[str],
     parameters: CutParameters,
-) -> dict[str, NDArray]:
+) -> StreetObjects:
     """Simulate a street, segment it, and name its objects by the truth of their points."""
     columns = ("intensity", "gps_time", "scanner", "label", "instance")
     street = make_street(simulation=simulation, ground=ground, columns=columns, reach=parameters.reach)
@@ -55,7 +67,7 @@ def cut_street(
         completeness=parameters.completeness,
     )[cut["object"]]
     chosen = np.isin(label, [scheme.classes.index(name) for name in wanted])
-    named = ObjectSet.from_arrays({**cut, "label": label}).take(chosen)
+    named = ObjectSet(cut["xyz"], cut["indptr"], label, cut.get("intensity")).take(chosen)
     kept = thin(named, parameters.max_points, simulation.seed)
     return {**kept.to_arrays(), "street": np.full(len(kept), simulation.seed, dtype=np.int64)}
 
@@ -103,9 +115,7 @@ def thin(objects: ObjectSet, max_points: int, seed: int) -> ObjectSet:
     return ObjectSet(objects.xyz[chosen], indptr, objects.label, intensity)
 
 
-def draw_split(
-    streets: Mapping[str, Mapping[str, NDArray]], *, limits: Mapping[int, int], seed: int
-) -> dict[str, NDArray]:
+def draw_split(streets: Mapping[str, StreetObjects], *, limits: Mapping[int, int], seed: int) -> SplitObjects:
     """Join the objects of a split's streets and draw as many of each class as the set shall have."""
     joined = ObjectSet.join([ObjectSet.from_arrays(streets[key]) for key in sorted(streets)])
     street = np.concatenate([streets[key]["street"] for key in sorted(streets)])

@@ -1,4 +1,4 @@
-"""Hierarchy descriptor with a support vector machine, a rival of Luo et al. 2019 (Bertrand 2009)."""
+"""Hierarchy descriptor with a support vector machine, a baseline of Luo et al. 2019 (Bertrand 2009)."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ SLUG = "hierarchy_descriptor"
 
 
 class HierarchyRecogniser(DescriptorRecogniser):
-    """Ten numbers for each of ten layers of an object.
+    """Recogniser by ten features of each of ten layers of an object.
 
-    The descriptor is known from a thesis alone; Luo et al. call it a model of the typical vertical features of a shape,
-    of 100 numbers. This reading keeps both.
+    The descriptor is published in a thesis only. Luo et al. describe it as 100 values that model the typical vertical
+    features of a shape; this implementation follows that description.
 
     Parameters
     ----------
     parameters : DescriptorParameters, optional
-        What is chosen from.
+        Candidates of the cross-validation.
     """
 
     slug = SLUG
@@ -30,7 +30,7 @@ class HierarchyRecogniser(DescriptorRecogniser):
 
     @staticmethod
     def describe_objects(objects: Sequence[ArrayLike], radius: float) -> NDArray[np.float32]:
-        """Describe objects.
+        """Return the descriptors of objects.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Parameters of PointNet, apart from it so that they are read without PyTorch."""
+"""Parameters of PointNet, importable without PyTorch."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ class PointNetParameters:
     Parameters
     ----------
     n_points : int, default 128
-        Points that are drawn of an object; fewer are repeated (Qi et al.: 1024, of objects of many more points).
+        Points sampled per object, with repetition if it has fewer (Qi et al.: 1024, of objects with many more points).
     widths : sequence of int, default [64, 128, 256]
         Widths of the shared layers after the feature transform (Qi et al.: 64, 128, 1024).
     hidden : sequence of int, default [128, 64]
         Widths of the fully connected layers (Qi et al.: 512, 256).
     dropout : float, default 0.3
-        Share of the values that are dropped before the last layer (Qi et al.: 0.3).
+        Dropout rate before the last layer (Qi et al.: 0.3).
     regularisation : float, default 0.001
-        Weight of how far the feature transform is from a rotation (Qi et al.: 0.001).
+        Weight of the orthogonality penalty of the feature transform (Qi et al.: 0.001).
     epochs : int, default 100
         Passes over the training objects.
     batch_size : int, default 32
         Objects per step (Qi et al.: 32).
     learning_rate : float, default 0.001
-        Greatest rate of Adam (Qi et al.: 0.001).
+        Maximum learning rate of Adam (Qi et al.: 0.001).
     jitter : float, default 0.02
-        Standard deviation of noise on the coordinates of training objects, which are scaled to a ball of radius 1
-        (Qi et al.: 0.02). They are turned about z by any angle too.
+        Standard deviation of the noise on the coordinates of training objects, which are scaled to a ball of radius 1
+        and rotated about z (Qi et al.: 0.02).
     n_turns : int, default 4
-        Headings that an object is looked at from when it is recognised.
+        Rotations about z over which predictions are averaged.
     device : {"auto", "cpu", "cuda"}, default "auto"
-        Where the network runs.
+        Device of the network; "auto" is a GPU if there is one.
     seed : int, default 2019
-        Seed of the start, the order and the changes.
+        Seed of the initial weights, the order and the augmentation.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""PointNet, a rival of Luo et al. 2019: points one by one, and the greatest of what is found (Qi et al. 2017)."""
+"""PointNet, a baseline of Luo et al. 2019: features of single points, and their maximum (Qi et al. 2017)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.models.torch_training import find_device, learn
 from mlsroad_pipeline.algorithms.recognition.shape_recogniser import ShapeRecogniser
 
 _BATCH = 128
-"""Objects that the network sees at once when it recognises."""
+"""Objects per batch in prediction."""
 
 
 def _shared(inputs: int, outputs: int) -> nn.Sequential:
@@ -28,14 +28,14 @@ def _dense(inputs: int, outputs: int) -> nn.Sequential:
 
 
 class TransformNet(nn.Module):
-    """A matrix that brings what points are described by into a common pose; it starts as the identity.
+    """Network that predicts a transform of the features of points into a common pose; it starts as the identity.
 
     Parameters
     ----------
     n : int
-        Rows and columns of the matrix.
+        Number of features: rows and columns of the matrix.
     parameters : PointNetParameters
-        Widths of its layers.
+        Widths of the layers.
     """
 
     def __init__(self, n: int, parameters: PointNetParameters) -> None:
@@ -50,12 +50,12 @@ class TransformNet(nn.Module):
             self.matrix.bias.copy_(torch.eye(n).flatten())
 
     def forward(self, points: Tensor) -> Tensor:
-        """Return the matrix of each object.
+        """Return the transform of each object.
 
         Parameters
         ----------
         points : Tensor of shape (batch, n, points)
-            What each point is described by.
+            Features of each point.
 
         Returns
         -------
@@ -67,12 +67,12 @@ class TransformNet(nn.Module):
 
 
 class PointNet(nn.Module):
-    """The classification network with input and feature transforms (Qi et al. 2017, Figure 2).
+    """Classification network with input and feature transforms (Qi et al. 2017, Figure 2).
 
     Parameters
     ----------
     parameters : PointNetParameters
-        Its widths.
+        Widths of the layers.
     n_classes : int
         Classes.
     """
@@ -88,7 +88,7 @@ class PointNet(nn.Module):
         self.scores = nn.Sequential(nn.Dropout(parameters.dropout), nn.Linear(parameters.hidden[1], n_classes))
 
     def forward(self, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Score objects.
+        """Return the scores of objects.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class PointNetRecogniser(ShapeRecogniser):
     Parameters
     ----------
     parameters : PointNetParameters, optional
-        Its widths and its training.
+        Layers and training.
 
     Attributes
     ----------
@@ -132,7 +132,7 @@ class PointNetRecogniser(ShapeRecogniser):
     def _learn(self, objects: Sequence[ArrayLike], target: NDArray[np.int64]) -> None:
         p = self.parameters
         scaled, device = _scaled(objects), find_device(p.device)
-        wanted = torch.from_numpy(target).to(device)
+        classes = torch.from_numpy(target).to(device)
         with reproducible(p.seed):
             self.network_ = PointNet(p, len(self.classes_)).to(device)
             optimizer = torch.optim.Adam(self.network_.parameters())
@@ -145,7 +145,7 @@ class PointNetRecogniser(ShapeRecogniser):
                 for rows in torch.from_numpy(rng.permutation(len(target))).split(p.batch_size):
                     if len(rows) > 1:
                         rate = learning_rate(step, n_steps, p.learning_rate)
-                        self._step(optimizer, rate, points[rows.to(device)], wanted[rows.to(device)])
+                        self._step(optimizer, rate, points[rows.to(device)], classes[rows.to(device)])
                     step += 1
         self.network_.eval()
 
@@ -180,24 +180,24 @@ class PointNetRecogniser(ShapeRecogniser):
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], parameters: PointNetParameters) -> Self:
-        """Rebuild a recogniser from what `to_arrays` gave.
+        """Rebuild a recogniser from the arrays of `to_arrays`.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
             Classes and weights.
         parameters : PointNetParameters
-            Those that it was trained with.
+            Parameters of the training.
 
         Returns
         -------
         PointNetRecogniser
-            The same recogniser.
+            The trained recogniser.
 
         Raises
         ------
         DataError
-            If the classes are missing, or the weights are not those of such a network.
+            If the classes are missing, or the weights do not fit the parameters.
         """
         self = cls._restored(arrays, parameters)
         self.network_ = PointNet(parameters, len(self.classes_))
@@ -207,10 +207,10 @@ class PointNetRecogniser(ShapeRecogniser):
 
 
 def _scaled(objects: Sequence[ArrayLike]) -> list[NDArray[np.float64]]:
-    """Bring each object into the ball of radius 1 about its centroid."""
+    """Return the objects scaled into the ball of radius 1 about the centroid."""
     scaled = []
-    for i, given in enumerate(objects):
-        points = check_xyz(given, minimum=1, name=f"object {i}").astype(np.float64)
+    for i, xyz in enumerate(objects):
+        points = check_xyz(xyz, minimum=1, name=f"object {i}").astype(np.float64)
         points = points - points.mean(axis=0)
         scaled.append(points / max(float(np.linalg.norm(points, axis=1).max()), 1e-9))
     return scaled

@@ -1,4 +1,4 @@
-"""SHOT of an object with a support vector machine, a rival of Luo et al. 2019 (Tombari et al. 2010)."""
+"""SHOT descriptors with a support vector machine, a baseline of Luo et al. 2019 (Tombari et al. 2010)."""
 
 from __future__ import annotations
 
@@ -14,41 +14,41 @@ from mlsroad_pipeline.algorithms.recognition.descriptor_machine import Descripto
 
 SLUG = "shot"
 N_NEIGHBORS = 10
-"""Neighbours of which a normal is made."""
+"""Neighbours for the estimation of normals."""
 
 
 class ShotRecogniser(DescriptorRecogniser):
-    """One SHOT of 352 numbers per object, about its centroid; normals face away from there.
+    """Recogniser by one SHOT descriptor of 352 values per object, at its centroid; normals point away from it.
 
     Parameters
     ----------
     parameters : DescriptorParameters, optional
-        What is chosen from.
+        Candidates of the cross-validation.
     """
 
     slug = SLUG
 
     @staticmethod
     def describe_objects(objects: Sequence[ArrayLike], radius: float) -> NDArray[np.float32]:
-        """Describe objects.
+        """Return the descriptors of objects.
 
         Parameters
         ----------
         objects : sequence of array-like of shape (n_i, 3)
             Points of each object, metres.
         radius : float
-            Radius of the ball, metres; 0 is as far as the object reaches.
+            Radius of the ball, metres; 0 is the extent of the object.
 
         Returns
         -------
         ndarray of float32, shape (objects, 352)
             The descriptors.
         """
-        found = np.zeros((len(objects), SIZE), dtype=np.float32)
-        for i, given in enumerate(objects):
-            points = check_xyz(given, minimum=1, name=f"object {i}").astype(np.float64)
+        descriptors = np.zeros((len(objects), SIZE), dtype=np.float32)
+        for i, xyz in enumerate(objects):
+            points = check_xyz(xyz, minimum=1, name=f"object {i}").astype(np.float64)
             points = points - points.mean(axis=0)
             normals = -compute_normals(points, k=min(N_NEIGHBORS, len(points)), viewpoint=np.zeros(3))
             reach = radius or max(np.linalg.norm(points, axis=1).max(), 1e-3)
-            found[i] = compute_shot(points, normals, np.zeros(3), radius=reach)
-        return found
+            descriptors[i] = compute_shot(points, normals, np.zeros(3), radius=reach)
+        return descriptors

@@ -1,4 +1,4 @@
-"""Spin image of an object with a support vector machine, a rival of Luo et al. 2019 (Johnson and Hebert 1999)."""
+"""Spin images with a support vector machine, a baseline of Luo et al. 2019 (Johnson and Hebert 1999)."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ SLUG = "spin_image"
 
 
 class SpinImageRecogniser(DescriptorRecogniser):
-    """One spin image of 153 numbers per object, about the vertical through the middle of its bounding box.
+    """Recogniser by one spin image of 153 values per object, about the vertical axis through the centre of its box.
 
     Parameters
     ----------
     parameters : DescriptorParameters, optional
-        What is chosen from.
+        Candidates of the cross-validation.
     """
 
     slug = SLUG
 
     @staticmethod
     def describe_objects(objects: Sequence[ArrayLike], radius: float) -> NDArray[np.float32]:
-        """Describe objects.
+        """Return the descriptors of objects.
 
         Parameters
         ----------
         objects : sequence of array-like of shape (n_i, 3)
             Points of each object, metres.
         radius : float
-            Radius and half height of the image, metres; 0 is as far as the object reaches.
+            Radius and half height of the image, metres; 0 is the extent of the object.
 
         Returns
         -------
@@ -42,8 +42,8 @@ class SpinImageRecogniser(DescriptorRecogniser):
             The images.
         """
         images = np.zeros((len(objects), 153), dtype=np.float32)
-        for i, given in enumerate(objects):
-            points = check_xyz(given, minimum=1, name=f"object {i}").astype(np.float64)
+        for i, xyz in enumerate(objects):
+            points = check_xyz(xyz, minimum=1, name=f"object {i}").astype(np.float64)
             points = points - 0.5 * (points.min(axis=0) + points.max(axis=0))
             reach = radius or max(np.hypot(points[:, 0], points[:, 1]).max(), np.abs(points[:, 2]).max(), 1e-3)
             search = np.sqrt(2.0) * reach * (1.0 + 1e-9)  # the cylinder of the image lies inside the ball
