@@ -1,1 +1,1 @@
-"""Objects found by bags of contextual visual words (Yu et al. 2016)."""
+"""Detection of objects by bags of contextual visual words (Yu et al. 2016)."""

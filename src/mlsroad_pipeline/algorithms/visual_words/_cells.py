@@ -1,9 +1,9 @@
-"""Words sorted into cells, and the search of them for the nearest word.
+"""Cells of words, and the search for the nearest word.
 
-Whitened features have no direction of small variance, which defeats search trees: most of a tree is visited. What helps
-is to look at every word as briefly as possible. Words are kept in cells of a few dozen, direction by direction, so that
-the first directions of a distance are summed for a whole cell at once in vector registers; cells whose box is too
-far away are not looked at, and only words whose partial sum is small enough are compared in full.
+Whitened features have no direction of small variance, so a search tree visits most of its nodes. Instead, the cost per
+word is kept small. Words are stored in cells of a few dozen, direction by direction, so that the first directions of a
+distance are summed for a whole cell in vector registers. Cells whose box is too far away are skipped, and only words
+with a small enough partial sum are compared in full.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.visual_words._context import Context, context_factor, feature_distance, likeness
 
 CELL = 64
-"""The most words of a cell."""
+"""Largest number of words in a cell."""
 
 DIRECTIONS = 16
-"""Directions that are looked at first, those of the largest variance."""
+"""Number of directions of the partial sums, those of the largest variance."""
 
-_FIRST = 3  # cells that are searched before all others, the nearest by their bounds
-_SLACK = np.float32(1.0 - 1e-4)  # bounds are summed in single precision
+_FIRST = 3  # cells searched first, the nearest by their bounds
+_SLACK = np.float32(1.0 - 1e-4)  # margin for bounds summed in single precision
 
 
 class Cells(NamedTuple):
@@ -34,13 +34,13 @@ class Cells(NamedTuple):
     order : ndarray of int64, shape (v,)
         Words in the order of the cells.
     starts : ndarray of int64, shape (c + 1,)
-        Where each cell's words start.
+        First word of each cell.
     places : ndarray of float32, shape (b, v)
-        The words' places in the first directions.
+        Coordinates of the words in the first directions.
     low, high : ndarray of float32, shape (b, c)
-        The cells' boxes in these directions.
+        Bounding boxes of the cells in these directions.
     ranges : ndarray of float64, shape (c, 4)
-        Least and greatest angle and ratio of each cell.
+        Minimum and maximum of angle and of ratio in each cell.
     """
 
     order: NDArray[np.int64]
@@ -52,12 +52,12 @@ class Cells(NamedTuple):
 
 
 def build_cells(places: NDArray[np.float64], words: Context) -> Cells:
-    """Sort words into cells: halves across the widest direction, until a cell's words are left.
+    """Sort words into cells by recursive halving across the widest direction.
 
     Parameters
     ----------
     places : ndarray of float64, shape (v, d)
-        Where the words lie, directions of large variance first.
+        Coordinates of the words, directions of large variance first.
     words : Context
         Their angles and ratios.
 
@@ -67,7 +67,7 @@ def build_cells(places: NDArray[np.float64], words: Context) -> Cells:
         The cells.
     """
     box = places[:, :DIRECTIONS]
-    # The context is a factor: halving the angle's range helps about as much as halving the widest direction does.
+    # The context is a factor: halving the range of angles helps about as much as halving the widest direction.
     weight = float(box[:, 0].std()) / max(float(words.angle.std()), 1e-12)
     table = np.column_stack([box, words.angle * weight])
     order, stack, starts = np.arange(len(places)), [(0, len(places))], []
@@ -105,7 +105,7 @@ def build_cells(places: NDArray[np.float64], words: Context) -> Cells:
 
 @njit(cache=True, nogil=True)
 def _closest(value: float, low: float, high: float) -> float:
-    """Return the largest likeness of a value with anything in a range."""
+    """Return the largest likeness of a value with any value in a range."""
     if low <= value <= high:
         return 1.0
     return likeness(value, low if value < low else high)
@@ -116,7 +116,7 @@ def _bound_cells(
     place: NDArray[np.float32], angle: float, ratio: float, cells: Cells, grouped: bool, floor: float,
     factors: NDArray[np.float32], bounds: NDArray[np.float32],
 ) -> None:  # fmt: skip
-    """Set for each cell the least factor that its words can have, and a distance that none of them is nearer than."""
+    """Set for each cell lower bounds of the context factor and of the distance of its words."""
     n = len(bounds)
     bounds[:] = 0.0
     for c in range(len(place)):
@@ -160,7 +160,7 @@ def search(
     wanted : Context
         The groups.
     places : ndarray of float32, shape (n, b)
-        Where they lie in the first directions.
+        Their coordinates in the first directions.
     words : Context
         The words, in the order of the cells.
     cells : Cells
@@ -170,7 +170,7 @@ def search(
     floor : float
         Least context factor.
     first, stop : int
-        Which groups.
+        Range of groups to search for.
     out : ndarray of int32, shape (n,)
         Output: the nearest words.
     distances : ndarray of float64, shape (n,)

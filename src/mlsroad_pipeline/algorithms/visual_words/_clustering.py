@@ -1,4 +1,4 @@
-"""k-means on a matrix of distances, whose centres are members (Yu et al. 2016, equation 18)."""
+"""k-medoids clustering on a distance matrix (Yu et al. 2016, equation 18)."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-_ITERATIONS = 20  # of assigning and re-centring, at most
+_ITERATIONS = 20  # most iterations of assignment and update
 
 
 @njit(cache=True, nogil=True)
 def _first_centres(matrix: NDArray[np.float64], k: int, draws: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Draw up to k members far from each other, as k-means++ does; fewer where all others are like one of them."""
+    """Draw up to k distant members as in k-means++; fewer where all others are at distance 0 of one of them."""
     n = len(matrix)
     centres = np.empty(k, np.int64)
     centres[0] = min(int(draws[0] * n), n - 1)
@@ -35,7 +35,7 @@ def _first_centres(matrix: NDArray[np.float64], k: int, draws: NDArray[np.float6
 
 @njit(cache=True, nogil=True)
 def _assign(matrix: NDArray[np.float64], centres: NDArray[np.int64], owner: NDArray[np.int64]) -> None:
-    """Give every member its nearest centre; of equally near ones the first."""
+    """Assign every member to its nearest centre; of equally near centres to the first."""
     for i in range(len(matrix)):
         least = np.inf
         for c in range(len(centres)):
@@ -45,7 +45,7 @@ def _assign(matrix: NDArray[np.float64], centres: NDArray[np.int64], owner: NDAr
 
 @njit(cache=True, nogil=True)
 def central_members(matrix: NDArray[np.float64], k: int, draws: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return up to k centres: k-means with the member of the least sum of distances as centre, equation 18."""
+    """Return up to k centres; the centre of a cluster is the member of least sum of distances, equation 18."""
     centres = _first_centres(matrix, k, draws)
     owner = np.zeros(len(matrix), np.int64)
     for _ in range(_ITERATIONS):

@@ -1,4 +1,4 @@
-"""What the discriminant group distance needs of each group, computed once, and the distance of two groups from it."""
+"""Precomputed features of groups, and the discriminant group distance between them."""
 
 from __future__ import annotations
 
@@ -62,10 +62,10 @@ def prepare(descriptors: NDArray, orientations: NDArray, scales: NDArray, whiten
 
 
 def sorted_features(context: Context) -> NDArray[np.float64]:
-    """Return the features of each group with every coordinate sorted by itself, (g, m * r).
+    """Return the features of each group with every coordinate sorted separately, (g, m * r).
 
-    Of all ways to pair two sets of numbers the sorted one has the least sum of squares. Two groups are therefore at
-    least as far apart as these rows, whatever the matching order.
+    Of all pairings of two sets of numbers, the sorted one has the least sum of squared differences. The distance of
+    these rows is therefore a lower bound of the distance of two groups in any matching order.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def sorted_features(context: Context) -> NDArray[np.float64]:
 
 @njit(cache=True, nogil=True)
 def likeness(a: float, b: float) -> float:
-    """Return min over max of two numbers that are not negative (equations 14 and 15); 1 where both are 0."""
+    """Return the ratio of minimum and maximum of two non-negative numbers (equations 14 and 15); 1 where both are 0."""
     low, high = min(a, b), max(a, b)
     return low / high if high > 0.0 else 1.0
 
@@ -104,7 +104,7 @@ def feature_distance(
     features: NDArray[np.float64], ratio: float, others: NDArray[np.float64], ratios: NDArray[np.float64],
     matching: NDArray[np.int64], limit: float,
 ) -> float:  # fmt: skip
-    """Return the sum of equation 16 under the best matching order; of equally good orders the least sum.
+    """Return the sum of equation 16 for the best matching order; the least sum of equally good orders.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def feature_distance(
     matching : ndarray of shape (p, m)
         The matching orders.
     limit : float
-        A sum above this need not be exact: it is only known to be above.
+        A sum above this value need not be exact.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What two objects are compared by: their bags of words, their sizes, and where their substance lies."""
+"""Appearance of objects: bags of words, sizes and profiles, and their likeness."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from mlsroad_pipeline.algorithms.visual_words.sizes import SIZES, size_likeness
 
 @dataclass(frozen=True)
 class Appearance:
-    """How objects look.
+    """Bags of words, sizes and profiles of objects.
 
     Attributes
     ----------
     bags : csr_array of shape (n, v)
-        What `weigh_words` gave.
+        Bags, see `weigh_words`.
     sizes : ndarray of float32, shape (n, 4)
-        What `measure_sizes` gave.
+        Sizes, see `measure_sizes`.
     profiles : ndarray of float32, shape (n, p)
-        What `measure_profiles` gave.
+        Profiles, see `measure_profiles`.
     """
 
     bags: csr_array
@@ -42,32 +42,32 @@ class Appearance:
         Parameters
         ----------
         rows : ndarray
-            Which ones.
+            Indices of the objects.
 
         Returns
         -------
         Appearance
-            Those, in the order of the rows.
+            The objects, in the order of the indices.
         """
         return Appearance(self.bags[rows], self.sizes[rows], self.profiles[rows])
 
 
 def appearance_of(bags: csr_array, sizes: ArrayLike | None, profiles: ArrayLike | None) -> Appearance:
-    """Join what objects are compared by.
+    """Return the appearance of objects.
 
     Parameters
     ----------
     bags : csr_array of shape (n, v)
         Bags.
     sizes : array-like of shape (n, 4) or None
-        Sizes; without, all objects are taken to be of one size.
+        Sizes; None gives all objects the same size.
     profiles : array-like of shape (n, p) or None
-        Profiles; without, all objects are taken to have one.
+        Profiles; None gives all objects the same profile.
 
     Returns
     -------
     Appearance
-        Them all.
+        Bags, sizes and profiles.
 
     Raises
     ------
@@ -87,14 +87,14 @@ def appearance_of(bags: csr_array, sizes: ArrayLike | None, profiles: ArrayLike 
 def likeness(
     queries: Appearance, objects: Appearance, *, size_share: float, profile_share: float
 ) -> NDArray[np.float64]:
-    """Compare objects with queries.
+    """Return the likeness of objects to queries.
 
     Parameters
     ----------
     queries, objects : Appearance
-        q and n of them.
+        q queries and n objects.
     size_share, profile_share : float
-        Shares of the likeness of sizes and of that of profiles; the rest is that of bags, equation 23.
+        Weights of the likeness of sizes and of profiles; the remaining weight is that of bags, equation 23.
 
     Returns
     -------

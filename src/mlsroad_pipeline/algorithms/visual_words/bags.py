@@ -1,4 +1,4 @@
-"""Objects as bags of words, and how alike two bags are (Yu et al. 2016, IV-B and IV-C)."""
+"""Bags of words of objects, and their similarity (Yu et al. 2016, sections IV-B and IV-C)."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def inverse_document_frequency(counts: csr_array) -> NDArray[np.float64]:
     Returns
     -------
     ndarray of float64, shape (v,)
-        0 for words that occur nowhere.
+        0 for words that do not occur.
     """
     occurs = np.bincount(counts.indices[counts.data > 0], minlength=counts.shape[1])
     return np.where(occurs > 0, np.log(counts.shape[0] / np.maximum(occurs, 1)), 0.0)
@@ -69,7 +69,7 @@ def weigh_words(counts: csr_array, inverse_frequency: NDArray[np.float64]) -> cs
     counts : csr_array of shape (n, v)
         Words of each object.
     inverse_frequency : ndarray of float64, shape (v,)
-        What `inverse_document_frequency` gave for the database.
+        Result of `inverse_document_frequency` for the database.
 
     Returns
     -------
@@ -117,6 +117,7 @@ def _intersections(
     data: NDArray[np.float64], indices: NDArray, indptr: NDArray,
     others: NDArray[np.float64], other_indices: NDArray, other_indptr: NDArray, n_words: int,
 ) -> NDArray[np.float64]:  # fmt: skip
+    """Return equation 23 for sparse bags."""
     n_queries, n_bags = len(indptr) - 1, len(other_indptr) - 1
     out = np.zeros((n_queries, n_bags))
     dense = np.zeros(n_words)
@@ -130,7 +131,7 @@ def _intersections(
             for k in range(other_indptr[b], other_indptr[b + 1]):
                 least += min(dense[other_indices[k]], others[k])
                 other += others[k]
-            most = mass + other - least  # the sum of the greater ones
+            most = mass + other - least  # sum of the maxima
             out[q, b] = least / most if most > 0.0 else 0.0
         for k in range(indptr[q], indptr[q + 1]):
             dense[indices[k]] = 0.0

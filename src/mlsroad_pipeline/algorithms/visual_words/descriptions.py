@@ -1,4 +1,4 @@
-"""Objects of a scene as contextual groups, with their sizes and profiles: what the words are made of."""
+"""Description of objects by contextual groups, sizes and profiles."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mlsroad_pipeline.algorithms.visual_words.sizes import measure_sizes
 
 @dataclass(frozen=True)
 class GroupParameters:
-    """How the objects of a scene are described.
+    """Parameters of the description of objects.
 
     Parameters
     ----------
@@ -43,17 +43,16 @@ def describe_objects(scene: PointCloud, objects: Segments, *, parameters: GroupP
     ----------
     scene : PointCloud
         The scene.
-    objects : mapping
-        What `segment_scene` gave.
+    objects : Segments
+        Object of each point.
     parameters : GroupParameters
-        How they are described.
+        Regions, and neighbours in a group.
 
     Returns
     -------
     dict of str to ndarray
-        The arrays of `ContextualGroups`; ``objects`` int32, the object of each group; ``n_objects``; ``sizes`` float32
-        (objects, 4), what `measure_sizes` gave; ``profiles``
-        float32 (objects, p), what `measure_profiles` gave; ``intensity``, whether the scene has it.
+        A `Description` with the arrays of `ContextualGroups`, and per object ``sizes`` float32 (objects, 4), see
+        `measure_sizes`, and ``profiles`` float32 (objects, p), see `measure_profiles`.
     """
     regions = describe_regions(
         scene.xyz, objects["objects"], intensity=scene.get("intensity"), parameters=parameters.regions
@@ -76,10 +75,10 @@ def groups_of(arrays: Mapping[str, NDArray], *, intensity: bool = True) -> Conte
 
     Parameters
     ----------
-    arrays : mapping of str to ndarray
-        What it gave.
+    arrays : Description
+        Described objects.
     intensity : bool, default True
-        Whether to keep the intensities; without, they are 0 everywhere.
+        Whether to keep the intensities; False sets them to 0.
 
     Returns
     -------
@@ -99,10 +98,10 @@ def profiles_of(arrays: Mapping[str, NDArray], *, intensity: bool = True) -> NDA
 
     Parameters
     ----------
-    arrays : mapping of str to ndarray
-        What it gave.
+    arrays : Description
+        Described objects.
     intensity : bool, default True
-        Whether to keep the intensities; without, their shares are 0.
+        Whether to keep the shares of intensities; False sets them to 0.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Objects of a class found by their likeness to queries (Yu et al. 2016, IV-C)."""
+"""Detection of objects by their likeness to queries (Yu et al. 2016, section IV-C)."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ _PARTS = ("data", "indices", "indptr", "sizes", "profiles", "weights", "offset",
 
 
 class VisualWordsDetector:
-    """Detects objects whose bag of words, size and profile are like those of queries.
+    """Detector of objects whose bag of words, size and profile are similar to those of queries.
 
     Parameters
     ----------
     classes : sequence of str
-        Classes that are looked for.
+        Classes to detect.
     parameters : DetectorParameters
-        How queries and thresholds are chosen.
+        Choice of queries and thresholds.
 
     Attributes
     ----------
@@ -48,12 +48,12 @@ class VisualWordsDetector:
     queries_ : dict of str to ClassQueries
         Queries and threshold of each class.
     examples_ : list of ndarray of float32, shape (e, 4)
-        Least and greatest sizes of the examples of each class, which `size_margin` is applied to.
+        Least and greatest sizes of the examples of each class, to which `size_margin` is applied.
     f_scores_ : dict of str to float
-        F-score of each class on the training objects, none compared with itself or, with "weighted", its scene's
-        others; after `fit` alone.
+        F-score of each class on the training objects. No object is compared with itself or, with "weighted", with
+        others of its scene. Set by `fit` alone.
     held_out_ : HeldOut
-        What thresholds were chosen by with "weighted"; after `fit` alone.
+        Held-out scores for threshold selection with "weighted". Set by `fit` alone.
     """
 
     def __init__(self, classes: Sequence[str], *, parameters: DetectorParameters = _DEFAULTS) -> None:
@@ -72,26 +72,26 @@ class VisualWordsDetector:
     ) -> VisualWordsDetector:
         """Choose queries and thresholds from training objects.
 
-        With ``decision`` "nearest" queries are taken one by one, each time the object that raises the F-score on the
-        training objects most, at the threshold that is best for it; no object is compared with itself. With "weighted"
-        the vote is the mean of machines that each learned without one fold of the scenes, and the threshold is the best
-        one for the scores by those that have not seen the object's; where no machine has seen other examples of the
-        class it is the border of the vote, 0.5. A class without training objects is warned of and never detected.
+        With ``decision`` "nearest" queries are selected greedily: each is the object that raises the F-score on the
+        training objects most, at its best threshold; no object is compared with itself. With "weighted" the vote is the
+        mean of support vector machines, each trained without one fold of the scenes. The threshold is the best one for
+        the held-out scores; it is 0.5 where no machine was trained on other examples of the class. A class without
+        training objects is logged as a warning and never detected.
 
         Parameters
         ----------
         counts : csr_array of shape (n, v)
             Words of the training objects.
         labels : array-like of shape (n,), integer
-            Class of each, an index into `classes`; -1 for all others.
+            Class of each, an index in `classes`; -1 for all others.
         sizes : array-like of shape (n, 4), optional
-            What `measure_sizes` gave; without, all objects are taken to be of one size.
+            Sizes, see `measure_sizes`; by default all objects have the same size.
         profiles : array-like of shape (n, p), optional
-            What `measure_profiles` gave; without, all objects are taken to have one.
+            Profiles, see `measure_profiles`; by default all objects have the same profile.
         scenes : array-like of shape (n,), optional
-            Scene of each; without, each object is held out by itself.
+            Scene of each; by default each object is a scene of its own.
         weights : array-like of shape (n,), optional
-            How often each object counts when thresholds are chosen, see `training_weights`; once by default.
+            Weight of each object in threshold selection, see `training_weights`; 1 by default.
 
         Returns
         -------
@@ -107,7 +107,7 @@ class VisualWordsDetector:
         n = counts.shape[0]
         if truth.shape != (n,):
             raise DataError(f"{truth.shape} labels for {n} objects")
-        given = np.arange(n) if scenes is None else check_column(scenes, n, "scenes")
+        of_scene = np.arange(n) if scenes is None else check_column(scenes, n, "scenes")
         self.inverse_frequency_ = inverse_document_frequency(counts)
         looks = appearance_of(weigh_words(counts, self.inverse_frequency_), sizes, profiles)
         filled = np.asarray(counts.sum(axis=1)).ravel()
@@ -115,11 +115,11 @@ class VisualWordsDetector:
         self.f_scores_: dict[str, float] = {}
         self.examples_ = [size_range(looks.sizes[(truth == k) & (filled > 0)]) for k in range(len(self.classes))]
         fit = self._fit_weighted if self.parameters.decision == "weighted" else self._fit_nearest
-        fit(looks, truth, filled, given, np.ones(n) if weights is None else check_column(weights, n, "weights"))
+        fit(looks, truth, filled, of_scene, np.ones(n) if weights is None else check_column(weights, n, "weights"))
         return self
 
     def _none(self, name: str, looks: Appearance) -> None:
-        """Warn of a class without examples."""
+        """Log a warning for a class without examples, and store no queries."""
         logger.warning("No training object is a %s: the model never detects one", name)
         nothing = looks.select(np.zeros(0, np.int64))
         self.queries_[name] = ClassQueries(nothing, np.zeros(0), 0.0, float("inf"))
@@ -127,6 +127,7 @@ class VisualWordsDetector:
     def _fit_nearest(
         self, looks: Appearance, truth: NDArray, filled: NDArray[np.float64], _: NDArray, weights: NDArray[np.float64]
     ) -> None:
+        """Select few queries of each class greedily."""
         possible = self.possible(looks.sizes)
         for number, name in enumerate(self.classes):
             mine = np.flatnonzero((truth == number) & (filled > 0))
@@ -137,7 +138,7 @@ class VisualWordsDetector:
             alike = self._likeness(looks.select(order), looks) * possible
             most = self.parameters.max_queries
             chosen = choose_queries(alike, order, truth == number, max_queries=most)[0]
-            alike[np.arange(len(order)), order] = 0.0  # nothing is found by itself
+            alike[np.arange(len(order)), order] = 0.0  # no object is compared with itself
             nearest = alike[chosen].max(axis=0, initial=0.0)
             self.f_scores_[name], level = best_threshold(nearest, truth == number, weights)
             self.queries_[name] = ClassQueries(looks.select(order[chosen]), np.zeros(0), 0.0, level)
@@ -150,6 +151,7 @@ class VisualWordsDetector:
         scenes: NDArray,
         weights: NDArray[np.float64],
     ) -> None:
+        """Train the weighted vote of each class, and choose thresholds on held-out scores."""
         p = self.parameters
         wanted, others = self._candidates(looks.sizes, truth, filled > 0)
         every = np.sort(np.concatenate([wanted, others]))
@@ -168,25 +170,25 @@ class VisualWordsDetector:
                 continue
             if mine.all():
                 raise DataError(f"all training objects are a {name}: the weighted decision needs others too")
-            found = committees[number].mean() or learn_weights(alike, mine, p.penalty)
+            vote = committees[number].mean() or learn_weights(alike, mine, p.penalty)
             self.f_scores_[name], threshold = best_threshold(scores[:, number], truth[every] == number, weights[every])
             if not (scores[truth[every] == number, number] > 0).any():
                 threshold = 0.5
-            self.queries_[name] = ClassQueries(known.select(found.chosen), found.values, found.offset, threshold)
+            self.queries_[name] = ClassQueries(known.select(vote.chosen), vote.values, vote.offset, threshold)
 
     def _candidates(
         self, sizes: NDArray[np.float32], truth: NDArray, filled: NDArray[np.bool_]
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the objects of wanted classes, and others of a size that these may have."""
+        """Return the objects of wanted classes, and other objects of possible sizes."""
         others = np.flatnonzero(filled & (truth < 0))
         near = self.possible(sizes)[others]
-        # Where all others are of another size they still have to stand against the classes.
+        # Where no other object has a possible size, all others are used.
         return np.flatnonzero(filled & (truth >= 0)), others[near] if near.any() else others
 
     def _counterexamples(
         self, looks: Appearance, wanted: NDArray[np.int64], others: NDArray[np.int64]
     ) -> NDArray[np.int64]:
-        """Return the others that vote: half of them the most like an example, half drawn from the rest."""
+        """Return the counterexamples: half are the most similar to an example, half are drawn from the rest."""
         most = self.parameters.max_others
         if len(others) <= most:
             return others
@@ -202,12 +204,12 @@ class VisualWordsDetector:
         return likeness(queries, objects, size_share=p.size_share, profile_share=p.profile_share)
 
     def possible(self, sizes: ArrayLike) -> NDArray[np.bool_]:
-        """Tell which objects are of a size that some class may have; no others are ever detected.
+        """Return which objects have a size that a class may have; others are never detected.
 
         Parameters
         ----------
         sizes : array-like of shape (n, 4)
-            What `measure_sizes` gave.
+            Sizes, see `measure_sizes`.
 
         Returns
         -------
@@ -219,22 +221,22 @@ class VisualWordsDetector:
     def score(
         self, counts: csr_array, sizes: ArrayLike | None = None, profiles: ArrayLike | None = None
     ) -> NDArray[np.float64]:
-        """Compare objects with the queries.
+        """Score objects by their likeness to the queries.
 
         Parameters
         ----------
         counts : csr_array of shape (n, v)
             Words of the objects.
         sizes : array-like of shape (n, 4), optional
-            What `measure_sizes` gave; left out where it was in `fit`.
+            Sizes, see `measure_sizes`; required if `fit` had them.
         profiles : array-like of shape (n, p), optional
-            What `measure_profiles` gave; left out where it was in `fit`.
+            Profiles, see `measure_profiles`; required if `fit` had them.
 
         Returns
         -------
         ndarray of float64, shape (n, classes)
-            Score of each class, in [0, 1]: likeness to its most similar query, or the vote of all. 0 for objects
-            without words or of a size that no class has.
+            Score of each class, in [0, 1]: likeness to the most similar query, or the weighted vote of all queries. 0
+            for objects without words or of a size that no class has.
 
         Raises
         ------
@@ -244,11 +246,11 @@ class VisualWordsDetector:
         looks = appearance_of(weigh_words(counts, self.inverse_frequency_), sizes, profiles)
         scores = np.zeros((counts.shape[0], len(self.classes)))
         rows = np.flatnonzero(self.possible(looks.sizes) & (np.asarray(counts.sum(axis=1)).ravel() > 0))
-        looked_at = looks.select(rows)
-        for number, found in enumerate(self.queries_.values()):
-            alike = self._likeness(found.looks, looked_at)
-            if len(found.weights):
-                scores[rows, number] = weigh(alike, found.weights, found.offset)
+        possible = looks.select(rows)
+        for number, queries in enumerate(self.queries_.values()):
+            alike = self._likeness(queries.looks, possible)
+            if len(queries.weights):
+                scores[rows, number] = weigh(alike, queries.weights, queries.offset)
             else:
                 scores[rows, number] = alike.max(axis=0, initial=0.0)
         return scores
@@ -263,15 +265,14 @@ class VisualWordsDetector:
         counts : csr_array of shape (n, v)
             Words of the objects.
         sizes : array-like of shape (n, 4), optional
-            What `measure_sizes` gave; left out where it was in `fit`.
+            Sizes, see `measure_sizes`; required if `fit` had them.
         profiles : array-like of shape (n, p), optional
-            What `measure_profiles` gave; left out where it was in `fit`.
+            Profiles, see `measure_profiles`; required if `fit` had them.
 
         Returns
         -------
         labels : ndarray of int16, shape (n,)
-            The class whose threshold the object passes; of several the one that it passes by the largest factor; -1
-            for none.
+            Class whose threshold the score exceeds by the largest factor; -1 for none.
         scores : ndarray of float32, shape (n,)
             Score of that class; 0 for none.
 
@@ -284,11 +285,11 @@ class VisualWordsDetector:
 
     @property
     def thresholds(self) -> NDArray[np.float64]:
-        """Score from which an object is detected, one per class."""
-        return np.array([found.threshold for found in self.queries_.values()])
+        """Lowest score at which an object is detected, one per class."""
+        return np.array([queries.threshold for queries in self.queries_.values()])
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return what was learned as plain arrays.
+        """Return the trained state as plain arrays.
 
         Returns
         -------
@@ -303,27 +304,30 @@ class VisualWordsDetector:
             "profile_share": np.array(p.profile_share),
             "size_margin": np.array(p.size_margin),
         }
-        for number, (found, examples) in enumerate(zip(self.queries_.values(), self.examples_, strict=True)):
-            bags = found.looks.bags
-            parts = {"data": bags.data, "indices": bags.indices, "indptr": bags.indptr}
-            parts |= {
-                "sizes": found.looks.sizes,
-                "profiles": found.looks.profiles,
-                "weights": found.weights,
-                "offset": np.array(found.offset),
+        for number, (queries, examples) in enumerate(zip(self.queries_.values(), self.examples_, strict=True)):
+            bags = queries.looks.bags
+            parts = {
+                "data": bags.data,
+                "indices": bags.indices,
+                "indptr": bags.indptr,
+                "sizes": queries.looks.sizes,
+                "profiles": queries.looks.profiles,
+                "weights": queries.weights,
+                "offset": np.array(queries.offset),
+                "threshold": np.array(queries.threshold),
+                "examples": examples,
             }
-            parts |= {"threshold": np.array(found.threshold), "examples": examples}
             arrays |= {f"queries.{number}.{name}": part for name, part in parts.items()}
         return arrays
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Any]) -> VisualWordsDetector:
-        """Build a detector from what `to_arrays` gave.
+        """Rebuild a detector from its state.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
-            The arrays.
+            Result of `to_arrays`.
 
         Returns
         -------

@@ -1,9 +1,9 @@
-"""The discriminant group distance (Yu et al. 2016, III-E), and the exact nearest word under it.
+"""Discriminant group distance (Yu et al. 2016, section III-E), and exact nearest-word search.
 
-The distance is a factor that depends on orientations and scales times a sum of Mahalanobis distances. Neither is a
-metric, but both are bounded from below for a whole cell of words: the factor by the ranges of the words' angles and
-ratios, the sum by the box of their sorted features. What cannot hold a nearer word is left out; the answer is that of
-trying all words.
+The distance is the product of a factor of orientations and scales and a sum of Mahalanobis distances. Neither is a
+metric, but both have lower bounds for a whole cell of words: the factor by the ranges of the words' angles and ratios,
+the sum by the bounding box of their sorted features. Cells that cannot contain a nearer word are skipped; the result
+equals that of an exhaustive search.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from mlsroad_pipeline.algorithms.visual_words._context import (
 from mlsroad_pipeline.algorithms.visual_words.groups import ContextualGroups
 
 CONTEXT_FLOOR = 0.05
-"""Least value of the context factor 1 - SCSim; 0 is as printed: groups of equal context then have no distance."""
+"""Least value of the context factor 1 - SCSim. With 0, as printed, groups of equal context have distance 0."""
 
-_NO_VARIANCE = 1e-14  # what rounding leaves of a constant feature's
+_NO_VARIANCE = 1e-14  # variance of a constant feature after rounding
 
 
 def inverse_covariance(descriptors: NDArray, *, rcond: float = 1e-6) -> NDArray[np.float64]:
@@ -42,7 +42,7 @@ def inverse_covariance(descriptors: NDArray, *, rcond: float = 1e-6) -> NDArray[
     descriptors : ndarray of shape (..., d)
         Features, at least one.
     rcond : float, default 1e-6
-        Directions whose variance is below this share of the largest are left out.
+        Directions whose variance is below this share of the largest are excluded.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def inverse_covariance(descriptors: NDArray, *, rcond: float = 1e-6) -> NDArray[
 
 
 def _whitening(inverse: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return L with L L^T the inverse covariance, without the directions that it ignores."""
+    """Return L with L L^T the inverse covariance, without its null directions."""
     values, vectors = np.linalg.eigh(inverse)
     keep = values > 1e-12 * max(float(values.max()), 1e-300)
     if not keep.any():
@@ -75,7 +75,7 @@ def _whitening(inverse: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class WordIndex:
-    """A vocabulary, ready to be searched.
+    """Search index of a vocabulary.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class WordIndex:
             raise ParameterError(f"floor must be between 0 and 1, got {self.floor!r}")
 
     def context(self, groups: ContextualGroups) -> Context:
-        """Return groups as the kernels take them.
+        """Return groups prepared for the distance.
 
         Parameters
         ----------
@@ -135,7 +135,7 @@ class WordIndex:
 
     @cached_property
     def _cells(self) -> tuple[Cells, Context, NDArray[np.float64]]:
-        """The cells, the words in their order, and the axes of the places that cells are boxes of."""
+        """Cells, words in their order, and principal axes of the cells' coordinates."""
         known = self.context(self.words)
         rows = sorted_features(known)
         _, axes = np.linalg.eigh(np.cov(rows, rowvar=False, bias=True).reshape(rows.shape[1], -1))
@@ -203,11 +203,10 @@ def nearest_words(
     vocabulary : ContextualGroups
         The words, groups of the same size.
     inverse : ndarray of shape (20, 20), optional
-        Inverse covariance; None takes that of the vocabulary's features.
+        Inverse covariance; None computes it from the vocabulary's features.
     floor : float, default 0.05
-        Least value of the context factor 1 - SCSim. As printed it is 0: then every word whose orientations and scales
-        lie to each other as the group's do is at distance 0, whatever it looks like. Ties go to the smaller sum of
-        Mahalanobis distances.
+        Least value of the context factor 1 - SCSim (yu2016: 0). With 0, every word of the same relative orientations
+        and scales is at distance 0, whatever its features. Ties go to the smaller sum of Mahalanobis distances.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -225,5 +224,6 @@ def nearest_words(
     ParameterError
         If `floor` is not in [0, 1] or `n_threads` is below 1.
     """
-    found = inverse_covariance(vocabulary.descriptors) if inverse is None and len(vocabulary) else inverse
-    return WordIndex(vocabulary, np.eye(1) if found is None else found, floor).search(groups, n_threads=n_threads)
+    if inverse is None:
+        inverse = inverse_covariance(vocabulary.descriptors) if len(vocabulary) else np.eye(1)
+    return WordIndex(vocabulary, inverse, floor).search(groups, n_threads=n_threads)

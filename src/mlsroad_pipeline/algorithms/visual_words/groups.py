@@ -14,12 +14,12 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.detection.regions import FeatureRegions
 
 MAX_NEIGHBORS = 5
-"""The most neighbours in a group: the matching orders of m regions are m!."""
+"""Largest number of neighbours in a group; m regions have m! matching orders."""
 
 
 @dataclass(frozen=True)
 class ContextualGroups:
-    """Groups of m = k + 1 feature regions, the group's own one first.
+    """Groups of m = k + 1 feature regions, the central region first.
 
     Attributes
     ----------
@@ -53,26 +53,26 @@ class ContextualGroups:
         Parameters
         ----------
         index : ndarray
-            Which ones.
+            Indices or flags of the groups.
 
         Returns
         -------
         ContextualGroups
-            Those, in the order of the index.
+            The groups, in the order of the index.
         """
         return ContextualGroups(self.descriptors[index], self.orientations[index], self.scales[index])
 
 
 def build_groups(regions: FeatureRegions, *, k: int = 2) -> ContextualGroups:
-    """Join each region with the nearest regions of its object.
+    """Group each region with the nearest regions of its object.
 
     Parameters
     ----------
     regions : FeatureRegions
         Regions, ordered by object.
     k : int, default 2
-        Neighbours in a group, 0 to `MAX_NEIGHBORS`; 2 in the paper. More describe more of the surroundings and repeat
-        less often.
+        Neighbours in a group, 0 to `MAX_NEIGHBORS` (yu2016: 2). More neighbours describe a larger surrounding and give
+        rarer words.
 
     Returns
     -------
@@ -94,17 +94,17 @@ def build_groups(regions: FeatureRegions, *, k: int = 2) -> ContextualGroups:
 
 
 def _nearest(centres: NDArray[np.float64], k: int) -> NDArray[np.int64]:
-    """Return each centre and its k nearest others; equally far ones in the order of their numbers."""
+    """Return each centre and its k nearest others; ties in the order of their indices."""
     n = len(centres)
     near = min(k, n - 1)
     own = np.arange(n)[:, None]
     if near == 0:
         return np.repeat(own, k + 1, axis=1)
-    # One more than needed shows a tie at the last place.
-    distance, found = cKDTree(centres).query(centres, k=min(near + 2, n))
-    distance = np.where(found == own, -1.0, np.round(distance, 9))
-    order = np.lexsort((found, distance), axis=1)
-    ranked = np.take_along_axis(found, order, axis=1)[:, : near + 1]
+    # One neighbour more than needed, to detect a tie at the last place.
+    distance, neighbor = cKDTree(centres).query(centres, k=min(near + 2, n))
+    distance = np.where(neighbor == own, -1.0, np.round(distance, 9))
+    order = np.lexsort((neighbor, distance), axis=1)
+    ranked = np.take_along_axis(neighbor, order, axis=1)[:, : near + 1]
     repeated = np.resize(np.arange(1, near + 1), k)
     return np.concatenate([ranked[:, :1], ranked[:, repeated]], axis=1)
 
@@ -120,7 +120,7 @@ def join_groups(parts: Sequence[ContextualGroups]) -> ContextualGroups:
     Returns
     -------
     ContextualGroups
-        All groups in the order given.
+        All groups, in order.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Scenes into bags and detections, with a model and without training code (Yu et al. 2016, IV)."""
+"""Detection with a trained model (Yu et al. 2016, section IV)."""
 
 from __future__ import annotations
 
@@ -36,21 +36,21 @@ SLUG = "visual_words"
 
 
 def bag_objects(
-    arrays: Mapping[str, NDArray], vocabulary: Vocabulary, *, intensity: bool, wanted: NDArray[np.bool_] | None = None
+    arrays: Description, vocabulary: Vocabulary, *, intensity: bool, wanted: NDArray[np.bool_] | None = None
 ) -> csr_array:
     """Count the words of the objects of a scene.
 
     Parameters
     ----------
-    arrays : mapping of str to ndarray
-        What `describe_objects` gave.
+    arrays : Description
+        Described objects, see `describe_objects`.
     vocabulary : Vocabulary
         The words.
     intensity : bool
-        Whether they know of intensities.
+        Whether the words include intensities.
     wanted : ndarray of bool, shape (objects,), optional
-        Objects whose words are counted; all by default. Most groups of a street are those of large plants and
-        facades, which no class is like in size.
+        Objects whose words are counted; all by default. Most groups of a street belong to large plants and facades, and
+        no class has their size.
 
     Returns
     -------
@@ -93,16 +93,15 @@ def detect_scene(arrays: Description, bundle: ModelBundle) -> Detections:
 
     Parameters
     ----------
-    arrays : mapping of str to ndarray
-        What `describe_objects` gave.
+    arrays : Description
+        Described objects, see `describe_objects`.
     bundle : ModelBundle
         A model of `train_detector`.
 
     Returns
     -------
-    dict of str to ndarray
-        ``label`` int16 (objects,): place in the wanted classes, -1 for none; ``score`` float32, that of this class;
-        ``scores`` float32 (objects, c), that of every class, see `VisualWordsDetector.score`.
+    Detections
+        Class and scores of each object, see `VisualWordsDetector.score`.
     """
     variant = choose_variant(arrays, bundle)
     vocabulary, detector = model_of(bundle, variant)
@@ -118,4 +117,4 @@ def _describe(scene: PointCloud, objects: Segments, stored: Mapping[str, Any]) -
 
 
 label_cloud = partial(label_described_objects, describe=_describe, detect=detect_scene)
-"""Entry point of the models; intensity is used where the cloud and the model have it."""
+"""Labels a cloud; intensity is used where the cloud and the model have it."""

@@ -1,4 +1,4 @@
-"""Where an object's substance lies: how high above its foot, how far from its axis, of what form and how bright."""
+"""Profiles of objects: distribution of voxels over height, distance from the axis, local shape and intensity."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ TONES = 20
 """Equal steps of intensity over [0, 1]."""
 
 N_PLACES = BANDS * len(RINGS)
-"""Columns of a profile that tell of places; those of forms follow."""
+"""Columns of a profile for positions; those for local shapes follow."""
 
 N_BLIND = N_PLACES + BANDS * KINDS
-"""Columns of a profile that tell of places and forms; the others tell of intensities."""
+"""Columns of a profile for positions and local shapes; those for intensities follow."""
 
 N_SHARES = N_BLIND + BANDS * TONES
 """Columns of a profile."""
 
-_VOXEL = 0.1  # places within it count once, metres: what was scanned from near weighs no more
-_LEAST = 0.1  # height of the flattest object, metres
+_VOXEL = 0.1  # edge of the voxels, which make the profile independent of the point density, metres
+_LEAST = 0.1  # least height of an object, metres
 
 
 def measure_profiles(
     xyz: NDArray[np.floating], objects: NDArray[np.integer], *, intensity: ArrayLike | None = None
 ) -> NDArray[np.float32]:
-    """Measure how the voxels of each object are spread over height, distance from its axis, form and intensity.
+    """Measure the distribution of each object's voxels over height, distance from its axis, shape and intensity.
 
     Parameters
     ----------
@@ -51,8 +51,8 @@ def measure_profiles(
     ndarray of float32, shape (objects, N_SHARES)
         Share of an object's voxels in each band and ring, then in each band and kind of `surface_kinds`, then in each
         band and tone; each of the three sums to 1. All are 0 for an object without points, and the shares of
-        intensities are 0 without intensities. The axis is upright, through the medians of the voxels' horizontal
-        coordinates: a mast lies on it and its arm does not. Profiles do not change when an object is turned about it.
+        intensities are 0 without intensities. The axis is vertical, through the medians of the voxels' horizontal
+        coordinates, which lie on the mast of a lamp with an arm. Profiles are invariant to rotations about the axis.
 
     Raises
     ------
@@ -77,17 +77,17 @@ def measure_profiles(
 
 
 def without_intensities(profiles: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return profiles that tell of places and forms alone.
+    """Return profiles without intensities.
 
     Parameters
     ----------
     profiles : ndarray of float32, shape (objects, N_SHARES)
-        What `measure_profiles` gave.
+        Profiles, see `measure_profiles`.
 
     Returns
     -------
     ndarray of float32, shape (objects, N_SHARES)
-        The same, with 0 for the shares of intensities.
+        The profiles with shares of intensities set to 0.
     """
     blind = profiles.copy()
     blind[:, N_BLIND:] = 0.0
@@ -97,7 +97,7 @@ def without_intensities(profiles: NDArray[np.float32]) -> NDArray[np.float32]:
 def _voxels(
     xyz: NDArray[np.float64], objects: NDArray[np.int64], intensity: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return centroids, mean intensities, objects and cells (z, y, x) of the voxels of each object, in this order."""
+    """Return centroids, mean intensities, objects and cells (z, y, x) of the voxels of each object."""
     cell = np.floor((xyz - xyz.min(axis=0)) / _VOXEL).astype(np.int64)
     span = cell.max(axis=0) + 1
     names = ((objects * span[2] + cell[:, 2]) * span[1] + cell[:, 1]) * span[0] + cell[:, 0]
@@ -117,6 +117,7 @@ def _count(
     rings: NDArray[np.float64],
     shares: NDArray[np.float32],
 ) -> None:
+    """Count the voxels of each object in the columns of its profile."""
     width, first_kind = len(rings), BANDS * len(rings)
     first_tone = first_kind + BANDS * KINDS
     for k in range(len(axes)):
@@ -139,17 +140,17 @@ def _count(
 
 
 def profile_likeness(queries: NDArray[np.floating], objects: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Compare profiles as equation 23 compares bags: what they share over what either has.
+    """Return the likeness of profiles: sum of minima over sum of maxima, as equation 23 for bags.
 
     Parameters
     ----------
     queries, objects : ndarray of shape (q, p), (n, p)
-        What `measure_profiles` gave.
+        Profiles, see `measure_profiles`.
 
     Returns
     -------
     ndarray of float64, shape (q, n)
-        In [0, 1]; 1 for equal ones, 0 where both are empty.
+        In [0, 1]; 1 for equal profiles, 0 where both are empty.
 
     Raises
     ------
@@ -163,10 +164,11 @@ def profile_likeness(queries: NDArray[np.floating], objects: NDArray[np.floating
 
 @njit(cache=True, nogil=True)
 def _jaccard(queries: NDArray[np.float64], objects: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sums of minima over the sums of maxima."""
     out = np.zeros((len(queries), len(objects)))
     totals = objects.sum(axis=1)
     for q in range(len(queries)):
-        filled = np.flatnonzero(queries[q])  # few of its shares are not 0
+        filled = np.flatnonzero(queries[q])  # most shares are 0
         total = queries[q].sum()
         for b in range(len(objects)):
             least = 0.0

@@ -1,4 +1,4 @@
-"""How queries and thresholds are chosen, and the queries of a class (Yu et al. 2016, IV-C)."""
+"""Parameters of the choice of queries and thresholds, and queries of a class (Yu et al. 2016, section IV-C)."""
 
 from __future__ import annotations
 
@@ -14,41 +14,40 @@ from mlsroad_pipeline.algorithms.visual_words.appearance import Appearance
 
 @dataclass(frozen=True)
 class DetectorParameters:
-    """How queries and thresholds are chosen, and what counts as alike.
+    """Parameters of likeness, queries and thresholds.
 
     Parameters
     ----------
     decision : {"weighted", "nearest"}, default "weighted"
         With "nearest" an object's score is its likeness to the most similar of a few queries of the class, as in the
-        paper. With "weighted" all training objects may be queries, those of no wanted class too, and the score is
-        their weighted vote: a support vector machine whose kernel is the likeness.
+        paper. With "weighted" all training objects, including those of no wanted class, may be queries, and the score
+        is their weighted vote: a support vector machine whose kernel is the likeness.
     size_share : float, default 0.25
-        Share of the size in the likeness of two objects, 0 to 1. 0 is as printed. Bags are shares of words and do not
-        tell a small object from a large one.
+        Weight of the size in the likeness of two objects, 0 to 1 (yu2016: 0). Bags contain shares of words, which do
+        not depend on the size of an object.
     profile_share : float, default 0.5
-        Share of the profile, where the object's substance lies and how bright it is there, 0 to 1. 0 is as printed.
-        Bags do not tell what is high on an object from what is low. The rest is the likeness of bags, equation 23.
+        Weight of the profile in the likeness, 0 to 1 (yu2016: 0). Bags do not contain the position of words on an
+        object. The remaining weight is that of bags, equation 23.
     size_margin : float, default 1.5
-        Objects whose height above the ground or extents lie outside the range of all examples of all classes by more
-        than this factor are never detected, and are no counterexamples; 0 looks at objects of any size, as printed.
-        Smaller misses objects unlike the examples; larger costs time.
+        Objects whose height above the ground or extents lie outside the range of the examples of every class by more
+        than this factor are never detected, and are no counterexamples (yu2016: 0, objects of any size). Smaller misses
+        objects unlike the examples; larger costs time.
     penalty : float, default 10
-        Of training objects on the wrong side of the weighted vote. Larger follows single examples more closely.
+        C of the support vector machine. Larger fits single examples more closely.
     folds : int, default 5
-        Groups of training scenes that are held out in turn: each gives a machine that votes, and scores the scenes that
-        it has not seen, which thresholds are chosen by.
+        Folds of training scenes. Each is held out by one machine, and thresholds are chosen on the held-out scores.
     rounds : int, default 4
-        How often scenes are divided into such groups anew. More votes make scores steadier and cost training time.
+        Repetitions of the division into folds. More give more stable scores and cost training time.
     max_others : int, default 5000
-        The most training objects of no wanted class that take part in it: half of them those most like an example,
-        half drawn at random. Thresholds are chosen on all. Larger costs time and memory with its square.
+        Largest number of counterexamples: half are the most similar to an example, half are drawn at random. Thresholds
+        are chosen on all objects. Time and memory grow with the square.
     seed : int, default 2016
-        Of this draw and of the folds.
+        Seed of this sample and of the folds.
     max_queries : int, default 12
-        The most queries of a class with "nearest". The paper names none; one complete car does not stand for every
-        make and every side that it is seen from.
+        Largest number of queries of a class with "nearest"; the paper states none. Cars differ in make and in the sides
+        that were scanned.
     candidates : int, default 200
-        Training objects of a class that may become these queries: those with the most words.
+        Largest number of training objects of a class that these queries are selected from: those with the most words.
 
     Raises
     ------
@@ -90,12 +89,12 @@ class DetectorParameters:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """How training objects are scored by machines that have not seen their scenes: what thresholds are chosen by.
+    """Scores of training objects by machines trained without their scenes, for threshold selection.
 
     Attributes
     ----------
     scores : ndarray of float64, shape (m, classes)
-        Score of each class; 0 where no machine has seen other examples of it.
+        Score of each class; 0 where no machine was trained on other examples of it.
     labels : ndarray of int, shape (m,)
         Class of each object, -1 for others.
     scenes : ndarray, shape (m,)
@@ -109,18 +108,18 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class ClassQueries:
-    """What one class is looked for with.
+    """Queries and threshold of a class.
 
     Attributes
     ----------
     looks : Appearance
         The queries.
     weights : ndarray of float64, shape (q,)
-        Their weights; none where the most similar query decides.
+        Their weights; empty where the score is the likeness to the most similar query.
     offset : float
-        Added to the weighted sum.
+        Offset of the weighted sum.
     threshold : float
-        Score from which an object is detected.
+        Lowest score at which an object is detected.
     """
 
     looks: Appearance

@@ -1,4 +1,4 @@
-"""How large objects are, and how alike in size: what a bag, whose words are shares, does not tell."""
+"""Sizes of objects, and their likeness."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from scipy.spatial import cKDTree
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 
 SIZES = ("bottom", "top", "length", "width")
-"""What is measured of an object: heights above the ground around it, and its horizontal extents; metres."""
+"""Sizes of an object: heights of its ends above the ground around it, and its horizontal extents, metres."""
 
-_SLACK = np.array([0.5, 0.5, 0.3, 0.3])  # added to sizes that are compared, metres: a few centimetres tell nothing
-_TAIL = 1.0  # percent of an object's points that lie beyond each end of an extent
-_CELL = 1.0  # of the grid in which the ground is looked for, metres
-_REACH = 1.5  # cells around an object's foot that tell where its ground is
+_SLACK = np.array([0.5, 0.5, 0.3, 0.3])  # added to compared sizes, so that differences of centimetres vanish, metres
+_TAIL = 1.0  # percent of an object's points beyond each end of an extent
+_CELL = 1.0  # edge of the cells of the ground grid, metres
+_REACH = 1.5  # radius around an object whose cells give its ground, cells
 
 
 def measure_sizes(xyz: NDArray[np.floating], objects: NDArray[np.integer]) -> NDArray[np.float32]:
@@ -25,10 +25,10 @@ def measure_sizes(xyz: NDArray[np.floating], objects: NDArray[np.integer]) -> ND
     Parameters
     ----------
     xyz : ndarray of shape (n, 3)
-        All points of the scene, those of the ground too, metres, z up.
+        All points of the scene, including the ground, metres, z up.
     objects : ndarray of int, shape (n,)
-        Object of each point, 0, 1, ...; -1 for none. The lowest of the points of none around an object are its ground;
-        where there are none, its own lowest point is.
+        Object of each point, 0, 1, ...; -1 for none. The lowest points of -1 around an object are its ground; where
+        there are none, its own lowest point is.
 
     Returns
     -------
@@ -71,22 +71,22 @@ def _ground_around(
     np.minimum.at(floor, owner, others[:, 2])
     centres = (np.column_stack([names // span, names % span]) + low + 0.5) * _CELL
     near = cKDTree(centres).query_ball_point(middle, _REACH * _CELL)
-    found = np.array([np.median(floor[cells]) if cells else np.inf for cells in near])
-    return np.minimum(found, lowest)
+    ground = np.array([np.median(floor[cells]) if cells else np.inf for cells in near])
+    return np.minimum(ground, lowest)
 
 
 def size_likeness(queries: NDArray[np.floating], objects: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Compare sizes as equations 14 and 15 compare orientations and scales: the lesser over the greater.
+    """Return the likeness of sizes: minimum over maximum, as equations 14 and 15 for orientations and scales.
 
     Parameters
     ----------
     queries, objects : ndarray of shape (q, 4), (n, 4)
-        What `measure_sizes` gave.
+        Sizes, see `measure_sizes`.
 
     Returns
     -------
     ndarray of float64, shape (q, n)
-        Square root of the product over the four sizes, in (0, 1]; 1 for equal ones.
+        Square root of the product over the four sizes, in (0, 1]; 1 for equal sizes.
 
     Raises
     ------
@@ -104,14 +104,14 @@ def size_likeness(queries: NDArray[np.floating], objects: NDArray[np.floating]) 
 
 
 def within_sizes(sizes: NDArray[np.floating], examples: NDArray[np.floating], margin: float) -> NDArray[np.bool_]:
-    """Tell which objects are about as large as some example of a class.
+    """Return which objects have a size in the range of the examples of a class.
 
     Parameters
     ----------
     sizes, examples : ndarray of shape (n, 4), (e, 4)
-        What `measure_sizes` gave of the objects and of a class's examples.
+        Sizes of the objects and of the examples of a class, see `measure_sizes`.
     margin : float
-        Every size may be smaller than the least and larger than the greatest of the examples by this factor.
+        Factor by which each size may be below the least or above the greatest of the examples.
 
     Returns
     -------
@@ -126,17 +126,17 @@ def within_sizes(sizes: NDArray[np.floating], examples: NDArray[np.floating], ma
 
 
 def size_range(sizes: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the least and the greatest of each size, which `within_sizes` knows examples by.
+    """Return minimum and maximum of each size, as examples for `within_sizes`.
 
     Parameters
     ----------
     sizes : ndarray of float32, shape (n, 4)
-        What `measure_sizes` gave.
+        Sizes, see `measure_sizes`.
 
     Returns
     -------
     ndarray of float32, shape (2, 4)
-        Least and greatest; no rows where there are no objects.
+        Minimum and maximum; no rows where there are no objects.
     """
     return np.stack([sizes.min(axis=0), sizes.max(axis=0)]) if len(sizes) else sizes
 
@@ -144,23 +144,22 @@ def size_range(sizes: NDArray[np.float32]) -> NDArray[np.float32]:
 def within_any_sizes(
     sizes: NDArray[np.floating], examples: Sequence[NDArray[np.floating]], margin: float
 ) -> NDArray[np.bool_]:
-    """Tell which objects are of a size that some class may have.
+    """Return which objects have a size in the range of the examples of any class.
 
     Parameters
     ----------
     sizes : ndarray of shape (n, 4)
-        What `measure_sizes` gave of the objects.
+        Sizes of the objects, see `measure_sizes`.
     examples : sequence of ndarray of shape (e, 4)
-        The same of the examples of each class.
+        Sizes of the examples of each class.
     margin : float
-        See `within_sizes`; 0 lets all pass.
+        See `within_sizes`; 0 accepts all.
 
     Returns
     -------
     ndarray of bool, shape (n,)
-        True where `within_sizes` is for some class.
+        True where `within_sizes` is true for a class.
     """
     if margin == 0:
         return np.ones(len(sizes), np.bool_)
-    found = [within_sizes(sizes, known, margin) for known in examples]
-    return np.asarray(np.any(found, axis=0))
+    return np.asarray(np.any([within_sizes(sizes, known, margin) for known in examples], axis=0))

@@ -1,4 +1,4 @@
-"""What an object's voxels form around each of them: a line, a plane or neither, and which way it runs."""
+"""Local shape of an object around each of its voxels: line, plane or neither, and its inclination."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.features.eigen_solver import solve_symmetric
 
 KINDS = 8
-"""Upright, slanted and level lines; upright, slanted and level planes; neither; and what has too few neighbours."""
+"""Number of kinds: vertical, inclined and horizontal lines; vertical, inclined and horizontal planes; neither; and
+undefined for too few neighbours."""
 
-_REACH = 2  # voxels in each direction that are neighbours
-_LEAST = 4  # voxels, itself included, below which nothing can be said
-_LINE = 0.9, 0.4  # upward part of the direction of an upright line, and of one that is not level
-_PLANE = 0.3, 0.8  # upward part of the normal of a slanted plane, and of a level one
+_REACH = 2  # neighbourhood in each direction, voxels
+_LEAST = 4  # fewest voxels, including the voxel itself
+_LINE = 0.9, 0.4  # least vertical component of the direction of a vertical line, and of an inclined one
+_PLANE = 0.3, 0.8  # least vertical component of the normal of an inclined plane, and of a horizontal one
 
 
 def surface_kinds(
     places: NDArray[np.float64], cells: NDArray[np.int64], starts: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Tell what the voxels of each object form around each of them; other objects are not seen.
+    """Classify the local shape around each voxel from the voxels of its object.
 
     Parameters
     ----------
@@ -34,8 +35,8 @@ def surface_kinds(
     Returns
     -------
     ndarray of int64, shape (v,)
-        0 to 2 where the voxels of the 5 x 5 x 5 cells around are most of all linear, 3 to 5 where they are planar, 6
-        where they are volumetric (equations 5 to 7 of Yu et al. 2016), 7 where there are fewer than four.
+        0 to 2 where the voxels of the 5 x 5 x 5 cells around are mainly linear, 3 to 5 where they are planar, 6 where
+        they are volumetric (equations 5 to 7 of Yu et al. 2016), 7 where there are fewer than four.
     """
     scatter, counts = _scatter(places, cells, starts)
     values, normals, directions = (np.empty((3, len(places))) for _ in range(3))
@@ -96,7 +97,7 @@ def _sum_around(
 
 @njit(cache=True, nogil=True)
 def _first_from(cells: NDArray[np.int64], first: int, stop: int, z: int, y: int, x: int) -> int:
-    """Return the first voxel of an object whose cell does not come before another."""
+    """Return the first voxel of an object whose cell does not precede (z, y, x), by binary search."""
     while first < stop:
         middle = (first + stop) // 2
         cz, cy, cx = cells[middle, 0], cells[middle, 1], cells[middle, 2]

@@ -1,8 +1,8 @@
-"""Contextual feature groups clustered into words (Yu et al. 2016, III-F).
+"""Clustering of contextual feature groups into words (Yu et al. 2016, section III-F).
 
-Clusters are centred at members (equation 18), which takes the distances of all pairs. Where a cluster is too large
-for such a matrix it is first divided: a sample of it is clustered into a few parts, every member goes to the nearest
-centre, and each part gets its share of the words.
+The centre of a cluster is a member (equation 18), which needs the distances of all pairs. A cluster too large for such
+a matrix is first divided: a sample is clustered into a few parts, every member is assigned to the nearest centre, and
+each part receives its share of the words.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from mlsroad_pipeline.algorithms.visual_words.groups import ContextualGroups
 
 @dataclass(frozen=True)
 class VocabularyParameters:
-    """How groups become words.
+    """Parameters of the vocabulary.
 
     Parameters
     ----------
     n_words : int or None, default None
-        Words; None takes one per `groups_per_word` groups, at most 120,000, the paper's number for 40 samples of 50 m.
-        More tell objects apart more finely, until words no longer repeat.
+        Number of words. None gives one per `groups_per_word` groups, at most 120,000, the paper's number for 40 samples
+        of 50 m. More words separate objects more finely, until words no longer recur.
     groups_per_word : float, default 50
-        Groups that a word stands for on average, where `n_words` is None.
+        Mean number of groups per word, where `n_words` is None.
     matrix : int, default 500
-        The largest cluster whose distances are all computed at once; larger follows equation 18 more closely, and
-        memory and time grow with its square.
+        Largest cluster with a full distance matrix. Larger follows equation 18 more closely; memory and time grow with
+        the square.
     branches : int, default 16
-        Parts that a larger cluster is divided into at once.
+        Number of parts that a larger cluster is divided into at once.
     stop_scenes : float, default 0.95
-        Words that occur in at least this share of the scenes may be stopped, see `stop_share`.
+        Words that occur in at least this share of the scenes are candidates for the stop list.
     stop_share : float, default 0.005
-        The most frequent of them that are: a share of all words. 0 stops none.
+        Largest share of all words on the stop list, the most frequent candidates first. 0 stops none.
     floor : float, default 0.05
         Least value of the context factor, see `nearest_words`.
     seed : int, default 2016
-        Of the samples and the first centres.
+        Seed of the samples and the initial centres.
 
     Raises
     ------
@@ -76,12 +76,12 @@ class VocabularyParameters:
 
 
 MAX_WORDS = 120_000
-"""The paper's vocabulary: the most words that are made without being asked for."""
+"""Largest vocabulary where `n_words` is None, that of the paper."""
 
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """Words, and how far groups are from them.
+    """Words and the distance to them.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Vocabulary:
     inverse : ndarray of float64, shape (20, 20)
         Inverse covariance over all training features (equation 16).
     stopped : ndarray of bool, shape (v,)
-        Words that are left out of bags.
+        Words of the stop list, which bags exclude.
     floor : float
         Least context factor.
     """
@@ -106,7 +106,7 @@ class Vocabulary:
 
     @cached_property
     def index(self) -> WordIndex:
-        """The words, ready to be searched."""
+        """Search index of the words."""
         return WordIndex(self.words, self.inverse, self.floor)
 
     def quantise(self, groups: ContextualGroups, *, n_threads: int = 1) -> NDArray[np.int32]:
@@ -148,7 +148,7 @@ def build_vocabulary(
     scenes : array-like of shape (n,), integer
         Scene of each group, for the stop list.
     parameters : VocabularyParameters
-        See there.
+        Numbers of words, and the stop list.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -156,7 +156,7 @@ def build_vocabulary(
     -------
     vocabulary : Vocabulary
         At most as many words as there are groups.
-    found : ndarray of int32, shape (n,)
+    words : ndarray of int32, shape (n,)
         The nearest word of each training group.
 
     Raises
@@ -168,21 +168,21 @@ def build_vocabulary(
         raise DataError("no groups to make words of: the training scenes have no objects")
     of_scene = check_column(scenes, len(groups), "scenes")
     inverse = inverse_covariance(groups.descriptors[:, 0])
-    wanted = parameters.n_words
-    if wanted is None:
-        wanted = min(max(round(len(groups) / parameters.groups_per_word), 1), MAX_WORDS)
-    chosen = _divide(groups, min(int(wanted), len(groups)), inverse, parameters, n_threads)
+    n_words = parameters.n_words
+    if n_words is None:
+        n_words = min(max(round(len(groups) / parameters.groups_per_word), 1), MAX_WORDS)
+    chosen = _divide(groups, min(int(n_words), len(groups)), inverse, parameters, n_threads)
     words = groups.select(np.sort(chosen))
     vocabulary = Vocabulary(words, inverse, np.zeros(len(words), np.bool_), parameters.floor)
-    found = vocabulary.quantise(groups, n_threads=n_threads)
-    stopped = stop_list(found, of_scene, len(words), parameters)
-    return Vocabulary(words, inverse, stopped, parameters.floor), found
+    nearest = vocabulary.quantise(groups, n_threads=n_threads)
+    stopped = stop_list(nearest, of_scene, len(words), parameters)
+    return Vocabulary(words, inverse, stopped, parameters.floor), nearest
 
 
 def stop_list(
     words: NDArray[np.integer], scenes: NDArray, n_words: int, parameters: VocabularyParameters
 ) -> NDArray[np.bool_]:
-    """Find the most frequent words that occur in almost all scenes: they tell nothing.
+    """Return the stop list: the most frequent words that occur in almost all scenes.
 
     Parameters
     ----------
@@ -218,7 +218,7 @@ def _divide(
     parameters: VocabularyParameters,
     n_threads: int,
 ) -> NDArray[np.int64]:
-    """Return the groups that become words."""
+    """Return the groups that become words, by divisive clustering."""
     known = WordIndex(groups.select(np.zeros(1, np.int64)), inverse, parameters.floor).context(groups)
     matching = orders(groups.scales.shape[1])
     rng = np.random.default_rng(parameters.seed)
@@ -234,7 +234,7 @@ def _divide(
         matrix = _distances(known, sample, matching, parameters.floor)
         n_parts = share if small else min(parameters.branches, share)
         centres = sample[central_members(matrix, n_parts, rng.random(n_parts))]
-        if small or len(centres) == 1:  # a sample that is all alike stands for the whole
+        if small or len(centres) == 1:  # all groups of the sample are equal
             chosen.append(centres)
             continue
         index = WordIndex(groups.select(centres), inverse, parameters.floor)
@@ -246,7 +246,7 @@ def _divide(
 
 
 def _shares(spread: NDArray[np.float64], sizes: NDArray[np.int64], total: int) -> NDArray[np.int64]:
-    """Divide words among parts by the sum of distances to their centres: at least one, at most one per member."""
+    """Distribute words over parts by the sum of distances to their centres: at least one, at most one per member."""
     shares = np.minimum(np.ones(len(sizes), np.int64), sizes)
     left = total - int(shares.sum())
     while left > 0 and (shares < sizes).any():
@@ -265,7 +265,7 @@ def _shares(spread: NDArray[np.float64], sizes: NDArray[np.int64], total: int) -
 def _distances(
     known: Context, members: NDArray[np.int64], matching: NDArray[np.int64], floor: float
 ) -> NDArray[np.float64]:
-    """Return the discriminant group distance of every member to every other as a centre."""
+    """Return the matrix of discriminant group distances from members (rows) to centres (columns)."""
     n = len(members)
     matrix = np.zeros((n, n))
     for i in range(n):

@@ -1,4 +1,4 @@
-"""Queries that speak for and against a class, with weights: a support vector machine whose kernel is the likeness."""
+"""Weights of queries for and against a class: support vector machines whose kernel is the likeness."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-_CHUNK = 4096  # objects that are compared with all that weights were learned from at once
+_CHUNK = 4096  # objects compared with the training objects at once
 
 
 class Weights(NamedTuple):
-    """What likenesses to training objects are multiplied with.
+    """Weights of the likenesses to training objects.
 
     Parameters
     ----------
     chosen : ndarray of int64, shape (q,)
-        The training objects that count: the queries.
+        Indices of the queries among the training objects.
     values : ndarray of float64, shape (q,)
-        Their weights; negative ones speak against the class.
+        Their weights; negative for counterexamples.
     offset : float
-        What is added to the weighted sum.
+        Offset of the weighted sum.
     """
 
     chosen: NDArray[np.int64]
@@ -39,9 +39,9 @@ def weigh(alike: NDArray[np.float64], weights: NDArray[np.float64], offset: floa
     alike : ndarray of float64, shape (q, n)
         Likeness of each object to each query.
     weights : ndarray of float64, shape (q,)
-        Of the queries.
+        Weights of the queries.
     offset : float
-        Is added.
+        Offset of the weighted sum.
 
     Returns
     -------
@@ -52,23 +52,23 @@ def weigh(alike: NDArray[np.float64], weights: NDArray[np.float64], offset: floa
 
 
 def learn_weights(alike: NDArray[np.float64], truth: NDArray[np.bool_], penalty: float) -> Weights:
-    """Learn which training objects are queries, and their weights.
+    """Fit a support vector machine; its support vectors are the queries.
 
     Parameters
     ----------
     alike : ndarray of float64, shape (n, n)
         Likeness of the training objects to each other.
     truth : ndarray of bool, shape (n,)
-        Whether each is of the class; some are, and some are not.
+        Whether each is of the class; both values occur.
     penalty : float
-        Of training objects on the wrong side, C of the support vector machine.
+        C of the support vector machine.
 
     Returns
     -------
     Weights
-        Its support vectors.
+        Support vectors and their coefficients.
     """
-    from sklearn.svm import SVC  # noqa: PLC0415  detection does without
+    from sklearn.svm import SVC  # noqa: PLC0415  not needed for detection
 
     machine = SVC(C=penalty, kernel="precomputed").fit(alike, truth)
     return Weights(
@@ -78,15 +78,15 @@ def learn_weights(alike: NDArray[np.float64], truth: NDArray[np.bool_], penalty:
 
 @dataclass(frozen=True)
 class Committee:
-    """Machines of a class, each of which has not seen some scenes.
+    """Support vector machines of a class, each trained without one fold of the scenes.
 
     Attributes
     ----------
     weights : ndarray of float64, shape (rounds, folds, n)
-        Weight of each training object in each machine; all 0 where there is none, as the other folds hold no object of
-        the class, or nothing else.
+        Weight of each training object in each machine. All 0 where there is no machine because the other folds contain
+        no object of the class or no other object.
     offsets : ndarray of float64, shape (rounds, folds)
-        What is added to the weighted sums.
+        Offsets of the weighted sums.
     present : ndarray of bool, shape (rounds, folds)
         Whether there is a machine.
     """
@@ -96,7 +96,7 @@ class Committee:
     present: NDArray[np.bool_]
 
     def mean(self) -> Weights | None:
-        """Return the mean of the machines, which is a machine itself; None where there is none."""
+        """Return the mean of the machines; None where there is none."""
         if not self.present.any():
             return None
         weights = self.weights[self.present].mean(axis=0)
@@ -107,7 +107,7 @@ class Committee:
 def train_committee(
     alike: NDArray[np.float64], truth: NDArray[np.bool_], folds: NDArray[np.integer], *, penalty: float
 ) -> Committee:
-    """Learn weights from all folds but one, for each fold of each round.
+    """Fit one machine per fold of each round to all other folds.
 
     Parameters
     ----------
@@ -132,8 +132,8 @@ def train_committee(
         rest = np.flatnonzero(folds[r] != f)
         mine = truth[rest]
         if mine.any() and not mine.all():
-            found = learn_weights(alike[np.ix_(rest, rest)], mine, penalty)
-            weights[r, f, rest[found.chosen]], offsets[r, f] = found.values, found.offset
+            learned = learn_weights(alike[np.ix_(rest, rest)], mine, penalty)
+            weights[r, f, rest[learned.chosen]], offsets[r, f] = learned.values, learned.offset
             present[r, f] = True
     return Committee(weights, offsets, present)
 
@@ -143,21 +143,21 @@ def held_out_scores(
     across: Callable[[NDArray[np.int64]], NDArray[np.float64]],
     folds: NDArray[np.integer],
 ) -> NDArray[np.float64]:
-    """Score objects by the machines that have not seen their scene.
+    """Score objects by the machines that were trained without their scenes.
 
     Parameters
     ----------
     committees : sequence of Committee
         The machines of each class.
     across : callable
-        Gives the likeness of objects to all that weights were learned from, (n, chosen).
+        Returns the likeness of all training objects to some objects, shape (training objects, objects).
     folds : ndarray of int, shape (rounds, m)
         Fold of each object in each round.
 
     Returns
     -------
     ndarray of float64, shape (m, classes)
-        The logistic function of the mean over rounds; 0 where no round has a machine that has not seen the object.
+        Logistic function of the mean over rounds; 0 where no round has a machine for the fold of the object.
     """
     scores = np.zeros((folds.shape[1], len(committees)))
     for start in range(0, folds.shape[1], _CHUNK):
@@ -175,16 +175,16 @@ def held_out_scores(
 
 
 def assign_folds(scenes: NDArray, n_folds: int, seed: int) -> NDArray[np.int64]:
-    """Divide scenes into folds at random.
+    """Divide scenes into random folds.
 
     Parameters
     ----------
     scenes : ndarray of shape (n,)
         Scene of each training object.
     n_folds : int
-        Folds at most.
+        Largest number of folds.
     seed : int
-        Of the draw.
+        Seed of the division.
 
     Returns
     -------
