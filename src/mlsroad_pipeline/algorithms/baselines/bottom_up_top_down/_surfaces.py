@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 @njit(cache=True, nogil=True)
 def spread_evenly(points: NDArray[np.float64], bounds: NDArray[np.int64], most: int) -> NDArray[np.bool_]:
-    """Choose up to `most` points of each object: the lowest, then each time the one farthest from all chosen."""
+    """Return up to `most` points of each object by farthest-point sampling from the lowest point."""
     chosen = np.zeros(len(points), np.bool_)
     for o in range(len(bounds) - 1):
         first, last = bounds[o], bounds[o + 1]
@@ -40,7 +40,7 @@ def nearest_images(
     start: int,
     stop: int,
 ) -> None:
-    """Write the nearest image of the database that is not of the same object, -1 where there is none."""
+    """Write the nearest image of the database that belongs to another object; -1 for none."""
     width = images.shape[1]
     for q in range(start, stop):
         best = np.float32(np.inf)
@@ -62,7 +62,7 @@ def nearest_images(
 
 @njit(cache=True, nogil=True)
 def _near(points: NDArray, n: int, others: NDArray, m: int, reach: float, shift: NDArray, move: NDArray) -> float:
-    """Sum over moved points how near the nearest other is, 1 to 0 at `reach`; write the mean step to them."""
+    """Return the sum of nearest-neighbour weights of shifted points, 1 to 0 at `reach`; write their mean offset."""
     gain, matched = 0.0, 0.0
     move[:] = 0.0
     for i in range(n):
@@ -99,7 +99,7 @@ def overlap_surfaces(
     start: int,
     stop: int,
 ) -> None:
-    """Write how well turned models and objects cover each other, 0 to 1, the better of the turn and its opposite."""
+    """Write the mutual overlap of rotated models and objects, 0 to 1, the larger for the angle and its opposite."""
     shift, back, move = np.zeros(3), np.zeros(3), np.zeros(3)
     for o in range(start, stop):
         mine = points[bounds[o] : bounds[o + 1]]

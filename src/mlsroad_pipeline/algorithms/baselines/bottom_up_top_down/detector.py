@@ -1,6 +1,6 @@
-"""Bottom-up and top-down descriptors, a rival of Yu et al. 2016 (V-E): spin images propose, Gaussian images verify.
+"""Bottom-up and top-down descriptors, a baseline of Yu et al. 2016 (V-E): spin images propose, Gaussian images verify.
 
-After Patterson et al. 2008 (ECCV); `docs/methods/bottom_up_top_down.md` says how it is read.
+After Patterson et al. 2008 (ECCV); `docs/methods/bottom_up_top_down.md` lists the assumptions.
 """
 
 from __future__ import annotations
@@ -49,29 +49,29 @@ class BottomUpTopDownParameters:
     surfaces : OrientedPointParameters or mapping
         Oriented points and their spin images.
     max_images : int, default 500
-        The most spin images of a class in the database, and three times as many of all others.
+        Largest number of spin images of a class in the database; that of no wanted class is three times this.
     reach : float, default 0.5
-        Distance from which points of two aligned surfaces do not overlap, metres.
+        Distance beyond which points of two aligned surfaces do not overlap, metres.
     n_steps : int, default 2
-        Corrections of the alignment by the mean step to the nearest points.
+        Corrections of the alignment by the mean offset of the nearest points.
     n_azimuths : int, default 36
-        Cells of the Gaussian images around the vertical.
+        Cells of the Gaussian images in azimuth.
     n_bands : int, default 5
-        Cells of the Gaussian images from lying normals to upright ones.
+        Cells of the Gaussian images in elevation, from horizontal to vertical normals.
     least_shares : sequence of float, default (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
-        Shares of a class among the nearest spin images from which an object is a hypothesis; the best on the training
-        objects is taken.
+        Candidate thresholds on the share of a class among the nearest spin images, from which an object is a
+        hypothesis. The best on the training objects is used.
     exponents : sequence of float, default (0.0, 0.5, 1.0)
-        Powers of that share that the overlap is multiplied with, likewise: 0 is the paper's, where spin images only
-        propose.
+        Candidate exponents of that share, by which the overlap is multiplied. The best is used; 0 is that of the paper,
+        in which spin images only propose.
     max_models : int, default 12
-        The most models of a class that hypotheses are aligned with.
+        Largest number of models of a class.
     candidates : int, default 24
-        Training objects of a class that may become models: drawn at random.
+        Number of training objects of a class from which models are selected, drawn at random.
     max_per_class : int, default 150
-        The most training objects of a class that database and models are chosen on.
+        Largest number of training objects of a class for database and models.
     max_others : int, default 600
-        The most of all others.
+        Largest number of training objects of no wanted class.
     seed : int, default 2016
         Seed of the samples.
 
@@ -110,7 +110,7 @@ class BottomUpTopDownParameters:
 
 @dataclass(frozen=True)
 class BottomUpTopDown:
-    """A database of spin images, and models of the classes.
+    """Trained detector: database of spin images, and models of the classes.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class BottomUpTopDown:
     kinds : ndarray of int16, shape (p,)
         Class of each model.
     least_shares, exponents, thresholds : ndarray of float64, shape (c,)
-        See `BottomUpTopDownParameters`; score from which an object is detected.
+        See `BottomUpTopDownParameters`; lowest score at which an object is detected.
     geometry : ndarray of float64, shape (4,)
         Reach, corrections, azimuths and bands.
     """
@@ -138,41 +138,41 @@ class BottomUpTopDown:
     geometry: NDArray[np.float64]
 
     def score(self, parts: Description) -> NDArray[np.float32]:
-        """Propose by spin images, verify by overlap.
+        """Return the scores of objects: hypotheses by spin images, verified by overlap.
 
         Parameters
         ----------
         parts : mapping
-            What `describe_surfaces` gave.
+            Described objects, see `describe_surfaces`.
 
         Returns
         -------
         ndarray of float32, shape (n, c)
-            Overlap with the best model of each class, times a power of the share; 0 for what is no hypothesis.
+            Overlap with the best model of each class, times a power of the share; 0 for objects that are no hypothesis.
         """
         owner = np.full(len(self.images), -1, np.int32)
         shares = class_shares(parts, self.images, self.image_kinds, owner, n_classes=len(self.thresholds))
         hypothesis = (shares >= self.least_shares) & (shares > 0)
-        found = overlaps(parts, self.models, self.geometry, wanted=hypothesis[:, self.kinds])
-        best = [found[:, self.kinds == k].max(axis=1, initial=0.0) for k in range(len(self.thresholds))]
+        overlap = overlaps(parts, self.models, self.geometry, wanted=hypothesis[:, self.kinds])
+        best = [overlap[:, self.kinds == k].max(axis=1, initial=0.0) for k in range(len(self.thresholds))]
         return (np.column_stack(best) * hypothesis * shares**self.exponents).astype(np.float32)
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return what was learned as plain arrays."""
+        """Return the trained state as plain arrays."""
         own = {name: self.models[name] for name in ("centres", "normals", "objects")}
         names = [name for name in _ARRAYS if name not in own]
         return {**own, **{name: np.asarray(getattr(self, name)) for name in names}}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool = False) -> Self:
-        """Rebuild a detector from what `to_arrays` gave.
+        """Rebuild a detector from its state.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
             The arrays.
         intensity : bool, default False
-            Not used: the descriptors know of shape alone.
+            Not used: the descriptors represent shape alone.
 
         Returns
         -------
@@ -200,18 +200,18 @@ def class_shares(
     n_classes: int,
     n_threads: int = 1,
 ) -> NDArray[np.float64]:
-    """Return which share of the spin images of each object has its nearest neighbour in each class.
+    """Return the share of each object's spin images whose nearest neighbour is of each class.
 
     Parameters
     ----------
     parts : mapping
-        What `describe_surfaces` gave.
+        Described objects, see `describe_surfaces`.
     images : ndarray of float32, shape (d, b)
         The database.
     kinds : ndarray of int16, shape (d,)
         Class of its images, -1 for others.
     owner : ndarray of int32, shape (d,)
-        Object of `parts` that each is of, which is not compared with itself; -1 for none.
+        Object of `parts` to which each image belongs and with which it is not compared; -1 for none.
     n_classes : int
         Number of classes.
     n_threads : int, default 1
@@ -236,11 +236,11 @@ def class_shares(
         nearest_images(own, parts["objects"], images, owner, nearest, start, stop)
 
     run_in_chunks(work, len(own), n_threads=n_threads)
-    found = np.where(nearest >= 0, kinds[nearest], -1)
+    kind = np.where(nearest >= 0, kinds[nearest], -1)
     n = int(parts["n_objects"])
     out = np.zeros((n, n_classes))
     for k in range(n_classes):
-        out[:, k] = np.bincount(parts["objects"][found == k], minlength=n)
+        out[:, k] = np.bincount(parts["objects"][kind == k], minlength=n)
     return out / np.maximum(np.diff(object_bounds(parts)), 1)[:, None]
 
 
@@ -252,7 +252,7 @@ def overlaps(
     wanted: NDArray[np.bool_],
     n_threads: int = 1,
 ) -> NDArray[np.float64]:
-    """Align models with objects by their Gaussian images, and measure how the surfaces overlap.
+    """Align models with objects by their Gaussian images, and measure the overlap of their surfaces.
 
     Parameters
     ----------
@@ -261,21 +261,21 @@ def overlaps(
     geometry : ndarray of float64, shape (4,)
         See `BottomUpTopDown`.
     wanted : ndarray of bool, shape (n, p)
-        Pairs that are compared.
+        Pairs to compare.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
     Returns
     -------
     ndarray of float64, shape (n, p)
-        The smaller of the shares of model and object that the other covers, points counting less the farther they
-        are; 0 for pairs that are not compared.
+        The smaller of the covered shares of model and object, where the weight of a point decreases with distance; 0
+        for other pairs.
     """
     reach, n_steps, n_azimuths, n_bands = geometry.tolist()
     bounds, model_bounds = object_bounds(parts), object_bounds(models)
     ours, theirs = (
-        compute_gaussian_images(found["normals"], at, n_azimuths=int(n_azimuths), n_bands=int(n_bands))
-        for found, at in ((parts, bounds), (models, model_bounds))
+        compute_gaussian_images(surfaces["normals"], at, n_azimuths=int(n_azimuths), n_bands=int(n_bands))
+        for surfaces, at in ((parts, bounds), (models, model_bounds))
     )
     turns = align_gaussian_images(ours, theirs)[0] * (2.0 * np.pi / n_azimuths)
     points, model_points = relative_centres(parts), relative_centres(models)
@@ -298,4 +298,4 @@ detect_scene = partial(detect_by_description, detector=BottomUpTopDown)
 """Detects the objects of a scene, described by `describe_surfaces`, with a model of this method."""
 
 label_cloud = partial(label_described_objects, describe=_describe, detect=detect_scene)
-"""Entry point of the models; neither intensity nor colour is used."""
+"""Labels a cloud; neither intensity nor colour is used."""

@@ -1,4 +1,4 @@
-"""Objects as evenly spread oriented points with their spin images: what bottom-up and top-down descriptors look at."""
+"""Description of objects by evenly spread oriented points and their spin images."""
 
 from __future__ import annotations
 
@@ -20,21 +20,20 @@ from mlsroad_pipeline.algorithms.geometry.voxels import build_voxel_grid
 
 @dataclass(frozen=True)
 class OrientedPointParameters:
-    """How surfaces are described.
+    """Parameters of oriented points and spin images.
 
     Parameters
     ----------
     voxel_size : float, default 0.1
-        Points are thinned to one in each voxel of this edge, metres: near surfaces weigh no more than far ones.
+        Points are thinned to one per voxel of this edge, metres, so that near and far surfaces have equal weight.
     normal_radius : float, default 0.3
         Neighbourhood of the normals, metres.
     image_radius : float, default 1.0
-        Neighbourhood of the spin images, metres. Larger sees more of an object, and suffers more where parts of it are
-        hidden.
+        Neighbourhood of the spin images, metres. Larger describes more of an object and is more sensitive to occlusion.
     n_radial, n_axial : int, default 9, 17
         Size of the spin images: 153 bins.
     max_points : int, default 40
-        The most oriented points of an object, spread as far apart as they can be.
+        Largest number of oriented points of an object, by farthest-point sampling.
 
     Raises
     ------
@@ -60,24 +59,24 @@ class OrientedPointParameters:
 def describe_surfaces(
     scene: PointCloud, objects: Segments, *, parameters: OrientedPointParameters
 ) -> dict[str, NDArray]:
-    """Describe the objects of a scene by oriented points; each as if it stood alone.
+    """Describe the objects of a scene by oriented points, each object separately.
 
-    Normals point away from the middle of their object.
+    Normals point away from the centre of their object.
 
     Parameters
     ----------
     scene : PointCloud
         The scene.
-    objects : mapping
-        What `segment_scene` gave.
+    objects : Segments
+        Object of each point.
     parameters : OrientedPointParameters
-        How they are described.
+        Voxels and neighbourhoods.
 
     Returns
     -------
     dict of str to ndarray
-        ``centres`` (g, 3), ``normals`` (g, 3), NaN where too few points are near, and ``images`` (g, bins), the spin
-        images, ordered by object; ``objects`` int32; ``n_objects``; ``intensity``, which does not count here: False.
+        A `Description` with ``centres`` (g, 3), ``normals`` (g, 3), NaN where too few points are near, and the spin
+        images ``images`` (g, bins); ``intensity`` is False, as it is not used.
     """
     p = parameters
     owner = np.asarray(objects["objects"])

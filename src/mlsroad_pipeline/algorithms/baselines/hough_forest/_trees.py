@@ -1,4 +1,4 @@
-"""Kernels of the Hough forest: growing trees that learn classes and offsets, and voting with them."""
+"""Kernels of the Hough forest: growth of trees on classes and offsets, and voting."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 N_DIRECTIONS = 64
-"""Directions of a circular vote, at most."""
+"""Largest number of directions of a circular vote."""
 
 _ANGLES = np.arange(N_DIRECTIONS) * (2.0 * np.pi / N_DIRECTIONS)
 _COSINES, _SINES = np.cos(_ANGLES), np.sin(_ANGLES)
@@ -69,7 +69,7 @@ def _best_split(
     n_tests: int,
     rng: np.random.Generator,
 ) -> tuple[int, np.float32]:
-    """Return column and threshold of the best of some random splits, by class or by offset as chance decides; or -1."""
+    """Return column and threshold of the best random split by class or, at random, by offset; column -1 for none."""
     best, best_feature, best_threshold = np.inf, -1, np.float32(0)
     by_class = rng.random() < 0.5
     values = np.empty(len(mine), np.float32)
@@ -82,17 +82,17 @@ def _best_split(
             continue
         cut = np.float32(0.5) * (one + other)
         if by_class:
-            found = _class_impurity(values, cut, mine, labels, weights, n_classes)
+            impurity = _class_impurity(values, cut, mine, labels, weights, n_classes)
         else:
-            found = _offset_impurity(values, cut, mine, labels, weights, offsets, n_classes)
-        if found < best:
-            best, best_feature, best_threshold = found, column, cut
+            impurity = _offset_impurity(values, cut, mine, labels, weights, offsets, n_classes)
+        if impurity < best:
+            best, best_feature, best_threshold = impurity, column, cut
     return best_feature, best_threshold
 
 
 @njit(cache=True, nogil=True)
 def _partition(order: NDArray, begin: int, end: int, values: NDArray, threshold: float) -> int:
-    """Bring rows at or below a threshold to the front; return where the others begin."""
+    """Move rows at or below a threshold to the front; return the index of the first other row."""
     low, high = begin, end - 1
     while low <= high:
         if values[order[low]] <= threshold:
@@ -155,7 +155,7 @@ def grow_tree(
 
 @njit(cache=True, nogil=True)
 def _blur(space: NDArray[np.float64], stride: int, length: int) -> None:
-    """Blur a flat vote space along one axis by the kernel 1-2-1 over 4; beyond its ends there is nothing."""
+    """Blur a flat vote space along one axis by the kernel (1, 2, 1) / 4, with zeros beyond its ends."""
     for start in range(len(space)):
         if start // stride % length:
             continue
@@ -172,7 +172,7 @@ def _blur(space: NDArray[np.float64], stride: int, length: int) -> None:
 def _cast(
     space: NDArray, shape: NDArray, x: float, y: float, k: int, radius: float, weight: float, cell: float
 ) -> None:
-    """Spread a vote over the circle on which the centre may lie; x and y count from the corner of the space."""
+    """Spread a vote over the circle of possible centres; x and y are relative to the corner of the space."""
     step = N_DIRECTIONS
     while step > 1 and N_DIRECTIONS // step < 2.0 * np.pi * radius / cell:
         step //= 2
@@ -187,6 +187,7 @@ def _cast(
 
 @njit(cache=True, nogil=True)
 def _leaf_of(row: NDArray, root: int, feature: NDArray, threshold: NDArray, left: NDArray) -> int:
+    """Return the leaf of a part in a tree."""
     node = root
     while feature[node] >= 0:
         node = root + left[node] + int(row[feature[node]] > threshold[node])
@@ -197,7 +198,7 @@ def _leaf_of(row: NDArray, root: int, feature: NDArray, threshold: NDArray, left
 def _extent(
     centres: NDArray, first: int, last: int, cell: float, height_cell: float, corner: NDArray, shape: NDArray
 ) -> None:
-    """Write where the vote space of an object begins, and its cells: there is room for the blur around the parts."""
+    """Write corner and shape of the vote space of an object, with a margin for the blur."""
     for axis in range(3):
         low, high = np.inf, -np.inf
         for p in range(first, last):
@@ -227,7 +228,7 @@ def vote(
     start: int,
     stop: int,
 ) -> None:
-    """Write the highest peak of each object's vote space for each class; trees count where `asked` says so."""
+    """Write the highest peak of each object's vote space for each class, over the trees selected in `asked`."""
     n_classes = out.shape[1]
     corner, shape = np.zeros(3), np.zeros(3, np.int64)
     for o in range(start, stop):

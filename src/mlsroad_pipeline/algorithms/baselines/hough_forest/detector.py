@@ -1,6 +1,6 @@
-"""Hough forest on supervoxel neighbourhoods, a rival of Yu et al. 2016 (V-E): parts vote for the centre of an object.
+"""Hough forest on supervoxel neighbourhoods, a baseline of Yu et al. 2016 (V-E): parts vote for an object's centre.
 
-After Wang et al. 2015 (JSTARS 8(4)) and Gall and Lempitsky 2009; `docs/methods/hough_forest.md` says how they are read.
+After Wang et al. 2015 (JSTARS 8(4)) and Gall and Lempitsky 2009; `docs/methods/hough_forest.md` lists the assumptions.
 """
 
 from __future__ import annotations
@@ -48,28 +48,28 @@ class HoughForestParameters:
     regions : RegionParameters or mapping
         Supervoxels and their neighbourhoods, the parts that vote. Smaller parts vote more precisely and cost time.
     n_trees : int, default 24
-        Trees. More smooth the votes and cost time.
+        Number of trees. More give smoother votes and cost time.
     max_depth : int, default 14
         Greatest depth of a tree.
     min_parts : int, default 4
         Fewest training parts in a leaf.
     n_tests : int, default 40
-        Random splits tried at a node; the best is taken. More give purer leaves and trees that are more alike.
+        Random splits evaluated at a node, of which the best is used. More give purer leaves and more correlated trees.
     n_votes : int, default 8
-        Most offsets that a leaf keeps for a class, spread evenly over those of its parts.
+        Largest number of offsets that a leaf stores for a class, thinned evenly.
     cell : float, default 0.2
-        Cells of the vote space, horizontally, metres. Finer separates centres, and scatters votes.
+        Horizontal size of the cells of the vote space, metres. Smaller separates centres, and scatters votes.
     height_cell : float, default 0.5
-        The same, vertically.
+        Their vertical size, metres.
     exponents : sequence of float, default (0.0, 0.5, 1.0)
-        Peaks are divided by the number of voting parts to one of these powers, the one that is best on the training
-        objects: 0 counts votes, 1 takes their share.
+        Candidate exponents of the number of voting parts that peaks are divided by; the best on the training objects is
+        used. 0 gives the sum of votes, 1 their mean.
     max_per_class : int, default 400
-        The most training objects of a class that trees are grown on.
+        Largest number of training objects of a class for the trees.
     max_others : int, default 1200
-        The most of all others.
+        Largest number of training objects of no wanted class.
     max_parts : int, default 60
-        The most parts of an object that are learned from.
+        Largest number of training parts of an object.
     seed : int, default 2016
         Seed of samples and splits.
 
@@ -108,21 +108,21 @@ class HoughForestParameters:
 
 @dataclass(frozen=True)
 class HoughForest:
-    """A trained forest.
+    """Trained Hough forest.
 
     Parameters
     ----------
     arrays : mapping of str to ndarray
         ``roots`` (t + 1,) first node of each tree; ``feature``, ``threshold`` and ``left`` child of each node, in a
         leaf -1, 0 and its number; ``leaf_roots`` (t + 1,) first leaf of each tree; ``shares`` (leaves, c) of the
-        classes; ``vote_starts`` (leaves * c + 1,) where the ``votes`` (v, 2) of a leaf and class begin: radius and
+        classes; ``vote_starts`` (leaves * c + 1,) the first of the ``votes`` (v, 2) of a leaf and class: radius and
         rise, metres; ``cells`` (2,) of the vote space.
     exponents : ndarray of float64, shape (c,)
-        Power of the number of parts that a peak is divided by.
+        Exponent of the number of parts that a peak is divided by.
     thresholds : ndarray of float64, shape (c,)
-        Score from which an object is detected.
+        Lowest score at which an object is detected.
     intensity : bool
-        Whether the trees know of intensities.
+        Whether the trees use intensity.
     """
 
     arrays: Mapping[str, NDArray]
@@ -138,7 +138,7 @@ class HoughForest:
         Parameters
         ----------
         parts : mapping
-            What `describe_parts` gave.
+            Described objects, see `describe_parts`.
         unseen : ndarray of bool, shape (t, n), optional
             Trees that vote for each object; all by default.
         n_threads : int, default 1
@@ -165,35 +165,35 @@ class HoughForest:
         return out
 
     def score(self, parts: Description) -> NDArray[np.float32]:
-        """Score each object for each class.
+        """Return the score of each object for each class.
 
         Parameters
         ----------
         parts : mapping
-            What `describe_parts` gave.
+            Described objects, see `describe_parts`.
 
         Returns
         -------
         ndarray of float32, shape (n, c)
-            Peaks over the number of parts to the power of the class.
+            Peaks, divided by the number of parts to the exponent of the class.
         """
         n_parts = np.maximum(np.diff(object_bounds(parts)), 1)[:, None]
         return (self.peaks(parts) / n_parts**self.exponents).astype(np.float32)
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return what was learned as plain arrays."""
+        """Return the trained state as plain arrays."""
         return {**self.arrays, "exponents": self.exponents, "thresholds": self.thresholds}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool) -> Self:
-        """Rebuild a forest from what `to_arrays` gave.
+        """Rebuild a forest from its state.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
             The arrays.
         intensity : bool
-            Whether the trees know of intensities.
+            Whether the trees use intensity.
 
         Returns
         -------
@@ -211,14 +211,14 @@ class HoughForest:
 
 
 def part_features(parts: Description, *, intensity: bool) -> NDArray[np.float32]:
-    """Return what the trees test: descriptors, height above the object's foot and steepness of the first axis.
+    """Return the features of parts: descriptors, height above the object's foot, and steepness of the first axis.
 
     Parameters
     ----------
     parts : mapping
-        What `describe_parts` gave.
+        Described objects, see `describe_parts`.
     intensity : bool
-        Whether intensities count.
+        Whether intensity is used.
 
     Returns
     -------
@@ -232,17 +232,17 @@ def part_features(parts: Description, *, intensity: bool) -> NDArray[np.float32]
 
 
 def offsets_to_centre(parts: Description) -> NDArray[np.float64]:
-    """Return how each part lies to the centre of its object, whatever way the object is turned.
+    """Return the offset of the centre of each part's object, invariant to rotations about the vertical.
 
     Parameters
     ----------
     parts : mapping
-        What `describe_parts` gave.
+        Described objects, see `describe_parts`.
 
     Returns
     -------
     ndarray of float64, shape (g, 2)
-        Horizontal distance to the middle of the object's bounding box, and rise from the part to it, metres.
+        Horizontal distance of the centre of the object's bounding box, and its height above the part, metres.
     """
     n = int(parts["n_objects"])
     low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
@@ -260,4 +260,4 @@ detect_scene = partial(detect_by_description, detector=HoughForest)
 """Detects the objects of a scene, described by `describe_parts`, with a model of this method."""
 
 label_cloud = partial(label_described_objects, describe=_describe, detect=detect_scene)
-"""Entry point of the models; intensity is used where the cloud and the model have it."""
+"""Labels a cloud; intensity is used where the cloud and the model have it."""

@@ -1,1 +1,1 @@
-"""Baseline of Yu et al. 2016: objects matched to prototypes."""
+"""Baseline of Yu et al. 2016: matching of objects with prototypes."""

@@ -1,4 +1,4 @@
-"""Kernel of the object matching: correspondences between the parts of a prototype and those of a candidate."""
+"""Kernel of the object matching: correspondences between the parts of a prototype and of a candidate."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 @njit(cache=True, nogil=True)
 def _unlike(one: NDArray[np.float32], other: NDArray[np.float32]) -> float:
-    """Return the mean of the differences of shape, histogram and intensity, each from 0 to 1."""
+    """Return the mean of the differences in shape, histogram and intensity, each from 0 to 1."""
     shape, histogram = 0.0, 0.0
     for k in range(3):
         shape += abs(one[k] - other[k])
@@ -29,19 +29,19 @@ def _assign(
     reach: float,
     limit: float,
 ) -> tuple[int, float]:
-    """Return the free part of least cost for a part of the prototype, or -1 where all cost more than `limit`."""
+    """Return the free part of least cost for a part of the prototype, and the cost; -1 for none below `limit`."""
     best, cost = -1, limit
     inverse = (1.0 - share) / reach
     for j in range(len(centres)):
         if taken[j]:
             continue
-        found = share * unlike[i, j]
-        if found >= cost:
+        total = share * unlike[i, j]
+        if total >= cost:
             continue
         dx, dy, dz = predicted[0] - centres[j, 0], predicted[1] - centres[j, 1], predicted[2] - centres[j, 2]
-        found += inverse * min(np.sqrt(dx * dx + dy * dy + dz * dz), reach)
-        if found < cost:
-            best, cost = j, found
+        total += inverse * min(np.sqrt(dx * dx + dy * dy + dz * dz), reach)
+        if total < cost:
+            best, cost = j, total
     return best, cost
 
 
@@ -58,7 +58,7 @@ def _match(
     limit: float,
     n_sweeps: int,
 ) -> float:
-    """Return the soft share of parts that correspond, the best over all turns about the vertical."""
+    """Return the soft share of corresponding parts, the largest over all rotations about the vertical."""
     n, m = len(prototype), len(centres)
     place, x_hat = np.empty((n, 3)), np.empty(3)
     match, taken = np.empty(n, np.int64), np.empty(m, np.bool_)

@@ -1,6 +1,6 @@
-"""Object matching, a rival of Yu et al. 2016 (V-E): prototypes set in correspondence with candidate objects.
+"""Object matching, a baseline of Yu et al. 2016 (V-E): correspondences between prototypes and candidate objects.
 
-After Yu et al. 2015 (GRSL 12(3)); `docs/methods/object_matching.md` says how it is read.
+After Yu et al. 2015 (GRSL 12(3)); `docs/methods/object_matching.md` lists the assumptions.
 """
 
 from __future__ import annotations
@@ -46,30 +46,30 @@ class ObjectMatchingParameters:
     Parameters
     ----------
     regions : RegionParameters or mapping
-        Supervoxels and their neighbourhoods, the feature points that are matched. Finer ones cost time with the square
-        of their number.
+        Supervoxels and their neighbourhoods, the feature points that are matched. The time grows with the square of
+        their number.
     feature_share : float, default 0.5
-        Weight of the local dissimilarity against the geometric one, between 0 and 1.
+        Weight of the dissimilarity of features, 0 to 1; the remaining weight is that of the geometric distance.
     reach : float, default 1.0
-        Distance from which a feature point is as far from its place as can be, metres.
+        Distance at which the geometric cost of a feature point reaches its maximum, metres.
     limit : float, default 0.4
-        Cost of a feature point that has no counterpart; pairs that cost more are left unmatched.
+        Cost of an unmatched feature point; pairs of higher cost are not matched.
     n_neighbors : int, default 6
-        Feature points that one is an affine combination of.
+        Feature points in an affine combination.
     n_turns : int, default 12
-        Turns about the vertical that are tried.
+        Number of rotations about the vertical that are evaluated.
     n_sweeps : int, default 2
-        Times that all correspondences are chosen anew after the first.
+        Iterations of the correspondences after the first.
     least : float, default 0.2
-        Candidates with fewer or more parts than the prototype by more than this factor are not like it at all.
+        Least ratio of the numbers of parts of candidate and prototype; below it the likeness is 0.
     max_prototypes : int, default 12
-        The most prototypes of a class.
+        Largest number of prototypes of a class.
     candidates : int, default 24
-        Training objects of a class that may become prototypes: drawn at random.
+        Number of training objects of a class from which prototypes are selected, drawn at random.
     max_per_class : int, default 150
-        The most training objects of a class that prototypes are chosen on.
+        Largest number of training objects of a class for the choice of prototypes.
     max_others : int, default 1000
-        The most of all others.
+        Largest number of training objects of no wanted class.
     seed : int, default 2016
         Seed of the samples.
 
@@ -110,7 +110,7 @@ class ObjectMatchingParameters:
 
 @dataclass(frozen=True)
 class ObjectMatcher:
-    """Prototypes of the classes.
+    """Trained object matching: prototypes of the classes.
 
     Parameters
     ----------
@@ -119,11 +119,11 @@ class ObjectMatcher:
     kinds : ndarray of int16, shape (p,)
         Class of each.
     thresholds : ndarray of float64, shape (c,)
-        Likeness from which an object is detected.
+        Least likeness at which an object is detected.
     geometry : ndarray of float64, shape (7,)
         Feature share, reach, limit, neighbours, turns, sweeps and least ratio.
     intensity : bool
-        Whether intensities count.
+        Whether intensity is used.
     """
 
     prototypes: Description
@@ -133,39 +133,39 @@ class ObjectMatcher:
     intensity: bool
 
     def score(self, parts: Description) -> NDArray[np.float32]:
-        """Compare objects with the prototypes.
+        """Return the likeness of objects to the prototypes.
 
         Parameters
         ----------
         parts : mapping
-            What `describe_parts` gave.
+            Described objects, see `describe_parts`.
 
         Returns
         -------
         ndarray of float32, shape (n, c)
             Likeness to the most similar prototype of each class, 0 to 1.
         """
-        found = likeness(parts, self.prototypes, self.geometry, intensity=self.intensity)
-        out = np.zeros((len(found), len(self.thresholds)), np.float32)
+        alike = likeness(parts, self.prototypes, self.geometry, intensity=self.intensity)
+        out = np.zeros((len(alike), len(self.thresholds)), np.float32)
         for k in range(len(self.thresholds)):
-            out[:, k] = found[:, self.kinds == k].max(axis=1, initial=0.0)
+            out[:, k] = alike[:, self.kinds == k].max(axis=1, initial=0.0)
         return out
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return what was learned as plain arrays."""
+        """Return the trained state as plain arrays."""
         own = {name: self.prototypes[name] for name in ("descriptors", "centres", "objects")}
         return {**own, "kinds": self.kinds, "thresholds": self.thresholds, "geometry": self.geometry}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], *, intensity: bool) -> Self:
-        """Rebuild a matcher from what `to_arrays` gave.
+        """Rebuild a matcher from its state.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
             The arrays.
         intensity : bool
-            Whether intensities count.
+            Whether intensity is used.
 
         Returns
         -------
@@ -186,24 +186,23 @@ class ObjectMatcher:
 def affine_combinations(
     centres: NDArray[np.float64], bounds: NDArray[np.int64], n_neighbors: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Write each part as an affine combination of its nearest neighbours in the same object.
+    """Express each part as an affine combination of its nearest neighbours in the same object.
 
     Parameters
     ----------
     centres : ndarray of float64, shape (g, 3)
         Centres of the parts, metres.
     bounds : ndarray of int64, shape (n + 1,)
-        Where the parts of each object begin.
+        First part of each object.
     n_neighbors : int
-        Neighbours.
+        Number of neighbours.
 
     Returns
     -------
     around : ndarray of int64, shape (g, n_neighbors)
-        The neighbours, counted from the first part of the object; where there are fewer, the part itself.
+        Indices of the neighbours, relative to the first part of the object; the part itself where there are fewer.
     weights : ndarray of float64, shape (g, n_neighbors)
-        Weights of sum 1, the least squares of the remaining distance with a small penalty on their size. A part alone
-        has weight 1 on itself.
+        Weights of sum 1 by regularised least squares. A single part has weight 1 on itself.
     """
     around = np.empty((len(centres), n_neighbors), np.int64)
     weights = np.zeros((len(centres), n_neighbors))
@@ -214,10 +213,10 @@ def affine_combinations(
         if k < 1:
             weights[first:last, 0] = 1.0
             continue
-        found = nearest_neighbors(centres[first:last], k=k + 1)[0].reshape(n, k + 1)
-        others = found != np.arange(n)[:, None]
-        others[others.all(axis=1), -1] = False  # several parts at one place: the part itself need not come first
-        near = found[others].reshape(n, k)
+        nearest = nearest_neighbors(centres[first:last], k=k + 1)[0].reshape(n, k + 1)
+        others = nearest != np.arange(n)[:, None]
+        others[others.all(axis=1), -1] = False  # coincident parts: the part itself need not be among its nearest
+        near = nearest[others].reshape(n, k)
         away = centres[first:last][near] - centres[first:last, None]
         gram = away @ away.transpose(0, 2, 1)
         gram += (1e-3 * np.trace(gram, axis1=1, axis2=2) + 1e-9)[:, None, None] * np.eye(k)
@@ -229,7 +228,7 @@ def affine_combinations(
 def likeness(
     parts: Description, prototypes: Description, geometry: NDArray[np.float64], *, intensity: bool, n_threads: int = 1
 ) -> NDArray[np.float64]:
-    """Match every prototype with every object.
+    """Return the likeness of every object to every prototype.
 
     Parameters
     ----------
@@ -238,7 +237,7 @@ def likeness(
     geometry : ndarray of float64, shape (7,)
         See `ObjectMatcher`.
     intensity : bool
-        Whether intensities count.
+        Whether intensity is used.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -273,4 +272,4 @@ detect_scene = partial(detect_by_description, detector=ObjectMatcher)
 """Detects the objects of a scene, described by `describe_parts`, with a model of this method."""
 
 label_cloud = partial(label_described_objects, describe=_describe, detect=detect_scene)
-"""Entry point of the models; intensity is used where the cloud and the model have it."""
+"""Labels a cloud; intensity is used where the cloud and the model have it."""

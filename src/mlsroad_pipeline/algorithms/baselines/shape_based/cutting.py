@@ -1,9 +1,9 @@
-"""Objects located and cut out of off-ground sites (Golovinskiy, Kim and Funkhouser 2009, sections 4 and 5).
+"""Location and segmentation of objects among off-ground sites (Golovinskiy, Kim and Funkhouser 2009, sections 4 and 5).
 
-Sites are patches above the ground. An object is looked for where much stands upright: at the maxima of a map in plan of
-how many sites lie above each other. At each such place a minimum cut divides the sites around into foreground and
-background: sites close to the place in plan are foreground, sites beyond a radius background, in between belonging to
-the foreground costs more the farther out a site lies, and so does cutting between near sites.
+Sites are patches above the ground. Objects are located at the maxima of a map in plan of the number of sites above each
+other. At each location a minimum cut divides the sites around it into foreground and background. Sites close to the
+location in plan are foreground, and sites beyond a radius are background. In between the cost of foreground grows with
+the distance from the location; cutting links between near sites costs more than between far ones.
 """
 
 from __future__ import annotations
@@ -20,29 +20,30 @@ from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_po
 from mlsroad_pipeline.algorithms.energy.binary_cut import CutGraph
 from mlsroad_pipeline.algorithms.geometry.graphs import connected_components
 
-_CELL = 0.25  # of the map, metres: about the size of a patch
+_CELL = 0.25  # edge of the cells of the map, about the size of a patch, metres
 
 
 @dataclass(frozen=True)
 class CutParameters:
-    """Parameters of locating and cutting.
+    """Parameters of location and segmentation.
 
     Parameters
     ----------
     spacing : float, default 0.6
-        Least distance in plan between two places, and twice the blur of the map, metres. Larger values find fewer.
+        Least distance in plan between two locations, and twice the standard deviation of the map's blur, metres. Larger
+        values find fewer.
     radii : sequence of float
-        Background radii that are tried at each place, metres, ascending. The smallest that isolates is taken.
+        Candidate background radii at each location, metres, ascending. The smallest that isolates an object is used.
     core : float, default 0.3
-        Sites within this distance of the place in plan are foreground, metres.
+        Sites within this distance of the location in plan are foreground, metres.
     neighbours : int, default 8
-        Each site is linked to so many nearest ones (golovinskiy2009: 4).
+        Number of nearest sites that each site is linked to (golovinskiy2009: 4).
     link : float, default 0.3
         Distance over which the weight of a link falls to 1/e, metres.
     background : float, default 0.05
-        What a site at the radius costs as foreground, in links of length 0. Larger values cut closer to the place.
+        Cost of a foreground site at the radius, in links of length 0. Larger values cut closer to the location.
     isolated : float, default 0.1
-        A cut whose links weigh less than this share of the foreground's number of sites isolates an object.
+        A cut isolates an object where its links weigh less than this share of the number of foreground sites.
 
     Raises
     ------
@@ -68,19 +69,19 @@ class CutParameters:
 
 
 def locate(sites: NDArray[np.float64], *, spacing: float) -> NDArray[np.float64]:
-    """Find where objects may stand.
+    """Return the locations of possible objects.
 
     Parameters
     ----------
     sites : ndarray of float64, shape (n, 3)
         Off-ground sites, metres.
     spacing : float
-        Least distance in plan between two places, metres.
+        Least distance in plan between two locations, metres.
 
     Returns
     -------
     ndarray of float64, shape (p, 2)
-        Places in plan, each that of a site, those with most sites above each other first.
+        Locations in plan, each the mean of the sites of a cell, in descending order of the map.
     """
     cell = np.floor(sites[:, :2] / _CELL).astype(np.int64)
     cell -= cell.min(axis=0)
@@ -101,14 +102,14 @@ def locate(sites: NDArray[np.float64], *, spacing: float) -> NDArray[np.float64]
 def link_sites(
     sites: NDArray[np.float64], *, neighbours: int, link: float
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Join each site to its nearest ones.
+    """Link each site to its nearest neighbours.
 
     Parameters
     ----------
     sites : ndarray of float64, shape (n, 3)
         Off-ground sites, metres.
     neighbours : int
-        How many of the nearest.
+        Number of neighbours.
     link : float
         Distance over which the weight falls to 1/e, metres.
 
@@ -136,14 +137,14 @@ def cut_out(
     graph: CutGraph,
     parameters: CutParameters,
 ) -> tuple[NDArray[np.bool_], bool]:
-    """Divide the sites around a place into foreground and background.
+    """Divide the sites around a location into foreground and background.
 
     Parameters
     ----------
     place : ndarray of float64, shape (2,)
-        The place in plan.
+        The location in plan.
     sites : ndarray of float64, shape (n, 3)
-        The sites around.
+        The sites around it.
     edges, weights : ndarray
         Links between them.
     graph : CutGraph
@@ -154,9 +155,9 @@ def cut_out(
     Returns
     -------
     front : ndarray of bool, shape (n,)
-        The foreground of the smallest radius whose cut isolates it, else of the largest.
+        Foreground of the smallest radius whose cut isolates it, otherwise of the largest.
     isolated : bool
-        Whether it is isolated.
+        Whether the foreground is isolated.
     """
     distance = np.linalg.norm(sites[:, :2] - place, axis=1)
     core = distance <= parameters.core
@@ -179,11 +180,11 @@ def cut_out(
 
 
 def segment_objects(sites: NDArray[np.float64], parameters: CutParameters) -> NDArray[np.int32]:
-    """Cut off-ground sites into objects.
+    """Segment off-ground sites into objects.
 
-    A place that lies in an object that an earlier cut isolated is passed over. A site in several foregrounds belongs to
-    the one whose place is nearest in plan. What no cut takes stays together by its links: pieces of walls and crowns
-    between the places.
+    Locations within an object that an earlier cut isolated are skipped. A site in several foregrounds belongs to the
+    foreground of the nearest location in plan. The remaining sites, such as walls and crowns between the locations,
+    form connected components of their links.
 
     Parameters
     ----------
@@ -226,14 +227,13 @@ def segment_objects(sites: NDArray[np.float64], parameters: CutParameters) -> ND
     together = edges[owner[edges[:, 0]] == owner[edges[:, 1]]]
     rest = together[owner[together[:, 0]] < 0]
     leftover = connected_components(rest, n_nodes=len(sites)) + len(places)
-    found = np.where(owner >= 0, owner, leftover)
-    _, first, member = np.unique(found, return_index=True, return_inverse=True)
+    _, first, member = np.unique(np.where(owner >= 0, owner, leftover), return_index=True, return_inverse=True)
     rank = np.empty(len(first), np.int32)
     rank[np.argsort(first)] = np.arange(len(first))
     return rank[member]
 
 
 def _rows(edges: NDArray[np.int32], n_nodes: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return, for each node, the edges that it is the first end of."""
+    """Return the edges sorted by first node, and the index of the first edge of each node."""
     order = np.argsort(edges[:, 0], kind="stable")
     return np.searchsorted(edges[order, 0], np.arange(n_nodes + 1)), order

@@ -1,7 +1,7 @@
-"""Shape-based recognition of objects (Golovinskiy, Kim and Funkhouser 2009), a rival of Luo et al. 2016 (section IV-C).
+"""Shape-based recognition (Golovinskiy, Kim and Funkhouser 2009), a baseline of Luo et al. 2016 (section IV-C).
 
-Objects are located, cut out of their surroundings, described and classified. It knows objects only: points of the
-ground stay without a label, and classes that lie on the ground are not among those that it gives.
+Objects are located, segmented, described and classified. Points of the ground have no label, and classes on the ground
+are never predicted.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from mlsroad_pipeline.algorithms.patches.voting import vote_on_points
 from mlsroad_pipeline.algorithms.stages import Ground, inliers
 
 SLUG = "shape_based"
-_GREY = 0.5  # stands in for colour where there is none
+_GREY = 0.5  # colour where the survey has none
 
 logger = logging.getLogger(__name__)
 
@@ -43,20 +43,20 @@ class ShapeParameters:
     Parameters
     ----------
     spacing : float, default 0.6
-        Least distance in plan between two places where objects are looked for, metres. Larger values find fewer.
+        Least distance in plan between two locations of objects, metres. Larger values find fewer.
     radii : sequence of float, default [1.0, 2.0, 4.0]
-        Background radii of the cut that are tried at each place, metres, ascending.
+        Candidate background radii of the cut at each location, metres, ascending.
     background : float, default 0.05
-        What a site at the radius costs as foreground. Larger values cut closer to the place.
+        Cost of a foreground site at the radius. Larger values cut closer to the location.
     isolated : float, default 0.1
-        Cut links per foreground site below which a cut isolates an object, so that no larger radius is tried.
+        Weight of cut links per foreground site below which a cut isolates an object and larger radii are skipped.
     appearance : bool, default True
-        Whether mean histogram and mean colour of the patches describe an object too. The paper has shape and context
-        alone; with them the method sees what the methods that it is compared with see.
+        Whether mean histogram and mean colour of the patches are features of an object. The paper uses shape and
+        context alone; the compared methods use them too.
     n_trees : int, default 100
-        Trees of the forest that classifies objects.
+        Number of trees of the random forest.
     min_samples_leaf : int, default 1
-        Fewest objects of a leaf.
+        Fewest objects in a leaf.
     seed : int, default 2009
         Seed of the forest.
 
@@ -81,13 +81,7 @@ class ShapeParameters:
         self.cut()
 
     def cut(self) -> CutParameters:
-        """Return the parameters of locating and cutting.
-
-        Returns
-        -------
-        CutParameters
-            Checked by its constructor.
-        """
+        """Return the parameters of location and segmentation."""
         return CutParameters(
             spacing=self.spacing, radii=tuple(self.radii), background=self.background, isolated=self.isolated
         )
@@ -152,10 +146,10 @@ def build_objects(ground: Ground, patches: ScenePatches, parameters: ShapeParame
     colour = patches["rgb"][off] if "rgb" in patches else np.full((len(off), 3), _GREY)
     appearance = np.concatenate([patches["fpfh"][off], colour], axis=1)
     objects = segment_objects(sites, parameters.cut())
-    found = np.full(n_patches, -1, np.int32)
-    found[off] = objects
-    seen = appearance if parameters.appearance else appearance[:, :0]
-    return {"features": describe_objects(sites, patches["height"][off], seen, objects), "object_of_patch": found}
+    of_patch = np.full(n_patches, -1, np.int32)
+    of_patch[off] = objects
+    used = appearance if parameters.appearance else appearance[:, :0]
+    return {"features": describe_objects(sites, patches["height"][off], used, objects), "object_of_patch": of_patch}
 
 
 def training_objects(
@@ -210,7 +204,7 @@ def fit(
     scheme: ClassScheme,
     trained_on: Mapping[str, Any],
 ) -> ModelBundle:
-    """Learn the classes of objects, each weighing the square root of its number of patches.
+    """Train the classifier of objects; the weight of an object is the square root of its number of patches.
 
     Parameters
     ----------
@@ -219,17 +213,17 @@ def fit(
     parameters : ShapeParameters
         The parameters.
     stages : PatchStages
-        How the scenes were prepared.
+        Preparation of the scenes.
     scheme : ClassScheme
         The classes.
     trained_on : mapping
-        What the metadata say of the training data; JSON values.
+        Description of the training data for the metadata; JSON values.
 
     Returns
     -------
     ModelBundle
-        The model; its metadata name the classes that it gives: those of objects, without the classes most of whose
-        patches lie on the ground, which stays without labels.
+        The model. ``classes_given`` in its metadata are the predicted classes: those of the training objects, without
+        classes whose patches are mostly on the ground.
 
     Raises
     ------
@@ -249,7 +243,7 @@ def fit(
         min_samples_leaf=parameters.min_samples_leaf,
         class_weight="balanced_subsample",
         random_state=parameters.seed,
-    ).fit(features, labels, sample_weight=np.exp(0.5 * features[:, 0]))  # the root of an object's number of patches
+    ).fit(features, labels, sample_weight=np.exp(0.5 * features[:, 0]))  # square root of the number of patches
     missing = [name for number, name in enumerate(scheme.classes) if number not in known]
     if missing:
         logger.warning("%s: no training objects of %s: they are never predicted", SLUG, ", ".join(missing))
@@ -268,7 +262,7 @@ def fit(
 
 
 def label_objects(scene: PointCloud, ground: Ground, patches: ScenePatches, bundle: ModelBundle) -> PointLabels:
-    """Give every off-ground point of a prepared scene a class and a confidence.
+    """Label the off-ground points of a prepared scene.
 
     Parameters
     ----------
@@ -289,7 +283,7 @@ def label_objects(scene: PointCloud, ground: Ground, patches: ScenePatches, bund
     Raises
     ------
     DataError
-        If the model needs other histograms than the patches have.
+        If the histograms of the patches have another size than those of the model.
     """
     stored = bundle.metadata["parameters"]
     objects = build_objects(ground, patches, ShapeParameters(**stored[SLUG]))
@@ -310,12 +304,12 @@ def label_objects(scene: PointCloud, ground: Ground, patches: ScenePatches, bund
 
 
 def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Give every off-ground point of a cloud a class and a confidence, from raw coordinates on.
+    """Label the off-ground points of a cloud, starting from raw coordinates.
 
     Parameters
     ----------
     cloud : PointCloud
-        Points. Where it has the columns `ground` and `height`, as `find_ground` gives them, they are taken.
+        Points. Existing columns `ground` and `height` replace the ground filter.
     bundle : ModelBundle
         A model of `fit`.
 
@@ -334,5 +328,5 @@ def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int1
     if not inliers(cloud).any():
         return unlabelled(len(cloud))
     ground, patches = prepare_cloud(cloud, bundle)
-    found = label_objects(cloud, ground, patches, bundle)
-    return found["label"], found["confidence"]
+    labels = label_objects(cloud, ground, patches, bundle)
+    return labels["label"], labels["confidence"]

@@ -1,4 +1,4 @@
-"""What is measured of an object's sites: shape, surroundings, appearance (Golovinskiy et al. 2009, section 6)."""
+"""Features of objects: shape, context and appearance of their sites (Golovinskiy et al. 2009, section 6)."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ CONTEXT_RADII = (2.0, 5.0, 15.0)
 
 
 def _grouped_means(values: NDArray[np.float64], owner: NDArray[np.int32], sizes: NDArray[np.float64]) -> NDArray:
+    """Return the means of columns per object."""
     sums = np.empty((len(sizes), values.shape[1]))
     for k in range(values.shape[1]):
         sums[:, k] = np.bincount(owner, values[:, k], len(sizes))
@@ -21,7 +22,7 @@ def _grouped_means(values: NDArray[np.float64], owner: NDArray[np.int32], sizes:
 
 
 def _shape(sites: NDArray[np.float64], owner: NDArray[np.int32], sizes: NDArray[np.float64]) -> list[NDArray]:
-    """Return extents along the axes of the plan and eigenvalues in space of each object."""
+    """Return extents along the horizontal axes, standard deviations, shape features and slopes of each object."""
     means = _grouped_means(sites, owner, sizes)
     offset = sites - means[owner]
     products = (offset[:, :, None] * offset[:, None, :]).reshape(-1, 9)
@@ -42,6 +43,7 @@ def _shape(sites: NDArray[np.float64], owner: NDArray[np.int32], sizes: NDArray[
 
 
 def _heights(height: NDArray[np.float64], owner: NDArray[np.int32], sizes: NDArray[np.float64]) -> list[NDArray]:
+    """Return minimum, mean, maximum, range and standard deviation of the heights of each object."""
     mean = np.bincount(owner, height, len(sizes)) / sizes
     spread = np.sqrt(np.bincount(owner, (height - mean[owner]) ** 2, len(sizes)) / sizes)
     low, high = np.full(len(sizes), np.inf), np.full(len(sizes), -np.inf)
@@ -78,7 +80,7 @@ def _context(sites: NDArray[np.float64], owner: NDArray[np.int32], sizes: NDArra
 def describe_objects(
     sites: NDArray[np.float64], height: NDArray[np.floating], appearance: NDArray[np.floating], owner: NDArray[np.int32]
 ) -> NDArray[np.float32]:
-    """Describe each object.
+    """Return the features of each object.
 
     Parameters
     ----------
@@ -87,7 +89,7 @@ def describe_objects(
     height : ndarray of shape (n,)
         Their heights above the ground, metres.
     appearance : ndarray of shape (n, a)
-        Further features of the sites, whose means are taken.
+        Further features of the sites, which are averaged.
     owner : ndarray of int32, shape (n,)
         Object of each site, 0 to o - 1, each with a site.
 
