@@ -169,7 +169,7 @@ def test_cars_that_hang_together_by_little_are_cut_at_the_smallest_scale(rng):
     assert adjusted_rand_score(truth, segment(points)[: len(truth)]) > 0.95
     once = NormalizedCutParameters(low_sigma_h=(1.0,), low_max_cut=(0.14,))
     assert segment(points, parameters=once).max() == 0
-    with pytest.raises(ParameterError, match="go together: 2 and 1 values"):
+    with pytest.raises(ParameterError, match="must have the same number of values, got 2 and 1"):
         NormalizedCutParameters(low_max_cut=(0.1,))
 
 

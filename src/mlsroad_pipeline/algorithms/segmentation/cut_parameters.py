@@ -1,4 +1,4 @@
-"""How points are clustered and how their clusters are cut."""
+"""Parameters of the extended normalised cut (Yu et al. 2016, section IV-A)."""
 
 from __future__ import annotations
 
@@ -13,60 +13,57 @@ from mlsroad_pipeline.algorithms.core.validation import check_positive
 
 @dataclass(frozen=True)
 class NormalizedCutParameters:
-    """How points are grouped and groups are cut.
+    """Parameters of the clusters and of their normalised cuts.
 
     Parameters
     ----------
     tolerance : float, default 0.15
-        The clustering distance d_c of the paper, metres. Larger joins more into one cluster.
+        Clustering distance d_c, metres (yu2016: 0.15). Larger joins more into one cluster.
     spacing_factor : float, default 1.5
-        Where points lie farther apart, the clustering distance is this times their spacing; 0 keeps to `tolerance`
-        as the paper does. Larger joins sparse objects, and what stands close to them.
+        Clustering distance in units of the spacing of the points, where these are sparse (yu2016: 0, `tolerance`
+        everywhere). Larger joins sparse objects, and also objects close to them.
     max_tolerance : float, default 0.5
-        The longest clustering distance that spacing leads to, metres; at `tolerance` and below spacing changes
-        nothing.
+        Upper limit of the clustering distance, metres; values up to `tolerance` disable the use of spacing.
     voxel_size : float, default 0.1
-        The voxels' edge w_s, metres.
+        Edge of the voxels w_s, metres (yu2016: 0.1).
     sigma_h, sigma_v : float, default 2.0, 10.0
-        Metres over which the weight of two voxels falls to 1/e, horizontally and vertically. A smaller `sigma_h` cuts
-        objects that stand closer together, and wide ones in pieces.
+        Distances over which the weight of two voxels falls to 1/e, horizontally and vertically, metres (yu2016: 2 and
+        10). A smaller `sigma_h` separates close objects, and splits wide ones.
     sigma_i : float, default 0.2
-        The same for the intensity, in [0, 1] (yu2016: 1). Smaller separates by reflectivity more eagerly.
+        The same for the intensity, in [0, 1] (yu2016: 1). Smaller cuts more between different reflectivities.
     smoothing, tall_smoothing : float, default 0.2, 2.0
-        Intensities that cuts compare are means over three times this in each direction within a cluster, metres; the
-        second in groups higher than `low_height`. Voxels of a body differ more than a crown and a car do, and boughs of
-        one crown more than two crowns of a species. Larger tells what is larger. 0 compares those of voxels, as the
-        paper. Not in the paper.
+        Edge of cells, metres. Edges compare mean intensities over 3 x 3 x 3 cells within a cluster; the second value
+        applies to groups higher than `low_height`, whose boughs vary in intensity. Larger suppresses differences within
+        an object, and also small objects. 0 compares voxels, as the paper.
     max_distance : float, default 5.0
-        Voxels farther apart horizontally, d_H, have no edge, metres.
+        Largest horizontal distance d_H of two voxels with an edge, metres (yu2016: 5).
     max_cut : float, default 0.45
-        A group is left whole where the least normalised cut is above this; 0 to 2. Larger cuts more. Not in the paper.
+        Largest normalised cut that splits a group, 0 to 2. Larger cuts more. Not in the paper.
     min_voxels : int, default 20
-        No part is made smaller than this. Not in the paper.
+        Fewest voxels of a part. Not in the paper.
     max_smoothness : float, default 0.2
-        A group is left whole where the values of its eigenvector are spread more evenly than this: the emptiest bin of
-        their histogram over the fullest (Shi and Malik 2000). 1 never stops; smaller cuts less.
+        A group is not split where the smallest bin of the histogram of its eigenvector exceeds this share of the
+        largest (Shi and Malik 2000). 1 never stops; smaller cuts less.
     max_nodes : int, default 256
-        Size of the graph that a cut is found on; more follows the voxels more closely, and time grows with its square.
+        Largest number of nodes of the graph. Larger follows the voxels more closely; time grows with the square.
     low_height : float, default 3.0
-        A group no higher than this that stays whole is tried again with each of `low_sigma_h` and `low_max_cut`,
-        metres: cars and shrubs stand closer together than trees. Larger cuts more; 0 tries none, as the paper.
+        Height up to which groups without a cut are cut again with each of `low_sigma_h` and `low_max_cut`, metres: cars
+        and shrubs stand closer together than trees. Larger cuts more (yu2016: 0, no second attempt).
     low_sigma_h, low_max_cut : sequence of float, default (0.5, 1.0), (0.045, 0.14)
-        In place of `sigma_h` and `max_cut` then, in this order, until a cut is found: what hangs together by little
-        shows best at the smallest scale, where a cut of it costs next to nothing. Not in the paper.
+        Values of `sigma_h` and `max_cut` of these attempts, in this order until a cut is found. Weakly connected
+        objects have a small cut at the smallest scale. Not in the paper.
     pole_length : float, default 1.2
-        Poles that stand free over this length, below a crown or above a shrub, are taken out of their clusters before
-        these are cut, metres; see `separate_poles`. Larger takes out fewer; 0 takes out none, as the paper.
+        Least length over which a pole stands free, below a crown or above a shrub, to be separated from its cluster
+        before the cuts, metres; see `separate_poles`. Larger separates fewer (yu2016: 0, none).
     foot_height : float, default 2.0
-        A part that does not come down to within this height above the foot of its cluster is joined again with the
-        part that it touches most, metres: half a crown is no object. Larger joins fewer; 0 joins none, as the paper.
+        A part that does not reach down to this height above the foot of its cluster is merged with the part that it
+        touches most, metres; see `rejoin_floating_parts`. Larger merges fewer (yu2016: 0, none).
     pole_gap : float, default 2.0
-        Narrow upright parts that lie in one line are joined over a gap of at most this, metres: something hides a
-        stretch of a pole. Larger joins more; 0 joins none, as the paper.
+        Largest gap across which narrow collinear upright parts are merged, metres; see `join_stacked_poles`. Larger
+        merges more (yu2016: 0, none).
     plate_gap : float, default 1.2
-        Plates brighter than the mast that they hang on, and thin ones of any intensity, are objects of their own where
-        the mast goes on for this length above them, metres; see `separate_plates`. Larger takes off fewer; 0 takes off
-        none, as the paper.
+        Least length of a mast above a bright or thin plate for the plate to be an object of its own, metres; see
+        `separate_plates`. Larger separates fewer (yu2016: 0, none).
 
     Raises
     ------
@@ -110,7 +107,8 @@ class NormalizedCutParameters:
             check_positive(value, "low_sigma_h")
         if len(self.low_sigma_h) != len(self.low_max_cut):
             raise ParameterError(
-                f"low_sigma_h and low_max_cut go together: {len(self.low_sigma_h)} and {len(self.low_max_cut)} values"
+                f"low_sigma_h and low_max_cut must have the same number of values, got {len(self.low_sigma_h)} and "
+                f"{len(self.low_max_cut)}"
             )
         for name in (
             "spacing_factor", "smoothing", "tall_smoothing", "max_smoothness", "low_height", "pole_length",

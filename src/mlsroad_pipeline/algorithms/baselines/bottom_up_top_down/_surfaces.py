@@ -70,9 +70,9 @@ def _near(points: NDArray, n: int, others: NDArray, m: int, reach: float, shift:
         x, y, z = points[i, 0] + shift[0], points[i, 1] + shift[1], points[i, 2] + shift[2]
         for j in range(m):
             dx, dy, dz = others[j, 0] - x, others[j, 1] - y, others[j, 2] - z
-            found = dx * dx + dy * dy + dz * dz
-            if found < best:
-                best, nearest = found, j
+            squared = dx * dx + dy * dy + dz * dz
+            if squared < best:
+                best, nearest = squared, j
         if nearest >= 0:
             gain += 1.0 - np.sqrt(best) / reach
             matched += 1.0
