@@ -9,30 +9,16 @@ import yaml
 from helpers.conf import CONF, base
 from numpydoc.docscrape import ClassDoc
 
-from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.detector import BottomUpTopDownParameters
-from mlsroad_pipeline.algorithms.baselines.hough_forest.detector import HoughForestParameters
-from mlsroad_pipeline.algorithms.baselines.max_margin_markov.training import MarginParameters
-from mlsroad_pipeline.algorithms.baselines.object_matching.detector import ObjectMatchingParameters
-from mlsroad_pipeline.algorithms.baselines.patch_forest.classifier import PatchForestParameters
-from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import PatchSvmParameters
-from mlsroad_pipeline.algorithms.baselines.pointnet.parameters import PointNetParameters
-from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import ShapeParameters
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
-from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
-from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
-from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters, TrainingParameters
-from mlsroad_pipeline.algorithms.jointnet.parameters import JointNetParameters
-from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
-from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
+from mlsroad_pipeline.algorithms.image_labels.training_parameters import TrainingParameters
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters
-from mlsroad_pipeline.algorithms.recognition.descriptor_machine import DescriptorParameters
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters, OutlierParameters
 from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters
-from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
 from mlsroad_pipeline.studies.luo2016.parameters import StudyParameters
 from mlsroad_pipeline.studies.luo2019.parameters import StudyParameters as Luo2019StudyParameters
 from mlsroad_pipeline.studies.luo2019.set_parameters import SimulatedObjectsParameters
@@ -42,24 +28,12 @@ from mlsroad_pipeline.surveys.inspection import InspectParameters
 from mlsroad_pipeline.surveys.parameters import LabelParameters, SurveyParameters
 
 TYPED = {
-    "bottom_up_top_down": BottomUpTopDownParameters,
-    "hough_forest": HoughForestParameters,
-    "object_matching": ObjectMatchingParameters,
+    **{method.group or slug: method.load("parameters") for slug, method in METHODS.items()},
     "detection": DetectionParameters,
     "segmentation": SegmentationParameters,
     "recognition": RecognitionParameters,
-    "jointnet": JointNetParameters,
-    "jointnet_printed": JointNetParameters,
-    "spin_image": DescriptorParameters,
-    "shot": DescriptorParameters,
-    "hierarchy_descriptor": DescriptorParameters,
-    "pointnet": PointNetParameters,
-    "visual_words": VisualWordsParameters,
-    "detrended_forest": ForestParameters,
     "features": FeatureParameters,
-    "fusion": FusionParameters,
     "ground_removal": GroundParameters,
-    "image_labels": ImageLabelsParameters,
     "ingest": IngestParameters,
     "inspect": InspectParameters,
     "label": LabelParameters,
@@ -68,13 +42,7 @@ TYPED = {
     "simulated_objects": SimulatedObjectsParameters,
     "tomic2019_study": Tomic2019StudyParameters,
     "yu2016_study": Yu2016StudyParameters,
-    "max_margin_markov": MarginParameters,
-    "patch_forest": PatchForestParameters,
-    "patch_graph": PatchGraphParameters,
-    "patch_graph_mrf": GridParameters,
-    "patch_svm": PatchSvmParameters,
     "patches": PatchParameters,
-    "shape_based": ShapeParameters,
     "supervoxelise": SupervoxelParameters,
     "survey": SurveyParameters,
 }

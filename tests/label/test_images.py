@@ -73,7 +73,7 @@ def test_members_come_back_as_they_were_and_the_first_prepares_the_scenes(fusion
     assert again.metadata == network.metadata and set(again.arrays) == {"weights", "a.b"}
     assert np.array_equal(again.arrays["weights"], network.arrays["weights"])
     assert member(network, "image_labels") is network and fusion.arrays["weights"] is not again.arrays["weights"]
-    with pytest.raises(Exception, match="model 'image_labels' holds no 'fusion': train it again"):
+    with pytest.raises(Exception, match="model 'image_labels' has no member 'fusion'; train it again"):
         member(network, "fusion")
     with pytest.raises(DataError, match=r"'fusion' has classes \('road', 'tree'\), its member 'image_labels' \('a',\)"):
         with_members(bundle("fusion"), {"image_labels": bundle("image_labels", classes=["a"])})

@@ -1,4 +1,4 @@
-"""Models that a model works with, stored in it."""
+"""Models stored inside another model."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
 
 
 def with_members(bundle: ModelBundle, members: Mapping[str, ModelBundle]) -> ModelBundle:
-    """Put the models that a model works with into it, so that it can be used without them.
+    """Store other models in a model, so that it can be used without their files.
 
     Parameters
     ----------
     bundle : ModelBundle
         The model.
     members : mapping of str to ModelBundle
-        Slug to model. The first one prepares the scenes: its `attributes` and its ground filter become the whole's.
+        Slug to model. The first one prepares the scenes: its `attributes` and its ground filter become those of the
+        result.
 
     Returns
     -------
     ModelBundle
-        The model with its members; `member` gives them back.
+        The model with its members; `member` returns one of them.
 
     Raises
     ------
@@ -49,14 +50,14 @@ def with_members(bundle: ModelBundle, members: Mapping[str, ModelBundle]) -> Mod
 
 
 def member(bundle: ModelBundle, slug: str) -> ModelBundle:
-    """Return one of the models that a model works with.
+    """Return a model that is stored in another one.
 
     Parameters
     ----------
     bundle : ModelBundle
-        A model of `with_members`, or the one that is asked for itself.
+        A model of `with_members`, or the member itself.
     slug : str
-        The member.
+        Slug of the member.
 
     Returns
     -------
@@ -66,11 +67,11 @@ def member(bundle: ModelBundle, slug: str) -> ModelBundle:
     Raises
     ------
     ParameterError
-        If the model does not hold it.
+        If the model has no such member.
     """
     if bundle.slug == slug:
         return bundle
     described = bundle.metadata.get("members", {}).get(slug)
     if described is None:
-        raise ParameterError(f"model {bundle.slug!r} holds no {slug!r}: train it again with this version")
+        raise ParameterError(f"model {bundle.slug!r} has no member {slug!r}; train it again with this version")
     return ModelBundle(slug, arrays_under(bundle.arrays, f"{slug}/"), described)

@@ -26,7 +26,7 @@ from mlsroad_pipeline.execution.digests import digest_file
 LOGGER = logging.getLogger(__name__)
 
 REQUIREMENTS = ("mlflow", "numba", "numpy", "pandas", "scipy", "scikit-learn")
-"""Distributions whose versions a registered model pins, beside this package."""
+"""Distributions that a registered model pins, beside this package."""
 
 FINGERPRINT = "fingerprint"
 """Tag of a version: digest of the model's files."""
@@ -35,7 +35,7 @@ _CODE = Path(__file__).with_name("registered_model_code.py")
 
 
 def example_points() -> pd.DataFrame:
-    """Return a small table in the form of a registered model's input: a flat patch with a post on it.
+    """Return an example input of a registered model: a flat patch with a post.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def example_points() -> pd.DataFrame:
 
 
 def pip_requirements() -> list[str]:
-    """Return what a registered model needs, pinned to the versions that trained it.
+    """Return the requirements of a registered model, pinned to the installed versions.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def pip_requirements() -> list[str]:
         try:
             pins.append(f"{name}=={version(name)}")
         except PackageNotFoundError as error:
-            raise DatasetError(f"a model cannot be registered without {name}") from error
+            raise DatasetError(f"{name} is not installed: a model cannot be registered without it") from error
     return pins
 
 
@@ -81,7 +81,7 @@ def latest_version(name: str) -> int:
     Raises
     ------
     DatasetError
-        If no version is registered in the tracking store in use; the message names the store and what to run.
+        If no version is registered in the tracking store in use.
     """
     client = mlflow.MlflowClient()
     versions = [int(found.version) for found in client.search_model_versions(f"name='{name}'")]
@@ -108,7 +108,7 @@ def load_registered_bundle(name: str, *, model_version: int | str | None = None)
     Raises
     ------
     DatasetError
-        If the model or the version is not registered, or its files are not there.
+        If the model or the version is not registered, or its files are missing.
     """
     number = latest_version(name) if model_version is None else int(model_version)
     try:
@@ -124,7 +124,7 @@ def load_registered_bundle(name: str, *, model_version: int | str | None = None)
 
 @contextmanager
 def _run() -> Iterator[None]:
-    """Log into the active run, or into one of its own that ends here: no run is left open behind a save."""
+    """Use the active run or, without one, a new run that ends here."""
     if mlflow.active_run() is not None:
         yield
         return
@@ -133,7 +133,7 @@ def _run() -> Iterator[None]:
 
 
 def _registered_already(name: str, fingerprint: str) -> int | None:
-    """Return the highest version if it is this model and its files are still there."""
+    """Return the highest version if it is this model and its files exist."""
     client = mlflow.MlflowClient()
     highest = max(client.search_model_versions(f"name='{name}'"), key=lambda found: int(found.version), default=None)
     if highest is None or highest.tags.get(FINGERPRINT) != fingerprint:
@@ -148,26 +148,26 @@ def _registered_already(name: str, fingerprint: str) -> int | None:
 def register_bundle(bundle: ModelBundle, name: str, *, input_example: pd.DataFrame | None = None) -> tuple[int, bool]:
     """Store a model and register it as a new version, unless the highest version is the same model.
 
-    A model is the same where the files that `save_bundle` writes for it are; they are fingerprinted in the tag
-    ``fingerprint`` of each version.
+    Two models are the same if `save_bundle` writes the same files for them. The tag ``fingerprint`` of a version holds
+    their digest.
 
     Parameters
     ----------
     bundle : ModelBundle
         The model.
     name : str
-        The name to register it under.
+        The registered name.
     input_example : DataFrame, optional
-        Points in the form of `signature`; None takes `example_points`.
+        Points that conform to `signature`; `example_points` by default.
 
     Returns
     -------
     version : int
-        The version it got, or has already.
+        The new or existing version.
     is_new : bool
-        False where it was registered already.
+        Whether the version is new.
     """
-    # through JSON, so that tuples and the like reach MLflow's YAML as plain lists
+    # JSON converts tuples to the lists that MLflow's YAML needs.
     plain = json.loads(json.dumps(dict(bundle.metadata)))
     metadata = {key: value for key, value in plain.items() if key != "registered"}
     with tempfile.TemporaryDirectory() as folder, _run():
@@ -195,17 +195,18 @@ def register_bundle(bundle: ModelBundle, name: str, *, input_example: pd.DataFra
 
 
 class RegisteredModelDataset(AbstractDataset[ModelBundle, ModelBundle]):
-    """A model in the MLflow registry: saving registers a new version of a model
-    that has changed, loading reads the highest or a given one.
+    """Model in the MLflow registry.
+
+    Saving registers a new version of a changed model; loading reads the highest version or a given one.
 
     Parameters
     ----------
     name : str
         The registered name, ``mlsroad-<slug>``.
     model_version : int or str, optional
-        The version to load; None takes the highest. (Kedro keeps the key ``version`` for itself.)
+        The version to load; the highest by default. (Kedro reserves the key ``version``.)
     metadata : mapping, optional
-        Anything; Kedro does not look at it.
+        Notes of the catalog entry; not used.
 
     Examples
     --------
@@ -235,8 +236,8 @@ class RegisteredModelDataset(AbstractDataset[ModelBundle, ModelBundle]):
         LOGGER.info("%s %s version %s", "Registered" if is_new else "Unchanged:", self._name, number)
 
     def _exists(self) -> bool:
-        wanted = f"name='{self._name}'"
-        versions = {found.version for found in mlflow.MlflowClient().search_model_versions(wanted)}
+        query = f"name='{self._name}'"
+        versions = {found.version for found in mlflow.MlflowClient().search_model_versions(query)}
         return bool(versions) if self._model_version is None else str(self._model_version) in map(str, versions)
 
     def _describe(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""How MLflow runs a registered model: a table of points in, a class and a confidence per point out."""
+"""MLflow flavour of a model: a table of points in, a class and a confidence per point out."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
 
 UNLABELLED = "unlabelled"
-"""Class of points that a model gives none."""
+"""Class name of points without a label."""
 
 _XYZ, _RGB = ["x", "y", "z"], ["red", "green", "blue"]
 
 
 def signature() -> ModelSignature:
-    """Return what every registered model takes and gives.
+    """Return the signature of every registered model.
 
     Returns
     -------
     mlflow.models.ModelSignature
-        In: x, y, z (metres) and, where the survey has them, red, green, blue (0 to 255) and intensity (0 to 1). Out:
-        label, class and confidence.
+        Inputs: x, y, z (metres); optionally red, green, blue (0 to 255) and intensity (0 to 1). Outputs: label, class
+        and confidence.
     """
     inputs = [ColSpec("double", name) for name in _XYZ]
     inputs += [ColSpec("long", name, required=False) for name in _RGB]
@@ -38,26 +38,26 @@ def signature() -> ModelSignature:
 
 
 def table_to_cloud(table: pd.DataFrame, *, source: str = "model input") -> PointCloud:
-    """Turn a table of points into a cloud.
+    """Convert a table of points to a cloud.
 
     Parameters
     ----------
     table : DataFrame
         Columns x, y, z in metres and optionally red, green, blue in 0 to 255 and intensity in 0 to 1.
     source : str, default "model input"
-        What messages call the points.
+        Name of the points in messages.
 
     Returns
     -------
     PointCloud
-        The points in the same order, relative to the corner of their whole metres.
+        The points in the same order, relative to their minimum rounded down to whole metres.
 
     Raises
     ------
     MissingColumnError
-        If a coordinate, or a part of the colours, is not there.
+        If a coordinate or a single colour channel is missing.
     DataError
-        If a value is not finite or outside its range.
+        If a value is not finite or is outside its range.
     """
     columns = {}
     for group in (_XYZ, _RGB, ["intensity"]):
@@ -85,7 +85,7 @@ def table_to_cloud(table: pd.DataFrame, *, source: str = "model input") -> Point
 
 
 class PointLabeller(mlflow.pyfunc.PythonModel):
-    """The pyfunc behind every registered model; what it computes is named in the model's own files."""
+    """The pyfunc of every registered model. The method is that of the model's slug."""
 
     def __init__(self) -> None:
         self.bundle: ModelBundle | None = None
@@ -96,7 +96,7 @@ class PointLabeller(mlflow.pyfunc.PythonModel):
         Parameters
         ----------
         context : mlflow.pyfunc.PythonModelContext
-            Names the folder that was registered.
+            Holds the path of the registered folder.
         """
         self.bundle = load_bundle(context.artifacts["bundle"])
 
@@ -108,20 +108,20 @@ class PointLabeller(mlflow.pyfunc.PythonModel):
         Parameters
         ----------
         context : mlflow.pyfunc.PythonModelContext
-            Names the folder that was registered.
+            Holds the path of the registered folder.
         model_input : DataFrame
             One row per point, see `signature`.
         params : dict, optional
-            Not used.
+            Unused.
 
         Returns
         -------
         DataFrame
-            One row per point under the same index: `label` int32 (-1 for none), `class` str, `confidence` float64.
+            One row per point with the same index: `label` int32 (-1 for none), `class` str, `confidence` float64.
         """
         if self.bundle is None:
             self.load_context(context)
-        assert self.bundle is not None  # load_context has set it
+        assert self.bundle is not None  # set by load_context
         labels, confidence = label_cloud(self.bundle, table_to_cloud(model_input))
         names = np.array([*self.bundle.classes, UNLABELLED], dtype=object)
         result = {"label": labels.astype(np.int32), "class": names[labels], "confidence": confidence.astype(np.float64)}

@@ -1,4 +1,4 @@
-"""The code that MLflow stores beside a registered model and runs to load it: all of it lives in this package."""
+"""Code that MLflow stores beside a registered model and runs to load it."""
 
 from mlflow.models import set_model
 

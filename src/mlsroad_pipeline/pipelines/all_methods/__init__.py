@@ -1,4 +1,4 @@
-"""Every labeller, detector and recogniser on one survey."""
+"""All labellers, detectors and recognisers on one survey."""
 
 from mlsroad_pipeline.pipelines.all_methods.pipeline import create_pipeline
 

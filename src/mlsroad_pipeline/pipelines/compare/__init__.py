@@ -1,4 +1,4 @@
-"""The scores of all methods side by side."""
+"""Tables of the scores of all methods."""
 
 from mlsroad_pipeline.pipelines.compare.pipeline import create_pipeline
 

@@ -1,4 +1,4 @@
-"""All methods side by side."""
+"""Tables of the scores of all methods."""
 
 import pandas as pd
 
@@ -6,5 +6,5 @@ from mlsroad_pipeline.algorithms.metrics.scores import summary
 
 
 def compare_methods(*scores: pd.DataFrame) -> pd.DataFrame:
-    """Put the overall figures of all methods into one table."""
+    """Return the overall figures of all methods in one table."""
     return summary(pd.concat(scores, ignore_index=True)).reset_index()

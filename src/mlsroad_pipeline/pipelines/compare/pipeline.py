@@ -1,4 +1,4 @@
-"""Wiring of the comparison."""
+"""Pipeline of the tables of scores."""
 
 from kedro.pipeline import Node, Pipeline
 
@@ -7,7 +7,7 @@ from mlsroad_pipeline.pipelines.compare.nodes import compare_methods
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: scores of every method to one table."""
+    """Return the pipeline: scores of all methods to a table per task."""
     return Pipeline(
         [
             Node(

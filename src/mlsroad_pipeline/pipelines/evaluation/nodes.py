@@ -39,8 +39,8 @@ def score_method(
     """Score a method and draw its figures."""
     trained, scheme = training_scheme(survey, classes), evaluation_scheme(survey, classes)
     matrices = sum_by_split(counts.load_all())
-    given = given_classes(model.load().metadata, trained, scheme)
-    table = scores_table(matrices, method=method, scheme=scheme, given=given)
+    predicted = given_classes(model.load().metadata, trained, scheme)
+    table = scores_table(matrices, method=method, scheme=scheme, given=predicted)
     return table, *score_figures(matrices, table, method=method, scheme=scheme)
 
 
@@ -52,7 +52,7 @@ def picture_labels(
     *,
     method: str,
 ) -> tuple[Figure, Figure]:
-    """Draw truth, prediction and errors of some scenes."""
+    """Draw reference, prediction and errors of some scenes."""
     chosen = middle_scenes(list(labels))
     figures = scene_figures(
         [scenes[key].load() for key in chosen],
@@ -67,24 +67,24 @@ def picture_labels(
 def score_seen_points(
     counts: SceneCollection, survey: SurveyParameters, classes: Mapping[str, Any], *, method: str, suffix: str
 ) -> tuple[pd.DataFrame, Figure, Figure]:
-    """Score a method that uses images, over all points and over those that cameras see."""
+    """Score a method that uses images, over all points and over those inside images."""
     scheme = evaluation_scheme(survey, classes)
     table, matrices = seen_scores_table(counts.load_all(), scheme=scheme, suffix=suffix)
-    mine = table[table["method"] == method]
+    own = table[table["method"] == method]
     for split in matrices[method]:
-        logger.info("%s: %s", method, seen_share(mine, split))
-    return table, *score_figures(matrices[method], mine, method=method, scheme=scheme)
+        logger.info("%s: %s", method, seen_share(own, split))
+    return table, *score_figures(matrices[method], own, method=method, scheme=scheme)
 
 
 def score_detector(
     counted: SceneCollection, detection: DetectionParameters, *, method: str
 ) -> tuple[pd.DataFrame, Figure]:
     """Score a detector and draw its precision-recall curves."""
-    found = counted.load_all()
-    split = SceneKey.parse(list(found)[-1]).split
-    curves = detection_curves(found, split=split, classes=detection.classes)
+    counts = counted.load_all()
+    split = SceneKey.parse(list(counts)[-1]).split
+    curves = detection_curves(counts, split=split, classes=detection.classes)
     figure = precision_recall_figure(curves, title=f"{method} on {split}")
-    return detection_table(found, method=method, classes=detection.classes), figure
+    return detection_table(counts, method=method, classes=detection.classes), figure
 
 
 def picture_detections(
@@ -96,10 +96,10 @@ def picture_detections(
     *,
     method: str,
 ) -> Figure:
-    """Draw the right, missed and false detections of some scenes."""
+    """Draw correct, missed and false detections of some scenes."""
     chosen = middle_scenes(list(detections))
     return detection_figure(
-        *([found[key].load() for key in chosen] for found in (scenes, objects, detections)),
+        *([store[key].load() for key in chosen] for store in (scenes, objects, detections)),
         scheme=detection_scheme(detection, classes),
         parameters=detection,
         title=f"{method} on {chosen[0]} to {chosen[-1]}" if len(chosen) > 1 else f"{method} on {chosen[0]}",

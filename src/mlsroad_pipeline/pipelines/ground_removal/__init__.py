@@ -1,4 +1,4 @@
-"""Ground points and heights above the ground, scored where there are labels."""
+"""Ground points and heights above the ground, scored on labelled surveys."""
 
 from mlsroad_pipeline.pipelines.ground_removal.pipeline import create_pipeline
 

@@ -1,4 +1,4 @@
-"""Objects that come in files of their own, recognised fold by fold."""
+"""Recognition of objects from files, fold by fold."""
 
 from mlsroad_pipeline.pipelines.object_recognition.pipeline import create_pipeline
 

@@ -1,4 +1,4 @@
-"""Scenes cut into patches, and the classes of those that methods learn from (Luo et al. 2016, section III-A)."""
+"""Patches of scenes, and the classes of the training patches (Luo et al. 2016, section III-A)."""
 
 from mlsroad_pipeline.pipelines.patches.pipeline import create_pipeline
 

@@ -1,4 +1,4 @@
-"""Objects that are recognised: cut from scenes or read from files, and how well each method does."""
+"""Recognition of objects from scenes, and scores of all recognisers."""
 
 from mlsroad_pipeline.pipelines.recognition.pipeline import create_pipeline
 

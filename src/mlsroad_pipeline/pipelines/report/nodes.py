@@ -18,9 +18,9 @@ def write_report(
     names: Sequence[str],
 ) -> str:
     """Write the scores and figures of all methods on one page."""
-    given = dict(zip(names, parts, strict=True))
-    methods = {slug: {name: given[f"{slug}.{name}_figure"] for name in mine} for slug, mine in figures.items()}
-    scores = {slug: given[f"{slug}.scores"] for slug in figures}
+    values = dict(zip(names, parts, strict=True))
+    methods = {slug: {name: values[f"{slug}.{name}_figure"] for name in mine} for slug, mine in figures.items()}
+    scores = {slug: values[f"{slug}.scores"] for slug in figures}
     facts = {"survey": survey.root, "splits": dict(survey.splits), "classes": survey.evaluation_scheme or survey.scheme}
-    tables = {name: table for name, table in given.items() if "." not in name}
+    tables = {name: table for name, table in values.items() if "." not in name}
     return build_report(comparison_sections(facts, tables, scores, methods, tasks=tasks), title="Comparison of methods")

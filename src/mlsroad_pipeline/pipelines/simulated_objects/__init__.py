@@ -1,4 +1,4 @@
-"""Simulated sets of objects, cut from simulated surveys."""
+"""Sets of objects from simulated surveys."""
 
 from mlsroad_pipeline.pipelines.simulated_objects.pipeline import create_pipeline
 

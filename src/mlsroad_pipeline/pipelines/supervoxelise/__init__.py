@@ -1,4 +1,4 @@
-"""Scenes partitioned into supervoxels, with the quality of the partition."""
+"""Supervoxels of scenes, and the quality of the partition."""
 
 from mlsroad_pipeline.pipelines.supervoxelise.pipeline import create_pipeline
 
