@@ -1,8 +1,8 @@
-"""Speed of Euclidean clusters, of places along a trajectory, and of the inventory, beside rivals where they are found.
+"""Speed of Euclidean clustering, trajectory coordinates and inventory, compared with other tools.
 
-Rivals and clouds are those that ``$MLSROAD_RIVALS`` holds: PCL's programs in ``build/``, SciPy in this environment,
- clouds ``street_{1M,5M,20M}_off.npz``. Runs alternate, medians are printed, compilation is outside. One
-JSON line per figure is written to standard output after the table.
+``$MLSROAD_RIVALS`` is a folder with PCL's programs in ``build/`` and clouds ``street_{1M,5M,20M}_off.npz``; SciPy is that
+of this environment. Runs of the tools alternate, medians are printed, and compilation is not timed. One JSON line per
+figure follows the table.
 
     MLSROAD_RIVALS=rivals_data python benchmarks/bench_clusters.py [1M 5M ...]
 """
@@ -43,7 +43,7 @@ def timed(run: Callable[[], object]) -> float:
 
 
 def race(runs: dict[str, Callable[[], float]]) -> dict[str, float]:
-    """Run the entrants in turn, REPEATS times; return each one's median seconds."""
+    """Run the tools alternately, REPEATS times; return the median seconds of each."""
     times: dict[str, list[float]] = {name: [] for name in runs}
     for _ in range(REPEATS):
         for name, run in runs.items():

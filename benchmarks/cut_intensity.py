@@ -1,12 +1,12 @@
-"""Measure what intensities are worth to the cuts, street by street: weighted coverage with them and without.
+"""Measure the effect of intensity on the cuts: weighted coverage per street with and without intensity.
 
     kedro run --pipeline=yu2016_study --to-nodes=segment_yu2016_streets
     python benchmarks/cut_intensity.py [--jobs 2]
 
-Takes the training streets of the study of Yu et al. 2016, their segmentation by the cut with intensity as the study has
-stored it, and cuts them again without. The twelve test streets of the study are too few to tell differences of a
-hundredth; these are made with more signs and traffic. They had a say in the settings of the intensities, though:
-`sigma_i` and `max_cut` were chosen on the first twelve of each survey, `tall_smoothing` on most of them.
+Reads the training streets of the study of Yu et al. 2016 and their stored segmentation with intensity, and segments them
+without intensity. The twelve test streets of the study are too few to detect differences of 0.01. The training streets
+have more signs and traffic, and were used to choose parameters: `sigma_i` and `max_cut` on the first twelve streets of
+each survey, `tall_smoothing` on most of them.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ FIGURES = ("weighted_coverage", "coverage", "weighted_touching", "touching", "wa
 
 
 def stored(*names: str) -> tuple[StudyPlan, *tuple[SceneCollection, ...]]:
-    """Return the study's plan, and what it has stored by these names."""
+    """Return the plan of the study and its stored results of these names."""
     root = Path(__file__).parents[1]
     bootstrap_project(root)
     with KedroSession.create(root) as session:
@@ -44,7 +44,7 @@ def stored(*names: str) -> tuple[StudyPlan, *tuple[SceneCollection, ...]]:
 
 
 def compare(key: str, plan: StudyPlan, streets: SceneCollection, objects: SceneCollection) -> dict[str, float]:
-    """Return the figures of a street, of the cut with intensity minus that without."""
+    """Return the differences of a street's scores between the cut with intensity and that without."""
     blind = replace(plan.stages.segmentation, method="normalized_cut_geometry")
     given = {"parameters": blind, "scheme": plan.scheme, "detection": plan.detection}
     without = segment_street(streets.part("points")[key].load(), **given)["scores"]

@@ -1,13 +1,14 @@
-"""Score the visual words on training streets that are held out, by how much the rare ones count in thresholds.
+"""Score the visual words on held-out training streets, by weight of the rare streets in threshold selection.
 
     kedro run --pipeline=yu2016_study --to-nodes=describe_yu2016_objects
     python benchmarks/held_out_streets.py [--weights 0 0.1 0.2 0.5 1] [--divisions 10]
 
-The test streets of the study of Yu et al. 2016 are for one look; what is to be chosen is tried here. Trained once, on
-all training streets, each object is scored by the machines that have not seen its street. The streets that are not
-`rare` are divided in halves at random: thresholds of one half, with all rare streets, are judged on the other. An
-object counts by the `prevalence` of its survey, as training streets have more signs than roads have; a false detection
-counts once. Recall, precision and F-score are means over divisions, of objects that were segmented.
+Parameters are chosen here, as the test streets of the study of Yu et al. 2016 are used once. The detector is trained on
+all training streets, and each object is scored by the machines trained without its street. The streets that are not
+`rare` are repeatedly divided into random halves: thresholds chosen on one half and all rare streets are applied to the
+other half. The weight of an object is the `prevalence` of its class in the survey, as training streets contain more
+signs than roads; a false positive has weight 1. Recall, precision and F-score are means over divisions, for segmented
+objects.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ Streets = Sequence[tuple[str, int]]
 def held_out(
     plan: StudyPlan, streets: Streets, segmented: SceneCollection, described: SceneCollection
 ) -> tuple[HeldOut, NDArray[np.float64]]:
-    """Train, and return the held-out scores and the factors that thresholds stand against."""
+    """Train, and return the held-out scores and the prevalence of classes that thresholds are calibrated to."""
     surveys, classes = plan.scale.surveys, plan.detection.classes
     labels = [segmented.part("classes")[f"{CUT}.{street_key(*street)}"].load() for street in streets]
     usual = {
@@ -55,7 +56,7 @@ def held_out(
 def detected(
     found: HeldOut, weights: NDArray[np.float64], half: NDArray[np.bool_], rare: NDArray[np.bool_]
 ) -> NDArray[np.int16]:
-    """Return what is detected in each half by the thresholds of the other one and the rare streets."""
+    """Return the detections in each half by thresholds chosen on the other half and the rare streets."""
     labels = np.full(len(half), -1, np.int16)
     for one in (True, False):
         rows = rare | (half != one)

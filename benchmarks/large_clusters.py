@@ -2,9 +2,9 @@
 
     python benchmarks/large_clusters.py
 
-Two clouds that are a single cluster each: a solid block whose voxels all hold a point, the most edges that there can
-be, and a wood whose crowns have grown together, with many stems to judge. Each is cut in a process of its own; the
-memory is that process's peak, Python and the compiled kernels among it.
+Two clouds form a single cluster each: a solid block with a point in every voxel, which has the largest number of edges,
+and a wood of connected crowns with many stems. Each is segmented in a separate process; the memory is the peak of that
+process, including Python and the compiled kernels.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def block(rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def wood(rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return trees in rows, trunks of 4 m below crowns that overlap."""
+    """Return trees in rows, with trunks of 4 m below overlapping crowns."""
     side = np.arange(TREES) * APART
     feet = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 1, 2)
     height = np.tile(np.repeat(np.arange(0, 4, 0.05), 4), (len(feet), 1))
@@ -45,7 +45,7 @@ def wood(rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def measure(cloud: str) -> None:
-    """Cut one of the clouds, and print what it took."""
+    """Segment one of the clouds, and print time and memory."""
     rng = np.random.default_rng(1)
     segment(rng.random((1000, 3)), intensity=rng.random(1000))  # compiles
     xyz = {"block": block, "wood": wood}[cloud](rng)

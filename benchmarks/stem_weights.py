@@ -1,12 +1,13 @@
-"""Fit what tells poles in crowns from trunks on the training streets of the study of Yu et al. 2016.
+"""Fit the weights that separate poles in crowns from trunks, on the training streets of the study of Yu et al. 2016.
 
     kedro run --pipeline=yu2016_study --to-nodes=make_yu2016_streets
     python benchmarks/stem_weights.py [--jobs 2] [--folds 8]
 
-Every upright line in a crown that runs along a pole, a sign or a mast, or along a trunk, is measured. A logistic
-regression weighs the measures, and whether the stem looks least like a pole of those near; as that depends on the
-weights, it is found anew some times. Printed are the stems mistaken with their streets held out, by the probability
-from which a stem is a pole, those that `classify_stems` mistakes now, and the weights of all streets.
+Every stem in a crown that belongs to a pole, a sign, a mast or a trunk is measured. The predictors of a logistic
+regression are these measures and whether the stem is the least pole-like one nearby. The latter depends on the weights,
+so the fit is iterated. The output is the number of misclassified stems of held-out streets by probability threshold,
+that of `classify_stems` with its current parameters, and the weights fitted to all streets: `pole_weights`,
+`trunk_weight` and `pole_intercept` of `PoleRefinementParameters`.
 """
 
 from __future__ import annotations
@@ -37,13 +38,13 @@ MEASURES = ["bend", "lean", "spread", "aside", "reached", "under"]
 POLES = [TAXONOMY[name] for name in ("utility_pole", "light_pole", "traffic_sign", "traffic_light", "post", "gantry",
                                      "station_sign", "wire")]  # fmt: skip
 TRUNKS = [TAXONOMY[name] for name in ("trunk", "tree", "palm")]
-CORE = 0.15  # of a stem's axis, within which most points tell what it is, metres
+CORE = 0.15  # distance from a stem's axis of the points whose majority class is that of the stem, metres
 ROUNDS, PENALTY = 4, 3.0
 _LABELS = max(TAXONOMY.values()) + 1
 
 
 def stems_of(key: str, streets: SceneCollection, parameters: NormalizedCutParameters) -> pd.DataFrame:
-    """Measure the stems in crowns of a street: one row each, with what it is and whether it is taken for a pole."""
+    """Return one row per stem in a crown of a street: measures, true class and current classification as a pole."""
     scene = streets.part("points")[key].load()
     rows = np.flatnonzero(inliers(scene) & ~scene["ground"])
     xyz = np.ascontiguousarray(scene.xyz[rows], dtype=np.float64)
@@ -69,20 +70,20 @@ def stems_of(key: str, streets: SceneCollection, parameters: NormalizedCutParame
 
 
 def _most(voxel: NDArray[np.integer], labels: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Return the class of most points of each voxel."""
+    """Return the majority class of each voxel's points."""
     pairs, size = np.unique(voxel.astype(np.int64) * _LABELS + labels, return_counts=True)
     pairs = pairs[np.lexsort([size, pairs // _LABELS])]
     return pairs[np.append(np.flatnonzero(np.diff(pairs // _LABELS)), len(pairs) - 1)] % _LABELS
 
 
 def _label(stem: Stem, xyz: NDArray[np.float64], counts: NDArray[np.int64], labels: NDArray) -> int:
-    """Return the class of most points along a stem; that of nothing where there are none."""
+    """Return the majority class of the points along a stem; 0 where there are none."""
     along = (stem.distance(xyz) <= CORE) & (xyz[:, 2] >= stem.low) & (xyz[:, 2] <= stem.high)
     return int(np.bincount(labels[along], counts[along], minlength=1).argmax())
 
 
 def first_of(table: pd.DataFrame, likeness: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Tell which stems look least like poles in their cluster."""
+    """Return which stems are the least pole-like ones nearby, cluster by cluster."""
     first = np.zeros(len(table))
     for rows in table.groupby(["street", "cluster"]).indices.values():
         first[rows] = find_least_pole_like([table["stem"].iloc[row] for row in rows], likeness[rows])
@@ -90,7 +91,7 @@ def first_of(table: pd.DataFrame, likeness: NDArray[np.float64]) -> NDArray[np.f
 
 
 def fit(table: pd.DataFrame) -> tuple[NDArray[np.float64], float, float]:
-    """Return the weights of the measures and of the first of some, and the offset."""
+    """Return the weights of the measures, the weight of the least pole-like stem, and the intercept."""
     known = table["label"].isin([*POLES, *TRUNKS]).to_numpy()
     values, truth = table[MEASURES].to_numpy(), table["label"].isin(POLES).to_numpy()
     scale = values[known].std(axis=0)
@@ -105,7 +106,7 @@ def fit(table: pd.DataFrame) -> tuple[NDArray[np.float64], float, float]:
 
 
 def held_out(table: pd.DataFrame, n_folds: int) -> NDArray[np.float64]:
-    """Return the probability that each stem is a pole, by weights that have not seen its street."""
+    """Return the probability that each stem is a pole, with weights fitted to other streets."""
     chance = np.zeros(len(table))
     for rest, fold in GroupKFold(n_folds).split(table, groups=table["street"]):
         weights, first, offset = fit(table.iloc[rest])
@@ -123,8 +124,8 @@ def main() -> None:
     plan, streets = stored("streets")
     keys = [street_key(name, seed) for name, given in plan.scale.surveys.items() for seed in given.train]
     cuts = plan.stages.segmentation.normalized_cut
-    found = joblib.Parallel(n_jobs=args.jobs)(joblib.delayed(stems_of)(key, streets, cuts) for key in keys)
-    table = pd.concat(found, ignore_index=True)
+    tables = joblib.Parallel(n_jobs=args.jobs)(joblib.delayed(stems_of)(key, streets, cuts) for key in keys)
+    table = pd.concat(tables, ignore_index=True)
     chance, label = held_out(table, args.folds), table["label"]
     pole, trunk = label.isin(POLES), label.isin(TRUNKS)
     judged = {"now": table["now"]} | {f"{level:.1f}": chance >= level for level in (0.2, 0.3, 0.4, 0.5)}
@@ -133,8 +134,8 @@ def main() -> None:
          (label.eq(TAXONOMY["traffic_sign"]) & ~taken).sum(), (trunk & taken).sum())
         for name, taken in judged.items()
     ]  # fmt: skip
-    print(f"{pole.sum()} poles and {trunk.sum()} trunks in crowns on {len(keys)} streets; mistaken:")
-    names = ["pole from", "poles lost", "lamps lost", "signs lost", "trunks taken"]
+    print(f"{pole.sum()} poles and {trunk.sum()} trunks in crowns on {len(keys)} streets; misclassified:")
+    names = ["threshold", "missed poles", "missed lamps", "missed signs", "trunks as poles"]
     print(pd.DataFrame(rows, columns=names).to_string(index=False))
     weights, first, offset = fit(table)
     print("weights", dict(zip(MEASURES, weights.round(2).tolist(), strict=True)), f"first {first:.2f}")

@@ -1,8 +1,8 @@
 """Time and memory of a vocabulary of the paper's size: 120,000 words of 40 simulated samples of 50 m (yu2016, V-D).
 
-The paper took 39 minutes on 16 threads. Streets alternate between ring roads and campuses under a VMX-450 at its full
-rate. Described samples are kept in a folder, so that simulation is outside the figures and a second run goes on where
-the first stopped; the words are searched for every group once more for the stop list, as training does.
+The paper states 39 minutes on 16 threads. Streets are alternately ring roads and campuses, scanned by a VMX-450 at its
+full rate. Described samples are stored in a folder: their simulation is not timed, and a second run resumes an
+interrupted one. As in training, the nearest word of every group is searched once more for the stop list.
 
     python benchmarks/vocabulary_cost.py FOLDER [--words 120000] [--samples 40] [--threads 2]
 """
@@ -34,7 +34,7 @@ COLUMNS = ("descriptors", "orientations", "scales", "objects")
 
 
 def sample(number: int, folder: Path, parameters: GroupParameters) -> dict[str, np.ndarray]:
-    """Return the groups of a sample, from the folder or made anew."""
+    """Return the groups of a sample, from the folder or by simulation."""
     file = folder / f"sample_{number:02d}_{parameters.regions.seed_resolution:g}.npz"
     if not file.exists():
         survey = replace(
@@ -51,7 +51,7 @@ def sample(number: int, folder: Path, parameters: GroupParameters) -> dict[str, 
 def main() -> None:
     """Describe the samples, build the vocabulary, print a line and a line of JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="where described samples are kept")
+    parser.add_argument("folder", type=Path, help="folder of described samples")
     parser.add_argument("--samples", type=int, default=40)
     parser.add_argument("--words", type=int, default=120_000)
     parser.add_argument("--threads", type=int, default=2)

@@ -1,4 +1,4 @@
-"""Streets of planted poles, cars and bushes that tests of detectors share, and the detectors at a scale for them."""
+"""Streets of planted poles, cars and bushes for tests of detectors, and detectors of a suitable size."""
 
 import numpy as np
 
@@ -68,7 +68,7 @@ def bush(rng):
 
 
 def street(rng, n=6, *, intensity=True):
-    """Poles, cars and bushes in a row, each turned at random; no ground."""
+    """Poles, cars and bushes in a row, each rotated at random, without ground."""
     parts, labels, values = [], [], []
     for place in range(3 * n):
         points, bright = (pole, car, bush)[place % 3](rng)

@@ -1,4 +1,4 @@
-"""Slow, obvious versions of what the rival detectors compute."""
+"""Slow, obvious implementations of the kernels of the baseline detectors."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def spin_image(points, query, normal, radius, n_radial, n_axial):
-    """Spin image of one oriented point, neighbour by neighbour, each shared out to the nodes by a tent of height 1."""
+    """Spin image of one oriented point, with bilinear weights of each neighbour."""
     reach = radius / np.sqrt(2.0)
     alphas, betas = np.linspace(0, reach, n_radial), np.linspace(-reach, reach, n_axial)
     image = np.zeros((n_radial, n_axial))
@@ -24,13 +24,13 @@ def spin_image(points, query, normal, radius, n_radial, n_axial):
 
 
 def likeness_of_turn(image, reference, turn):
-    """Normalised correlation of two Gaussian images after turning the reference by whole cells."""
+    """Normalised correlation of two Gaussian images after rotating the reference by whole cells."""
     turned = np.roll(reference, turn, axis=1)
     return (image * turned).sum() / np.sqrt((image**2).sum() * (reference**2).sum())
 
 
 def peak_of_circles(centres, radii, rises, weights, cell, height_cell, n_directions):
-    """Vote space of one object with one offset per part, blurred by 1-2-1 along each axis: its highest value."""
+    """Highest value of the vote space of one object with one offset per part, blurred by (1, 2, 1) / 4 along each axis."""
     low = centres.min(axis=0)
     sizes, margins = np.array([cell, cell, height_cell]), np.array([2, 2, 1])
     corner = low - (margins + 0.5) * sizes

@@ -1,4 +1,4 @@
-"""The discriminant group distance written out equation by equation, and planted bags of words."""
+"""Discriminant group distance, equation by equation, and planted bags of words."""
 
 from itertools import permutations
 

@@ -1,4 +1,4 @@
-"""Kernels of the rival detectors against slow versions of them."""
+"""Kernels of the baseline detectors against slow implementations."""
 
 import numpy as np
 from helpers.planted import described, street
@@ -60,7 +60,7 @@ def _siblings(tree, leaves):
     return np.where(inner, 0, -1).astype(np.int16), tree.threshold[order].astype(np.float32), child
 
 
-def test_trees_part_what_can_be_parted(rng):
+def test_trees_separate_separable_classes(rng):
     features = rng.random((400, 5)).astype(np.float32)
     labels = (features[:, 2] > 0.5).astype(np.int16)
     offsets = np.column_stack([np.where(features[:, 4] > 0.3, 2.0, 1.0), np.zeros(400)])
@@ -84,7 +84,7 @@ def test_trees_part_what_can_be_parted(rng):
     assert np.mean(np.array(spread) == 0) > 0.8
 
 
-def test_offsets_do_not_know_the_way_an_object_is_turned(rng):
+def test_offsets_are_invariant_to_rotation(rng):
     scene, objects = street(rng, 1)
     parts = described("hough_forest", scene, objects)
     quarter = {**parts, "centres": parts["centres"] @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]])}
@@ -117,7 +117,7 @@ def test_an_object_is_most_like_itself(rng):
     assert pairs[0].min() > pairs[1].max()  # a pole is more like a pole than like a car
 
 
-def test_overlap_is_one_with_itself_and_does_not_mind_a_turn(rng):
+def test_overlap_with_itself_is_one_for_any_rotation(rng):
     scene, objects = street(rng, 2)
     parts = described("bottom_up_top_down", scene, objects)
     geometry = np.array([0.5, 2, 36, 5])

@@ -1,4 +1,4 @@
-"""The rival detectors: planted objects found, however they are turned; bad input."""
+"""Baseline detectors on planted objects in any orientation, and bad input."""
 
 import numpy as np
 import pytest
@@ -27,6 +27,7 @@ from mlsroad_pipeline.algorithms.baselines.object_matching.detector import (
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.detection.sampling import TrainingObjects
 from mlsroad_pipeline.algorithms.models.bundle import label_cloud
 
 methods = pytest.mark.parametrize("slug", METHODS)
@@ -34,14 +35,14 @@ methods = pytest.mark.parametrize("slug", METHODS)
 
 @pytest.fixture(scope="module")
 def models():
-    """One model of each method, learned from the same street."""
+    """Return one model of each method, trained on the same street."""
     scene, objects = street(np.random.default_rng(1), 8)
     return {slug: trained(slug, scene, objects, np.tile(LABELS, 8)) for slug in METHODS}
 
 
 @methods
 @pytest.mark.parametrize("intensity", [True, False])
-def test_planted_objects_are_found_however_they_are_turned(slug, intensity, models, rng):
+def test_planted_objects_are_detected_in_any_orientation(slug, intensity, models, rng):
     scene, objects = street(rng, 5, intensity=intensity)
     found = METHODS[slug][0].detect_scene(described(slug, scene, objects), models[slug])
     assert (found["label"] == np.tile(LABELS, 5)).mean() >= 14 / 15
@@ -83,7 +84,7 @@ def test_raw_points_are_labelled(slug, models, rng):
 
 
 @methods
-def test_tiny_objects_are_nothing_and_an_empty_scene_has_none(slug, models, rng):
+def test_tiny_objects_are_not_detected_and_an_empty_scene_has_none(slug, models, rng):
     scene = PointCloud(rng.random((3, 3)), {"intensity": np.ones(3, np.float32)})
     found = METHODS[slug][0].detect_scene(described(slug, scene, {"objects": np.zeros(3, np.int32)}), models[slug])
     assert found["scores"].shape == (1, 2) and np.isfinite(found["scores"]).all() and found["label"][0] == -1
@@ -109,8 +110,8 @@ def test_one_example_is_enough_to_train_and_none_is_never_detected(slug, rng, ca
 
 
 @methods
-def test_a_street_without_weight_has_no_say_in_thresholds(slug, rng):
-    """Its cars are others, so that thresholds which count it find half of the cars false, or lose them."""
+def test_a_street_of_weight_zero_is_excluded_from_threshold_selection(slug, rng):
+    """Its cars are labelled as others: thresholds chosen on it too give false positives or misses for half of the cars."""
     scene, objects = street(rng, 6)
     parts = described(slug, scene, objects)
     own, other = np.ones(18, bool), np.where(LABELS == 1, -1, LABELS).astype(np.int16)
@@ -141,13 +142,13 @@ def test_bad_parameters_are_named():
         HoughForest.from_arrays({}, intensity=True)
 
 
-def test_forest_without_intensity_never_saw_it(rng):
+def test_geometry_variant_of_the_forest_ignores_intensity(rng):
     scene, objects = street(rng, 3)
     parts = described("hough_forest", scene, objects)
     labels = np.tile(LABELS, 3)
-    one = fit_hough_forest(parts, labels, False, parameters=FOREST, n_classes=2)[0]
+    one = fit_hough_forest(TrainingObjects(parts, labels, 2), FOREST)[0]
     bright = {**parts, "descriptors": parts["descriptors"].copy()}
     bright["descriptors"][:, 19] = rng.random(len(bright["descriptors"]))
-    other = fit_hough_forest(bright, labels, False, parameters=FOREST, n_classes=2)[0]
+    other = fit_hough_forest(TrainingObjects(bright, labels, 2), FOREST)[0]
     for name, values in one.to_arrays().items():
         assert values.tobytes() == other.to_arrays()[name].tobytes(), name

@@ -1,4 +1,4 @@
-"""Feature regions and groups, by closed forms and the equations written out."""
+"""Feature regions and groups against closed forms and written-out equations."""
 
 from dataclasses import replace
 
@@ -59,7 +59,7 @@ def test_region_of_one_object_is_what_its_equations_say(rng):
         assert regions.scales[s] == pytest.approx(max(reach.max(initial=0.0), 0.3), rel=1e-5)
 
 
-def test_objects_do_not_see_each_other(rng):
+def test_descriptions_of_objects_are_independent(rng):
     bush = rng.uniform(0, 1, (4000, 3))
     touching = np.concatenate([bush, bush + [1.0, 0, 0]])
     owner = np.repeat([0, 1], 4000).astype(np.int32)
@@ -111,7 +111,7 @@ def test_small_objects_repeat_their_nearest_region():
     np.testing.assert_array_equal(groups.descriptors[0, 1], groups.descriptors[0, 2])
 
 
-def test_threads_and_order_of_the_points_do_not_matter(rng):
+def test_result_does_not_depend_on_threads_or_order_of_points(rng):
     xyz, objects = objects_apart(rng)
     one, two = (describe_regions(xyz, objects, parameters=COARSE, n_threads=n) for n in (1, 2))
     assert one.descriptors.tobytes() == two.descriptors.tobytes()

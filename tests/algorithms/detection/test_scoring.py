@@ -46,7 +46,7 @@ WANTED = DetectionParameters(scheme="test", classes=("pole", "car"), min_points=
 
 
 def street(rng, *, instances=True):
-    """Two poles, a car and a tree on a road; the second pole stands outside of the core."""
+    """Two poles, a car and a tree on a road; the second pole is outside the core."""
     parts = {
         "road": rng.uniform([0, 0, -0.02], [30, 6, 0.02], (3000, 3)),
         "light_pole": rng.uniform([2, 1, 0.1], [2.1, 1.1, 4], (200, 3)),
@@ -84,7 +84,7 @@ def test_reference_objects_number_instances_and_take_their_most_frequent_class(r
     assert classes.tolist() == [-1, 0, 1, 2, 0]
 
 
-def test_right_wrong_and_missing_detections_are_counted_where_they_belong(rng):
+def test_true_and_false_positives_and_misses_count_in_the_owning_scene(rng):
     scene, ground = street(rng)
     objects = segment_scene(scene, ground, PARAMETERS)
     scores = np.array([[0.3, 0.1], [0.0, 0.9], [0.4, 0.0], [0.8, 0.2]], np.float32)
@@ -104,7 +104,7 @@ def test_right_wrong_and_missing_detections_are_counted_where_they_belong(rng):
     np.testing.assert_allclose(curves["car"], [[0.9, 0.1], [1.0, 0.5], [1.0, 1.0]], rtol=1e-6)
 
 
-def test_small_references_are_not_looked_for(rng):
+def test_small_references_are_excluded(rng):
     scene, ground = street(rng)
     objects = segment_scene(scene, ground, PARAMETERS)
     nothing = {"label": np.full(4, -1, np.int16), "score": np.zeros(4), "scores": np.zeros((4, 2))}
@@ -113,7 +113,7 @@ def test_small_references_are_not_looked_for(rng):
     assert counted["n_objects"].tolist() == [0, 1]
 
 
-def test_what_is_too_small_to_look_for_is_not_learned_from(rng):
+def test_matches_of_small_references_are_excluded_from_training(rng):
     scene, ground = street(rng)
     objects = segment_scene(scene, ground, PARAMETERS)
     strict = DetectionParameters(scheme="test", classes=("pole", "car"), min_points=500)
@@ -122,7 +122,7 @@ def test_what_is_too_small_to_look_for_is_not_learned_from(rng):
 
 
 @pytest.mark.parametrize("silence", ["ignored label", "car of no instance", "tree of no instance"])
-def test_where_the_reference_says_nothing_nothing_is_learned_or_scored(rng, silence):
+def test_segments_without_reference_are_excluded_from_training_and_scores(rng, silence):
     scene, ground = street(rng)
     objects = segment_scene(scene, ground, PARAMETERS)
     columns = {name: values.copy() for name, values in scene.columns.items()}
@@ -146,7 +146,7 @@ def test_where_the_reference_says_nothing_nothing_is_learned_or_scored(rng, sile
         assert counted["n_objects"].tolist() == [1, 1] and counted["right"].tolist() == [True, True, False]
 
 
-def test_what_hangs_on_another_object_is_an_object_of_its_own():
+def test_attached_objects_of_another_class_are_objects():
     """Two poles with a car on each, numbered as one instance each; a branch in the first, and points of no label."""
     names = ["light_pole", "car", "tree", "unlabelled", "light_pole", "car", "tree"]
     sizes, numbers = [50, 20, 5, 4, 30, 40, 9], np.array([7, 7, 7, 7, 9, 9, 0])
@@ -170,7 +170,7 @@ def test_half_of_an_object_is_enough_to_be_scored():
     assert silent.tolist() == [False, True, False]
 
 
-def test_thresholds_stand_against_the_prevalence_of_a_class(rng):
+def test_thresholds_are_calibrated_to_the_prevalence_of_a_class(rng):
     labels = np.repeat([0, 1, -1], [200, 30, 400])
     scores = np.round(rng.normal(np.where(labels == 0, 0.6, 0.4), 0.1), 2).clip(0.01)
     weights = object_weights(labels, np.array([0.25, 3.0]))
@@ -183,7 +183,7 @@ def test_thresholds_stand_against_the_prevalence_of_a_class(rng):
     assert threshold > best_threshold(scores, labels == 0)[1]  # rarer objects need better scores
 
 
-def test_objects_of_scenes_without_weight_have_no_say_in_thresholds(rng):
+def test_scenes_of_weight_zero_are_excluded_from_threshold_selection(rng):
     usual = {"label": np.repeat([0, -1], [60, 300]), "own": rng.random(360) < 0.9}
     odd = {"label": np.repeat([0, 1, -1], [20, 10, 200]), "own": rng.random(230) < 0.9, "weight": 0.0}
     weights = training_weights([usual, odd], np.array([0.25, 3.0]))
@@ -199,7 +199,7 @@ def test_objects_of_scenes_without_weight_have_no_say_in_thresholds(rng):
     assert best_threshold(scores, labels == 1, weights) == (0.0, np.inf)  # its examples have no say either
 
 
-def test_prevalence_of_what_is_not_looked_for_is_named():
+def test_prevalence_of_an_unwanted_class_is_an_error():
     with pytest.raises(ParameterError, match="prevalence names 'tree', which is not looked for"):
         DetectionParameters(prevalence={"tree": 0.5})
     with pytest.raises(ParameterError, match="detection.prevalence of 'car' must be"):
@@ -207,7 +207,7 @@ def test_prevalence_of_what_is_not_looked_for_is_named():
     assert DetectionParameters(prevalence={"car": 2}).factors.tolist() == [1, 1, 2]
 
 
-def test_an_object_belongs_to_the_scene_that_holds_its_foot():
+def test_the_scene_of_the_lowest_point_owns_an_object():
     xyz = np.array([[0, 0, 0.0], [1, 0, 5.0], [0, 0, 3.0], [1, 0, 2.0]])
     scene = PointCloud(xyz, {"core": np.array([True, False, True, False])})
     assert owned_by_core(scene, np.array([0, 0, 1, 1]), 3).tolist() == [True, False, False]
@@ -224,7 +224,7 @@ def test_segmentation_is_scored_over_what_the_core_owns(rng):
     assert np.unique(clusters["objects"]).tolist() != np.unique(objects["objects"]).tolist()
 
 
-def test_intensity_is_used_where_the_method_says_so(rng):
+def test_intensity_is_used_by_the_methods_with_intensity(rng):
     pole = rng.uniform([-0.08, -0.08, 0], [0.08, 0.08, 4], (4000, 3))
     bush = rng.uniform([-0.5, -0.5, 0], [0.5, 0.5, 1.5], (8000, 3))
     xyz = np.concatenate([pole, bush[np.abs(bush[:, :2]).max(axis=1) > 0.08]])
@@ -238,7 +238,7 @@ def test_intensity_is_used_where_the_method_says_so(rng):
     assert both[0] == 2 and both[1] != 2
 
 
-def test_cut_as_published_knows_nothing_of_poles(rng):
+def test_the_published_cut_does_not_separate_poles(rng):
     pole = rng.uniform([-0.06, -0.06, 0], [0.06, 0.06, 6], (6000, 3))
     bush = rng.uniform([-0.5, -0.5, 0], [0.5, 0.5, 1.5], (8000, 3))
     xyz = np.concatenate([pole, bush[np.abs(bush[:, :2]).max(axis=1) > 0.06]])
@@ -252,7 +252,7 @@ def test_cut_as_published_knows_nothing_of_poles(rng):
     assert published.max() == 0
 
 
-def test_threshold_is_that_of_the_best_f_score_of_all(rng):
+def test_threshold_has_the_best_f_score(rng):
     scores = np.round(rng.random(60), 2) * (rng.random(60) < 0.8)
     truth = rng.random(60) < 0.2 + 0.6 * scores
     reached, threshold = best_threshold(scores, truth)
@@ -264,7 +264,7 @@ def test_threshold_is_that_of_the_best_f_score_of_all(rng):
     assert nothing == (0.0, np.nextafter(0.0, 1.0))
 
 
-def test_class_is_that_which_passes_its_threshold_by_the_largest_factor():
+def test_class_exceeds_its_threshold_by_the_largest_factor():
     scores = np.array([[0.5, 0.3], [0.2, 0.19], [0.0, 0.0], [0.3, 0.9]])
     label, score = detect_by_thresholds(scores, np.array([0.4, 0.2]))
     assert label.tolist() == [1, -1, -1, 1]
@@ -291,13 +291,13 @@ def test_bad_input(rng):
 
 
 def share_of(picture, colour):
-    """Return the share of pixels that have a colour's hue, however shaded."""
+    """Return the share of pixels with the hue of a colour in any shade."""
     flat = picture.reshape(-1, 3).astype(float)
     tone = np.array(colour) / np.linalg.norm(colour)
     return float(((flat @ tone) / np.linalg.norm(flat, axis=1).clip(1) > 0.985).mean())
 
 
-def test_points_tell_whether_their_object_was_found(rng):
+def test_points_of_detected_missed_and_false_objects(rng):
     scene, ground = street(rng)
     objects = segment_scene(scene, ground, PARAMETERS)
     pole, tree = (objects["objects"][scene["instance"] == k].max() for k in (11, 13))

@@ -1,4 +1,4 @@
-"""What the thresholds of the visual words are chosen on."""
+"""Threshold selection of the visual words."""
 
 import numpy as np
 import pytest
@@ -10,8 +10,8 @@ from mlsroad_pipeline.algorithms.visual_words.detector import VisualWordsDetecto
 from mlsroad_pipeline.algorithms.visual_words.queries import DetectorParameters
 
 
-def test_thresholds_stand_against_all_others_not_those_drawn_alone(rng):
-    """Others of the classes' own words are rare among those drawn, and as many as the examples in the scenes."""
+def test_thresholds_are_chosen_on_all_counterexamples_not_the_sample(rng):
+    """Counterexamples with the words of a class are rare in the sample and as frequent as its examples in the scenes."""
     counts, labels = planted(rng, 600)
     twin = (labels == 0) & (rng.random(600) < 0.5)
     truth = np.where(twin, -1, labels)  # half of the poles are something else that looks the same
@@ -21,7 +21,7 @@ def test_thresholds_stand_against_all_others_not_those_drawn_alone(rng):
     assert detector.f_scores_["car"] > 0.95
 
 
-def test_objects_without_weight_vote_and_have_no_say_in_thresholds(rng):
+def test_objects_of_weight_zero_vote_and_are_excluded_from_threshold_selection(rng):
     counts, labels = planted(rng, 600)
     scenes = np.arange(600) % 6
     odd = scenes >= 4  # two scenes in which half of the poles are something else that looks the same

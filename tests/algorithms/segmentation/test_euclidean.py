@@ -56,7 +56,7 @@ def test_ends_of_a_long_cloud_do_not_touch(axis):
 
 
 def test_lattice_of_every_offset(rng):
-    """A pair at each direction and distance around the tolerance: each neighbouring cell is looked at."""
+    """A pair at each direction and distance around the tolerance covers each neighbouring cell."""
     directions = rng.normal(size=(400, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     for factor, joined in [(0.999999, True), (1.000001, False)]:

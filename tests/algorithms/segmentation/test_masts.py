@@ -44,7 +44,7 @@ def test_a_leg_is_found_by_the_beam_that_reaches_it(rng):
 
 
 def test_leaves_on_one_side_of_a_pole_do_not_bend_it(rng):
-    """The upper half of a straight pole, lean 0.05, has more leaves to its east than points of its own."""
+    """The upper half of a straight pole, slope 0.05, has more leaves to its east than points of its own."""
     z = np.repeat(np.arange(0.05, 6.0, 0.1), 2)
     pole = np.column_stack([0.05 * z, np.zeros(len(z)), z]) + rng.normal(0, 0.01, (len(z), 3))
     leaves = np.column_stack([rng.uniform(0.35, 0.7, 400), rng.uniform(-0.2, 0.2, 400), rng.uniform(3, 6, 400)])
@@ -58,7 +58,7 @@ def test_leaves_on_one_side_of_a_pole_do_not_bend_it(rng):
     assert np.exp(measure_stem(stem, crooked, counts, 0.5)[0]) - 0.02 > 3 * bend
 
 
-def test_the_stem_least_like_a_pole_carries_the_crown_of_those_near():
+def test_the_least_pole_like_of_neighbouring_stems_carries_the_crown():
     at = [(0.0, 0.0), (2.0, 0.0), (4.0, 0.0), (20.0, 0.0)]
     stems = [Stem(np.array(base), np.zeros(2), 0.0, 5.0) for base in at]
     assert find_least_pole_like(stems, np.array([1.0, 2.0, 3.0, 9.0])).tolist() == [True, False, False, True]

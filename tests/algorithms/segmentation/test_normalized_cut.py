@@ -102,7 +102,7 @@ def test_touching_trees_are_cut_and_a_single_one_is_not(rng):
     assert found.max() == 2 and adjusted_rand_score(truth, found) > 0.97
 
 
-def test_intensity_parts_a_pole_from_the_bush_around_it(rng):
+def test_intensity_separates_a_pole_from_the_bush_around_it(rng):
     pole = rng.uniform([-0.08, -0.08, 0], [0.08, 0.08, 4], (4000, 3))
     bush = rng.uniform([-0.5, -0.5, 0], [0.5, 0.5, 1.5], (8000, 3))
     points = np.concatenate([pole, bush[np.abs(bush[:, :2]).max(axis=1) > 0.08]])
@@ -161,8 +161,8 @@ def test_cars_side_by_side_are_two_and_one_is_one(rng):
     assert segment(points, parameters=NormalizedCutParameters(low_height=0)).max() == 0
 
 
-def test_cars_that_hang_together_by_little_are_cut_at_the_smallest_scale(rng):
-    """At 1 m two cars abreast reach across the gap; at half of that a bar between them weighs next to nothing."""
+def test_weakly_connected_cars_are_cut_at_the_smallest_scale(rng):
+    """At 1 m edges of two adjacent cars reach across the gap; at 0.5 m a bar between them has little weight."""
     one, other = car(rng, 0, 0), car(rng, 2.4, 0.3)
     bar = rng.uniform([0.85, 0.2, 0.4], [1.55, 0.4, 0.6], (400, 3))
     points, truth = np.concatenate([one, other, bar]), np.repeat([0, 1], len(one))

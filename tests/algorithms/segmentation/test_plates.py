@@ -1,4 +1,4 @@
-"""Plates that hang on masts are told from what belongs to these by their brightness, or as thin sheets."""
+"""Separation of plates from masts by contrast, or as thin sheets."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_all_plates_of_a_mast_are_one_sign(rng):
     assert (sign & (truth > 0)).sum() / (sign | (truth > 0)).sum() > 0.7
 
 
-def test_back_of_a_plate_is_told_by_its_thin_sheet_and_a_box_is_not(rng):
+def test_a_thin_sheet_is_separated_without_contrast_and_a_box_is_not(rng):
     back = plate(rng, 2.4, 3.1)
     assert found_with(rng, [back], [0.39])[0].max() == 1
     assert found_with(rng, [back], None)[0].max() == 1
@@ -66,7 +66,7 @@ def test_back_of_a_plate_is_told_by_its_thin_sheet_and_a_box_is_not(rng):
         ((2.4, 2.5), 0.6, {}),  # an arm is no plate
     ],
 )
-def test_what_is_no_plate_stays_on_the_mast(body, brightness, changes, rng):
+def test_other_fixtures_stay_on_the_mast(body, brightness, changes, rng):
     objects, _ = found_with(rng, [plate(rng, *body)], None if brightness is None else [brightness], **changes)
     assert objects.max() == 0
 

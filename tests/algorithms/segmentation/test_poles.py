@@ -1,4 +1,4 @@
-"""Poles taken out of planted crowns and shrubs, and trees that keep their trunks."""
+"""Separation of poles from planted crowns and shrubs; trees keep their trunks."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def tree(rng, x, y, height=5.0, radius=2.0, n=12000):
 
 
 def segmented(parts, **changes):
-    """Return the IoU of each part with the segment that holds most of it, and the number of segments."""
+    """Return the IoU of each part with its largest segment, and the number of segments."""
     truth = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
     found = segment(np.concatenate(parts), parameters=NormalizedCutParameters(**{**UNCUT, **changes}))
     overlap = []
@@ -117,7 +117,7 @@ def test_parts_are_those_of_the_clusters_in_any_order_and_elsewhere(rng):
     np.testing.assert_array_equal(again[: len(places)] != 0, found != 0)
 
 
-def test_nothing_to_take_out_is_no_error():
+def test_clusters_without_poles_are_unchanged():
     none, _ = separate_poles(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int32), free_length=1.2)
     assert len(none) == 0
     flat, _ = separate_poles(np.zeros((1, 3)), np.ones(1, np.int64), np.zeros(1, np.int32), free_length=1.2)
@@ -129,7 +129,7 @@ def test_negative_length_is_an_error():
         NormalizedCutParameters(pole_length=-1.0)
 
 
-def test_parts_without_a_foot_go_to_what_they_touch_most():
+def test_parts_without_a_foot_join_the_part_they_touch_most():
     def column(x, low, high):
         z = np.arange(low, high, 0.1)
         return np.column_stack([np.full(len(z), x), np.zeros(len(z)), z])
@@ -175,7 +175,7 @@ def test_lamp_beside_a_thick_trunk_is_an_object_though_the_crown_lies_around_it(
     assert min(overlap) > 0.85
 
 
-def test_stretches_of_a_hidden_pole_are_one_object(rng):
+def test_segments_of_an_occluded_pole_are_one_object(rng):
     whole = pole(rng, 0, 0)
     seen = whole[(whole[:, 2] < 2.6) | (whole[:, 2] > 3.9)]
     assert segmented([seen], pole_gap=0)[1] == 2
@@ -183,7 +183,7 @@ def test_stretches_of_a_hidden_pole_are_one_object(rng):
     assert segmented([seen], pole_gap=1.0)[1] == 2
 
 
-def test_what_does_not_continue_a_pole_is_not_joined_with_it(rng):
+def test_other_parts_are_not_joined_with_a_pole(rng):
     post = pole(rng, 0, 0, height=2.0)[:5000]
     beside = post + [0.4, 0, 3.0]
     wide = crown(rng, 0, 0, 4.2, 1.0)
@@ -195,7 +195,7 @@ def test_what_does_not_continue_a_pole_is_not_joined_with_it(rng):
 
 
 def test_a_gantry_keeps_its_legs(rng):
-    """Legs are as straight as poles; the beam on them lies beside them as a crown does that grows on another stem."""
+    """Legs are as straight as poles; their beam lies beside them like the crown of another stem."""
     legs = [
         np.column_stack([rng.uniform(x - 0.1, x + 0.1, 4000), rng.uniform(-0.1, 0.1, 4000), rng.uniform(0, 6.5, 4000)])
         for x in (0.0, 9.0)
@@ -235,7 +235,7 @@ def shell(rng, low, high, n=6000):
     return np.asarray(low) + unit * (np.asarray(high) - np.asarray(low))
 
 
-def test_a_sign_is_told_from_the_bin_at_its_foot(rng):
+def test_a_sign_is_separated_from_the_bin_at_its_foot(rng):
     parts = [sign(rng, 0, 0), shell(rng, (0.09, -0.25, 0.0), (0.6, 0.25, 1.05))]
     assert segmented(parts, pole_length=0)[1] == 1
     overlap, n_found = segmented(parts)
@@ -249,8 +249,8 @@ def test_a_car_keeps_its_aerial(rng):
     assert segmented([car])[1] == 1
 
 
-def test_parts_that_hang_on_each_other_come_down_to_a_foot_together():
-    """Two halves of a beam touch each other most, and neither comes down; one post carries both."""
+def test_floating_parts_that_touch_each_other_join_a_part_with_a_foot():
+    """Two halves of a beam touch each other most, and neither has a foot; one post carries both."""
     post = np.column_stack([np.zeros(40), np.zeros(40), np.arange(40) * 0.1])
     beam = np.array([[x, y, 4.0] for x in np.arange(0, 40) * 0.1 for y in (0.0, 0.1, 0.2)])
     places = np.concatenate([post, beam])

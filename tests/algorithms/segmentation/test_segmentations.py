@@ -1,4 +1,4 @@
-"""The segmentations that the normalised cut is compared with: planted objects, hand-made scans, SciPy's components."""
+"""Baseline segmentations on planted objects and hand-made scans, and against SciPy's components."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_spacing_of_zero_is_plain_clustering(rng):
     np.testing.assert_array_equal(found, radius_graph_components(xyz, 0.2))
 
 
-def test_sparse_objects_hold_together_and_dense_ones_stay_apart():
+def test_sparse_objects_stay_whole_and_dense_objects_separate():
     """Two dense sheets 0.25 m apart are two objects; one sheet whose points lie 0.3 m apart is one."""
     grid = np.stack(np.meshgrid(np.arange(0, 1, 0.05), np.arange(0, 1, 0.05)), axis=-1).reshape(-1, 2)
     dense = [np.column_stack([grid[:, 0], np.full(len(grid), y), grid[:, 1]]) for y in (0.0, 0.25)]
@@ -77,7 +77,7 @@ def test_spacing_stops_at_the_longest_step():
 
 
 def test_a_body_without_a_border_is_not_cut(rng):
-    """A long wall has a cheap cut in its middle, but no place that is better than the next."""
+    """A long wall has a cut of small value in its middle, but neighbouring cuts are as good."""
     wall = np.column_stack([rng.uniform(0, 20, 20_000), rng.normal(0, 0.01, 20_000), rng.uniform(0, 2, 20_000)])
     cut = NormalizedCutParameters(max_smoothness=1.0)
     assert segment(wall, parameters=cut).max() > 0
@@ -123,14 +123,14 @@ def scan_of(things, period=0.01):
     return np.array(rows)
 
 
-def test_two_step_joins_runs_that_lie_side_by_side():
+def test_two_step_joins_adjacent_runs():
     """A wall of many lines is one object, and a second one 1 m away another."""
     rows = scan_of([(0, 3, 2.0, 0, 2), (4, 6, 2.0, 0, 2)])
     found = segment_two_step(rows[:, :3], gps_time=rows[:, 3], scanner=rows[:, 4].astype(np.uint8))
     np.testing.assert_array_equal(found, rows[:, 0] > 3.5)
 
 
-def test_two_step_keeps_apart_what_touches_with_an_edge():
+def test_two_step_separates_objects_that_touch_at_an_edge():
     """A board whose lowest edge lies beside the top of a wall: clusters join them, runs do not touch enough."""
     # Every line begins far away, so that the top of one does not run on into the bottom of the next.
     rows = scan_of([(0, 6, 9.0, 0, 0.1), (0, 2, 2.0, 0, 3.0), (2, 2.3, 2.0, 2.9, 6.0)])
@@ -145,7 +145,7 @@ def test_two_step_keeps_apart_what_touches_with_an_edge():
 
 
 @pytest.mark.parametrize("contact", [0.0, 0.25, 0.8])
-def test_runs_that_touch_are_those_of_brute_force(rng, contact):
+def test_touching_runs_equal_brute_force(rng, contact):
     parameters = TwoStepParameters(across=0.2, contact=contact)
     of_run = np.sort(rng.integers(0, 60, 1500))
     places = rng.uniform(0, 2, (60, 3))[of_run] + rng.normal(0, 0.15, (1500, 3)) + [4e5, 5e6, 30]

@@ -1,4 +1,4 @@
-"""Bags and their likeness by hand, and detection of planted kinds of objects."""
+"""Bags and their similarity by hand, and detection of planted kinds of objects."""
 
 from dataclasses import replace
 
@@ -100,7 +100,7 @@ def test_weighted_queries_find_planted_classes_in_scenes_of_their_own(rng):
 
 
 @pytest.mark.parametrize("decision", ["weighted", "nearest"])
-def test_sizes_tell_apart_what_has_the_same_words(rng, decision):
+def test_sizes_separate_objects_of_the_same_words(rng, decision):
     counts = csr_array(rng.poisson(np.full((200, 30), 1.0)).astype(np.float64))
     labels = np.repeat([0, -1], 100)
     sizes = np.where(labels[:, None] == 0, [0, 7, 0.8, 0.2], [0, 4, 3.0, 3.0]) * rng.uniform(0.8, 1.2, (200, 4))
@@ -131,7 +131,7 @@ def test_others_most_like_an_example_vote(rng):
 
 
 @pytest.mark.parametrize("decision", ["weighted", "nearest"])
-def test_profiles_tell_apart_what_has_the_same_words_and_size(rng, decision):
+def test_profiles_separate_objects_of_the_same_words_and_size(rng, decision):
     counts = csr_array(rng.poisson(np.full((200, 30), 1.0)).astype(np.float64))
     labels = np.repeat([0, -1], 100)
     profiles = rng.dirichlet(np.full(8, 5.0), 200) * np.where(
@@ -153,7 +153,7 @@ def test_profiles_tell_apart_what_has_the_same_words_and_size(rng, decision):
         DetectorParameters(size_share=0.7, profile_share=0.4)
 
 
-def test_others_are_drawn_and_a_single_scene_takes_the_border_of_the_vote(rng):
+def test_counterexamples_are_sampled_and_a_single_scene_has_threshold_one_half(rng):
     counts, labels = planted(rng, 300)
     parameters = DetectorParameters(max_others=20)
     detector = VisualWordsDetector(["pole", "car"], parameters=parameters).fit(counts, labels, scenes=np.zeros(300))
@@ -190,7 +190,7 @@ def test_likeness_of_sizes_by_hand():
         size_likeness(one[:, :2], other)
 
 
-def test_a_class_without_training_objects_is_warned_of_and_never_detected(rng, caplog):
+def test_a_class_without_training_objects_gives_a_warning_and_is_never_detected(rng, caplog):
     counts, labels = planted(rng, 60)
     detector = VisualWordsDetector(["pole", "car", "tram"]).fit(counts, labels)
     assert "No training object is a tram" in caplog.text
@@ -200,7 +200,7 @@ def test_a_class_without_training_objects_is_warned_of_and_never_detected(rng, c
         assert (each.score(counts)[:, 2] == 0).all()
 
 
-def test_arrays_give_the_same_detector(rng):
+def test_detector_is_rebuilt_from_its_arrays(rng):
     counts, labels = planted(rng, 100)
     detector = VisualWordsDetector(["pole", "car"]).fit(counts, labels)
     again = VisualWordsDetector.from_arrays(detector.to_arrays())

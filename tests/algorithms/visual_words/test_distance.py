@@ -1,4 +1,4 @@
-"""The nearest word against the distance written out, for every group and every word."""
+"""Nearest words against an exhaustive search with the written-out distance."""
 
 import numpy as np
 import pytest
@@ -62,7 +62,7 @@ def test_equal_words_go_to_the_first(rng):
     np.testing.assert_array_equal(found, np.arange(50))
 
 
-def test_sign_of_orientations_and_common_scale_do_not_matter(rng):
+def test_distance_is_invariant_to_sign_of_orientations_and_common_scale(rng):
     groups, words = random_groups(rng, 60), random_groups(rng, 200)
     inverse = inverse_covariance(words.descriptors)
     flipped = ContextualGroups(
@@ -79,7 +79,7 @@ def test_no_groups_have_no_words(rng):
     assert found.shape == distances.shape == (0,)
 
 
-def test_threads_do_not_matter(rng):
+def test_result_does_not_depend_on_threads(rng):
     groups, words = random_groups(rng, 200), random_groups(rng, 300)
     one, two = (nearest_words(groups, words, n_threads=n) for n in (1, 2))
     assert one[0].tobytes() == two[0].tobytes() and one[1].tobytes() == two[1].tobytes()

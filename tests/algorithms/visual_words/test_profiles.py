@@ -1,4 +1,4 @@
-"""How the voxels of objects are spread over height, distance from their axis, and intensity."""
+"""Profiles of objects over height, distance from the axis, shape and intensity."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def test_shares_by_hand():
     assert found[2, :, 0].tolist() == pytest.approx([1 / 12] * 12)
 
 
-def test_profiles_do_not_change_with_place_turn_order_or_density(rng):
+def test_profiles_are_invariant_to_position_rotation_order_and_density(rng):
     one = measure_profiles(lamp(rng), np.zeros(800, int))
     order = rng.permutation(800)
     many = np.repeat(lamp(rng), 5, axis=0)
@@ -51,7 +51,7 @@ def test_profiles_do_not_change_with_place_turn_order_or_density(rng):
     assert profile_likeness(one, measure_profiles(block, np.zeros(4000, int)))[0, 0] < 0.2
 
 
-def test_likeness_is_what_is_shared_over_what_either_has():
+def test_likeness_is_the_sum_of_minima_over_the_sum_of_maxima():
     one, other = np.array([[0.5, 0.5, 0.0], [0.0, 0.0, 0.0]]), np.array([[0.25, 0.25, 0.5], [0.5, 0.5, 0.0]])
     np.testing.assert_allclose(profile_likeness(one, other), [[0.5 / 1.5, 1.0], [0.0, 0.0]])
     assert profile_likeness(one[1:], one[1:])[0, 0] == 0.0  # nothing is like nothing
@@ -77,7 +77,7 @@ def test_shares_of_intensity_by_hand():
         measure_profiles(points, np.zeros(14, int), intensity=intensity[:3])
 
 
-def test_intensities_tell_apart_what_has_one_form_and_can_be_left_out(rng):
+def test_intensities_separate_objects_of_one_shape_and_can_be_excluded(rng):
     """A panel that reflects and one that does not, on the same post."""
     points, owner = lamp(rng), np.zeros(800, int)
     dull = measure_profiles(points, owner, intensity=np.full(800, 0.3))
@@ -108,7 +108,7 @@ def _sheet(across, along, n=25):
         (7, np.array([[0, 0, 0], [0.1, 0, 0], [0, 0, 2.0]])),
     ],
 )
-def test_lines_planes_and_bodies_are_told_by_the_way_they_run(kind, points):
+def test_lines_planes_and_volumes_are_classified_by_inclination(kind, points):
     shares = measure_profiles(points + 0.05, np.zeros(len(points), int))[0]
     of_kind = shares[N_PLACES:N_BLIND].reshape(BANDS, KINDS).sum(axis=0)
     assert of_kind.sum() == pytest.approx(1.0)

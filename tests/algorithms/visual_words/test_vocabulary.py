@@ -74,7 +74,7 @@ def test_number_of_words_and_same_seed_same_words(rng):
 
 
 @pytest.mark.parametrize("matrix", [30, 500], ids=["divided", "at once"])
-def test_groups_that_are_all_alike_make_one_word(rng, matrix):
+def test_equal_groups_make_one_word(rng, matrix):
     groups, _ = planted(rng, 80, kinds=1, spread=0.0)
     parameters = VocabularyParameters(n_words=5, stop_share=0, matrix=matrix)
     assert len(build_vocabulary(groups, np.zeros(80, int), parameters=parameters)[0]) == 1

@@ -1,4 +1,4 @@
-"""Machines that vote: none scores what it has seen, and their mean is a machine."""
+"""Committees of support vector machines: held-out scores and the mean machine."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from mlsroad_pipeline.algorithms.visual_words.weights import assign_folds, held_out_scores, train_committee, weigh
 
 
-def test_no_object_is_scored_by_a_machine_that_saw_its_scene(rng):
+def test_objects_are_scored_by_machines_trained_without_their_scene(rng):
     places = np.concatenate([rng.normal(0, 1, (40, 3)), rng.normal(1.5, 1, (20, 3))])
     truth = np.arange(60) >= 40
     alike = np.exp(-((places[:, None] - places[None]) ** 2).sum(axis=2))

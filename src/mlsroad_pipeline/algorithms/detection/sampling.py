@@ -13,6 +13,43 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.detection.detector import Description, object_bounds
 
 
+class TrainingObjects(NamedTuple):
+    """All training objects, as a method fits one variant of a detector to them.
+
+    Attributes
+    ----------
+    parts : Description
+        The described objects.
+    labels : ndarray of int16, shape (n,)
+        Class of each object; -1 for others.
+    n_classes : int
+        Number of wanted classes.
+    intensity : bool, default False
+        Whether to use intensity.
+    weights : ndarray of float64, shape (n,), optional
+        Weight of each object in threshold selection, see `training_weights`; 1 by default.
+    n_threads : int, default 1
+        Threads; the detector does not depend on it.
+    """
+
+    parts: Description
+    labels: NDArray[np.int16]
+    n_classes: int
+    intensity: bool = False
+    weights: NDArray[np.float64] | None = None
+    n_threads: int = 1
+
+    def sample(self, parameters: Any) -> TrainingSample:
+        """Sample the objects that a detector is fitted to, by `max_per_class`, `max_others` and `seed` of a method.
+
+        Thresholds are chosen on all training objects instead: in the sample, objects of no wanted class are rarer than
+        in a street.
+        """
+        p = parameters
+        rows = sample_objects(self.labels, max_per_class=p.max_per_class, max_others=p.max_others, seed=p.seed)
+        return TrainingSample(rows, select_objects(self.parts, rows), self.labels[rows])
+
+
 class TrainingSample(NamedTuple):
     """Sampled training objects.
 
@@ -81,14 +118,3 @@ def sample_objects(labels: NDArray[np.integer], *, max_per_class: int, max_other
         most = max_others if label == IGNORE else max_per_class
         drawn.append(mine if len(mine) <= most else rng.choice(mine, most, replace=False))
     return np.sort(np.concatenate(drawn)).astype(np.int64) if drawn else np.zeros(0, np.int64)
-
-
-def draw_sample(parts: Description, labels: NDArray[np.int16], parameters: Any) -> TrainingSample:
-    """Sample the training objects that a detector is fitted to.
-
-    `parameters` has the fields ``max_per_class``, ``max_others`` and ``seed``. Thresholds are chosen on all training
-    objects instead: in the sample, objects of no wanted class are rarer than in a street.
-    """
-    p = parameters
-    rows = sample_objects(labels, max_per_class=p.max_per_class, max_others=p.max_others, seed=p.seed)
-    return TrainingSample(rows, select_objects(parts, rows), labels[rows])

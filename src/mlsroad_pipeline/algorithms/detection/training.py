@@ -20,7 +20,7 @@ from mlsroad_pipeline.algorithms.detection.detector import (
     TrainedDetector,
     object_bounds,
 )
-from mlsroad_pipeline.algorithms.detection.sampling import join_descriptions
+from mlsroad_pipeline.algorithms.detection.sampling import TrainingObjects, join_descriptions
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters, ObjectClasses
 from mlsroad_pipeline.algorithms.detection.thresholds import object_weights
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -138,7 +138,7 @@ def train_object_detector(
     parts: Mapping[str, Description],
     labels: Mapping[str, ObjectClasses],
     *,
-    fit: Callable[..., tuple[TrainedDetector, dict[str, Any]]],
+    fit: Callable[[TrainingObjects, Any], tuple[TrainedDetector, dict[str, Any]]],
     slug: str,
     uses_intensity: bool,
     parameters: Any,
@@ -159,8 +159,7 @@ def train_object_detector(
     labels : mapping of str to ObjectClasses
         Classes of the objects of each of them.
     fit : callable
-        Fits one variant to parts, classes and whether intensity is used, with the keywords ``parameters``,
-        ``n_classes``, ``weights`` and ``n_threads``; returns a detector and figures of its training.
+        Fits one variant to objects with the parameters of the method; returns a detector and figures of its training.
     slug : str
         The method.
     uses_intensity : bool
@@ -196,12 +195,10 @@ def train_object_detector(
     for number, name in enumerate(detection.classes):
         if not (described & (truth == number)).any():
             logger.warning("No training object is a %s: the model never detects one", name)
+    objects = TrainingObjects(joined, truth, len(detection.classes), weights=weights, n_threads=n_threads)
     variants: dict[str, FittedVariant] = {}
     for variant in [WITH_INTENSITY, GEOMETRY] if uses_intensity and bool(joined["intensity"]) else [GEOMETRY]:
-        detector, facts = fit(
-            joined, truth, variant == WITH_INTENSITY, parameters=parameters, n_classes=len(detection.classes),
-            weights=weights, n_threads=n_threads,
-        )  # fmt: skip
+        detector, facts = fit(objects._replace(intensity=variant == WITH_INTENSITY), parameters)
         thresholds = zip(detection.classes, detector.thresholds.tolist(), strict=True)
         facts["thresholds"] = {name: value for name, value in thresholds if np.isfinite(value)}
         variants[variant] = FittedVariant(detector.to_arrays(), facts)

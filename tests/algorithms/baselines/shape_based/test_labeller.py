@@ -1,4 +1,4 @@
-"""Shape-based recognition: places, cuts and descriptions with known answers, and planted streets."""
+"""Shape-based recognition: locations, cuts and features with known results, and planted streets."""
 
 import numpy as np
 import pytest
@@ -61,7 +61,7 @@ def test_links_are_those_of_brute_force(rng):
 
 
 def test_a_cut_is_the_best_of_all(rng):
-    """Against enumeration of which sites between core and radius are foreground."""
+    """Against enumeration of all foregrounds between core and radius."""
     p = CutParameters(radii=(1.0,), core=0.2, background=0.5)
     for _ in range(20):
         sites = np.column_stack([rng.uniform(-1.2, 1.2, (11, 2)), np.zeros(11)])
@@ -83,7 +83,7 @@ def test_a_cut_is_the_best_of_all(rng):
         assert cost(front) == pytest.approx(best)
 
 
-def test_objects_apart_are_told_apart():
+def test_distant_objects_are_separate():
     parts = [column(0, 0, 6.0), box(5, 0, (3.0, 1.6, 1.2)), column(0, 6, 6.0), box(6, 6, (2.0, 2.0, 2.0))]
     sites = np.concatenate(parts)
     truth = np.repeat(np.arange(4), [len(part) for part in parts])
@@ -175,7 +175,7 @@ def test_planted_objects_are_recognised_and_the_ground_is_left(model):
     assert np.array_equal(again["label"], labels) and np.array_equal(again["confidence"], confidence)
 
 
-def test_place_on_earth_does_not_matter(model):
+def test_result_is_invariant_to_translation(model):
     cloud = planted_street(9)
     moved = PointCloud(cloud.xyz, origin=np.array([512_000.0, 5_400_000.0, 200.0]), columns={"rgb": cloud["rgb"]})
     assert (label_cloud(cloud, model)[0] == label_cloud(moved, model)[0]).mean() > 0.99
@@ -204,8 +204,8 @@ def test_training_needs_objects_of_two_classes():
         fit([{"features": np.zeros((3, 4), np.float32), "label": np.ones(3, np.int16), "on_ground": counts}], **options)
 
 
-def test_classes_that_lie_on_the_ground_are_not_among_those_given(rng):
-    """A few tufts of a ground class stand out as objects; the method still does not give that class."""
+def test_classes_on_the_ground_are_not_predicted(rng):
+    """A few tufts of a ground class are segmented as objects; the class is still not predicted."""
     stages = PatchStages(GroundParameters(), PatchParameters())
     options = {"parameters": PARAMETERS, "stages": stages, "scheme": SCHEME, "trained_on": {}}
     labels = np.arange(3).repeat(5).astype(np.int16)
@@ -219,7 +219,7 @@ def test_classes_that_lie_on_the_ground_are_not_among_those_given(rng):
     assert rows.sum() == len(patches["height"]) and rows[1, 0] > rows[0, 0]  # paved lies on the ground
 
 
-def test_without_appearance_the_last_columns_are_left_out():
+def test_without_appearance_the_last_columns_are_missing():
     _, ground, patches = prepared(planted_street(3))
     whole = build_objects(ground, patches, PARAMETERS)["features"]
     shape = build_objects(ground, patches, ShapeParameters(appearance=False))["features"]

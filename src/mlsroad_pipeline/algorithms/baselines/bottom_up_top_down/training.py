@@ -15,40 +15,22 @@ from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.detector import (
     class_shares,
     overlaps,
 )
-from mlsroad_pipeline.algorithms.detection.detector import Description
-from mlsroad_pipeline.algorithms.detection.sampling import draw_sample, sample_objects, select_objects
+from mlsroad_pipeline.algorithms.detection.sampling import TrainingObjects, sample_objects, select_objects
 from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold, choose_queries
 from mlsroad_pipeline.algorithms.detection.training import train_object_detector
 
 
 def fit_bottom_up_top_down(
-    parts: Description,
-    labels: NDArray[np.int16],
-    _intensity: bool = False,
-    *,
-    parameters: BottomUpTopDownParameters,
-    n_classes: int,
-    weights: NDArray[np.float64] | None = None,
-    n_threads: int = 1,
+    objects: TrainingObjects, parameters: BottomUpTopDownParameters
 ) -> tuple[BottomUpTopDown, dict[str, Any]]:
     """Choose database, models and thresholds; no training object is compared with itself.
 
     Parameters
     ----------
-    parts : mapping
-        Surfaces of the training objects.
-    labels : ndarray of int16, shape (n,)
-        Class of each object; -1 for others.
-    _intensity : bool, default False
-        Not used: the descriptors represent shape alone.
+    objects : TrainingObjects
+        Described objects and their classes.
     parameters : BottomUpTopDownParameters
         Parameters.
-    n_classes : int
-        Wanted classes.
-    weights : ndarray of float64, shape (n,), optional
-        Weight of each object in threshold selection, see `training_weights`; 1 by default.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
 
     Returns
     -------
@@ -59,13 +41,14 @@ def fit_bottom_up_top_down(
         objects.
     """
     p = parameters
-    drawn, sample, truth = examples = draw_sample(parts, labels, p)
+    parts, labels, n_classes, _, weights, n_threads = objects
+    drawn, sample, truth = examples = objects.sample(p)
     rows = sample_objects(
         truth[sample["objects"]], max_per_class=p.max_images, max_others=3 * p.max_images, seed=p.seed
     )
     owner = np.ascontiguousarray(sample["objects"][rows])
     images, image_kinds = np.ascontiguousarray(sample["images"][rows]), truth[owner].astype(np.int16)
-    # Thresholds are chosen on all objects, see `draw_sample`.
+    # Thresholds are chosen on all objects, see `TrainingObjects.sample`.
     known = drawn[owner].astype(np.int32)
     every_share = class_shares(parts, images, image_kinds, known, n_classes=n_classes, n_threads=n_threads)
     shares = every_share[drawn]

@@ -17,39 +17,20 @@ from mlsroad_pipeline.algorithms.baselines.hough_forest.detector import (
     part_features,
 )
 from mlsroad_pipeline.algorithms.detection.detector import Description, object_bounds
-from mlsroad_pipeline.algorithms.detection.sampling import draw_sample
+from mlsroad_pipeline.algorithms.detection.sampling import TrainingObjects
 from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold
 from mlsroad_pipeline.algorithms.detection.training import train_object_detector
 
 
-def fit_hough_forest(
-    parts: Description,
-    labels: NDArray[np.int16],
-    intensity: bool,
-    *,
-    parameters: HoughForestParameters,
-    n_classes: int,
-    weights: NDArray[np.float64] | None = None,
-    n_threads: int = 1,
-) -> tuple[HoughForest, dict[str, Any]]:
+def fit_hough_forest(objects: TrainingObjects, parameters: HoughForestParameters) -> tuple[HoughForest, dict[str, Any]]:
     """Grow a forest, and choose exponents and thresholds by out-of-bag votes.
 
     Parameters
     ----------
-    parts : mapping
-        Parts of the training objects.
-    labels : ndarray of int16, shape (n,)
-        Class of each object; -1 for others.
-    intensity : bool
-        Whether to use intensity.
+    objects : TrainingObjects
+        Described objects and their classes.
     parameters : HoughForestParameters
         Parameters.
-    n_classes : int
-        Wanted classes.
-    weights : ndarray of float64, shape (n,), optional
-        Weight of each object in threshold selection, see `training_weights`; 1 by default.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
 
     Returns
     -------
@@ -59,8 +40,9 @@ def fit_hough_forest(
         Number of leaves, exponents, and the F-score of each class on the training objects.
     """
     p = parameters
+    parts, labels, n_classes, intensity, weights, n_threads = objects
     rng = np.random.default_rng(p.seed)
-    drawn, sample, truth = draw_sample(parts, labels, p)
+    drawn, sample, truth = objects.sample(p)
     kinds = np.where(truth < 0, n_classes, truth).astype(np.int16)
     # Bootstrap samples contain whole objects: parts of one object are too similar to be independent.
     seen = np.zeros((p.n_trees, len(drawn)), dtype=np.bool_)
@@ -74,7 +56,7 @@ def fit_hough_forest(
         rows = _rows_of(sample, seen[t], place, p.max_parts)
         trees.append(_tree(columns, rows, n_classes, p, rng))
     forest = HoughForest(_joined(trees, p), np.zeros(n_classes), np.zeros(n_classes), intensity)
-    # Thresholds are chosen on all objects, see `draw_sample`.
+    # Thresholds are chosen on all objects, see `TrainingObjects.sample`.
     unseen = np.ones((p.n_trees, len(labels)), dtype=np.bool_)
     unseen[:, drawn] = ~seen
     peaks = forest.peaks(parts, unseen, n_threads=n_threads)

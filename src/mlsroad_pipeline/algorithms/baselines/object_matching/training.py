@@ -14,40 +14,22 @@ from mlsroad_pipeline.algorithms.baselines.object_matching.detector import (
     ObjectMatchingParameters,
     likeness,
 )
-from mlsroad_pipeline.algorithms.detection.detector import Description
-from mlsroad_pipeline.algorithms.detection.sampling import draw_sample, select_objects
+from mlsroad_pipeline.algorithms.detection.sampling import TrainingObjects, select_objects
 from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold, choose_queries
 from mlsroad_pipeline.algorithms.detection.training import train_object_detector
 
 
 def fit_object_matching(
-    parts: Description,
-    labels: NDArray[np.int16],
-    intensity: bool,
-    *,
-    parameters: ObjectMatchingParameters,
-    n_classes: int,
-    weights: NDArray[np.float64] | None = None,
-    n_threads: int = 1,
+    objects: TrainingObjects, parameters: ObjectMatchingParameters
 ) -> tuple[ObjectMatcher, dict[str, Any]]:
     """Choose prototypes and thresholds; no training object is compared with itself.
 
     Parameters
     ----------
-    parts : mapping
-        Parts of the training objects.
-    labels : ndarray of int16, shape (n,)
-        Class of each object; -1 for others.
-    intensity : bool
-        Whether to use intensity.
+    objects : TrainingObjects
+        Described objects and their classes.
     parameters : ObjectMatchingParameters
         Parameters.
-    n_classes : int
-        Wanted classes.
-    weights : ndarray of float64, shape (n,), optional
-        Weight of each object in threshold selection, see `training_weights`; 1 by default.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
 
     Returns
     -------
@@ -57,7 +39,8 @@ def fit_object_matching(
         Number of prototypes and F-score of each class on the training objects.
     """
     p = parameters
-    drawn, sample, truth = examples = draw_sample(parts, labels, p)
+    parts, labels, n_classes, intensity, weights, n_threads = objects
+    drawn, sample, truth = examples = objects.sample(p)
     geometry = np.array([p.feature_share, p.reach, p.limit, p.n_neighbors, p.n_turns, p.n_sweeps, p.least])
     rng = np.random.default_rng(p.seed)
     chosen: list[NDArray[np.int64]] = []
@@ -67,7 +50,7 @@ def fit_object_matching(
         alike = likeness(sample, select_objects(sample, mine), geometry, intensity=intensity, n_threads=n_threads)
         queries = choose_queries(alike.T, mine, truth == k, max_queries=p.max_prototypes)[0]
         chosen.append(mine[queries])
-        # The threshold is chosen on all objects, see `draw_sample`.
+        # The threshold is chosen on all objects, see `TrainingObjects.sample`.
         models = select_objects(sample, np.sort(chosen[k]))
         alike = likeness(parts, models, geometry, intensity=intensity, n_threads=n_threads)
         alike[drawn[np.sort(chosen[k])], np.arange(len(queries))] = 0.0
