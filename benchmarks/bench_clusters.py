@@ -1,8 +1,8 @@
 """Speed of Euclidean clustering, trajectory coordinates and inventory, compared with other tools.
 
-``$MLSROAD_RIVALS`` is a folder with PCL's programs in ``build/`` and clouds ``street_{1M,5M,20M}_off.npz``; SciPy is that
-of this environment. Runs of the tools alternate, medians are printed, and compilation is not timed. One JSON line per
-figure follows the table.
+``$MLSROAD_RIVALS`` is a folder with PCL's programs in ``build/`` and clouds ``street_{1M,5M,20M}_off.npz``; SciPy is
+that of this environment. Runs of the tools alternate, medians are printed, and compilation is not timed. One JSON line
+per figure follows the table.
 
     MLSROAD_RIVALS=rivals_data python benchmarks/bench_clusters.py [1M 5M ...]
 """

@@ -3,10 +3,10 @@
     kedro run --pipeline=yu2016_study --to-nodes=segment_yu2016_streets
     python benchmarks/cut_intensity.py [--jobs 2]
 
-Reads the training streets of the study of Yu et al. 2016 and their stored segmentation with intensity, and segments them
-without intensity. The twelve test streets of the study are too few to detect differences of 0.01. The training streets
-have more signs and traffic, and were used to choose parameters: `sigma_i` and `max_cut` on the first twelve streets of
-each survey, `tall_smoothing` on most of them.
+Reads the training streets of the study of Yu et al. 2016 and their stored segmentation with intensity, and segments
+them without intensity. The twelve test streets of the study are too few to detect differences of 0.01. The training
+streets have more signs and traffic, and were used to choose parameters: `sigma_i` and `max_cut` on the first twelve
+streets of each survey, `tall_smoothing` on most of them.
 """
 
 from __future__ import annotations
