@@ -235,7 +235,7 @@ def test_bad_input_is_named(scene):
         compute(intensity=intensity[:5])
     with pytest.raises(DataError, match="height_above_ground must have shape"):
         compute(height_above_ground=intensity[:5])
-    with pytest.raises(DataError, match=r"too large for columns of 0\.5 m: are there outliers"):
+    with pytest.raises(DataError, match=r"too large for columns of 0\.5 m: remove outliers"):
         compute(xyz=np.vstack([xyz[:-1], [[1e7, 1e7, 0]]]))
     with pytest.raises(ParameterError, match="region must be 'own', 'neighborhood' or 'both', got 'far'"):
         compute(region="far")

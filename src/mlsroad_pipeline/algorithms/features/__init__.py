@@ -1,1 +1,1 @@
-"""Per-point and per-supervoxel descriptors."""
+"""Features of points, supervoxels and objects."""

@@ -1,4 +1,4 @@
-"""Accumulation images: an object seen along the horizon and from above, whole and in four slices (Luo et al. 2019)."""
+"""Accumulation images of objects, horizontal and vertical, of the whole and of four slices (Luo et al. 2019)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
 from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
 
 N_PARTS = 5
-"""Images of each kind: the object as a whole, and its four slices of equal height from the lowest up."""
+"""Images per kind: the whole object, and its four slices of equal height in ascending order."""
 
 _SLICES = N_PARTS - 1
 
@@ -21,7 +21,7 @@ Images = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 
 
 def join_objects(objects: Sequence[ArrayLike]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Join objects into one array of points.
+    """Concatenate the points of objects.
 
     Parameters
     ----------
@@ -33,13 +33,12 @@ def join_objects(objects: Sequence[ArrayLike]) -> tuple[NDArray[np.float64], NDA
     xyz : ndarray of float64, shape (n, 3)
         The points, object by object.
     indptr : ndarray of int64, shape (objects + 1,)
-        Where the points of each object begin.
+        Start of the points of each object.
 
     Raises
     ------
     DataError
-        If an object has no points, is not (n, 3), or has a coordinate that is NaN or infinite; the message gives its
-        place.
+        If an object has no points, is not (n, 3) or is not finite; the message gives its index.
     """
     arrays = [check_xyz(points, minimum=1, name=f"object {i}") for i, points in enumerate(objects)]
     indptr = np.zeros(len(arrays) + 1, dtype=np.int64)
@@ -59,54 +58,51 @@ def compute_images(
     weights: Sequence[ArrayLike] | None = None,
     n_threads: int = 1,
 ) -> Images:
-    """Describe objects by HSSI, VQAI and VAAI, each of the whole object and of its four slices (Luo et al. 2019, 3.2).
+    """Compute HSSI, VQAI and VAAI images of objects and of their four slices (Luo et al. 2019, section 3.2).
 
-    An object is moved and scaled to x, y in [-1, 1] and z in [0, 2]. A slice is a quarter of this height, stretched to
-    [0, 2] again. HSSI counts points by their height (row) and their distance from the vertical axis (column),
-    equations 3 and 4, read as row = floor((beta + 1) / k1) with beta = z - 1. VQAI counts points by x (row) and y
-    (column), equations 5 and 6. VAAI sums there the cosine between the vertical and the line from (0, 0, -1) to the
-    point, equations 7 to 9, with the square root that equation 7 lacks.
+    An object is normalised to x, y in [-1, 1] and z in [0, 2]. A slice is a quarter of this height, normalised to [0,
+    2] again. HSSI counts points by height (row) and distance from the vertical axis (column): equations 3 and 4, read
+    as row = floor((beta + 1) / k1) with beta = z - 1. VQAI counts points by x (row) and y (column): equations 5 and 6.
+    VAAI sums, in the same cells, the cosine between the vertical and the line from (0, 0, -1) to the point: equations 7
+    to 9, with the square root that is missing in equation 7.
 
     Parameters
     ----------
     objects : sequence of array-like of shape (n_i, 3)
         Points of each object in metres, z up, n_i at least 1.
     sizes : tuple of int, default (16, 8, 16)
-        Rows and columns of HSSI, VQAI and VAAI (the paper's sizes). More show finer detail, and more noise.
+        Rows and columns of HSSI, VQAI and VAAI (luo2019: 16, 8, 16). Larger images resolve finer detail, and noise.
     isotropic : bool, default False
-        Whether one factor scales all three axes, so that the largest extent fills its range and proportions are kept.
-        The paper scales each axis by itself, or all objects by the same: see `window`.
+        Whether to scale all axes by one factor, which preserves proportions; the largest extent fills its range. The
+        paper scales each axis separately, or all objects alike, see `window`.
     window : tuple of float, optional
-        Half of the width and the height, in metres, of a space that is the same for all objects: the middle of an
-        object is at x = y = 0, its lowest point at z = 0, and points outside go to the nearest cell. Size is seen
-        then, and `isotropic` has no effect. By default every object fills its space. The paper's "normalized to fixed
-        size space" (4.5) can be read as either.
+        Half width and height, in metres, of a common space for all objects: the centre of an object is at x = y = 0,
+        its lowest point at z = 0, and points outside are assigned to the nearest cell. The images then depend on the
+        size of the object, and `isotropic` has no effect. By default every object fills its space. "Normalized to fixed
+        size space" (section 4.5) allows both readings.
     bilinear : bool, default False
-        Whether a point is shared between the four cells whose centres are around it, by how near they are, as in the
-        spin images that HSSI follows (Johnson and Hebert 1999, bilinear interpolation). A point beside a border of
-        cells then looks much as one behind it, which steadies the images of objects of few points. Beyond the outermost
-        centres all goes to the nearest cells, and sums over an image stay as they are. By default a point counts for
-        its own cell alone, as equations 4, 6 and 8 print it.
+        Whether to distribute a point bilinearly over the four surrounding cells, as in spin images (Johnson and Hebert
+        1999). This makes images of objects with few points more stable. Outside the outermost cell centres, the weight
+        goes to the nearest cells; the sum of an image is unchanged. By default a point counts only in its own cell
+        (equations 4, 6 and 8).
     relative : bool, default True
-        Whether sums are divided by the number of points of the object, so that near and far objects look alike; the
-        slices of VQAI then add up to the whole. The paper does not divide.
+        Whether to divide sums by the number of points of the object, which removes the dependence on distance (luo2019:
+        no). The slices of VQAI add up to the whole.
     weights : sequence of array-like of shape (n_i,), optional
-        What each point counts for, such as its intensity; 1 by default.
+        Weight of each point, such as its intensity; 1 by default.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
     Returns
     -------
     hssi, vqai, vaai : ndarray of float32, shape (objects, 5, size, size)
-        The images: the whole object, then its slices from the lowest up. An axis without extent maps to its middle;
-        objects of one point, or of points that are all alike, are therefore one cell of the whole and of the third
-        slice.
+        Images of the whole object, then of its slices in ascending order. An axis without extent maps to its middle:
+        objects of one distinct point occupy one cell of the whole and of the third slice.
 
     Raises
     ------
     DataError
-        If an object has no points, is not (n, 3), or has a coordinate that is NaN or infinite, or there is not one
-        finite weight per point.
+        If an object has no points, is not (n, 3) or is not finite, or weights are not finite or not one per point.
     ParameterError
         If a size or `n_threads` is below 1, or the window is not two lengths above 0.
     """
@@ -121,16 +117,16 @@ def compute_images(
 
 
 def join_values(values: Sequence[ArrayLike], indptr: NDArray[np.int64], name: str) -> NDArray[np.float64]:
-    """Join one value per point of objects into one array.
+    """Concatenate one value per point of objects.
 
     Parameters
     ----------
     values : sequence of array-like of shape (n_i,)
-        Values of each object's points.
+        Values of the points of each object.
     indptr : ndarray of int64, shape (objects + 1,)
-        Where the points of each object begin.
+        Start of the points of each object.
     name : str
-        What the message calls the values.
+        Name of the values in messages.
 
     Returns
     -------
@@ -140,7 +136,7 @@ def join_values(values: Sequence[ArrayLike], indptr: NDArray[np.int64], name: st
     Raises
     ------
     DataError
-        If there is not one finite value per point; the message gives the object's place.
+        If there is not one finite value per point; the message gives the index of the object.
     """
     if len(values) != len(indptr) - 1:
         raise DataError(f"{name} are given for {len(values)} of {len(indptr) - 1} objects")
@@ -166,24 +162,24 @@ def draw_images(
     bilinear: bool = False,
     n_threads: int = 1,
 ) -> Images:
-    """Draw the images of objects that were joined and checked, as `compute_images` does.
+    """Compute the images of concatenated, validated objects; see `compute_images`.
 
     Parameters
     ----------
     xyz : ndarray of float64, shape (n, 3)
         Finite points, object by object.
     indptr : ndarray of int64, shape (objects + 1,)
-        Where the points of each object begin.
+        Start of the points of each object.
     weights : ndarray of float64, shape (n,)
-        What each point counts for.
+        Weight of each point.
     sizes : tuple of int
         Rows and columns of HSSI, VQAI and VAAI.
     isotropic : bool
-        Whether one factor scales all three axes.
+        Whether to scale all axes by one factor.
     window : tuple of float, optional
-        Half of the width and the height, in metres, of one space for all objects.
+        Half width and height of a common space, metres.
     bilinear : bool, default False
-        Whether a point is shared between the four cells whose centres are around it.
+        Whether to distribute a point bilinearly over the four surrounding cells.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
@@ -216,7 +212,7 @@ def draw_images(
 def _scale(
     xyz: NDArray[np.float64], first: int, last: int, isotropic: bool, half_width: float, height: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the middle of the object's space and the factor of each axis that takes this to [-1, 1]."""
+    """Return the middle of the space of an object, and the factors that map each axis to [-1, 1]."""
     middle, factor = np.empty(3), np.empty(3)
     widest = 0.0
     for axis in range(3):
@@ -235,17 +231,17 @@ def _scale(
     return middle, factor
 
 
-@njit(cache=True, nogil=True, inline="always")  # called six times a point: a call of its own takes half as long again
+@njit(cache=True, nogil=True, inline="always")  # called six times per point; without inlining 50 % slower
 def _add(
     sums: NDArray[np.float64], part: int, size: int, row: float, column: float, weight: float, bilinear: bool
 ) -> None:
-    """Add a weight at a place in cells, of which the first reaches from 0 to 1."""
+    """Add a weight at a position in cell units; the first cell extends from 0 to 1."""
     if not bilinear:
         sums[part, min(int(row), size - 1) * size + min(int(column), size - 1)] += weight
         return
     row, column = min(max(row - 0.5, 0.0), size - 1.0), min(max(column - 0.5, 0.0), size - 1.0)
     i, j = int(row), int(column)
-    below, right = row - i, column - j  # shares of the next row and of the next column; 0 in the last
+    below, right = row - i, column - j  # shares of the next row and column; 0 in the last
     next_i, next_j = min(i + 1, size - 1), min(j + 1, size - 1)
     sums[part, i * size + j] += weight * (1.0 - below) * (1.0 - right)
     sums[part, i * size + next_j] += weight * (1.0 - below) * right

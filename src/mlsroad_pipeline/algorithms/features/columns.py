@@ -1,4 +1,4 @@
-"""What stands above, below and beside a supervoxel: the occupied slices of the columns around it."""
+"""Column features of supervoxels: occupied height slices of the columns around the centroid."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ _MAX_RASTER = 2**26
 
 @dataclass(frozen=True)
 class ColumnRaster:
-    """Columns of points over a raster.
+    """Raster of columns of points.
 
     Attributes
     ----------
     low, high : ndarray of float64, shape (rows, columns)
-        Lowest and highest z in each cell, metres; infinite where there is no point.
+        Lowest and highest z of each cell, metres; infinite for empty cells.
     lowest : ndarray of float64, shape (rows, columns)
         Lowest z within the relief radius.
     base : ndarray of int64, shape (rows, columns)
-        Number of the slice that bit 0 of `occupied` stands for: that of `lowest`.
+        Slice of bit 0 of `occupied`, that of `lowest`.
     occupied : ndarray of uint64, shape (rows, columns)
-        Bit b is set where slice ``base + b`` holds a point; what is higher than 64 slices is in the last bit.
+        Bit b is set if slice ``base + b`` contains a point; the last bit includes all higher slices.
     west, south, bottom : float
-        Corner of the first cell and the height that slices are counted from, metres.
+        Corner of the first cell and height of the first slice, metres.
     cell_size : float
         Edge of a cell and height of a slice, metres.
     """
@@ -96,10 +96,10 @@ def build_columns(xyz: NDArray[np.floating], *, cell_size: float, relief_radius:
     xyz : ndarray of shape (n, 3), n > 0
         Points in metres.
     cell_size : float
-        Edge of a column and height of a slice in metres: larger cells bridge gaps in the scan and join what stands
-        side by side.
+        Edge of a column and height of a slice in metres. Larger cells bridge gaps in the scan and merge adjacent
+        objects.
     relief_radius : float
-        Half the edge, in metres, of the square whose lowest point stands in for the ground.
+        Half the edge of the square whose lowest point substitutes the ground, metres.
 
     Returns
     -------
@@ -115,7 +115,7 @@ def build_columns(xyz: NDArray[np.floating], *, cell_size: float, relief_radius:
     shape = (int((north - south) / cell_size) + 2, int((east - west) / cell_size) + 2)
     if shape[0] * shape[1] > _MAX_RASTER:
         extent = f"{east - west:.1f} m by {north - south:.1f} m"
-        raise DataError(f"an extent of {extent} is too large for columns of {cell_size} m: are there outliers?")
+        raise DataError(f"an extent of {extent} is too large for columns of {cell_size} m: remove outliers")
     low, high = _extremes(xyz, west, south, cell_size, shape)
     reach = max(1, round(relief_radius / cell_size))
     lowest = minimum_filter(low, size=2 * reach + 1, mode="nearest")
@@ -126,7 +126,7 @@ def build_columns(xyz: NDArray[np.floating], *, cell_size: float, relief_radius:
 
 @njit(cache=True, nogil=True)
 def _shifted(bits: np.uint64, levels: int) -> np.uint64:
-    """Move a column's slices up by a number of levels (down if negative), what leaves the ends going into them."""
+    """Shift the slices of a column up by `levels` (down if negative); bits beyond an end are merged into it."""
     if levels == 0 or bits == np.uint64(0):
         return bits
     one = np.uint64(1)
@@ -143,7 +143,7 @@ def _shifted(bits: np.uint64, levels: int) -> np.uint64:
 
 @njit(cache=True, nogil=True)
 def _cover(occupied: NDArray, base: NDArray, row: int, column: int, reach: int, level: int) -> float:
-    """Return the share of cells around that are occupied at a level or next to it."""
+    """Return the fraction of surrounding cells that are occupied at a level or an adjacent one."""
     hits, cells = 0, 0
     for r in range(row - reach, row + reach + 1):
         for c in range(column - reach, column + reach + 1):
@@ -166,13 +166,13 @@ def _scan(
     occupied: NDArray,
     out: NDArray,
 ) -> None:
-    """Fill the columns from ``gap_below`` on."""
+    """Write the features from ``gap_below`` on."""
     one = np.uint64(1)
     n_rows, n_columns = base.shape
     for s in range(len(centroids)):
         row, column = int((centroids[s, 1] - south) / size), int((centroids[s, 0] - west) / size)
         level = min(max(np.int64((centroids[s, 2] - bottom) / size) - base[row, column], 0), SLICES - 1)
-        bits = one << np.uint64(level)  # a centroid may lie in a slice without points of its own
+        bits = one << np.uint64(level)  # the slice of a centroid may be empty
         for r in range(max(row - 1, 0), min(row + 2, n_rows)):
             for c in range(max(column - 1, 0), min(column + 2, n_columns)):
                 bits |= _shifted(occupied[r, c], base[r, c] - base[row, column])
@@ -199,27 +199,26 @@ def _scan(
 
 
 def describe_columns(centroids: NDArray[np.float64], raster: ColumnRaster) -> NDArray[np.float32]:
-    """Describe what stands above, below and beside supervoxels.
+    """Compute the column features of supervoxels.
 
-    The column of a supervoxel is the block of 3 x 3 cells around its centroid. Nothing here needs a ground
-    classification: the lowest point within some metres stands in for the ground where there is none.
+    The column of a supervoxel is the block of 3 x 3 cells around its centroid. A ground classification is not required:
+    the lowest point within the relief radius substitutes the ground.
 
     Parameters
     ----------
     centroids : ndarray of float64, shape (s, 3)
-        Centroids of supervoxels of the raster's points, metres.
+        Centroids of the supervoxels, metres.
     raster : ColumnRaster
         The columns.
 
     Returns
     -------
     ndarray of float32, shape (s, 10)
-        Columns of `COLUMN_FEATURES`, metres or shares in [0, 1]: extent of the column; height of the centroid above the
-        column's lowest point, below its highest, and above the lowest point within the relief radius; empty height
-        right below the run of occupied slices that the supervoxel is in (down to the lowest point around where
-        nothing is below), and right above it (0 where nothing is above); height of that run; share of occupied slices
-        between the column's bottom and top; share of the 5 x 5 and of the 11 x 11 cells around that are occupied at
-        the supervoxel's height.
+        Columns of `COLUMN_FEATURES`, in metres or fractions. Extent of the column. Height of the centroid above the
+        lowest point of the column, below its highest, and above the lowest point within the relief radius. Empty height
+        below the run of occupied slices of the supervoxel (down to the lowest point around, if nothing is below) and
+        above it (0 if nothing is above). Height of that run. Fraction of occupied slices between the bottom and the top
+        of the column. Fractions of the surrounding 5 x 5 and 11 x 11 cells occupied at the height of the supervoxel.
     """
     size = raster.cell_size
     at = (

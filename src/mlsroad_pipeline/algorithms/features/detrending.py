@@ -1,4 +1,4 @@
-"""The local context of a supervoxel and its removal (Tomic et al. 2019, equations 2 and 3)."""
+"""Detrending of supervoxel features by their local tendency (Tomic et al. 2019, equations 2 and 3)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _neighbor_means(values: NDArray, indices: NDArray, indptr: NDArray) -> NDArr
 
 
 def local_tendency(values: NDArray[np.float32], adjacency: csr_array) -> NDArray[np.float32]:
-    """Average the features of the first-order neighbours of each supervoxel, itself left out: V_LT.
+    """Return the mean features V_LT of the first-order neighbours of each supervoxel, itself excluded.
 
     Parameters
     ----------
@@ -41,13 +41,13 @@ def local_tendency(values: NDArray[np.float32], adjacency: csr_array) -> NDArray
     Returns
     -------
     ndarray of float32, shape (s, f)
-        V_LT. NaN among the neighbours is left out; where all are NaN, or there is no neighbour, the result is NaN.
+        V_LT. NaN of neighbours is ignored; the result is NaN if all are NaN or there is no neighbour.
     """
     return _neighbor_means(values, adjacency.indices, adjacency.indptr)
 
 
 def detrend(values: NDArray[np.float32], adjacency: csr_array) -> NDArray[np.float32]:
-    """Remove the local tendency from the features and weight what is left: k (V_S - V_LT), k = n / (n + 1).
+    """Return the detrended features k (V_S - V_LT) with k = n / (n + 1) for n neighbours.
 
     Parameters
     ----------
@@ -59,8 +59,8 @@ def detrend(values: NDArray[np.float32], adjacency: csr_array) -> NDArray[np.flo
     Returns
     -------
     ndarray of float32, shape (s, f)
-        The second part of V_F. A supervoxel without neighbours has no context: k is 0, and so are its values, those of
-        undefined features (NaN in V_S) excepted. A feature that is undefined here or in all neighbours is NaN.
+        Second part of V_F; 0 for supervoxels without neighbours (k = 0). Features that are NaN in V_S, or in all
+        neighbours, are NaN.
     """
     n = np.diff(adjacency.indptr).astype(np.float32)[:, None]
     alone = (n == 0) & ~np.isnan(values)

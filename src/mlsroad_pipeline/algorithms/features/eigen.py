@@ -1,4 +1,4 @@
-"""Eigenvalue features of the neighbourhood of every point (Weinmann et al. 2015; Tomic et al. 2019, section 2.1)."""
+"""Eigenvalue features of point neighbourhoods (Weinmann et al. 2015; Tomic et al. 2019, section 2.1)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SHAPE_FEATURES = (
     "eigenentropy",
     "change_of_curvature",
 )
-"""The seven features of Weinmann et al. 2015 that Tomic et al. 2019 name, in their order."""
+"""The seven features of Weinmann et al. 2015 used by Tomic et al. 2019, in their order."""
 
 EIGEN_FEATURES = (
     "eigenvalue_1",
@@ -40,11 +40,11 @@ EIGEN_FEATURES = (
     "direction_z",
     "neighbor_count",
 )
-"""What `compute_eigen_features` returns, in this order."""
+"""Columns of `compute_eigen_features`."""
 
 MINIMUM_NEIGHBORS = 3
 LINE_TOLERANCE = 1e-6
-"""Below this ratio of the second to the first eigenvalue points are collinear: they have no normal."""
+"""Ratio of the second to the first eigenvalue below which points are collinear and the normal is undefined."""
 
 _BATCH = 1024
 
@@ -60,18 +60,18 @@ def emit_features(
     last: int,
     out: NDArray,
 ) -> None:
-    """Turn solved eigenproblems into rows of `EIGEN_FEATURES`.
+    """Write rows of `EIGEN_FEATURES` from solved eigenproblems.
 
     Parameters
     ----------
     values, smallest, largest : ndarray of float64, shape (3, n)
-        As `solve_symmetric` leaves them.
+        Results of `solve_symmetric`.
     counts : ndarray of float32, shape (n,)
-        Points in each neighbourhood.
+        Number of points of each neighbourhood.
     rows : ndarray of int, shape (n,)
-        Where in `out` each result goes.
+        Row of `out` of each result.
     first, last : int
-        The range of problems to emit.
+        Range of problems to write.
     out : ndarray of float32, shape (m, 18)
         Output.
     """
@@ -118,7 +118,7 @@ def sum_ball(
     counts: NDArray,
     at: int,
 ) -> None:
-    """Sum the points of a buffer that lie within the radius, relative to the query, and store their covariance."""
+    """Store the covariance and count of the buffered points within the radius of a query."""
     zero = np.float32(0.0)
     n = sx = sy = sz = sxx = sxy = sxz = syy = syz = szz = zero
     for j in range(n_near):
@@ -161,7 +161,7 @@ def gather_near(
     near_y: NDArray,
     near_z: NDArray,
 ) -> int:
-    """Copy the points that can be within the radius of a cell's points, relative to that cell's centre."""
+    """Copy the points within reach of the points of a cell, relative to the centre of the cell; return their number."""
     n_near = 0
     half = np.float32(0.5 * size)
     zero = np.float32(0.0)
@@ -191,7 +191,7 @@ def _radius_features(
     last: int,
     out: NDArray,
 ) -> None:
-    """Compute the features of the points in cells first to last, a batch at a time."""
+    """Compute the features of the points in cells `first` to `last`, in batches."""
     squared = np.float32(radius * radius)
     begin, end = first_window(keys, keys[first], rows, reach)
     near_x = np.empty(1, np.float32)
@@ -220,7 +220,7 @@ def _radius_features(
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def _listed_features(xyz: NDArray, indices: NDArray, indptr: NDArray, first: int, last: int, out: NDArray) -> None:
-    """Compute the features of listed neighbourhoods, float64 throughout."""
+    """Compute the features of given neighbourhoods in float64."""
     n_rows = last - first
     covariances, counts = np.empty((6, n_rows)), np.empty(n_rows, np.float32)
     for q in range(first, last):
@@ -258,33 +258,32 @@ def _listed_features(xyz: NDArray, indices: NDArray, indptr: NDArray, first: int
 def compute_eigen_features(
     xyz: ArrayLike, *, radius: float | None = None, k: int | None = None, n_threads: int = 1
 ) -> dict[str, NDArray[np.float32]]:
-    """Describe the shape of every point's neighbourhood by the eigenvalues of its covariance.
+    """Compute eigenvalue features of the neighbourhood of each point.
 
     With eigenvalues l1 >= l2 >= l3 and e_i = l_i / (l1 + l2 + l3) (Weinmann et al. 2015): linearity (l1 - l2) / l1,
     planarity (l2 - l3) / l1, scattering l3 / l1, omnivariance (e1 e2 e3)^(1/3), anisotropy (l1 - l3) / l1,
     eigenentropy -sum e_i ln e_i, change of curvature e3. The normal is the eigenvector of l3 with nz >= 0, the
-    direction that of l1 with its z not negative, and verticality is 1 - nz.
+    direction that of l1 with z >= 0, and verticality is 1 - nz.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Points in metres.
     radius : float, optional
-        Neighbourhood radius in metres, the point itself included. Larger values smooth over noise and blur small
-        objects; the time grows with its square. Pairs whose distance equals the radius to seven digits may fall on
-        either side.
+        Radius of the neighbourhood in metres; the point itself is included. Larger values reduce noise and blur small
+        objects; the time grows quadratically. Pairs whose distance equals the radius to seven digits may be in or out.
     k : int, optional
-        Neighbourhood of the k nearest points, the point itself included. Exactly one of `radius` and `k` is given.
+        Number of nearest points of the neighbourhood, including the point itself. Give exactly one of `radius` and `k`.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
     Returns
     -------
     dict of str to ndarray of float32, shape (n,)
-        One column per name in `EIGEN_FEATURES`: eigenvalues in square metres (covariance divided by the number of
-        points) and pure numbers. They agree with float64 to 1e-6 of the largest eigenvalue. Neighbourhoods of fewer
-        than three points have NaN everywhere but in ``neighbor_count``; where all points coincide the eigenvalues are 0
-        and the rest is NaN; of collinear points the normal and the verticality are NaN.
+        One column per name in `EIGEN_FEATURES`: eigenvalues of the population covariance in square metres, and
+        dimensionless features. They agree with float64 to 1e-6 of the largest eigenvalue. With fewer than three points
+        all but ``neighbor_count`` are NaN. If all points coincide, the eigenvalues are 0 and the other features NaN.
+        For collinear points, normal and verticality are NaN.
 
     Raises
     ------
@@ -307,7 +306,7 @@ def compute_eigen_features(
 
 
 def _describe_balls(points: NDArray[np.floating], radius: float, n_threads: int, out: NDArray[np.float32]) -> None:
-    # Slightly wider cells: a neighbour whose distance float32 rounds down to the radius must be in reach.
+    # Slightly wider cells: a neighbour whose float32 distance rounds down to the radius must be in reach.
     size, reach = radius * (1 + 1e-6) / CELLS_PER_RADIUS, CELLS_PER_RADIUS
     grid = build_cell_grids(points, cell_size=size, margin=reach)[0]
     rows = grid.row_offsets(reach)

@@ -1,8 +1,8 @@
-"""Eigenvalues and eigenvectors of many symmetric 3 x 3 matrices, without branches so that the loop vectorises.
+"""Vectorised, branch-free eigenvalues and eigenvectors of symmetric 3 x 3 matrices.
 
-The isolated eigenvalue is the root of the characteristic cubic that is far from the other two, so Newton's iteration
-finds it to full precision; its eigenvector splits off, and what is left is a 2 x 2 problem with a stable closed form.
-Unlike the trigonometric formula this keeps small eigenvalues beside large ones to rounding error of the largest.
+The isolated eigenvalue is the root of the characteristic cubic far from the other two. Newton's iteration computes it
+to full precision. After deflation by its eigenvector, a 2 x 2 problem with a stable closed form remains. Unlike with
+the trigonometric formula, the error of small eigenvalues is at the rounding error of the largest.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from math import sqrt
 from numba import njit
 from numpy.typing import NDArray
 
-# No flag here lets the compiler assume that NaN and infinity do not occur: undefined features are NaN.
+# Without the flags that exclude NaN and infinity: undefined features are NaN.
 FAST = {"reassoc", "contract", "arcp", "nsz"}
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def _isolated_root(half_det: float) -> float:
-    """Return the root of b^3 - 3 b = 2 half_det that is far from the other two; its sign is that of `half_det`."""
+    """Return the isolated root of b^3 - 3 b = 2 half_det, with the sign of `half_det`."""
     sign = 1.0 if half_det >= 0.0 else -1.0
     r = min(abs(half_det), 1.0)
-    # With b = 2 c it is c = cos(acos(r) / 3) in [cos(30 deg), 1], where the slope of 4 c^3 - 3 c is at least 6.
+    # With b = 2 c, c = cos(acos(r) / 3) lies in [cos(30 deg), 1], where the slope of 4 c^3 - 3 c is at least 6.
     c = 0.8660254037844386 + r * (0.16626 - 0.0322858 * r)
     c -= (4.0 * c * c * c - 3.0 * c - r) / (12.0 * c * c - 3.0)
     c -= (4.0 * c * c * c - 3.0 * c - r) / (12.0 * c * c - 3.0)
@@ -31,7 +31,7 @@ def _isolated_root(half_det: float) -> float:
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def _null_vector(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -> tuple[float, float, float]:
-    """Return the unit vector that a matrix of rank two maps to zero: the longest cross product of its rows."""
+    """Return the unit null vector of a matrix of rank two: the longest cross product of its rows."""
     ux, uy, uz = xy * yz - xz * yy, xz * xy - xx * yz, xx * yy - xy * xy
     vx, vy, vz = xy * zz - xz * yz, xz * xz - xx * zz, xx * yz - xy * xz
     wx, wy, wz = yy * zz - yz * yz, yz * xz - xy * zz, xy * yz - yy * xz
@@ -40,7 +40,7 @@ def _null_vector(xx: float, xy: float, xz: float, yy: float, yz: float, zz: floa
     ux, uy, uz, uu = vx if first else ux, vy if first else uy, vz if first else uz, vv if first else uu
     second = ww > uu
     ux, uy, uz, uu = wx if second else ux, wy if second else uy, wz if second else uz, ww if second else uu
-    degenerate = not uu > 0.0  # all eigenvalues are equal: any basis is right, take the axes
+    degenerate = not uu > 0.0  # all eigenvalues are equal: use the coordinate axes
     norm = sqrt(1.0 if degenerate else uu)
     return (
         (0.0 if degenerate else ux) / norm,
@@ -51,7 +51,7 @@ def _null_vector(xx: float, xy: float, xz: float, yy: float, yz: float, zz: floa
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def _upper_vector(mss: float, mst: float, mtt: float) -> tuple[float, float, float, float]:
-    """Solve a symmetric 2 x 2 problem: both eigenvalues, and the unit eigenvector (a, b) of the upper one."""
+    """Return both eigenvalues of a symmetric 2 x 2 matrix, and the unit eigenvector (a, b) of the larger one."""
     middle, half = 0.5 * (mss + mtt), 0.5 * (mss - mtt)
     root = sqrt(half * half + mst * mst)
     steep = half >= 0.0
@@ -70,13 +70,13 @@ def solve_symmetric(matrices: NDArray, n: int, values: NDArray, smallest: NDArra
     matrices : ndarray of float64, shape (6, m)
         Rows xx, xy, xz, yy, yz, zz; NaN gives NaN eigenvalues.
     n : int
-        How many of the m columns to solve.
+        Number of columns to solve.
     values : ndarray of float64, shape (3, m)
-        Output: eigenvalues in descending order, clamped at 0 (the matrices are covariances).
+        Output: eigenvalues in descending order, clipped at 0 (the matrices are covariances).
     smallest : ndarray of float64, shape (3, m)
-        Output: unit eigenvector of the smallest eigenvalue, its z component not negative.
+        Output: unit eigenvector of the smallest eigenvalue, with z >= 0.
     largest : ndarray of float64, shape (3, m)
-        Output: unit eigenvector of the largest eigenvalue, its z component not negative.
+        Output: unit eigenvector of the largest eigenvalue, with z >= 0.
     """
     for i in range(n):
         xx, xy, xz = matrices[0, i], matrices[1, i], matrices[2, i]
@@ -89,7 +89,7 @@ def solve_symmetric(matrices: NDArray, n: int, values: NDArray, smallest: NDArra
         half_det = 0.5 * (xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz))
         isolated = _isolated_root(half_det)
         ux, uy, uz = _null_vector(xx - isolated, xy, xz, yy - isolated, yz, zz - isolated)
-        # An orthonormal basis (s, t) of the plane across u, built without cancellation.
+        # An orthonormal basis (s, t) of the plane perpendicular to u, without cancellation.
         wide = abs(ux) > abs(uy)
         sx, sy, sz = -uz if wide else 0.0, 0.0 if wide else uz, ux if wide else -uy
         norm = sqrt(sx * sx + sy * sy + sz * sz)

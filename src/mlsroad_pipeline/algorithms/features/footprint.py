@@ -1,4 +1,4 @@
-"""What stands upright around a supervoxel, seen from above: a line is a wall, a disc is a crown, a dot is a pole."""
+"""Footprint features: plan view of the upright columns around a supervoxel."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.features.columns import ColumnRaster
 
 FOOTPRINT_FEATURES = ("footprint_linearity", "footprint_width", "footprint_cover", "footprint_height", "footprint_top")
-"""What `describe_footprints` gives for a radius; names there end in ``_<radius>m``."""
+"""Features of `describe_footprints`, whose names have the suffix ``_<radius>m``."""
 
 CLEARANCE = 1.0
-"""Height in metres above the lowest point around from which on a column counts."""
+"""Minimum height of a column above the lowest point around it, metres."""
 
 
 def footprint_feature_names(radius: float) -> tuple[str, ...]:
-    """Name the columns of `describe_footprints`."""
+    """Return the names of the columns of `describe_footprints`."""
     return tuple(f"{name}_{radius:g}m" for name in FOOTPRINT_FEATURES)
 
 
 @njit(cache=True, nogil=True)
 def _count_slices(occupied: NDArray, first: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return how many slices of each column are occupied from the first one on, and the number above the highest."""
+    """Return the number of occupied slices of each column from `first` on, and the top of the highest one."""
     filled, top = np.zeros(occupied.shape, np.float32), np.zeros(occupied.shape, np.float32)
     one = np.uint64(1)
     for row in range(occupied.shape[0]):
@@ -89,27 +89,26 @@ def _scan(
 
 
 def describe_footprints(centroids: NDArray[np.float64], raster: ColumnRaster, *, radius: float) -> NDArray[np.float32]:
-    """Describe the columns that reach above `CLEARANCE` within a radius of each supervoxel.
+    """Compute features of the columns above `CLEARANCE` within a radius of each supervoxel.
 
-    Each column weighs as many slices as it has occupied above the clearance, so that neither the ground nor the
-    density of the scan decides.
+    The weight of a column is its number of occupied slices above the clearance, independent of ground and scan density.
 
     Parameters
     ----------
     centroids : ndarray of float64, shape (s, 3)
-        Centroids of supervoxels of the raster's points, metres.
+        Centroids of the supervoxels, metres.
     raster : ColumnRaster
         The columns.
     radius : float
-        Horizontal radius around the centroid, metres. Larger ones see a wall through the tree before it; time grows
-        with the square.
+        Horizontal radius around the centroid, metres. Larger values include more context, such as the wall behind a
+        tree; time grows quadratically.
 
     Returns
     -------
     ndarray of float32, shape (s, 5)
-        Columns of `footprint_feature_names`: 1 - l2 / l1 of the covariance in plan (1: a line) and sqrt(l2) in metres,
-        both NaN with fewer than two columns; share of the cells around that hold a column; mean occupied height of the
-        columns and height of the highest above the lowest point around, metres, 0 where there is none.
+        Columns of `footprint_feature_names`: 1 - l2 / l1 of the covariance in plan (1 for a line) and sqrt(l2) in
+        metres, both NaN with fewer than two columns; fraction of the surrounding cells with a column; mean occupied
+        height of the columns, and height of the highest above the lowest point around, metres, 0 without columns.
     """
     filled, top = _count_slices(raster.occupied, round(CLEARANCE / raster.cell_size))
     out = np.empty((len(centroids), len(FOOTPRINT_FEATURES)), np.float32)

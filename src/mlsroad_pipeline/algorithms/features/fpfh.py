@@ -1,4 +1,4 @@
-"""Fast point feature histograms (Rusu et al. 2009): how normals lie to each other around every point."""
+"""Fast point feature histograms (Rusu et al. 2009)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids, che
 
 _MAX_BINS = 255
 _REACH = 1
-"""Cells along the radius: tests of distances vectorise and cost less here than gathering for smaller cells."""
+"""Cells per radius: vectorised distance tests cost less than gathering points for smaller cells."""
 
 
 def compute_fpfh(
@@ -24,35 +24,34 @@ def compute_fpfh(
     use_distance: bool = False,
     n_threads: int = 1,
 ) -> NDArray[np.float32]:
-    """Describe the shape around every point by how the normals of its neighbours lie to each other.
+    """Compute the fast point feature histogram of each point.
 
-    For a point and each neighbour, three angles are taken in a frame that the normal of one of the two spans (Rusu et
-    al. 2009, equation 1: theta, alpha, phi) and counted in bins: the simplified histogram (SPFH). A point's histogram
-    is its own SPFH and the mean of its neighbours', each weighted by the inverse square of its distance, in equal
-    shares, feature by feature. Weights and bins are those of Open3D's ``compute_fpfh_feature``, whose histograms sum
-    to 200 per feature where these sum to 1 in all. Memory is about twice that of the result.
+    For a point and each neighbour, three angles are computed in a frame defined by the normal of one of the two (Rusu
+    et al. 2009, equation 1: theta, alpha, phi) and counted in bins: the simplified histogram (SPFH). The histogram of a
+    point is the average, feature by feature, of its own SPFH and of the mean SPFH of its neighbours, weighted by the
+    inverse square of the distance. Weights and bins are those of Open3D's ``compute_fpfh_feature``, whose histograms
+    sum to 200 per feature; these sum to 1 in total. Memory is about twice that of the result.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Points in metres.
     normals : array-like of shape (n, 3)
-        Unit normals. A point whose normal is not finite is nobody's neighbour, and its histogram is 0.
+        Unit normals. Points without a finite normal are excluded; their histogram is 0.
     radius : float
-        How far neighbours are sought, metres; larger than what the normals were estimated from. A pair at exactly this
-        distance counts. The time grows with its square on surfaces.
+        Search radius in metres, inclusive; should exceed that of the normals. On surfaces, time grows quadratically.
     n_bins : int, default 11
         Bins of each feature, 1 to 255 (Rusu et al.: 11).
     use_distance : bool, default False
-        Whether the distance, from 0 to `radius`, is counted as a fourth feature.
+        Whether to use the distance, from 0 to `radius`, as a fourth feature.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
     Returns
     -------
     ndarray of float32, shape (n, 3 * n_bins) or (n, 4 * n_bins)
-        Histograms in the order theta (the angle about the frame's axis), alpha, phi and distance. Each row sums to 1,
-        or to 0 for a point without any neighbour.
+        Histograms in the order theta (the angle about the axis of the frame), alpha, phi and distance. Each row sums to
+        1, or to 0 without neighbours.
 
     Raises
     ------
@@ -73,7 +72,7 @@ def compute_fpfh(
         return out
     if len(known) < len(points):
         points, directions = points[known], directions[known]
-    # Slightly wider cells: a neighbour whose distance float32 rounds down to the radius must be in reach.
+    # Slightly wider cells: a neighbour whose float32 distance rounds down to the radius must be in reach.
     size = radius * (1 + 1e-6) / _REACH
     grid = build_cell_grids(points, cell_size=size, margin=_REACH)[0]
     rows = grid.row_offsets(_REACH)

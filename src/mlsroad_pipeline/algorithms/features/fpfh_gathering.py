@@ -1,4 +1,4 @@
-"""Gathering what can be within the radius of a cell's points, for the kernels of the fast point feature histograms."""
+"""Candidate neighbours of the points of a cell, for the kernels of the fast point feature histograms."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def gather(
     near: NDArray,
     source: NDArray,
 ) -> tuple[int, int]:
-    """Copy the points that can be within the radius of a cell's points; return their number and where its own begin."""
+    """Copy the candidate neighbours of a cell; return their number and the start of the points of the cell itself."""
     n_near, own = 0, 0
     half = np.float32(0.5 * size)
     near_x, near_y, near_z = near[0], near[1], near[2]
@@ -46,7 +46,7 @@ def gather(
 
 @njit(cache=True, nogil=True, fastmath=FAST)
 def distances(near: NDArray, n_near: int, own: int, squares: NDArray) -> None:
-    """Write the squared distances of all gathered points from one of them."""
+    """Write the squared distances of all candidates from one of them."""
     near_x, near_y, near_z = near[0], near[1], near[2]
     x, y, z = near_x[own], near_y[own], near_z[own]
     for k in range(n_near):

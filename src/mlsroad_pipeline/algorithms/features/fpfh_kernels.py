@@ -1,8 +1,8 @@
 """Compiled kernels of the fast point feature histograms.
 
-Points lie sorted by cell, in float32 relative to their cell's centre. For the points of a cell, all points that can be
-within the radius are copied once into buffers, side by side; what follows runs over contiguous memory without branches,
-so that it vectorises. No neighbour lists are kept: both passes test distances, which costs less than memory would.
+Points are sorted by cell, in float32 relative to the centre of their cell. For each cell, all points within reach are
+copied once into buffers. The following loops run over contiguous memory without branches and vectorise. Both passes
+test distances; storing neighbour lists would cost more.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from mlsroad_pipeline.algorithms.features.fpfh_gathering import distances, gathe
 from mlsroad_pipeline.algorithms.geometry.cell_windows import first_window, most_near, move_window
 
 _BLOCK = 256
-"""Pairs that are worked on together."""
+"""Pairs per block."""
 _COPIES = 2
-"""Copies of a histogram that take turns: a bin that is hit again must not wait for the last write to it."""
+"""Copies of a histogram, used alternately to avoid store-to-load dependencies."""
 _HALF_PI, _PI = np.float32(np.pi / 2), np.float32(np.pi)
 _ZERO, _HALF, _ONE = np.float32(0.0), np.float32(0.5), np.float32(1.0)
 _FAR = np.float32(np.inf)
-# Least maximum error polynomial of atan(t) / t in t^2, fitted for t in [0, 1]; in float32 it is right to 1e-7.
+# Minimax polynomial of atan(t) / t in t^2 for t in [0, 1]; accurate to 1e-7 in float32.
 _C0, _C1, _C2 = np.float32(0.99999989), np.float32(-0.33332597), np.float32(0.19985907)
 _C3, _C4, _C5 = np.float32(-0.14161229), np.float32(0.10498945), np.float32(-0.07234856)
 _C6, _C7, _C8 = np.float32(0.0397812), np.float32(-0.01440135), np.float32(0.00245672)
@@ -33,7 +33,7 @@ _C6, _C7, _C8 = np.float32(0.0397812), np.float32(-0.01440135), np.float32(0.002
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def _atan2(y: Any, x: Any) -> Any:
-    """Return the angle of (x, y), 0 for (0, 0); a polynomial, because the library's function does not vectorise."""
+    """Return the angle of (x, y), 0 for (0, 0), by a polynomial that vectorises."""
     ax, ay = abs(x), abs(y)
     steep = ay > ax
     big = max(ax, ay)
@@ -48,11 +48,11 @@ def _atan2(y: Any, x: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _collect(near: NDArray, squares: NDArray, hits: NDArray, start: int, stop: int, own: int, pairs: NDArray) -> None:
-    """Copy neighbours side by side: from the point to each of them, their normals and their squared distances."""
+    """Copy offsets, normals and squared distances of neighbours into contiguous rows."""
     px, py, pz, nx, ny, nz = near[0], near[1], near[2], near[3], near[4], near[5]
     x, y, z = px[own], py[own], pz[own]
     for m in range(stop - start):
-        k = np.uintp(hits[start + m])  # unsigned: no test for an index below zero
+        k = np.uintp(hits[start + m])  # unsigned: no test for negative indices
         pairs[m] = px[k] - x
         pairs[_BLOCK + m] = py[k] - y
         pairs[2 * _BLOCK + m] = pz[k] - z
@@ -73,7 +73,7 @@ def _bin_pairs(
         dx, dy, dz = pairs[m], pairs[_BLOCK + m], pairs[2 * _BLOCK + m]
         bx, by, bz = pairs[3 * _BLOCK + m], pairs[4 * _BLOCK + m], pairs[5 * _BLOCK + m]
         along, other = ax * dx + ay * dy + az * dz, bx * dx + by * dy + bz * dz
-        # The source is the end whose normal is nearer to the line that joins the two.
+        # The source is the point whose normal is closer to the connecting line.
         swap = abs(along) < abs(other)
         sx, sy, sz = bx if swap else ax, by if swap else ay, bz if swap else az
         tx, ty, tz = ax if swap else bx, ay if swap else by, az if swap else bz
@@ -98,10 +98,10 @@ def _bin_pairs(
 
 @njit(cache=True, nogil=True)
 def _count(bins: NDArray, n_pairs: int, n_bins: int, n_features: int, counts: NDArray) -> None:
-    """Count how many pairs fall into each bin."""
+    """Count the pairs of each bin."""
     second, third, fourth = np.uintp(n_bins), np.uintp(2 * n_bins), np.uintp(3 * n_bins)
     one, two = counts[0], counts[1]
-    for m in range(0, n_pairs - 1, 2):  # features take turns, so that increments do not wait for each other
+    for m in range(0, n_pairs - 1, 2):  # alternate copies: independent increments
         one[np.uintp(bins[m])] += 1
         one[second + np.uintp(bins[_BLOCK + m])] += 1
         one[third + np.uintp(bins[2 * _BLOCK + m])] += 1
@@ -134,12 +134,12 @@ def simple_histograms(
     last: int,
     out: NDArray,
 ) -> None:
-    """Write the simplified histograms of the points in cells first to last, in the order of the cells.
+    """Write the simplified histograms of the points in cells `first` to `last`, in the order of the cells.
 
     Parameters
     ----------
     local : ndarray of float32, shape (3, n)
-        Coordinates from the centre of each point's cell, metres.
+        Coordinates relative to the centre of the cell, metres.
     normals : ndarray of float32, shape (3, n)
         Normals in the same order.
     keys, starts : ndarray of int64
@@ -147,7 +147,7 @@ def simple_histograms(
     rows : ndarray of int64, shape (r, 3)
         Rows of cells within reach.
     reach : int
-        How many cells away a neighbour can be.
+        Reach of the search, cells.
     size : float
         Edge of a cell, metres.
     radius : float
@@ -155,11 +155,11 @@ def simple_histograms(
     n_bins : int
         Bins of each feature.
     n_features : int
-        3 for the angles, 4 with the distance.
+        3 (angles), or 4 with the distance.
     first, last : int
         Cells.
     out : ndarray of float32, shape (n, n_features * n_bins)
-        Output: share of a point's pairs in each bin, feature by feature.
+        Output: fraction of the pairs of a point in each bin, feature by feature.
     """
     squared = np.float32(radius * radius)
     begin, end = first_window(keys, keys[first], rows, reach)
@@ -201,7 +201,7 @@ def simple_histograms(
 def _add_neighbors(
     squares: NDArray, source: NDArray, hits: NDArray, n_hits: int, simple: NDArray, total: NDArray
 ) -> None:
-    """Add up the neighbours' histograms, each over its squared distance, four at a time."""
+    """Sum the histograms of the neighbours, each divided by its squared distance, four at a time."""
     m = 0
     while m + 4 <= n_hits:
         a, b, c, d = np.uintp(hits[m]), np.uintp(hits[m + 1]), np.uintp(hits[m + 2]), np.uintp(hits[m + 3])
@@ -233,12 +233,12 @@ def weighted_histograms(
     last: int,
     out: NDArray,
 ) -> None:
-    """Write the histograms of the points in cells first to last: their own and those of their neighbours.
+    """Write the histograms of the points in cells `first` to `last`, from simplified histograms.
 
     Parameters
     ----------
     local : ndarray of float32, shape (3, n)
-        Coordinates from the centre of each point's cell, metres.
+        Coordinates relative to the centre of the cell, metres.
     order : ndarray of int32, shape (n,)
         Row of `out` of each point.
     keys, starts : ndarray of int64
@@ -246,13 +246,13 @@ def weighted_histograms(
     rows : ndarray of int64, shape (r, 3)
         Rows of cells within reach.
     reach : int
-        How many cells away a neighbour can be.
+        Reach of the search, cells.
     size : float
         Edge of a cell, metres.
     radius : float
         Search radius, metres.
     simple : ndarray of float32, shape (n, w)
-        What `simple_histograms` wrote.
+        Simplified histograms of `simple_histograms`.
     n_bins : int
         Bins of each feature.
     first, last : int
@@ -284,7 +284,7 @@ def weighted_histograms(
             total[:] = _ZERO
             _add_neighbors(squares, source, hits, n_hits, simple, total)
             weight = _ZERO
-            for b in range(n_bins):  # every feature counts each pair once, so that all of them sum to the same
+            for b in range(n_bins):  # all features have the same sum: each counts every pair once
                 weight += total[b]
             row = out[order[i]]
             if weight > _ZERO:

@@ -1,4 +1,4 @@
-"""Extended Gaussian images: where the normals of a surface point, and how one is turned against another (Horn 1984)."""
+"""Extended Gaussian images and their alignment about the vertical (Horn 1984)."""
 
 from __future__ import annotations
 
@@ -10,39 +10,38 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
 
 UPRIGHT = 0.05
-"""Horizontal length of a unit normal below which it has no azimuth: 3 degrees."""
+"""Horizontal length of a unit normal below which its azimuth is undefined (3 degrees)."""
 
 
 def compute_gaussian_images(
     normals: ArrayLike, indptr: ArrayLike, *, n_azimuths: int = 36, n_bands: int = 5
 ) -> NDArray[np.float32]:
-    """Count the normals of objects in cells of the sphere.
+    """Compute extended Gaussian images: histograms of the normals of objects over cells of the sphere.
 
-    The cells have equal areas: bands of equal height |nz|, cut by azimuth. Scanned surfaces tell no outside, so a
-    normal and its opposite are one: it is counted half in its own azimuth and half in the opposite one. A count is
-    shared between the two cells whose middle azimuths it lies between. That of an upright normal, whose azimuth is
-    noise, is spread over its band.
+    The cells have equal areas: bands of equal height in |nz|, divided by azimuth. The sign of a normal is unknown: half
+    of its weight goes to its own azimuth, half to the opposite one. The weight is distributed linearly over the two
+    nearest cells. For upright normals, whose azimuth is undefined, it is distributed over the band.
 
     Parameters
     ----------
     normals : array-like of shape (n, 3)
-        Unit normals, object after object; those that are not finite count nowhere.
+        Unit normals, object by object; those that are not finite are ignored.
     indptr : array-like of shape (m + 1,), integer
-        Where each object's normals begin.
+        Start of the normals of each object.
     n_azimuths : int, default 36
-        Cells around the vertical, an even number: 10 degrees each. More tell smaller turns apart and are noisier.
+        Azimuth cells, an even number (36: 10 degrees each). Larger values resolve smaller rotations with more noise.
     n_bands : int, default 5
-        Bands from lying normals to upright ones.
+        Bands from horizontal to vertical normals.
 
     Returns
     -------
     ndarray of float32, shape (m, n_bands, n_azimuths)
-        Images, each of sum 1, or of sum 0 without normals.
+        Images; each sums to 1, or to 0 without normals.
 
     Raises
     ------
     DataError
-        If `normals` is not (n, 3) or `indptr` does not lead to its end.
+        If `normals` is not (n, 3) or `indptr` does not match it.
     ParameterError
         If `n_azimuths` is not an even number above 1, or `n_bands` is below 1.
     """
@@ -60,9 +59,9 @@ def compute_gaussian_images(
 
 
 def align_gaussian_images(images: ArrayLike, references: ArrayLike) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """Find the turn about the vertical that brings each image nearest to each reference.
+    """Return the rotation about the vertical that maximises the correlation of each image with each reference.
 
-    The correlation over all turns is a product of Fourier transforms along the azimuth, band by band.
+    The correlation over all rotations is computed by Fourier transforms along the azimuth.
 
     Parameters
     ----------
@@ -74,15 +73,15 @@ def align_gaussian_images(images: ArrayLike, references: ArrayLike) -> tuple[NDA
     Returns
     -------
     turns : ndarray of int32, shape (m, r)
-        Cells of azimuth by which the reference is turned, counterclockwise, to meet the image; the half turn, which
-        such images cannot tell, is left out: from 0 to n_azimuths / 2 - 1.
+        Counterclockwise rotation of the reference in azimuth cells, from 0 to n_azimuths / 2 - 1, since images are
+        invariant to half a turn.
     likeness : ndarray of float32, shape (m, r)
-        Normalised correlation at that turn, 0 to 1; 0 where an image is empty.
+        Normalised correlation at that rotation, 0 to 1; 0 for empty images.
 
     Raises
     ------
     DataError
-        If the images differ in their cells.
+        If the numbers of cells differ.
     """
     ours, theirs = np.asarray(images, dtype=np.float64), np.asarray(references, dtype=np.float64)
     if ours.ndim != 3 or theirs.ndim != 3 or ours.shape[1:] != theirs.shape[1:]:

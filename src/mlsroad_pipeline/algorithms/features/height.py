@@ -1,4 +1,4 @@
-"""Height features of supervoxels: their own extent, and above the ground (Tomic et al. 2019, section 2.1)."""
+"""Height features of supervoxels: vertical extent, and height above the ground (Tomic et al. 2019, section 2.1)."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ OWN_HEIGHT_FEATURES = ("height_range", "height_std")
 
 
 def describe_own_height(moments: SupervoxelMoments) -> NDArray[np.float32]:
-    """Describe how far a supervoxel reaches up and down.
+    """Return the vertical extent and spread of supervoxels.
 
     Parameters
     ----------
     moments : SupervoxelMoments
-        Of the supervoxels' points.
+        Moments of the points of the supervoxels.
 
     Returns
     -------
@@ -39,12 +39,12 @@ def describe_own_height(moments: SupervoxelMoments) -> NDArray[np.float32]:
 def describe_ground_height(
     height_above_ground: NDArray[np.floating], labels: NDArray[np.int32], n_supervoxels: int
 ) -> NDArray[np.float32]:
-    """Summarise the height above ground of each supervoxel's points.
+    """Return statistics of the height above ground of each supervoxel.
 
     Parameters
     ----------
     height_above_ground : ndarray of float, shape (n,)
-        Metres; NaN (no ground near) is left out.
+        Metres; NaN is ignored.
     labels : ndarray of int32, shape (n,)
         Supervoxel of each point.
     n_supervoxels : int
@@ -53,7 +53,7 @@ def describe_ground_height(
     Returns
     -------
     ndarray of float32, shape (s, 4)
-        Columns of `GROUND_HEIGHT_FEATURES`: mean, minimum, maximum, standard deviation; NaN where no point has one.
+        Columns of `GROUND_HEIGHT_FEATURES`: mean, minimum, maximum, standard deviation; NaN without values.
     """
     heights = summarise_column(height_above_ground, labels, n_supervoxels)
     return np.stack([heights.mean, heights.minimum, heights.maximum, heights.std], axis=1).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Layers of an object: how it spreads at each height."""
+"""Features of the horizontal layers of an object."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from mlsroad_pipeline.algorithms.core.validation import check_at_least
 from mlsroad_pipeline.algorithms.features.accumulation_images import join_objects
 
 N_FEATURES = 10
-"""Numbers per layer."""
+"""Features per layer."""
 
 
 def describe_layers(objects: Sequence[ArrayLike], *, n_layers: int = 10) -> NDArray[np.float32]:
-    """Cut objects into layers of equal height and describe each layer.
+    """Compute features of layers of equal height of objects.
 
     Parameters
     ----------
     objects : sequence of array-like of shape (n_i, 3)
         Points of each object, metres, z up.
     n_layers : int, default 10
-        Number of layers: 100 numbers in all, as in Luo et al. 2019, Table 4.
+        Number of layers; 10 layers give 100 features, as in Luo et al. 2019, Table 4.
 
     Returns
     -------
     ndarray of float32, shape (objects, 10 * n_layers)
-        From the lowest layer up: the share of the object's points; extents along and across the horizontal direction in
-        which the object spreads most; standard deviations in these two; distances of the layer's middle from the
-        object's in these two; mean and greatest distance from the object's vertical axis; standard deviation of the
-        height. Metres; an empty layer is all 0.
+        Layers in ascending order. For each: fraction of the points of the object; extents along and across the main
+        horizontal direction of the object; standard deviations in these directions; distances of the centre of the
+        layer from that of the object in these directions; mean and maximum distance from the vertical axis of the
+        object; standard deviation of the height. Metres; 0 for empty layers.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def _describe(xyz: NDArray[np.float64], indptr: NDArray[np.int64], out: NDArray[
     for k in range(len(out)):
         part = xyz[indptr[k] : indptr[k + 1]]
         n = len(part)
-        base = part[0].copy()  # sums about a point of its own keep the digits
+        base = part[0].copy()  # sums relative to a point of the object preserve precision
         mx, my = (part[:, 0] - base[0]).mean(), (part[:, 1] - base[1]).mean()
         dx, dy = part[:, 0] - base[0] - mx, part[:, 1] - base[1] - my
         angle = 0.5 * np.arctan2(2.0 * (dx * dy).sum(), (dx * dx).sum() - (dy * dy).sum())

@@ -1,4 +1,4 @@
-"""Normals of points, with a stated side."""
+"""Normals of points, with defined orientation."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ def compute_normals(
     viewpoint: ArrayLike | None = None,
     n_threads: int = 1,
 ) -> NDArray[np.float32]:
-    """Estimate the normal of the surface at every point.
+    """Estimate the surface normal at each point.
 
-    The normal is the direction in which the points around spread least.
+    The normal is the direction of smallest variance of the neighbourhood.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Points in metres.
     radius : float, optional
-        Neighbourhood radius in metres, the point itself included. Larger values smooth over noise and round edges off.
+        Radius of the neighbourhood in metres. Larger values reduce noise and round off edges.
     k : int, optional
-        Neighbourhood of the k nearest points, the point itself included. Exactly one of `radius` and `k` is given.
+        Number of nearest points of the neighbourhood, including the point itself. Give exactly one of `radius` and `k`.
     viewpoint : array-like of shape (3,), optional
-        A place that all normals shall face, metres; by default they point upwards (nz >= 0). On vertical surfaces
-        seen without a viewpoint, noise decides the side.
+        Position that all normals face, metres. By default they point upwards (nz >= 0); on vertical surfaces, their
+        sign is then arbitrary.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
     Returns
     -------
     ndarray of float32, shape (n, 3)
-        Unit normals; NaN where fewer than three points or only collinear ones are near.
+        Unit normals; NaN for neighbourhoods of fewer than three or of collinear points.
 
     Raises
     ------
@@ -50,8 +50,8 @@ def compute_normals(
         If not exactly one of `radius` and `k` is given, `radius` is not positive, or `k` or `n_threads` is below 1.
     """
     points = check_xyz(xyz)
-    found = compute_eigen_features(points, radius=radius, k=k, n_threads=n_threads)
-    normals = np.stack([found["nx"], found["ny"], found["nz"]], axis=1)
+    features = compute_eigen_features(points, radius=radius, k=k, n_threads=n_threads)
+    normals = np.stack([features["nx"], features["ny"], features["nz"]], axis=1)
     if viewpoint is None:
         return normals
     place = np.asarray(viewpoint, dtype=np.float64)

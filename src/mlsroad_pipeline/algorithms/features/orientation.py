@@ -1,32 +1,59 @@
-"""Orientation features of supervoxels (Tomic et al. 2019, section 2.1)."""
+"""Shape and orientation features of supervoxels (Tomic et al. 2019, section 2.1)."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.features.eigen import EIGEN_FEATURES, SHAPE_FEATURES, emit_features
+from mlsroad_pipeline.algorithms.features.eigen_solver import solve_symmetric
+
 ORIENTATION_FEATURES = ("normal_z", "verticality", "direction_z")
 """Columns of `describe_orientation`."""
 
 
 def describe_orientation(rows: NDArray[np.float32], names: tuple[str, ...]) -> NDArray[np.float32]:
-    """Take the orientation features from rows of eigenvalue features.
+    """Return the orientation features from rows of eigenvalue features.
 
-    Only what does not change when the scene is turned about the vertical axis is kept: where a street runs must not
-    decide what stands in it.
+    Only features invariant to rotation about the vertical axis are used, so that the direction of a street has no
+    influence.
 
     Parameters
     ----------
     rows : ndarray of float32, shape (s, f)
-        Eigenvalue features, the columns named by `names`.
+        Eigenvalue features.
     names : tuple of str
-        Must hold ``nz``, ``verticality`` and ``direction_z``.
+        Names of the columns, including ``nz``, ``verticality`` and ``direction_z``.
 
     Returns
     -------
     ndarray of float32, shape (s, 3)
-        Columns of `ORIENTATION_FEATURES`: z of the unit normal (1: horizontal surface), 1 minus it (1: wall), z of the
-        main direction (1: upright pole, 0: wire); NaN where the points are collinear (the first two), coincide or are
-        fewer than three.
+        Columns of `ORIENTATION_FEATURES`: z of the unit normal (1 for horizontal surfaces), 1 minus this (1 for walls),
+        z of the main direction (1 for poles, 0 for wires). NaN for fewer than three or coincident points; the first two
+        also for collinear points.
     """
     return rows[:, [names.index(name) for name in ("nz", "verticality", "direction_z")]]
+
+
+def describe_shape(covariances: NDArray[np.float64], counts: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return shape and orientation features from covariances.
+
+    Parameters
+    ----------
+    covariances : ndarray of float64, shape (6, s)
+        Rows xx, xy, xz, yy, yz, zz.
+    counts : ndarray of float32, shape (s,)
+        Number of points of each covariance.
+
+    Returns
+    -------
+    ndarray of float32, shape (s, 10)
+        Columns of `SHAPE_FEATURES` and `ORIENTATION_FEATURES`.
+    """
+    n = len(counts)
+    values, smallest, largest = np.empty((3, n)), np.empty((3, n)), np.empty((3, n))
+    solve_symmetric(covariances, n, values, smallest, largest)
+    rows = np.empty((n, len(EIGEN_FEATURES)), np.float32)
+    emit_features(values, smallest, largest, counts, np.arange(n, dtype=np.int32), 0, n, rows)
+    shape = rows[:, [EIGEN_FEATURES.index(name) for name in SHAPE_FEATURES]]
+    return np.hstack([shape, describe_orientation(rows, EIGEN_FEATURES)])

@@ -1,4 +1,4 @@
-"""Radiometric features of supervoxels: colour and intensity, where a survey has them (Tomic et al. 2019, 2.1)."""
+"""Radiometric features of supervoxels: colour and intensity (Tomic et al. 2019, section 2.1)."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ def _colour_sums(rgb: NDArray, labels: NDArray, n_supervoxels: int) -> NDArray[n
 
 
 def describe_colour(rgb: NDArray[np.uint8], labels: NDArray[np.int32], n_supervoxels: int) -> NDArray[np.float32]:
-    """Describe the colour of each supervoxel in Y'CbCr.
+    """Return the mean and standard deviation of the colour of each supervoxel in Y'CbCr.
 
-    The space parts brightness, which shadows change, from two colour differences, which they hardly change; it is a
-    linear map of RGB, so the moments are summed exactly, in integers, and converted once per supervoxel.
+    Y'CbCr separates brightness, which shadows change, from two colour differences, which they hardly affect. It is a
+    linear transform of RGB: the moments are summed exactly, as integers, and converted once per supervoxel.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def describe_colour(rgb: NDArray[np.uint8], labels: NDArray[np.int32], n_supervo
     -------
     ndarray of float32, shape (s, 6)
         Columns of `COLOUR_FEATURES`: means and standard deviations of luma in [0, 1] and of the two differences in
-        [-0.5, 0.5]; NaN where a supervoxel has no point.
+        [-0.5, 0.5]; NaN for empty supervoxels.
     """
     sums = _colour_sums(rgb, labels, n_supervoxels)
     counts = np.where(sums[:, 0] > 0, sums[:, 0], np.nan)
@@ -77,12 +77,12 @@ def describe_colour(rgb: NDArray[np.uint8], labels: NDArray[np.int32], n_supervo
 def describe_intensity(
     intensity: NDArray[np.floating], labels: NDArray[np.int32], n_supervoxels: int
 ) -> NDArray[np.float32]:
-    """Describe the intensity of each supervoxel.
+    """Return the mean and standard deviation of the intensity of each supervoxel.
 
     Parameters
     ----------
     intensity : ndarray of float, shape (n,)
-        Intensity in [0, 1]; NaN is left out.
+        Intensity in [0, 1]; NaN is ignored.
     labels : ndarray of int32, shape (n,)
         Supervoxel of each point.
     n_supervoxels : int
@@ -91,7 +91,7 @@ def describe_intensity(
     Returns
     -------
     ndarray of float32, shape (s, 2)
-        Columns of `INTENSITY_FEATURES`: mean and standard deviation; NaN where no point has an intensity.
+        Columns of `INTENSITY_FEATURES`: mean and standard deviation; NaN without values.
     """
     statistics = summarise_column(intensity, labels, n_supervoxels)
     return np.stack([statistics.mean, statistics.std], axis=1).astype(np.float32)

@@ -1,4 +1,4 @@
-"""SHOT: normals around a point, counted by where they are in its local reference frame (Tombari et al. 2010)."""
+"""SHOT descriptor: histograms of normals in a local reference frame (Tombari et al. 2010)."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from mlsroad_pipeline.algorithms.core.validation import check_column, check_posi
 
 N_AZIMUTH, N_ELEVATION, N_RADIAL, N_COSINE = 8, 2, 2, 11
 SIZE = N_AZIMUTH * N_ELEVATION * N_RADIAL * N_COSINE
-"""Numbers in a descriptor: 352, as in Luo et al. 2019, Table 4."""
+"""Length of a descriptor: 352, as in Luo et al. 2019, Table 4."""
 
 
 def local_reference_frame(offsets: ArrayLike, radius: float) -> NDArray[np.float64]:
-    """Return axes that turn with the points around a centre.
+    """Return the local reference frame of a point.
 
-    The eigenvectors of the covariance about the centre, each point weighing R - d (Tombari et al. 2010, equation 1).
-    The x axis, of the greatest eigenvalue, and the z axis, of the least, point to where most points lie; where as many
-    lie on either side, to the greater sum of coordinates.
+    The axes are the eigenvectors of the covariance about the centre with weights R - d (Tombari et al. 2010, equation
+    1). The x axis (largest eigenvalue) and the z axis (smallest) point to the side with more points; ties go to the
+    side with the larger sum of coordinates.
 
     Parameters
     ----------
@@ -47,28 +47,28 @@ def _towards_most(axis: NDArray[np.float64], points: NDArray[np.float64]) -> NDA
 
 
 def compute_shot(xyz: ArrayLike, normals: ArrayLike, center: ArrayLike, *, radius: float) -> NDArray[np.float32]:
-    """Describe the surface around a point by its normals.
+    """Compute the SHOT descriptor of a point.
 
-    The ball around the centre has 32 sectors: 8 of azimuth, 2 of elevation, 2 of radius. Each holds a histogram of 11
-    bins over the cosine between the normals in it and the z axis of the local reference frame. A point is shared out
-    between the two nearest bins in each of the four directions, in proportion to how near it is to their middles.
+    The ball around the centre has 32 sectors: 8 in azimuth, 2 in elevation, 2 in radius. Each has a histogram of 11
+    bins over the cosine between its normals and the z axis of the local reference frame. A point is distributed over
+    the two nearest bins in each of the four dimensions by quadrilinear interpolation.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Points in metres.
     normals : array-like of shape (n, 3)
-        Unit normals; points whose normal is not finite count for the frame alone.
+        Unit normals; points without a finite normal contribute only to the frame.
     center : array-like of shape (3,)
-        The point that is described.
+        Centre of the descriptor.
     radius : float
         Radius of the ball, metres.
 
     Returns
     -------
     ndarray of float32, shape (352,)
-        The descriptor, of length 1, or 0 where no point with a normal lies in the ball. Azimuth runs slowest, then
-        elevation, radius and cosine.
+        Descriptor of unit norm, or 0 without normals in the ball. The order is azimuth (slowest), elevation, radius,
+        cosine.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def compute_shot(xyz: ArrayLike, normals: ArrayLike, center: ArrayLike, *, radiu
 
 @njit(cache=True, nogil=True)
 def _split(place: float, n_bins: int, circular: bool) -> tuple[int, int, float]:
-    """Return the two bins whose middles enclose a place in [0, n_bins], and the share of the second."""
+    """Return the two bins whose centres enclose a position in [0, n_bins], and the share of the second."""
     below = int(np.floor(place - 0.5))
     share = place - 0.5 - below
     if circular:

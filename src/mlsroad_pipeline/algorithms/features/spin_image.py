@@ -1,4 +1,4 @@
-"""Spin images: where the points around an oriented point lie, however it is turned about its normal (Johnson 1997)."""
+"""Spin images of oriented points (Johnson 1997)."""
 
 from __future__ import annotations
 
@@ -21,33 +21,32 @@ def compute_spin_images(
     queries: ArrayLike | None = None,
     n_threads: int = 1,
 ) -> NDArray[np.float32]:
-    """Describe the surface around oriented points by two coordinates of the points there.
+    """Compute the spin images of oriented points.
 
-    A neighbour at offset d from a point with normal n has the axial coordinate beta = n . d, from -r to r, and the
-    radial one alpha, its distance from the line along n, from 0 to r (Johnson and Hebert 1999, equation 1), with
-    r = `radius` / sqrt(2), so that the cylinder of the image lies inside the ball that is searched. Each neighbour is
-    shared out between the four nodes of the image around it, in proportion to how near it is to each.
+    A neighbour at offset d from a point with normal n has the axial coordinate beta = n . d in [-r, r] and the radial
+    coordinate alpha, its distance from the line along n, in [0, r] (Johnson and Hebert 1999, equation 1). With
+    r = `radius` / sqrt(2), the cylinder of the image lies inside the search ball. Each neighbour is distributed
+    bilinearly over the four surrounding nodes of the image.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Points in metres.
     normals : array-like of shape (m, 3)
-        Unit normals of the points that are described; turned over, a normal gives the image upside down.
+        Unit normals of the queries; an opposite normal gives a flipped image.
     radius : float
-        How far neighbours are sought, metres. Larger sees more of an object, and more of what hides part of it.
+        Search radius, metres. Larger values include more of the object, and more clutter.
     n_radial, n_axial : int, default 9, 17
-        Nodes of the image from 0 to r, and from -r to r, at least 2: 153 in all, as in Luo et al. 2019, Table 4.
+        Nodes of the image in alpha and in beta, at least 2; 153 in total, as in Luo et al. 2019, Table 4.
     queries : array-like of shape (m, 3), optional
-        Points to describe, metres; all points by default. A point is no neighbour of itself, nor is one at its place.
+        Query points, metres; all points by default. Points that coincide with a query are not its neighbours.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
     Returns
     -------
     ndarray of float32, shape (m, n_radial * n_axial)
-        Images, the axial coordinate running fastest. Each sums to 1, or to 0 where nothing is near or the normal is
-        not finite.
+        Images with the axial coordinate fastest. Each sums to 1, or to 0 without neighbours or a finite normal.
 
     Raises
     ------
@@ -60,16 +59,16 @@ def compute_spin_images(
     for name, number in (("n_radial", n_radial), ("n_axial", n_axial)):
         check_at_least(number, 2, name)
     points = check_xyz(xyz).astype(np.float64, copy=False)
-    wanted = points if queries is None else check_xyz(queries, name="queries").astype(np.float64, copy=False)
-    axes = np.ascontiguousarray(check_column(normals, len(wanted), "normals", width=3), dtype=np.float64)
-    out = np.zeros((len(wanted), n_radial * n_axial), np.float32)
-    indices, indptr = radius_neighbors(points, radius=radius, queries=wanted, n_threads=n_threads)
+    at_points = points if queries is None else check_xyz(queries, name="queries").astype(np.float64, copy=False)
+    axes = np.ascontiguousarray(check_column(normals, len(at_points), "normals", width=3), dtype=np.float64)
+    out = np.zeros((len(at_points), n_radial * n_axial), np.float32)
+    indices, indptr = radius_neighbors(points, radius=radius, queries=at_points, n_threads=n_threads)
     reach = radius / np.sqrt(2.0)
 
     def count(first: int, last: int) -> None:
-        _count(points, wanted, axes, indices, indptr, reach, n_radial, n_axial, out, first, last)
+        _count(points, at_points, axes, indices, indptr, reach, n_radial, n_axial, out, first, last)
 
-    run_in_chunks(count, len(wanted), n_threads=n_threads)
+    run_in_chunks(count, len(at_points), n_threads=n_threads)
     return out
 
 

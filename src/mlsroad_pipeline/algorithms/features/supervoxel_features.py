@@ -1,4 +1,4 @@
-"""Features of supervoxels: shape, orientation, height and radiometry, with the local context removed."""
+"""Features of supervoxels: shape, orientation, height and radiometry, with detrending."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_positive, check_xyz
 from mlsroad_pipeline.algorithms.features.columns import COLUMN_FEATURES, build_columns, describe_columns
 from mlsroad_pipeline.algorithms.features.detrending import detrend as remove_tendency
-from mlsroad_pipeline.algorithms.features.eigen import EIGEN_FEATURES, SHAPE_FEATURES, emit_features
-from mlsroad_pipeline.algorithms.features.eigen_solver import solve_symmetric
+from mlsroad_pipeline.algorithms.features.eigen import SHAPE_FEATURES
 from mlsroad_pipeline.algorithms.features.footprint import describe_footprints, footprint_feature_names
 from mlsroad_pipeline.algorithms.features.height import (
     GROUND_HEIGHT_FEATURES,
@@ -23,7 +22,7 @@ from mlsroad_pipeline.algorithms.features.height import (
     describe_ground_height,
     describe_own_height,
 )
-from mlsroad_pipeline.algorithms.features.orientation import ORIENTATION_FEATURES, describe_orientation
+from mlsroad_pipeline.algorithms.features.orientation import ORIENTATION_FEATURES, describe_shape
 from mlsroad_pipeline.algorithms.features.radiometry import (
     COLOUR_FEATURES,
     INTENSITY_FEATURES,
@@ -39,18 +38,18 @@ Blocks = list[tuple[tuple[str, ...], NDArray[np.float32]]]
 
 @dataclass(frozen=True)
 class SupervoxelFeatures:
-    """Features of supervoxels, one row each.
+    """Features of supervoxels, one row a supervoxel.
 
     Attributes
     ----------
     values : ndarray of float32, shape (s, f)
-        Features; NaN is undefined.
+        Features; NaN if undefined.
     names : tuple of str
-        Their names.
+        Names of the features.
     centroids : ndarray of float64, shape (s, 3)
-        Mean coordinates of the supervoxels' points, metres.
+        Mean coordinates of the points of each supervoxel, metres.
     counts : ndarray of int64, shape (s,)
-        Points per supervoxel.
+        Points of each supervoxel.
     """
 
     values: NDArray[np.float32]
@@ -60,7 +59,7 @@ class SupervoxelFeatures:
 
 
 def check_supervoxels(labels: ArrayLike, adjacency: csr_array, n_points: int) -> NDArray[np.int32]:
-    """Return supervoxel labels as int32, or say what is wrong with them or with the adjacency.
+    """Validate supervoxel labels and adjacency; return the labels as int32.
 
     Parameters
     ----------
@@ -69,7 +68,7 @@ def check_supervoxels(labels: ArrayLike, adjacency: csr_array, n_points: int) ->
     adjacency : csr_array of shape (s, s)
         First-order neighbours.
     n_points : int
-        How many points there are.
+        Number of points.
 
     Returns
     -------
@@ -79,8 +78,8 @@ def check_supervoxels(labels: ArrayLike, adjacency: csr_array, n_points: int) ->
     Raises
     ------
     DataError
-        If the labels are not one integer per point, are outside 0 to s - 1 or leave a supervoxel empty, or if the
-        adjacency is not square or joins a supervoxel with itself.
+        If the labels are not one integer per point, are outside 0 to s - 1 or leave a supervoxel empty, or the
+        adjacency is not square or has self loops.
     """
     array = check_column(labels, n_points, "labels")
     if not np.issubdtype(array.dtype, np.integer):
@@ -99,14 +98,7 @@ def check_supervoxels(labels: ArrayLike, adjacency: csr_array, n_points: int) ->
 
 
 def _shape_and_orientation(moments: SupervoxelMoments) -> NDArray[np.float32]:
-    n = len(moments.counts)
-    values, smallest, largest = np.empty((3, n)), np.empty((3, n)), np.empty((3, n))
-    solve_symmetric(moments.covariances, n, values, smallest, largest)
-    rows = np.empty((n, len(EIGEN_FEATURES)), np.float32)
-    counts = moments.counts.astype(np.float32)
-    emit_features(values, smallest, largest, counts, np.arange(n, dtype=np.int32), 0, n, rows)
-    shape = rows[:, [EIGEN_FEATURES.index(name) for name in SHAPE_FEATURES]]
-    return np.hstack([shape, describe_orientation(rows, EIGEN_FEATURES)])
+    return describe_shape(moments.covariances, moments.counts.astype(np.float32))
 
 
 def compute_supervoxel_features(
@@ -125,12 +117,11 @@ def compute_supervoxel_features(
     ball_voxel_size: float = 0.2,
     footprint_radii: Sequence[float] = (1.5, 3.0, 6.0),
 ) -> SupervoxelFeatures:
-    """Describe supervoxels by the features of Tomic et al. 2019, section 2.1, equations 2 and 3.
+    """Compute the features of supervoxels (Tomic et al. 2019, section 2.1, equations 2 and 3).
 
-    V_S holds the seven eigenvalue features, orientation, height and, where the survey has them, height above ground,
-    colour and intensity. With V_LT its mean over the n first-order neighbours, the result is {V_S, k (V_S - V_LT)},
-    k = n / (n + 1). What describes the neighbourhood, the balls and the footprints around a supervoxel is context
-    already and is not detrended.
+    V_S consists of the seven eigenvalue features, orientation, height and, if available, height above ground, colour
+    and intensity. With V_LT, the mean over the n first-order neighbours, the result is {V_S, k (V_S - V_LT)}, k = n /
+    (n + 1). Features of the neighbourhood, of balls and of footprints are contextual and are not detrended.
 
     Parameters
     ----------
@@ -141,39 +132,38 @@ def compute_supervoxel_features(
     adjacency : csr_array of shape (s, s)
         First-order neighbours: symmetric, without self loops.
     height_above_ground : array-like of shape (n,), optional
-        Metres; NaN where unknown.
+        Metres; NaN if unknown.
     rgb : array-like of uint8, shape (n, 3), optional
         Colours.
     intensity : array-like of shape (n,), optional
-        Intensity in [0, 1]; NaN where unknown.
+        Intensity in [0, 1]; NaN if unknown.
     detrend : bool, default True
-        Append the detrended part; False gives V_S alone.
+        Whether to append the detrended part; otherwise only V_S is returned.
     region : {"own", "neighborhood", "both"}, default "both"
-        Whose points give shape and orientation: the supervoxel's own (the paper), its own and its first-order
-        neighbours' (names end in ``_neighborhood``; steadier where supervoxels are small), or both sets.
+        Points that define shape and orientation: those of the supervoxel (the paper); these and those of the
+        first-order neighbours (suffix ``_neighborhood``, more stable for small supervoxels); or both sets of features.
     column_size : float, default 0.5
         Raster cell of the column features in metres, see `build_columns`.
     relief_radius : float, default 5.0
-        How far the lowest point is sought that stands in for the ground, metres.
+        Radius of the search for the lowest point, which substitutes the ground, metres.
     ball_radii : sequence of float, default (0.5, 1.0, 2.0)
-        Radii, metres, within which shape and orientation of the occupied voxels are described, see `describe_balls`;
-        empty for none (the paper). Larger ones see past gaps of a sparse scan and blur small objects.
+        Radii of spherical neighbourhoods, metres, see `describe_balls`; empty for none (the paper). Larger values
+        bridge gaps of sparse scans and blur small objects.
     ball_voxel_size : float, default 0.2
-        Edge of those voxels, metres. Smaller follows the density of the scan and costs time.
+        Edge of the voxels of these neighbourhoods, metres. Smaller values depend more on scan density and cost time.
     footprint_radii : sequence of float, default (1.5, 3.0, 6.0)
-        Radii, metres, within which the columns around are described, see `describe_footprints`; empty for none (the
-        paper).
+        Radii of the footprint features, metres, see `describe_footprints`; empty for none (the paper).
 
     Returns
     -------
     SupervoxelFeatures
-        Features, names, centroids and point counts. Undefined values (fewer than three points, collinear points, no
-        value of a column) are NaN, which the forest takes as a branch of its own.
+        Features, names, centroids and point counts. Undefined values (fewer than three points, collinear points,
+        missing attributes) are NaN.
 
     Raises
     ------
     DataError
-        If an array does not fit the points, coordinates are not finite, labels or adjacency are not a partition (see
+        If an array has another length, coordinates are not finite, labels or adjacency are invalid (see
         `check_supervoxels`), colours are not uint8, or the extent is too large for `column_size`.
     ParameterError
         If `region` is unknown, or a size or a radius is not positive.
@@ -202,7 +192,7 @@ def compute_supervoxel_features(
 
 
 def _shape_blocks(own: SupervoxelMoments, around: SupervoxelMoments | None, region: Region) -> tuple[Blocks, Blocks]:
-    """Return shape and orientation that are detrended, and those that are context already."""
+    """Return the shape and orientation features to detrend, and those of the context."""
     names = (*SHAPE_FEATURES, *ORIENTATION_FEATURES)
     blocks: Blocks = [] if region == "neighborhood" else [(names, _shape_and_orientation(own))]
     if around is None:
@@ -218,7 +208,7 @@ def _attribute_blocks(
     rgb: ArrayLike | None,
     intensity: ArrayLike | None,
 ) -> Blocks:
-    """Return the features of what not every survey has."""
+    """Return the features of optional attributes."""
     blocks: Blocks = []
     if height_above_ground is not None:
         heights = check_column(height_above_ground, len(owners), "height_above_ground")
@@ -237,7 +227,7 @@ def _attribute_blocks(
 def _assemble(
     blocks: Blocks, context: Blocks, adjacency: csr_array, moments: SupervoxelMoments, *, detrend: bool
 ) -> SupervoxelFeatures:
-    """Join the blocks into V_S and append the detrended part of all that is not context itself."""
+    """Join the blocks and append the detrended features of all but the context."""
     names = tuple(name for block_names, _ in (*blocks, *context) for name in block_names)
     values = np.hstack([block for _, block in (*blocks, *context)])
     if detrend:

@@ -1,4 +1,4 @@
-"""Sums over the points of each supervoxel: moments of the coordinates and statistics of a column."""
+"""Moments of coordinates and statistics of columns per supervoxel."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class SupervoxelMoments:
     Attributes
     ----------
     counts : ndarray of int64, shape (s,)
-        Points.
+        Number of points.
     centroids : ndarray of float64, shape (s, 3)
-        Mean coordinates, metres; NaN where there is no point.
+        Mean coordinates, metres; NaN without points.
     covariances : ndarray of float64, shape (6, s)
         Rows xx, xy, xz, yy, yz, zz, square metres, divided by the number of points.
     z_range : ndarray of float64, shape (s, 2)
@@ -42,7 +42,7 @@ def _accumulate(xyz: NDArray, labels: NDArray, n_supervoxels: int) -> NDArray[np
         row = sums[labels[i]]
         x, y, z = np.float64(xyz[i, 0]), np.float64(xyz[i, 1]), np.float64(xyz[i, 2])
         if row[_N] == 0.0:
-            # The first point is the reference, so that large coordinates do not eat the digits of the moments.
+            # The first point is the reference: large coordinates would reduce the precision of the moments.
             row[1], row[2], row[3] = x, y, z
             row[_LOW], row[_HIGH] = z, z
         row[_N] += 1.0
@@ -63,7 +63,7 @@ def _accumulate(xyz: NDArray, labels: NDArray, n_supervoxels: int) -> NDArray[np
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _merge(sums: NDArray, indices: NDArray, indptr: NDArray) -> NDArray[np.float64]:
-    """Add the moments of the neighbours, moved to the supervoxel's own reference point."""
+    """Add the moments of the neighbours, relative to the reference point of the supervoxel."""
     merged = sums.copy()
     for s in range(len(sums)):
         row = merged[s]
@@ -105,7 +105,7 @@ def _finish(sums: NDArray[np.float64]) -> SupervoxelMoments:
 def sum_moments(
     xyz: NDArray[np.floating], labels: NDArray[np.int32], n_supervoxels: int, adjacency: csr_array | None = None
 ) -> tuple[SupervoxelMoments, SupervoxelMoments | None]:
-    """Sum the moments of each supervoxel and, given an adjacency, of it together with its first-order neighbours.
+    """Return the moments of each supervoxel and, with an adjacency, of its region with first-order neighbours.
 
     Parameters
     ----------
@@ -121,9 +121,9 @@ def sum_moments(
     Returns
     -------
     own : SupervoxelMoments
-        Of each supervoxel.
+        Moments of each supervoxel.
     region : SupervoxelMoments or None
-        Of each supervoxel and its neighbours.
+        Moments of each supervoxel and its neighbours.
     """
     sums = _accumulate(xyz, labels, n_supervoxels)
     if adjacency is None:
@@ -151,16 +151,16 @@ def _column_sums(values: NDArray, labels: NDArray, n_supervoxels: int) -> NDArra
 
 @dataclass(frozen=True)
 class ColumnStatistics:
-    """Statistics of a column over the points of each supervoxel; NaN where a supervoxel has no value.
+    """Statistics of a column over the points of each supervoxel; NaN without values.
 
     Attributes
     ----------
     mean : ndarray of float64, shape (s,)
-        Mean, in the column's unit.
+        Mean, in the unit of the column.
     std : ndarray of float64, shape (s,)
-        Standard deviation of the population, in the column's unit.
+        Population standard deviation, in the unit of the column.
     minimum, maximum : ndarray of float64, shape (s,)
-        Least and greatest value, in the column's unit.
+        Minimum and maximum, in the unit of the column.
     """
 
     mean: NDArray[np.float64]
@@ -170,7 +170,7 @@ class ColumnStatistics:
 
 
 def summarise_column(values: NDArray, labels: NDArray[np.int32], n_supervoxels: int) -> ColumnStatistics:
-    """Summarise a per-point column over each supervoxel, leaving out NaN.
+    """Return statistics of a per-point column for each supervoxel, ignoring NaN.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def summarise_column(values: NDArray, labels: NDArray[np.int32], n_supervoxels: 
     Returns
     -------
     ColumnStatistics
-        Statistics per supervoxel; the standard deviation is that of the population.
+        Statistics of each supervoxel.
     """
     sums = _column_sums(values, labels, n_supervoxels)
     counts = np.where(sums[:, 0] > 0, sums[:, 0], np.nan)

@@ -1,8 +1,8 @@
-"""Shape of what surrounds a supervoxel, at fixed radii and whatever the density of the scan.
+"""Shape features of spherical neighbourhoods of supervoxels at several radii.
 
-A supervoxel far from the scanner holds a handful of points, and so do its neighbours: their moments say little.
-Neighbourhoods of several sizes, as Weinmann et al. 2015 compare them, answer that, and counting occupied voxels
-instead of points makes them alike near the scanner and far from it.
+Supervoxels far from the scanner have few points, and their moments are unreliable. Neighbourhoods of several sizes
+(compared by Weinmann et al. 2015) are more robust. Counting occupied voxels instead of points makes the features
+independent of scan density.
 """
 
 from __future__ import annotations
@@ -13,26 +13,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.features.eigen import (
-    EIGEN_FEATURES,
-    MINIMUM_NEIGHBORS,
-    SHAPE_FEATURES,
-    emit_features,
-    gather_near,
-    sum_ball,
-)
-from mlsroad_pipeline.algorithms.features.eigen_solver import solve_symmetric
-from mlsroad_pipeline.algorithms.features.orientation import ORIENTATION_FEATURES, describe_orientation
+from mlsroad_pipeline.algorithms.features.eigen import MINIMUM_NEIGHBORS, SHAPE_FEATURES, gather_near, sum_ball
+from mlsroad_pipeline.algorithms.features.orientation import ORIENTATION_FEATURES, describe_shape
 from mlsroad_pipeline.algorithms.geometry.cell_grid import CELLS_PER_RADIUS, build_cell_grids, run_in_chunks
 from mlsroad_pipeline.algorithms.geometry.cell_windows import first_window, most_near, move_window
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import build_voxel_grid
 
 BALL_FEATURES = (*SHAPE_FEATURES, *ORIENTATION_FEATURES, "horizontal_linearity")
-"""What `describe_balls` gives for each radius; names there end in ``_<radius>m``."""
+"""Features of `describe_balls`, whose names have the suffix ``_<radius>m``."""
 
 
 def ball_feature_names(radii: Sequence[float]) -> tuple[str, ...]:
-    """Name the columns of `describe_balls`."""
+    """Return the names of the columns of `describe_balls`."""
     return tuple(f"{name}_{radius:g}m" for radius in radii for name in BALL_FEATURES)
 
 
@@ -54,7 +46,7 @@ def _sum_balls(
     covariances: NDArray,
     counts: NDArray,
 ) -> None:
-    """Sum the voxels around the queries in cells first to last, for every radius."""
+    """Write the covariances of the voxels around the queries in cells `first` to `last`, for each radius."""
     begin, end = first_window(keys, q_keys[first], rows, reach)
     near_x = np.empty(1, np.float32)
     near_y, near_z = near_x, near_x
@@ -74,7 +66,7 @@ def _sum_balls(
 
 
 def _horizontal_linearity(covariances: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return 1 - l2 / l1 of the covariance seen from above: near 1 for a wall, near 0 for a crown."""
+    """Return 1 - l2 / l1 of the covariance in plan: near 1 for walls, near 0 for tree crowns."""
     xx, xy, yy = covariances[0], covariances[1], covariances[3]
     mean, spread = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -89,7 +81,7 @@ def describe_balls(
     voxel_size: float,
     n_threads: int = 1,
 ) -> NDArray[np.float32]:
-    """Describe the occupied voxels within some radii of each supervoxel.
+    """Compute shape features of the occupied voxels within given radii of each supervoxel.
 
     Parameters
     ----------
@@ -98,18 +90,18 @@ def describe_balls(
     centroids : ndarray of float64, shape (s, 3)
         Centroids of the supervoxels, metres.
     radii : sequence of float
-        Radii in metres. Small ones keep poles apart from walls, large ones see past gaps in a sparse scan; time grows
-        with the square of the largest.
+        Radii in metres. Small radii separate poles from walls, large radii bridge gaps of sparse scans; time grows with
+        the square of the largest.
     voxel_size : float
-        Edge of a voxel, metres: each occupied voxel counts once, at the mean of its points.
+        Edge of a voxel, metres; each occupied voxel counts once, at the mean of its points.
     n_threads : int, default 1
         Threads; the result does not depend on it.
 
     Returns
     -------
     ndarray of float32, shape (s, 11 * number of radii)
-        Columns of `ball_feature_names`: shape, orientation, and linearity seen from above; NaN where there are fewer
-        than three voxels. How many there are is no feature: it tells of the distance to the scanner.
+        Columns of `ball_feature_names`: shape, orientation and linearity in plan; NaN with fewer than three voxels. The
+        number of voxels is not a feature, since it depends on the distance to the scanner.
     """
     voxels = build_voxel_grid(xyz, voxel_size=voxel_size, n_threads=n_threads).centroids
     size = max(radii) * (1 + 1e-6) / CELLS_PER_RADIUS
@@ -130,11 +122,5 @@ def describe_balls(
 
 
 def _describe_scale(covariances: NDArray[np.float64], counts: NDArray[np.float32]) -> NDArray[np.float32]:
-    n = len(counts)
-    values, smallest, largest = np.empty((3, n)), np.empty((3, n)), np.empty((3, n))
-    solve_symmetric(covariances, n, values, smallest, largest)
-    rows = np.empty((n, len(EIGEN_FEATURES)), np.float32)
-    emit_features(values, smallest, largest, counts, np.arange(n, dtype=np.int32), 0, n, rows)
-    shape = rows[:, [EIGEN_FEATURES.index(name) for name in SHAPE_FEATURES]]
     from_above = np.where(counts >= MINIMUM_NEIGHBORS, _horizontal_linearity(covariances), np.float32(np.nan))
-    return np.hstack([shape, describe_orientation(rows, EIGEN_FEATURES), from_above[:, None]])
+    return np.hstack([describe_shape(covariances, counts), from_above[:, None]])

@@ -1,1 +1,1 @@
-"""Supervoxels: small, compact, connected pieces of a cloud that do not cross object borders."""
+"""Supervoxels: compact, connected segments of a cloud that preserve object boundaries."""

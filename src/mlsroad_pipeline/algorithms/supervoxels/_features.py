@@ -1,4 +1,4 @@
-"""What a voxel is compared by: its position, its normal and its colour, in one row per voxel."""
+"""Voxel features: position, normal and colour, one row per voxel."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.geometry.voxels import VoxelGrid
 from mlsroad_pipeline.algorithms.geometry.voxels.grid import run_chunks
 from mlsroad_pipeline.algorithms.supervoxels import _normals
 
-TENSOR_SCALE = float(1 << 24)  # products of unit normals are rounded to this, so that their sums are exact
+TENSOR_SCALE = float(1 << 24)  # products of unit normals are rounded to this resolution, so that sums are exact
 
 
 @njit(cache=True, nogil=True)
@@ -42,20 +42,20 @@ def voxel_features(
     normals: ArrayLike | None,
     n_threads: int,
 ) -> NDArray[np.float64]:
-    """Return x, y, z in voxel sizes, the normal (zeros where undefined) and, where given, the colour of each voxel.
+    """Return position in voxel sizes, normal (0 if undefined) and colour (if given) of each voxel.
 
     Parameters
     ----------
     grid : VoxelGrid
         The v voxels.
     neighbors : tuple of ndarray
-        Their neighbours as `VoxelGrid.neighbors` gives them.
+        Their neighbours, see `VoxelGrid.neighbors`.
     rgb : array-like of shape (n, 3), uint8, optional
         Colours of the points.
     normals : array-like of shape (n, 3), optional
-        Normals of the points; NaN where undefined. Without them they are computed from the voxels.
+        Normals of the points; NaN if undefined. By default normals are computed from the voxels.
     n_threads : int
-        Threads to use.
+        Threads.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def voxel_features(
     Raises
     ------
     DataError
-        If `rgb` or `normals` do not fit the points, or `rgb` is not uint8.
+        If `rgb` or `normals` have another length, or `rgb` is not uint8.
     """
     n_points = len(grid.voxel_of_point)
     features = np.empty((len(grid), 6 if rgb is None else 9), np.float64)
@@ -88,7 +88,7 @@ def compute_normals(
     owner: NDArray[np.int32],
     n_threads: int,
 ) -> None:
-    """Write normals fitted to the voxels of up to two steps around each voxel into the features.
+    """Write normals, fitted to the voxels up to two steps away, into the features.
 
     Parameters
     ----------
@@ -97,9 +97,9 @@ def compute_normals(
     neighbors : tuple of ndarray
         The neighbours of the voxels.
     owner : ndarray of shape (v,) or (0,), int32
-        Supervoxel of each voxel, which then bounds the support; empty for no bounds.
+        Supervoxel of each voxel, which limits the support; empty for no limit.
     n_threads : int
-        Threads to use.
+        Threads.
     """
     n, within = len(features), len(owner) > 0
     centroids = np.ascontiguousarray(features[:, :3])
@@ -113,7 +113,7 @@ def compute_normals(
 
 
 def _mean_normals(normals: NDArray, grid: VoxelGrid) -> NDArray[np.float64]:
-    """Return the main direction of each voxel's given normals, whatever their signs; zeros where none is defined."""
+    """Return the main direction of the normals of each voxel, regardless of sign; 0 without normals."""
     unit = np.asarray(normals, dtype=np.float64)
     length = np.linalg.norm(unit, axis=1)
     defined = np.isfinite(length) & (length > 0)

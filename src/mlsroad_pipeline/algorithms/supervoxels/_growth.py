@@ -1,7 +1,7 @@
-"""Compiled kernels for the growth: voxels choose among the supervoxels of their neighbours, level by level.
+"""Compiled kernels of supervoxel growth: each voxel takes the nearest supervoxel of its neighbours, level by level.
 
-Every level reads the owners of the level before and writes new ones, so that neither the order of the voxels nor the
-number of threads has a say. Features are x, y, z (voxel sizes), the normal, and red, green and blue in [0, 1].
+Every level reads the owners of the previous level and writes new ones. The result is thus independent of the order of
+the voxels and of the threads. Features are x, y, z (voxel sizes), the normal, and red, green and blue in [0, 1].
 """
 
 import numpy as np
@@ -15,8 +15,8 @@ N_FEATURES = 9
 def squared_distance(
     models: NDArray[np.float64], model: int, features: NDArray[np.float64], voxel: int, weights: NDArray[np.float64]
 ) -> float:
-    """Return D^2 of equation (1) between a supervoxel and a voxel; the weights carry its normalisation."""
-    s, v = np.uint32(model), np.uint32(voxel)  # unsigned: Numba then skips the test for indices from the end
+    """Return D^2 (equation 1) between a supervoxel and a voxel; the weights include the normalisation."""
+    s, v = np.uint32(model), np.uint32(voxel)  # unsigned: no test for negative indices
     x, y, z = models[s, 0] - features[v, 0], models[s, 1] - features[v, 1], models[s, 2] - features[v, 2]
     dot = models[s, 3] * features[v, 3] + models[s, 4] * features[v, 4] + models[s, 5] * features[v, 5]
     turned = 1.0 - abs(dot)
@@ -38,10 +38,10 @@ def best_claim(
     owner: NDArray[np.int32],
     claims: NDArray[np.int32],
 ) -> np.int32:
-    """Return the nearest supervoxel among those of the neighbours; the own one keeps ties, then the lower number."""
+    """Return the nearest supervoxel of the neighbours; ties go to the own one, then to the lower number."""
     own = owner[v]
     n = 0
-    for k in range(indptr[v], indptr[v + 1]):  # without a branch to guess: a claim that is none is written over
+    for k in range(indptr[v], indptr[v + 1]):  # branch-free: invalid claims are overwritten
         s = owner[np.uint32(indices[k])]
         claims[np.uint32(n)] = s
         n += (s >= 0) & (s != own)
@@ -64,9 +64,9 @@ def first_level(
     indptr: NDArray[np.int64],
     indices: NDArray[np.int32],
 ) -> NDArray[np.int32]:
-    """Return the owners after the first level, as `grow_level` would, but that no seed is lost to another.
+    """Return the owners after the first level, as with `grow_level`, except that seeds keep their own voxel.
 
-    Only the surroundings of the seeds are visited, which are a fraction of the voxels.
+    Only the neighbours of the seeds are visited.
     """
     owner = np.full(len(features), -1, np.int32)
     distance = np.empty(len(features), np.float64)
@@ -75,7 +75,7 @@ def first_level(
         for k in range(indptr[v], indptr[v + 1]):
             u = indices[k]
             d = squared_distance(features, v, features, u, weights)
-            if owner[u] < 0 or d < distance[u]:  # seeds come in ascending order: a tie stays with the lower
+            if owner[u] < 0 or d < distance[u]:  # seeds are ascending: ties go to the lower
                 owner[u] = s
                 distance[u] = d
     for s in range(len(seeds)):
@@ -95,7 +95,7 @@ def grow_level(
     stop: int,
     new_owner: NDArray[np.int32],
 ) -> None:
-    """Let every voxel of a range choose its supervoxel for the next level."""
+    """Write the supervoxel of each voxel of a range for the next level."""
     claims = np.empty(27, np.int32)
     for v in range(start, stop):
         new_owner[v] = best_claim(v, features, models, weights, indptr, indices, owner, claims)
@@ -105,10 +105,10 @@ def grow_level(
 def update_models(
     features: NDArray[np.float64], owner: NDArray[np.int32], models: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the mean position and colour of each supervoxel's voxels, and the direction of their normals.
+    """Return the mean position, colour and normal direction of the voxels of each supervoxel.
 
-    A normal has no sign: each is turned to the side of the supervoxel's last normal before it is added. A supervoxel
-    that lost all of its voxels keeps its last values.
+    Normals have no sign: each is oriented to the previous normal of the supervoxel before the sum. A supervoxel without
+    voxels keeps its previous values.
     """
     updated = np.zeros(models.shape, np.float64)
     counts = np.zeros(len(models), np.int64)
@@ -140,7 +140,7 @@ def update_models(
 def nearest_voxels(
     features: NDArray[np.float64], owner: NDArray[np.int32], models: NDArray[np.float64]
 ) -> NDArray[np.int32]:
-    """Return the voxel of each supervoxel that is nearest to its centroid, the first of equals; -1 without voxels."""
+    """Return the voxel nearest to the centroid of each supervoxel, the first of equals; -1 without voxels."""
     nearest = np.full(len(models), -1, np.int32)
     distance = np.full(len(models), np.inf, np.float64)
     for v in range(len(features)):
@@ -157,7 +157,7 @@ def nearest_voxels(
 
 @njit(cache=True, nogil=True)
 def _root(parent: NDArray[np.int32], v: int) -> int:
-    """Return the representative of a voxel's component, halving the path on the way."""
+    """Return the root of the component of a voxel, with path halving."""
     while parent[v] != v:
         parent[v] = parent[parent[v]]
         v = parent[v]
@@ -168,7 +168,7 @@ def _root(parent: NDArray[np.int32], v: int) -> int:
 def release_fragments(
     indptr: NDArray[np.int64], indices: NDArray[np.int32], owner: NDArray[np.int32], n_supervoxels: int
 ) -> NDArray[np.int32]:
-    """Free the voxels outside of their supervoxel's largest connected piece; return all free voxels."""
+    """Release voxels outside the largest connected component of their supervoxel; return all free voxels."""
     n = len(owner)
     parent = np.arange(n).astype(np.int32)
     for v in range(n):
@@ -213,7 +213,7 @@ def flood(
     indices: NDArray[np.int32],
     owner: NDArray[np.int32],
 ) -> NDArray[np.int32]:
-    """Give free voxels to the nearest supervoxel beside them, level by level; return those that none reaches."""
+    """Assign free voxels to the nearest adjacent supervoxel, level by level; return unreached voxels."""
     left = free.copy()
     claims = np.empty(27, np.int32)
     while len(left) > 0:
@@ -241,7 +241,7 @@ def number_islands(
     owner: NDArray[np.int32],
     first_number: int,
 ) -> int:
-    """Make every connected island of unreached voxels a supervoxel of its own; return how many there are."""
+    """Make each connected component of unreached voxels a supervoxel; return their number."""
     number = first_number
     stack = np.empty(len(left), np.int32)
     for i in range(len(left)):

@@ -1,4 +1,4 @@
-"""Compiled kernels for the normals of voxels."""
+"""Compiled kernels of voxel normals."""
 
 import numpy as np
 from numba import njit
@@ -21,7 +21,7 @@ def first_moments(
     stop: int,
     out: NDArray[np.float64],
 ) -> None:
-    """Add up the moments of each voxel and its neighbours, `within` its supervoxel or over all of them."""
+    """Sum the moments of each voxel and its neighbours, only `within` its supervoxel or over all."""
     for v in range(start, stop):
         x, y, z = centroids[v, 0], centroids[v, 1], centroids[v, 2]
         n, sx, sy, sz = 1.0, x, y, z
@@ -47,12 +47,11 @@ def first_moments(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def smallest_eigenvectors(matrices: NDArray[np.float64], n: int, vectors: NDArray[np.float64]) -> None:
-    """Write the unit eigenvectors of the smallest eigenvalues of n symmetric matrices without negative eigenvalues.
+    """Write the unit eigenvectors of the smallest eigenvalues of n positive semidefinite matrices.
 
-    Row by row the matrices hold xx, xy, xz, yy, yz, zz; matrices stand side by side and nothing branches, so that the
-    compiler works on several at once. Laguerre's method on the characteristic polynomial climbs from 0 to its smallest
-    root without passing it, because all roots are real and none is negative; it converges with the third power. Where
-    two eigenvalues vanish beside the third, the vector is not defined: zeros are written.
+    Rows of `matrices` are xx, xy, xz, yy, yz, zz. The loop has no branches and vectorises. Laguerre's method on the
+    characteristic polynomial converges cubically from 0 to the smallest root without passing it, since all roots are
+    real and at least 0. If two eigenvalues vanish relative to the third, the vector is undefined and set to 0.
     """
     for i in range(n):
         trace = matrices[0, i] + matrices[3, i] + matrices[5, i]
@@ -94,8 +93,8 @@ def voxel_normals(
 ) -> None:
     """Write the normal of each voxel into columns 3 to 5 of the features.
 
-    The support is the voxel, its neighbours, and the neighbours of all of these, each counted as often as a walk of
-    at most two steps reaches it, so that near voxels weigh more.
+    The support is the voxel, its neighbours and their neighbours, each weighted by the number of walks of at most two
+    steps to it, so that near voxels have larger weights.
     """
     matrices = np.empty((6, BLOCK), np.float64)
     vectors = np.empty((3, BLOCK), np.float64)
@@ -105,7 +104,7 @@ def voxel_normals(
         xx, xy, xz = x * x + moments[v, 4], x * y + moments[v, 5], x * z + moments[v, 6]
         yy, yz, zz = y * y + moments[v, 7], y * z + moments[v, 8], z * z + moments[v, 9]
         for k in range(indptr[v], indptr[v + 1]):
-            u = np.uint32(indices[k])  # unsigned: Numba then skips the test for indices from the end
+            u = np.uint32(indices[k])  # unsigned: no test for negative indices
             if within and owner[u] != owner[v]:
                 continue
             n += moments[u, 0]

@@ -1,4 +1,4 @@
-"""Compiled kernels for the finished partition: numbering by first point, and which supervoxels touch."""
+"""Compiled kernels of the final partition: numbering by first point, and adjacency of supervoxels."""
 
 import numpy as np
 from numba import njit
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 def number_by_first_point(
     voxel_of_point: NDArray[np.int32], owner: NDArray[np.int32], n_owners: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], int]:
-    """Return the label of every point, that of every owner (-1 without points), and how many there are."""
+    """Return the label of each point, the label of each owner (-1 without points), and the number of labels."""
     number = np.full(n_owners, -1, np.int32)
     labels = np.empty(len(voxel_of_point), np.int32)
     n = 0
@@ -30,10 +30,10 @@ def describe(
     number: NDArray[np.int32],
     n_labels: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the mean position of each label's voxels and the mean direction of their normals, upper side, or NaN.
+    """Return the mean position and the mean upward normal of the voxels of each label; NaN without normals.
 
-    The normals are turned to the side of the sum so far: the first one sets it, and a voxel's normal differs from its
-    neighbours' by less than a right angle almost everywhere inside a supervoxel.
+    Each normal is oriented to the sum of the previous ones; within a supervoxel, normals of adjacent voxels almost
+    always differ by less than a right angle.
     """
     centroids = np.empty((n_labels, 3), np.float64)
     normals = np.empty((n_labels, 3), np.float64)
@@ -65,7 +65,7 @@ def describe(
 
 @njit(cache=True, nogil=True)
 def group_voxels(voxel_labels: NDArray[np.int32], n_labels: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Sort voxels by label: where each label starts, and the voxels."""
+    """Return the start of each label, and the voxels sorted by label."""
     start = np.zeros(n_labels + 1, np.int64)
     for v in range(len(voxel_labels)):
         start[voxel_labels[v] + 1] += 1
@@ -91,10 +91,9 @@ def touching_owners(
     start: int,
     stop: int,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """List the numbers of the owners that touch each owner of a range, ascending; and how many they are.
+    """Return the counts and the ascending labels of the owners adjacent to each owner of a range.
 
-    Owners are numbered along the voxels, and final numbers are not: the search stays with the owners, and with memory
-    that is near, until a pair is found.
+    The search uses owners, which are numbered along the voxels, for memory locality.
     """
     seen = np.full(len(group_start) - 1, -1, np.int32)
     lengths = np.empty(stop - start, np.int32)
@@ -128,7 +127,7 @@ def touching_owners(
 def order_rows(
     number: NDArray[np.int32], lengths: NDArray[np.int32], rows: NDArray[np.int32], n_labels: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Bring the rows of owners into the order of their numbers, as the indptr and indices of a CSR matrix."""
+    """Sort the rows of owners by their labels; return the indptr and indices of a CSR matrix."""
     indptr = np.zeros(n_labels + 1, np.int32)
     for s in range(len(number)):
         if number[s] >= 0:

@@ -1,4 +1,4 @@
-"""Compiled kernels for the seeds: one voxel per occupied cell of the seed grid, and which of them may grow."""
+"""Compiled kernels of seed selection: one voxel per occupied cell of the seed grid, with filters."""
 
 import numpy as np
 from numba import njit
@@ -11,13 +11,13 @@ CELL_OFFSET = 1 << (AXIS_BITS - 1)
 
 @njit(cache=True, nogil=True)
 def _highest_bit_below(a: int, b: int) -> bool:
-    """Tell whether the highest set bit of a is lower than that of b."""
+    """Return whether the highest set bit of a is lower than that of b."""
     return a < b and a < (a ^ b)
 
 
 @njit(cache=True, nogil=True)
 def first_in_octree(coords: NDArray[np.int32]) -> int:
-    """Return the voxel that a depth-first walk of the octree around the cloud's centre meets first."""
+    """Return the first voxel of a depth-first traversal of the octree around the centre of the cloud."""
     half = np.empty(3, np.int64)
     for axis in range(3):
         half[axis] = (coords[:, axis].max() + 1) // 2
@@ -25,7 +25,7 @@ def first_in_octree(coords: NDArray[np.int32]) -> int:
     best = 0
     for v in range(1, len(coords)):
         deciding, highest = 0, 0
-        for axis in range(3):  # x decides before y and z where the highest differing bits are level
+        for axis in range(3):  # the axis of the highest differing bit decides; x before y and z
             differing = (coords[v, axis] - half[axis] + offset) ^ (coords[best, axis] - half[axis] + offset)
             if _highest_bit_below(highest, differing):
                 deciding, highest = axis, differing
@@ -45,7 +45,7 @@ def _scan_cells(
     distance: NDArray[np.float64],
     n_cells: int,
 ) -> tuple[int, int]:
-    """Keep the voxel nearest to the centre of each cell until the table is half full; return where it stopped."""
+    """Keep the voxel nearest to the centre of each cell until the table is half full; return the next voxel."""
     mask = len(slots) - 1
     inverse = 1.0 / seed_size
     for v in range(start, len(features)):
@@ -70,7 +70,7 @@ def _scan_cells(
             nearest[h] = v
             distance[h] = squared
             n_cells += 1
-        elif squared < distance[h]:  # a tie stays with the voxel that comes first in space
+        elif squared < distance[h]:  # ties go to the first voxel
             nearest[h] = v
             distance[h] = squared
     return len(features), n_cells
@@ -80,7 +80,7 @@ def _scan_cells(
 def nearest_to_cell_centres(
     features: NDArray[np.float64], anchor: NDArray[np.float64], seed_size: float
 ) -> NDArray[np.int32]:
-    """Return the voxel nearest to the centre of every occupied seed cell, among the voxels of the cell, in order."""
+    """Return the voxel nearest to the centre of each occupied seed cell, in ascending order."""
     size = 1024
     while size * seed_size * seed_size < 2.0 * len(features):
         size *= 2
@@ -124,7 +124,7 @@ def has_company(
     needed: int,
     reached: NDArray[np.int64],
 ) -> bool:
-    """Tell whether `needed` voxels, the seed among them, lie within the radius and hang together with the seed."""
+    """Return whether at least `needed` voxels within the radius, including the seed, are connected to the seed."""
     reached[0] = seed
     n, i = 1, 0
     while i < n < needed:
@@ -157,7 +157,7 @@ def spread_out(
     needed: int,
     owner: NDArray[np.int32],
 ) -> NDArray[np.int32]:
-    """Drop seeds without company and seeds that touch an earlier one; number the others in `owner`."""
+    """Remove seeds with too few connected voxels or adjacent to an earlier seed; number the others in `owner`."""
     kept = np.empty(len(seeds), np.int32)
     reached = np.empty(max(needed, 1), np.int64)
     n = 0
@@ -183,7 +183,7 @@ def drop_slivers(
     owner: NDArray[np.int32],
     largest: float,
 ) -> NDArray[np.int32]:
-    """Drop seeds that won at most `largest` voxels in one level, each of which touches an earlier seed's."""
+    """Remove seeds of at most `largest` voxels after one level, all adjacent to voxels of earlier seeds."""
     alive = np.ones(len(seeds), np.bool_)
     for s in range(len(seeds)):
         size = 0

@@ -1,4 +1,4 @@
-"""Voxel cloud connectivity segmentation: supervoxels that grow over touching voxels (Papon et al. 2013)."""
+"""Voxel cloud connectivity segmentation (VCCS, Papon et al. 2013)."""
 
 from __future__ import annotations
 
@@ -17,37 +17,36 @@ from mlsroad_pipeline.algorithms.geometry.voxels.grid import run_chunks
 from mlsroad_pipeline.algorithms.supervoxels import _growth, _partition, _seeds
 from mlsroad_pipeline.algorithms.supervoxels._features import compute_normals, voxel_features
 
-LEVELS_PER_SEED_RESOLUTION = 1.8  # voxels per seed resolution times this, less one, is the number of levels grown
-COMPANY = 0.05  # share of a planar disc of radius seed_resolution / 2 that a seed needs filled
-SLIVER = 0.25  # share of a seed cell's voxels up to which a touched seed is a sliver
+LEVELS_PER_SEED_RESOLUTION = 1.8  # levels = int(1.8 * seed resolution in voxels) - 1
+COMPANY = 0.05  # minimum filled fraction of a planar disc of radius seed_resolution / 2 around a seed
+SLIVER = 0.25  # maximum fraction of the voxels of a seed cell of a sliver
 
 Neighbors = tuple[NDArray[np.int64], NDArray[np.int32]]
 
 
 @dataclass(frozen=True, eq=False)
 class Supervoxels:
-    """A partition of a cloud into supervoxels.
+    """Partition of a cloud into supervoxels.
 
     Attributes
     ----------
     labels : ndarray of shape (n,), int32
-        Supervoxel of each point, 0 to s - 1, numbered as the points come.
+        Supervoxel of each point, 0 to s - 1, numbered by first point.
     centroids : ndarray of shape (s, 3), float64
-        Mean of the voxel centroids of each supervoxel, metres, in the coordinates of the points. Voxels count alike,
-        so that the density of the scan does not pull.
+        Mean of the voxel centroids of each supervoxel, metres, in the coordinates of the points. All voxels have equal
+        weight, independent of scan density.
     normals : ndarray of shape (s, 3), float64
-        Unit mean direction of the voxel normals of each supervoxel, turned to the upper side (z, then y, then x, is
-        not negative); NaN where no voxel has a normal, as in pieces that are a point or a straight line.
+        Unit mean direction of the voxel normals of each supervoxel, oriented upwards (z, then y, then x at least 0);
+        NaN without normals, as for points and straight lines.
     adjacency : scipy.sparse.csr_array of shape (s, s), int8
-        1 where a voxel of one supervoxel shares a face, an edge or a corner with one of the other; symmetric, sorted,
-        without self loops.
+        1 for supervoxels with 26-adjacent voxels; symmetric, sorted, without self loops.
     voxel_labels : ndarray of shape (v,), int32
         Supervoxel of each voxel.
     grid : VoxelGrid
-        The v voxels: which points they hold, and where they are.
+        The v voxels.
     n_islands : int
-        How many of the supervoxels no seed reached: connected islands of voxels, too small for a seed of their own.
-        PCL leaves their points without a label.
+        Number of supervoxels without a seed: connected components of unreached voxels. PCL leaves their points
+        unlabelled.
     """
 
     labels: NDArray[np.int32]
@@ -83,45 +82,45 @@ def segment_supervoxels(
     anchor: ArrayLike | None = None,
     n_threads: int = 1,
 ) -> Supervoxels:
-    """Cut a point cloud into supervoxels: compact, connected, and not across edges as far as the voxels tell.
+    """Partition a point cloud into compact, connected supervoxels that preserve edges.
 
-    The points are sorted into voxels; one voxel in each cell of a coarser seed grid starts a supervoxel; and each
-    supervoxel grows over touching voxels, one level at a time, every voxel going to the nearest supervoxel beside it by
+    The points are sorted into voxels. One voxel of each cell of a coarser seed grid starts a supervoxel. Supervoxels
+    grow over adjacent voxels, level by level; a voxel joins the nearest adjacent supervoxel by
 
         D^2 = w_c D_c^2 + w_s D_s^2 / (3 R^2) + w_n D_n^2,
 
-    with D_c the distance in RGB scaled to [0, 1], D_s that between voxel and supervoxel centroid, R the seed
-    resolution, and D_n = 1 - |n . n'|. As in the Point Cloud Library there are int(1.8 R / voxel_size) - 1 levels, and
-    no refinement unless asked for. The method page says where this departs from the paper and from that library.
+    with D_c the distance in RGB scaled to [0, 1], D_s the distance of voxel and supervoxel centroid, R the seed
+    resolution, and D_n = 1 - |n . n'|. As in the Point Cloud Library, there are int(1.8 R / voxel_size) - 1 levels, and
+    no refinement by default. The method page lists the differences from the paper and from that library.
 
-    The partition does not depend on the order of the points or on the number of threads, nor on where the cloud lies
-    (up to the rounding of the coordinates). Each supervoxel is connected over the 26 neighbours of its voxels.
+    The partition is independent of the order of the points, of the threads and of translation (up to rounding of the
+    coordinates). Each supervoxel is 26-connected.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Coordinates in metres.
     rgb : array-like of shape (n, 3), uint8, optional
-        Colours. Without them the colour term is left out.
+        Colours; without them the colour term is omitted.
     normals : array-like of shape (n, 3), optional
-        Normals of the points, of any length and sign, NaN where undefined. Without them the normals of the voxels are
-        fitted to the voxels up to two steps away.
+        Normals of the points, of any length and sign, NaN if undefined. By default voxel normals are fitted to the
+        voxels up to two steps away.
     voxel_size : float
-        Edge of a voxel, metres: no border is finer than this. Smaller costs time and memory. tomic2019 takes 0.2.
+        Edge of a voxel, the resolution of boundaries, metres (tomic2019: 0.2). Smaller voxels cost time and memory.
     seed_resolution : float
-        Edge of a seed cell, metres, at least `voxel_size`: about the width of a supervoxel. tomic2019 takes 0.6.
+        Edge of a seed cell, about the width of a supervoxel, metres, at least `voxel_size` (tomic2019: 0.6).
     colour_weight, spatial_weight, normal_weight : float
-        Weights w_c, w_s and w_n, not negative, not all zero. More colour follows paint and leaves, more space gives
-        rounder pieces, more normal follows edges. tomic2019 has w_c = 0.
+        Weights w_c, w_s and w_n, at least 0, not all 0 (tomic2019: w_c = 0). Colour follows paint and leaves, space
+        gives rounder supervoxels, normals follow edges.
     distance : {"papon", "tomic"}
-        Whether D_s^2 is divided by 3 R^2 (Papon et al. 2013, equation 1) or by R^2 (tomic2019, equation 1 as printed).
+        Divisor of D_s^2: 3 R^2 (Papon et al. 2013, equation 1) or R^2 (tomic2019, equation 1 as printed).
     n_refinements : int, default 0
-        How often normals are fitted again inside each supervoxel, its voxel nearest to its centroid becomes the seed,
-        and all is grown anew. Two or three give more compact pieces, at the price of as many growths.
+        Number of refinements. Each fits the normals again within supervoxels, takes the voxel nearest to each centroid
+        as seed and repeats the growth. Two or three give more compact supervoxels.
     anchor : array-like of shape (3,), optional
-        A corner of the voxel grid; the centre of the bounding box by default.
+        A corner of the voxel grid; by default the centre of the bounding box.
     n_threads : int, default 1
-        Threads to use; the result does not depend on it.
+        Threads; the result does not depend on it.
 
     Returns
     -------
@@ -131,12 +130,11 @@ def segment_supervoxels(
     Raises
     ------
     DataError
-        If `xyz` is not of shape (n, 3), is empty, or has NaN or infinite coordinates; if `rgb` or `normals` have
-        another length; if `rgb` is not uint8.
+        If `xyz` is empty, not (n, 3) or not finite, `rgb` or `normals` have another length, or `rgb` is not uint8.
     ParameterError
-        If a size is not positive and finite, `seed_resolution` is less than `voxel_size`, a weight is negative or not
-        finite or all are zero, `distance` is unknown, `n_refinements` is negative, `n_threads` is less than 1, or the
-        voxels are too small for the cloud's extent.
+        If a size is not positive and finite, `seed_resolution` is below `voxel_size`, a weight is negative or not
+        finite, all weights are 0, `distance` is unknown, `n_refinements` is negative, `n_threads` is below 1, or the
+        voxels are too small for the extent of the cloud.
 
     References
     ----------
@@ -175,12 +173,12 @@ def segment_supervoxels(
 def _checked_weights(
     colour: float, spatial: float, normal: float, distance: str, seed_in_voxels: float
 ) -> NDArray[np.float64]:
-    """Return the weights of the squared spatial, normal and colour distances, normalisation included."""
-    given = {"colour_weight": colour, "spatial_weight": spatial, "normal_weight": normal}
-    for name, value in given.items():
+    """Return the weights of the squared spatial, normal and colour distances, including the normalisation."""
+    weights = {"colour_weight": colour, "spatial_weight": spatial, "normal_weight": normal}
+    for name, value in weights.items():
         if not np.isfinite(value) or value < 0:
             raise ParameterError(f"{name} must be a finite number >= 0, got {value!r}")
-    if not any(given.values()):
+    if not any(weights.values()):
         raise ParameterError("colour_weight, spatial_weight and normal_weight must not all be 0")
     divisors = {"papon": 3.0 * seed_in_voxels**2, "tomic": seed_in_voxels**2}
     if distance not in divisors:
@@ -190,7 +188,7 @@ def _checked_weights(
 
 @dataclass(frozen=True, eq=False)
 class _Growth:
-    """What stays the same while supervoxels grow; lengths are in voxel sizes."""
+    """Constants of supervoxel growth; lengths are in voxel sizes."""
 
     features: NDArray[np.float64]
     neighbors: Neighbors
@@ -199,7 +197,7 @@ class _Growth:
     n_threads: int
 
     def choose_seeds(self, grid: VoxelGrid) -> NDArray[np.int32]:
-        """Return the voxels that start supervoxels, in the order of the voxels."""
+        """Return the seed voxels, ascending."""
         anchor = self.features[_seeds.first_in_octree(grid.coords), :3].copy()
         seeds = _seeds.nearest_to_cell_centres(self.features, anchor, self.seed_size)
         radius = self.seed_size / 2
@@ -210,8 +208,8 @@ class _Growth:
         return _seeds.drop_slivers(seeds, *self.neighbors, owner, SLIVER * self.seed_size**3 + 1e-9)
 
     def grow(self, seeds: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-        """Return the supervoxel of each voxel after all levels, -1 where none came, and the supervoxels' features."""
-        # The small addend keeps 1.8 * 0.5 / 0.1 at the 9 that it is.
+        """Return the supervoxel of each voxel after all levels (-1 if unreached), and the features of supervoxels."""
+        # The addend corrects rounding: 1.8 * 0.5 / 0.1 is 9.
         n_levels = int(LEVELS_PER_SEED_RESOLUTION * self.seed_size + 1e-9) - 1
         models = self.features[seeds]
         owner = _growth.first_level(seeds if n_levels > 0 else seeds[:0], self.features, self.weights, *self.neighbors)
@@ -223,7 +221,7 @@ class _Growth:
         return owner, models
 
     def _level(self, owner: NDArray[np.int32], models: NDArray[np.float64]) -> NDArray[np.int32]:
-        """Return the owners one level later."""
+        """Return the owners after the next level."""
         grown = np.empty_like(owner)
         run_chunks(
             lambda a, b: _growth.grow_level(self.features, models, self.weights, *self.neighbors, owner, a, b, grown),
@@ -233,7 +231,7 @@ class _Growth:
         return grown
 
     def complete(self, owner: NDArray[np.int32], models: NDArray[np.float64]) -> int:
-        """Make every supervoxel connected and give every voxel one, in place; return the number of islands."""
+        """Make supervoxels connected and assign all voxels, in place; return the number of islands."""
         free = _growth.release_fragments(*self.neighbors, owner, len(models))
         left = _growth.flood(free, self.features, models, self.weights, *self.neighbors, owner)
         return int(_growth.number_islands(left, *self.neighbors, owner, len(models)))
@@ -247,7 +245,7 @@ def _summarise(
     n_islands: int,
     n_threads: int,
 ) -> Supervoxels:
-    """Number the supervoxels by first point and describe them."""
+    """Number the supervoxels by first point and compute their attributes."""
     n_owners = int(owner.max()) + 1
     labels, number, n = _partition.number_by_first_point(grid.voxel_of_point, owner, n_owners)
     start, group = _partition.group_voxels(owner, n_owners)
