@@ -23,7 +23,7 @@ from mlsroad_pipeline.algorithms.recognition.object_set import ObjectSet
 from mlsroad_pipeline.algorithms.recognition.recogniser import make_recogniser, probabilities
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
-from mlsroad_pipeline.studies.luo2019.parameters import RIVALS
+from mlsroad_pipeline.studies.luo2019.parameters import BASELINES
 from mlsroad_pipeline.studies.luo2019.sets import thin
 
 CLASSES = {"SL": "light pole", "STL": "traffic light", "PS": "traffic light", "SS": "traffic sign"}
@@ -59,7 +59,7 @@ def main() -> None:
         method = make_recogniser(slug, parameters_of(slug, seed, options.changes))
         method.fit(train.objects, train.label, intensities=train.intensities)
         # Rivals see shape alone.
-        for given in (test, ObjectSet(test.xyz, test.indptr, test.label))[slug in RIVALS :]:
+        for given in (test, ObjectSet(test.xyz, test.indptr, test.label))[slug in BASELINES :]:
             label = probabilities(method, given, len(scheme))["label"]
             by_class = {
                 scheme.classes[k]: {scheme.classes[j]: int((label[test.label == k] == j).sum()) for j in found}

@@ -1,12 +1,12 @@
-"""What the pipelines of the studies share: tasks that make streets, tables by name, and the node of the report."""
+"""Pipeline that all studies share: plan, stages of scene tasks, tables, figures and a report."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
-import pandas as pd
-from kedro.pipeline import Node
+from kedro.pipeline import Node, Pipeline
 from matplotlib.figure import Figure
 
 from mlsroad_pipeline.algorithms.stages import GroundParameters
@@ -16,40 +16,72 @@ from mlsroad_pipeline.studies.tables import Tables
 from mlsroad_pipeline.surveys.simulated import simulation_parameters
 
 
+class Stage(NamedTuple):
+    """Node that creates scene tasks from the plan and earlier stages."""
+
+    name: str  # name of the node
+    tasks: Callable[..., Mapping[str, SceneTask]]  # takes the plan and the inputs, and returns a task per key
+    inputs: Sequence[str]  # scene stores; a name with a dot is one of the catalog, others are the study's
+    output: str  # scene store of the study
+
+
+@dataclass(frozen=True)
+class StudyReport:
+    """Tables, figures and page of a study."""
+
+    title: str  # title of the page
+    tables: type[Tables]  # class of the tables; its fields are their names in the catalog
+    tabulate: Callable[..., Tables]  # takes the plan and the stores of `results`, and returns the tables
+    results: Sequence[str]  # scene stores that the tables are made from
+    captions: Mapping[str, str]  # name of each figure to its caption; its catalog entry ends in ``_figure``
+    # takes the plan, the tables and the stores of `shown`, and returns the figures
+    draw: Callable[..., Sequence[Figure]]
+    # takes the plan, the tables and the figures, and returns the sections of the page
+    write: Callable[[Any, Any, Sequence[Figure]], list[Section]]
+    shown: Sequence[str] = ()  # scene stores that figures show
+
+
+def study_pipeline(
+    paper: str,
+    *,
+    parameters: Sequence[str],
+    plan: Callable[..., Any],
+    stages: Sequence[Stage],
+    report: StudyReport,
+) -> Pipeline:
+    """Return the pipeline of a study; its plan is made from the study's own parameters and further groups."""
+    study = f"{paper}_study"
+    n_tables = len(report.tables.names())
+
+    def entries(*names: str) -> list[str]:
+        return [name if "." in name else f"{study}.{name}" for name in names]
+
+    def tabulate_study(plan: Any, *stores: Any) -> tuple[Any, ...]:
+        return report.tabulate(plan, *stores).as_tuple()
+
+    def report_study(plan: Any, *loaded: Any) -> tuple[Figure | str, ...]:
+        tables = report.tables(*loaded[:n_tables])
+        figures = tuple(report.draw(plan, tables, *loaded[n_tables:]))
+        return *figures, build_report(report.write(plan, tables, figures), title=report.title)
+
+    groups = [f"params:{group}" for group in (study, *parameters)]
+    figures = entries(*(f"{name}_figure" for name in report.captions), "report")
+    tables = entries(*report.tables.names())
+    return Pipeline(
+        [
+            Node(plan, inputs=groups, outputs=f"{study}.plan", name=f"plan_{study}"),
+            *(Node(s.tasks, entries("plan", *s.inputs), *entries(s.output), name=s.name) for s in stages),
+            Node(tabulate_study, entries("plan", *report.results), tables, name=f"tabulate_{study}"),
+            Node(report_study, [*entries("plan"), *tables, *entries(*report.shown)], figures, name=f"report_{study}"),
+        ]
+    )
+
+
 def street_tasks(
     make: Callable[..., Any], surveys: Mapping[str, Mapping[str, Any]], ground: GroundParameters
 ) -> dict[str, SceneTask]:
-    """Name the work that simulates each street."""
+    """Create one task per street that simulates it."""
     return {
         key: SceneTask(make, parameters={"simulation": simulation_parameters(survey), "ground": ground})
         for key, survey in surveys.items()
     }
-
-
-def entries(study: str, names: Sequence[str]) -> list[str]:
-    """Return names in the catalog."""
-    return [f"{study}.{name}" for name in names]
-
-
-def report_node(
-    study: str,
-    *,
-    tables: type[Tables],
-    figures: Sequence[str],
-    draw: Callable[[Any], Sequence[Figure]],
-    write: Callable[[Any, Any, Sequence[Figure]], list[Section]],
-    title: str,
-) -> Node:
-    """Return the node that draws the figures of a study and writes its report."""
-
-    def report_study(plan: Any, *given: pd.DataFrame) -> tuple[Figure | str, ...]:
-        found = tables(*given)
-        drawn = tuple(draw(found))
-        return *drawn, build_report(write(plan, found, drawn), title=title)
-
-    return Node(
-        report_study,
-        inputs=entries(study, ["plan", *tables.names()]),
-        outputs=entries(study, [*figures, "report"]),
-        name=f"report_{study}",
-    )

@@ -1,1 +1,1 @@
-"""The experiments of the papers, as plain functions: what is run, and what the tables are made of."""
+"""Experiments of the papers: parameters, plans, worker functions, tables, figures and reports."""

@@ -1,4 +1,4 @@
-"""What the figures of all studies share: panels side by side, bars in groups, lines and curves."""
+"""Drawing functions of all studies: panels, grouped bars, lines and curves."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mlsroad_pipeline.reporting.figures.style import SERIES, empty_figure, tidy_
 def draw_panels(
     count: int, *, rows: int = 1, width: float = 4.2, height: float = 3.8, sharey: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with panels side by side."""
+    """Return a figure and its panels, side by side."""
     figure = empty_figure(width * count, height * rows)
     panels: list[Axes] = figure.subplots(rows, count, sharey=sharey, squeeze=False).ravel().tolist()
     for axes in panels:
@@ -27,7 +27,7 @@ def draw_panels(
 def name_axes(
     axes: Axes, *, x: str = "", y: str = "", title: str = "", unit_range: str = "", lowest: float = 0.0
 ) -> None:
-    """Name the axes of a panel."""
+    """Set axis labels, title and unit ranges of a panel."""
     axes.set_xlabel(x, fontsize=9, color=INK)
     axes.set_ylabel(y, fontsize=9, color=INK)
     axes.set_title(title, fontsize=9, color=INK)
@@ -45,7 +45,7 @@ def draw_bars(
     spread: Mapping[str, ArrayLike] | None = None,
     paper: Mapping[str, ArrayLike] | None = None,
 ) -> None:
-    """Draw one bar per series in each group, with whiskers of its spread and a diamond where the paper has it."""
+    """Draw one bar per series and group, with error bars of its spread and a diamond at the paper's value."""
     pitch = 0.8 / max(len(values), 1)
     for k, (name, heights) in enumerate(values.items()):
         places = np.arange(len(groups)) + (k - (len(values) - 1) / 2) * pitch
@@ -64,20 +64,20 @@ def draw_bars(
 
 
 def _style(k: int) -> str:
-    """Return the style of a line: dashed where colours come again."""
+    """Return the style of a line: dashed where colours repeat."""
     return "--" if k >= len(SERIES) else "-"
 
 
 def draw_lines(axes: Axes, x: ArrayLike, series: Mapping[str, ArrayLike], *, bold: Sequence[str] = ()) -> None:
-    """Draw one line with dots per series."""
+    """Draw one line with markers per series."""
     for k, (name, values) in enumerate(series.items()):
         width, colour = (2.2, INK) if name in bold else (1.2, SERIES[k % len(SERIES)])
         axes.plot(x, values, _style(k), marker="o", markersize=3, label=name, linewidth=width, color=colour)
-    axes.set_xticks(np.asarray(x))  # what was tried, and nothing between
+    axes.set_xticks(np.asarray(x))  # only the values that were tried
 
 
 def draw_curves(axes: Axes, curves: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> None:
-    """Draw one curve per series, precision against recall for one."""
+    """Draw one curve per series, for instance precision against recall."""
     for k, (name, (x, y)) in enumerate(curves.items()):
         axes.plot(x, y, _style(k), color=SERIES[k % len(SERIES)], label=name, linewidth=1.3)
     if curves:
@@ -85,6 +85,6 @@ def draw_curves(axes: Axes, curves: Mapping[str, tuple[ArrayLike, ArrayLike]]) -
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
-    """Put the legend of a panel below the figure."""
+    """Draw the legend of a panel below the figure."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower left", ncols=columns, frameon=False, fontsize=8, labelcolor=INK)

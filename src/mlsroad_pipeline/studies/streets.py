@@ -1,4 +1,4 @@
-"""What the workers of all studies share: making a street, and timing a step."""
+"""Simulated streets of all studies, and timing of functions."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from mlsroad_pipeline.simulation.street.drive import PAUSE
 Value = TypeVar("Value")
 
 
-def timed(function: Callable[..., Value], *given: Any, **options: Any) -> tuple[Value, float]:
-    """Call a function and take its time."""
+def timed(function: Callable[..., Value], *arguments: Any, **options: Any) -> tuple[Value, float]:
+    """Call a function, and return its value and its CPU time in seconds."""
     start = time.process_time()
-    found = function(*given, **options)
-    return found, time.process_time() - start
+    value = function(*arguments, **options)
+    return value, time.process_time() - start
 
 
 def make_street(
@@ -33,9 +33,9 @@ def make_street(
     columns: Sequence[str] = ("rgb", "label"),
     reach: float = np.inf,
 ) -> PointCloud:
-    """Simulate a survey, find its ground and leave out what lies before its start and behind its end.
+    """Simulate a survey, classify its ground and cut it at both ends of the street.
 
-    Rays reach far beyond both ends, where no scene of the paper has points.
+    Rays reach far beyond both ends, where the scenes of the papers have no points.
     """
     source = f"street of seed {simulation.seed}"
     survey = simulate_survey(simulation, n_threads=1)
@@ -45,7 +45,7 @@ def make_street(
 def cut_street(
     survey: Survey, *, ground: GroundParameters, columns: Sequence[str], source: str, reach: float = np.inf
 ) -> tuple[PointCloud, NDArray[np.float64]]:
-    """Find the ground of a survey and leave out what lies before its start and behind its end."""
+    """Classify the ground of a survey and cut it at both ends of the street; also return the station of each point."""
     cloud = survey.cloud
     kept = PointCloud(cloud.xyz, {name: cloud[name] for name in columns}, cloud.origin, cloud.crs, source)
     whole = kept.with_columns(**find_ground(cloud, ground))
@@ -56,8 +56,8 @@ def cut_street(
 
 
 def survey_path(survey: Survey) -> Trajectory:
-    """Return the track of a simulated survey, the first pass: all passes drive the same way along the same street."""
+    """Return the track of the first pass of a simulated survey; all passes have the same route and direction."""
     time = survey.trajectory["gps_time"].to_numpy()
-    # Stations that went on through the second pass would say nothing about where along the street a place is.
+    # Stations along several passes would not be positions along the street.
     first = survey.trajectory[np.cumsum(np.diff(time, prepend=time[0]) > 0.5 * PAUSE) == 0]
     return Trajectory.from_positions(first[["x", "y", "z"]], first["gps_time"])

@@ -1,4 +1,4 @@
-"""What the tables of all studies share: paired intervals, means with their spread, and tables by name."""
+"""Tables of all studies: base class, paired intervals, means with spread."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scipy import stats
 
 @dataclass(frozen=True)
 class Tables:
-    """The tables of a study: a study derives a class whose fields are its tables, named as in the catalog."""
+    """Base class of the tables of a study; the fields of a derived class are its tables, named as in the catalog."""
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
@@ -27,7 +27,7 @@ class Tables:
 
 
 def paired_interval(differences: NDArray[np.floating], confidence: float = 0.95) -> tuple[float, float, float, int]:
-    """Return the mean of paired differences and its interval after Student."""
+    """Return mean, lower and upper bound (Student's t) and number of finite paired differences."""
     known = np.asarray(differences, dtype=np.float64)
     known = known[np.isfinite(known)]
     n = len(known)
@@ -39,7 +39,7 @@ def paired_interval(differences: NDArray[np.floating], confidence: float = 0.95)
 
 
 def mean_and_spread(rows: pd.DataFrame, by: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
-    """Average columns over streets, with their spread."""
+    """Return mean and standard deviation of columns per group."""
     groups = rows.groupby(list(by), sort=False)[list(columns)]
     spread: Callable[[str], str] = "{}_spread".format
     return groups.mean().join(groups.std().rename(columns=spread)).reset_index()

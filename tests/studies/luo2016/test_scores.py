@@ -185,12 +185,18 @@ SCALE = {
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"repetitions": [{"test": [1], "train": [1, 2]}]}, r"met once, got \[1\] and in training \[1\]"),
-        ({"repetitions": [{"test": [3], "train": [1]}] * 2}, r"met once, got \[3, 3\]"),
-        ({"repetitions": [{"test": [1], "train": []}]}, "must name its streets"),
+        (
+            {"repetitions": [{"test": [1], "train": [1, 2]}]},
+            r"must be distinct and not in training, got \[1\], in training \[1\]",
+        ),
+        (
+            {"repetitions": [{"test": [3], "train": [1]}] * 2},
+            r"must be distinct and not in training, got \[3, 3\], in training \[\]",
+        ),
+        ({"repetitions": [{"test": [1], "train": []}]}, "each must name its streets"),
         ({"patch_sizes": [0.0]}, "patch_sizes must be a finite number > 0, got 0"),
-        ({"survey": {"seed": 1}}, "seeds of the streets stand in repetitions"),
-        ({"test_survey": {"seed": 1}}, "seeds of the streets stand in repetitions"),
+        ({"survey": {"seed": 1}}, "must not have a seed; seeds belong in repetitions"),
+        ({"test_survey": {"seed": 1}}, "must not have a seed; seeds belong in repetitions"),
         ({"tuning": {"patch_graph_mrf": []}}, "'patch_graph_mrf'.* are not trained"),
     ],
 )

@@ -214,7 +214,7 @@ def test_a_wrong_scale_is_named(changes, message):
     [
         ({"hdr9": {"share": 2.0}}, "share must be"),
         ({"hdr9": {"streets": 2}}, "streets must be at least 3"),
-        ({"hdr9": {"survey": {"seed": 1}}}, "seeds of the streets"),
+        ({"hdr9": {"survey": {"seed": 1}}}, "survey must not have a seed; the seeds of the streets"),
         ({"hdr9": {"speed": 1}}, "must have"),
         ({"kitti": {}}, "no such set"),
     ],

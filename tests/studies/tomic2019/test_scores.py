@@ -16,6 +16,7 @@ from mlsroad_pipeline.studies.tomic2019.scores import (
     POOL,
     RULE,
     VISIBLE,
+    FusionScores,
     TestSet,
     fuse_test_sets,
 )
@@ -38,33 +39,41 @@ def planted(rng, n=12_000):
     return TestSet(truth, spread_confidence(labels, np.full(n, 0.8), 3), probabilities)
 
 
-def accuracy_of(study, method, split):
-    return scores(study.confusions[f"{method}.{split}"]).overall_accuracy
+def accuracy_of(fused, method, split):
+    return scores(fused.scores.confusions[f"{method}.{split}"]).overall_accuracy
 
 
 def test_what_each_knows_best_is_believed_and_the_fusion_is_better_than_either(rng):
-    study = fuse_test_sets(planted(rng), planted(rng))
-    assert study.camera_f1[:, 1:].argmax(axis=0).tolist() == [0, 1]
-    accuracy = {method: accuracy_of(study, method, ALL_POINTS) for method in (FEATURES, IMAGES, RULE, POOL)}
+    fused = fuse_test_sets(planted(rng), planted(rng))
+    assert fused.scores.camera_f1[:, 1:].argmax(axis=0).tolist() == [0, 1]
+    accuracy = {method: accuracy_of(fused, method, ALL_POINTS) for method in (FEATURES, IMAGES, RULE, POOL)}
     assert accuracy[POOL] > accuracy[RULE] > accuracy[FEATURES] + 0.03 > accuracy[IMAGES]
     # Unseen points are wrong for the images over all points, and not counted over visible ones.
-    assert accuracy_of(study, IMAGES, VISIBLE) > accuracy[IMAGES] + 0.2
-    assert accuracy_of(study, RULE, VISIBLE) > accuracy_of(study, FEATURES, VISIBLE)
+    assert accuracy_of(fused, IMAGES, VISIBLE) > accuracy[IMAGES] + 0.2
+    assert accuracy_of(fused, RULE, VISIBLE) > accuracy_of(fused, FEATURES, VISIBLE)
 
 
 def test_points_in_no_image_keep_the_label_of_the_features(rng):
     second = planted(rng)
-    study = fuse_test_sets(planted(rng), second)
+    fused = fuse_test_sets(planted(rng), second)
     unseen = np.isnan(second.cameras[:, :, 0]).all(axis=0)
-    assert unseen.any() and np.array_equal(study.answers[RULE][unseen], best_labels(second.features)[unseen])
-    assert study.redundancy.sum() == len(second.reference) and study.redundancy[1].sum() == unseen.sum()
+    assert unseen.any() and np.array_equal(fused.labels[RULE][unseen], best_labels(second.features)[unseen])
+    assert fused.scores.redundancy.sum() == len(second.reference) and fused.scores.redundancy[1].sum() == unseen.sum()
 
 
 def test_the_reference_of_test_set_2_changes_no_label(rng):
     first, second = planted(rng), planted(rng)
     blind = TestSet(np.roll(second.reference, 1), second.features, second.cameras)
     one, other = (fuse_test_sets(first, part) for part in (second, blind))
-    assert all(np.array_equal(one.answers[name], other.answers[name]) for name in one.answers)
+    assert all(np.array_equal(one.labels[name], other.labels[name]) for name in one.labels)
+
+
+def test_scores_survive_their_stored_form(rng):
+    found = fuse_test_sets(planted(rng, 500), planted(rng, 500)).scores
+    again = FusionScores.from_arrays({**found.to_arrays(), "cameras": np.array(["x", "y"])})
+    assert list(again.confusions) == list(found.confusions) and again.penalty == found.penalty
+    for name, array in found.to_arrays().items():
+        np.testing.assert_array_equal(again.to_arrays()[name], array)
 
 
 def test_confidences_become_probabilities():
@@ -96,13 +105,13 @@ def test_parts_of_a_survey_share_no_point_and_leave_the_gaps_out():
 
 
 def test_streets_in_both_lists_are_refused():
-    with pytest.raises(ParameterError, match=r"must be different and some of each, got \[1, 2\] and \[2\]"):
+    with pytest.raises(ParameterError, match=r"must be non-empty and distinct, got \[1, 2\] and \[2\]"):
         StudyScale({}, [1, 2], [{}], [2])
-    with pytest.raises(ParameterError, match="stand in seeds and photograph_seeds"):
+    with pytest.raises(ParameterError, match="must not have a seed; use seeds and photograph_seeds"):
         StudyScale({}, [1], [{}, {"seed": 1}], [2])
-    with pytest.raises(ParameterError, match="at least one kind of street"):
+    with pytest.raises(ParameterError, match="must have at least one kind of street"):
         StudyScale({}, [1], [], [2])
-    with pytest.raises(ParameterError, match=r"train_on is 'other', but seeds name one survey"):
+    with pytest.raises(ParameterError, match=r"train_on is 'other', but seeds has one survey"):
         StudyScale({}, [1], [{}], [2])
     with pytest.raises(ParameterError, match=r"train_on must be 'other' or 'same', got 'both'"):
         StudyScale({}, [1], [{}], [2], train_on="both")

@@ -15,7 +15,8 @@ from mlsroad_pipeline.studies.yu2016 import paper as yu2016_paper
 from mlsroad_pipeline.studies.yu2016 import scores as yu2016
 from mlsroad_pipeline.studies.yu2016.objects import touching_instances
 from mlsroad_pipeline.studies.yu2016.parameters import StudyParameters, StudyScale, StudySurvey
-from mlsroad_pipeline.studies.yu2016.results import found_by_detector, run_key
+from mlsroad_pipeline.studies.yu2016.plan import run_key
+from mlsroad_pipeline.studies.yu2016.results import found_by_detector
 from mlsroad_pipeline.studies.yu2016.runs import joint_prevalence
 from mlsroad_pipeline.studies.yu2016.streets import (
     make_survey,
@@ -91,7 +92,7 @@ def test_touching_instances_share_a_cluster(rng):
 
 
 def test_streets_may_not_be_learned_from_and_scored_on():
-    with pytest.raises(ParameterError, match="must be different"):
+    with pytest.raises(ParameterError, match="must be non-empty and distinct"):
         StudySurvey({}, [1, 2], [2])
     with pytest.raises(ParameterError, match="scale 'huge' is unknown"):
         StudyParameters("huge", {"fast": {}})
@@ -105,13 +106,13 @@ def test_streets_with_more_of_what_is_rare_are_training_streets_that_differ_furt
     assert survey.street(1) == {"length": 50.0, "street": {"signs": 1.0, "traffic": 0.8}, "seed": 1}
     assert survey.street(2) == {"length": 50.0, "speed": 4.0, "street": {"signs": 1.0, "traffic": 2.0}, "seed": 2}
     assert survey.street(3) == {"length": 50.0, "street": {"signs": 1.0, "traffic": 0.2}, "seed": 3}
-    with pytest.raises(ParameterError, match=r"streets \[3\] of `rare` are not among the training streets"):
+    with pytest.raises(ParameterError, match=r"streets \[3\] of `rare` are not in train"):
         replace(survey, rare=[3])
     with pytest.raises(ParameterError, match="rare_weight must be at least 0"):
         replace(survey, rare_weight=-1)
     with pytest.raises(ParameterError, match="all training streets are `rare`"):
         replace(survey, rare=[2, 1])
-    with pytest.raises(ParameterError, match="seeds of the streets"):
+    with pytest.raises(ParameterError, match="must not have a seed; seeds belong in train and test"):
         replace(survey, rare_survey={"seed": 4})
 
 

@@ -1,4 +1,4 @@
-"""All methods compared over several test streets, on one page."""
+"""Report that compares all methods over several test streets."""
 
 from mlsroad_pipeline.pipelines.comparison_report.pipeline import create_pipeline
 

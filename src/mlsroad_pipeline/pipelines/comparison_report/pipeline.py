@@ -1,4 +1,4 @@
-"""Wiring of the comparison over several test streets."""
+"""Pipeline of the comparison over several test streets."""
 
 from kedro.pipeline import Node, Pipeline
 
@@ -7,7 +7,7 @@ from mlsroad_pipeline.studies.comparison.tables import TASKS
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: what `kedro run --env=compare` has left behind to one page."""
+    """Return the pipeline: stored results of `kedro run --env=compare` to one page."""
     parts = [f"{slug}.scores" for methods in METHODS for slug in methods]
     parts += [f"{slug}.birds_eye_figure" for slug in PICTURED]
     parts += [f"{slug}.precision_recall_figure" for slug in DETECTORS]

@@ -1,4 +1,4 @@
-"""The study of Luo et al. 2016, stage by stage."""
+"""Nodes of the study of Luo et al. 2016; the other stages are in `studies.luo2016.plan`."""
 
 from __future__ import annotations
 
@@ -19,9 +19,8 @@ from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.pipelines.study import street_tasks
 from mlsroad_pipeline.studies.luo2016 import plan as luo2016_plan
 from mlsroad_pipeline.studies.luo2016.parameters import METHODS, StudyParameters
-from mlsroad_pipeline.studies.luo2016.plan import StudyPlan, StudyRun
-from mlsroad_pipeline.studies.luo2016.results import study_tables
-from mlsroad_pipeline.studies.luo2016.runs import cut_patches, train_and_score
+from mlsroad_pipeline.studies.luo2016.plan import StudyPlan
+from mlsroad_pipeline.studies.luo2016.results import StudyTables, study_tables
 from mlsroad_pipeline.studies.streets import make_street
 
 
@@ -39,73 +38,15 @@ def plan_study(
 ) -> StudyPlan:
     """Plan the runs."""
     scheme = find_scheme(classes["schemes"], study.scheme)
-    given = dict(zip(METHODS, (svm, forest, shapes, network, graph, refinement), strict=True))
-    return luo2016_plan.plan_study(study, scheme=scheme, ground=ground, sizes=sizes, methods=given)
-
-
-def _street(seed: int) -> str:
-    return f"seed_{seed}"
-
-
-def _cut(seed: int, patch_size: float) -> str:
-    return f"seed_{seed}.size_{patch_size:g}"
+    methods = dict(zip(METHODS, (svm, forest, shapes, network, graph, refinement), strict=True))
+    return luo2016_plan.plan_study(study, scheme=scheme, ground=ground, sizes=sizes, methods=methods)
 
 
 def make_streets(plan: StudyPlan) -> dict[str, SceneTask]:
-    """Name the work that simulates each street."""
-    surveys = {_street(seed): survey for seed, survey in plan.surveys().items()}
-    return street_tasks(make_street, surveys, plan.ground)
+    """Create one task per street that simulates it."""
+    return street_tasks(make_street, plan.surveys(), plan.ground)
 
 
-def cut_streets(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that cuts each street into patches, in every size that it is used in."""
-    runs = [*plan.tuning_runs(), *plan.all_runs(plan.parameters).values()]
-    wanted = {_cut(seed, run.sizes.patch_size): (seed, run.sizes) for run in runs for seed in (*run.train, *run.test)}
-    return {
-        key: SceneTask(cut_patches, {"points": streets[_street(seed)]}, {"sizes": sizes, "scheme": plan.scheme})
-        for key, (seed, sizes) in wanted.items()
-    }
-
-
-def _task(plan: StudyPlan, run: StudyRun, streets: SceneCollection, cut: SceneCollection) -> SceneTask:
-    size = run.sizes.patch_size
-    patches, labels = cut.part("patches"), cut.part("labels")
-
-    def inputs(seeds: tuple[int, ...]) -> dict[str, Any]:
-        return {
-            _street(seed): {
-                "points": streets[_street(seed)],
-                "patches": patches[_cut(seed, size)],
-                "labels": labels[_cut(seed, size)],
-            }
-            for seed in seeds
-        }
-
-    return SceneTask(
-        train_and_score,
-        {"train": inputs(run.train), "test": inputs(run.test)},
-        {
-            "method": run.method,
-            "parameters": dict(run.parameters),
-            "stages": plan.stages(run.sizes),
-            "scheme": plan.scheme,
-        },
-    )
-
-
-def try_settings(plan: StudyPlan, streets: SceneCollection, cut: SceneCollection) -> dict[str, SceneTask]:
-    """Name the work that tries the settings of each method on training streets."""
-    return {run.key: _task(plan, run, streets, cut) for run in plan.tuning_runs()}
-
-
-def run_methods(
-    plan: StudyPlan, streets: SceneCollection, cut: SceneCollection, tried: SceneCollection
-) -> dict[str, SceneTask]:
-    """Name the work that trains each method on each repetition, and the settings of the sensitivity figures."""
-    parameters = plan.tuned(tried.load_all())
-    return {key: _task(plan, run, streets, cut) for key, run in plan.all_runs(parameters).items()}
-
-
-def tabulate_study(plan: StudyPlan, tried: SceneCollection, runs: SceneCollection) -> tuple[Any, ...]:
-    """Make the tables of the study."""
-    return study_tables(plan, tried.load_all(), runs.load_all()).as_tuple()
+def tabulate_study(plan: StudyPlan, tried: SceneCollection, runs: SceneCollection) -> StudyTables:
+    """Make the tables."""
+    return study_tables(plan, tried.load_all(), runs.load_all())

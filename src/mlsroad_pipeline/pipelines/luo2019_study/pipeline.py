@@ -1,43 +1,35 @@
-"""Wiring of the study of Luo et al. 2019."""
+"""Pipeline of the study of Luo et al. 2019."""
 
-from kedro.pipeline import Node, Pipeline
+from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.pipelines import simulated_objects
-from mlsroad_pipeline.pipelines.luo2019_study.nodes import (
-    measure_networks,
-    plan_study,
-    read_folds,
-    run_methods,
-    tabulate_study,
-)
-from mlsroad_pipeline.pipelines.study import entries, report_node
-from mlsroad_pipeline.studies.luo2019.parameters import JOINTNET, PRINTED, RIVALS
-from mlsroad_pipeline.studies.luo2019.report import CAPTIONS, study_figures, study_sections
+from mlsroad_pipeline.pipelines.luo2019_study.nodes import plan_study, read_folds, tabulate_study
+from mlsroad_pipeline.pipelines.study import Stage, StudyReport, study_pipeline
+from mlsroad_pipeline.studies.luo2019.figures import CAPTIONS, study_figures
+from mlsroad_pipeline.studies.luo2019.parameters import BASELINES, JOINTNET, PRINTED
+from mlsroad_pipeline.studies.luo2019.plan import measure_networks, run_methods
+from mlsroad_pipeline.studies.luo2019.report import study_sections
 from mlsroad_pipeline.studies.luo2019.results import StudyTables
-
-STUDY = "luo2019_study"
 
 
 def create_pipeline(**_: object) -> Pipeline:
     """Return the pipeline: parameters to simulated sets, runs, tables, figures and a report."""
-    given = [f"params:{name}" for name in (STUDY, "simulated_objects", "classes", JOINTNET, PRINTED, *RIVALS)]
-    plan, folds, networks, runs = entries(STUDY, ["plan", "folds", "networks", "runs"])
-    tables = entries(STUDY, StudyTables.names())
-    own = Pipeline(
-        [
-            Node(plan_study, inputs=given, outputs=plan, name="plan_luo2019_study"),
-            Node(read_folds, inputs=plan, outputs=folds, name="read_luo2019_folds"),
-            Node(measure_networks, inputs=plan, outputs=networks, name="measure_luo2019_networks"),
-            Node(run_methods, inputs=[plan, "simulated_objects.sets", folds], outputs=runs, name="run_luo2019_methods"),
-            Node(tabulate_study, inputs=[plan, runs, networks], outputs=tables, name="tabulate_luo2019_study"),
-            report_node(
-                STUDY,
-                tables=StudyTables,
-                figures=[f"{name}_figure" for name in CAPTIONS],
-                draw=study_figures,
-                write=study_sections,
-                title="Luo et al. 2019 on simulated objects",
-            ),
-        ]
+    return simulated_objects.create_pipeline() + study_pipeline(
+        "luo2019",
+        parameters=("simulated_objects", "classes", JOINTNET, PRINTED, *BASELINES),
+        plan=plan_study,
+        stages=[
+            Stage("read_luo2019_folds", read_folds, [], "folds"),
+            Stage("measure_luo2019_networks", measure_networks, [], "networks"),
+            Stage("run_luo2019_methods", run_methods, ["simulated_objects.sets", "folds"], "runs"),
+        ],
+        report=StudyReport(
+            "Luo et al. 2019 on simulated objects",
+            tables=StudyTables,
+            tabulate=tabulate_study,
+            results=["runs", "networks"],
+            captions=CAPTIONS,
+            draw=study_figures,
+            write=study_sections,
+        ),
     )
-    return simulated_objects.create_pipeline() + own

@@ -1,4 +1,4 @@
-"""The experiments of Yu et al. 2016 on simulated streets."""
+"""Experiments of Yu et al. 2016 on simulated streets."""
 
 from mlsroad_pipeline.pipelines.yu2016_study.pipeline import create_pipeline
 

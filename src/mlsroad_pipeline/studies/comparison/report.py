@@ -1,4 +1,4 @@
-"""The page that compares all methods over several test streets."""
+"""Report that compares all methods over several test streets."""
 
 from __future__ import annotations
 
@@ -24,44 +24,35 @@ from mlsroad_pipeline.studies.comparison.tables import (
 from mlsroad_pipeline.studies.figures import draw_panels, name_axes
 
 _NOTES = {
-    "labelling": "Means run over the classes that a method can give and that occur: shape_based leaves the ground "
-    "without labels, so its means are over other classes. Points that no camera sees are wrong for image_labels.",
-    "detection": "A detection is right where it overlaps an object as the parameters of `detection` ask. Means run "
-    "over the classes that have objects.",
-    "recognition": "Objects as the segmentation cuts them, named by most of their points.",
+    "labelling": "Means over the classes that a method predicts and that occur. shape_based does not label the ground, "
+    "so its means are over fewer classes. Points that no camera sees count as errors of image_labels.",
+    "detection": "A detection is correct if it overlaps an object with at least the IoU in the parameters of "
+    "`detection`. Means over the classes that have objects.",
+    "recognition": "Objects are segments; their reference class is that of most of their points.",
 }
 
 
 @dataclass(frozen=True)
 class TaskTables:
-    """What is said of one task.
+    """Tables and figure of one task."""
 
-    Parameters
-    ----------
-    task : Task
-        The task.
-    overview, classes, differences : DataFrame
-        What `comparison.overview`, `class_table` and `paired_differences` give.
-    figure : Figure
-        The first metric, street by street.
-    """
-
-    task: Task
+    task: Task  # task
+    # overview, classes, differences: results of `overview`, `class_table` and `paired_differences`
     overview: pd.DataFrame
     classes: pd.DataFrame
     differences: pd.DataFrame
-    figure: Figure
+    figure: Figure  # first metric by test street
 
 
 def compare_task(scores: pd.DataFrame, task: Task) -> TaskTables:
     """Compare the methods of one task."""
-    found = overview(scores, task)
-    figure = streets_figure(scores, task, found["method"].tolist())
-    return TaskTables(task, found, class_table(scores, task), paired_differences(scores, task), figure)
+    table = overview(scores, task)
+    figure = streets_figure(scores, task, table["method"].tolist())
+    return TaskTables(task, table, class_table(scores, task), paired_differences(scores, task), figure)
 
 
 def streets_figure(scores: pd.DataFrame, task: Task, methods: Sequence[str]) -> Figure:
-    """Draw the first metric of a task: a dot per street, lines that join a street's dots, a bar at the mean."""
+    """Draw the first metric of a task: one marker per method and street, joined by street, and a bar at the mean."""
     metric = task.metrics[0]
     rows = scores[(scores["class"] == ALL) & (scores["metric"] == metric)]
     wide = rows.pivot(index="method", columns="split", values="value").reindex(list(methods))
@@ -77,7 +68,7 @@ def streets_figure(scores: pd.DataFrame, task: Task, methods: Sequence[str]) -> 
 
 
 def costs_table(costs: pd.DataFrame, methods: Sequence[str]) -> pd.DataFrame:
-    """Add up what each method and each shared stage took."""
+    """Return the summed time and the peak memory of each method and each shared stage."""
     maker = costs["makes"].fillna("").str.partition(".")[0]
     owner = maker.where(maker.isin(methods), costs["node"])
     grouped = costs.assign(method=owner).groupby("method", sort=False)
@@ -91,20 +82,20 @@ def comparison_sections(
     costs: pd.DataFrame,
     pictures: Mapping[str, Mapping[str, NDArray[np.uint8]]],
 ) -> list[Section]:
-    """Compose the page."""
+    """Return the sections of the report."""
     sections: list[Section] = [FactsSection("What was run", facts)]
-    for found in tasks:
-        name, metric = found.task.name, found.task.metrics[0].replace("_", " ")
+    for one in tasks:
+        name, metric = one.task.name, one.task.metrics[0].replace("_", " ")
         sections += [
-            TableSection(f"{name.capitalize()}: means over the test streets", found.overview, note=_NOTES[name]),
-            FiguresSection(f"{name.capitalize()}: street by street", {f"{metric} of each test street": found.figure}),
+            TableSection(f"{name.capitalize()}: means over the test streets", one.overview, note=_NOTES[name]),
+            FiguresSection(f"{name.capitalize()}: street by street", {f"{metric} of each test street": one.figure}),
             TableSection(
-                f"{name.capitalize()}: the best against the others", found.differences,
-                note=f"{metric.capitalize()}, paired by street: 95 % intervals after Student, p values after Holm.",
+                f"{name.capitalize()}: the best against the others", one.differences,
+                note=f"{metric.capitalize()}, paired by street: 95 % t intervals, p values corrected after Holm.",
             ),
-            TableSection(f"{name.capitalize()}: {found.task.class_metric} per class", found.classes),
+            TableSection(f"{name.capitalize()}: {one.task.class_metric} per class", one.classes),
         ]  # fmt: skip
-    note = "Wall and processor seconds, and the largest memory of all processes; what was found stored took none."
+    note = "Wall and CPU seconds, and peak memory of all processes; stored results that were reused took no time."
     sections.append(TableSection("Times and memory", costs, note=note))
     sections += [FiguresSection(heading, each) for heading, each in pictures.items()]
     return sections

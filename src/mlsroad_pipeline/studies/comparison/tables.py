@@ -1,4 +1,4 @@
-"""Methods of one task compared over several test streets: means with their spread, classes, paired differences."""
+"""Comparison of the methods of a task over test streets: means with spread, classes, paired differences."""
 
 from __future__ import annotations
 
@@ -15,26 +15,16 @@ from mlsroad_pipeline.algorithms.metrics.scores import ALL, COLUMNS, check_score
 from mlsroad_pipeline.studies.tables import paired_interval
 
 MEAN = "mean_of_tests"
-"""The split that means over the test streets are called in a table of scores."""
+"""Split of means over the test streets in a table of scores."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """What methods of one kind are compared by.
+    """Metrics that the methods of one task are compared by."""
 
-    Parameters
-    ----------
-    name : str
-        What they do.
-    metrics : tuple of str
-        Figures over all classes; methods are ordered by the first.
-    class_metric : str
-        The figure of a class.
-    """
-
-    name: str
-    metrics: tuple[str, ...]
-    class_metric: str
+    name: str  # name of the task
+    metrics: tuple[str, ...]  # metrics over all classes; methods are ordered by the first
+    class_metric: str  # metric of each class
 
 
 TASKS = (
@@ -42,41 +32,41 @@ TASKS = (
     Task("detection", ("f_score", "quality", "precision", "recall"), "f_score"),
     Task("recognition", ("mean_f1", "weighted_f1", "overall_accuracy"), "f1"),
 )
-"""The tasks that there are methods for."""
+"""Tasks of the methods."""
 
 
 def common_test_streets(scores: pd.DataFrame) -> list[str]:
     """Return the test streets that all methods of a table were scored on."""
     by_method = scores.groupby("method", sort=False)["split"].agg(set)
     common = set.intersection(*by_method) if len(by_method) else set()
-    found = [split for split in dict.fromkeys(scores["split"]) if split in common and split.startswith("test")]
-    if not found:
-        told = "; ".join(f"{method}: {', '.join(sorted(splits))}" for method, splits in by_method.items())
-        raise DataError(f"no split whose name begins with 'test' was scored by all methods ({told})")
-    return found
+    tests = [split for split in dict.fromkeys(scores["split"]) if split in common and split.startswith("test")]
+    if not tests:
+        splits_of = "; ".join(f"{method}: {', '.join(sorted(splits))}" for method, splits in by_method.items())
+        raise DataError(f"no split whose name begins with 'test' was scored by all methods (splits of {splits_of})")
+    return tests
 
 
 def _overall(scores: pd.DataFrame, metric: str) -> pd.DataFrame:
-    """Return one figure over all classes: streets by methods."""
+    """Return one metric over all classes, streets by methods."""
     rows = scores[(scores["class"] == ALL) & (scores["metric"] == metric)]
     wide = rows.pivot(index="split", columns="method", values="value")
     return wide.reindex(index=common_test_streets(scores), columns=list(dict.fromkeys(scores["method"])))
 
 
 def overview(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
-    """Average the overall figures of each method over the test streets."""
+    """Average the overall metrics of each method over the test streets."""
     table = check_scores(scores)
     columns: dict[str, pd.Series] = {}
     for metric in task.metrics:
         wide = _overall(table, metric)
         columns |= {metric: wide.mean(), f"{metric}_spread": wide.std(ddof=1)}
-    found = pd.DataFrame(columns).rename_axis("method").reset_index()
-    found.insert(1, "streets", len(common_test_streets(table)))
-    return found.sort_values(task.metrics[0], ascending=False, kind="stable").reset_index(drop=True)
+    means = pd.DataFrame(columns).rename_axis("method").reset_index()
+    means.insert(1, "streets", len(common_test_streets(table)))
+    return means.sort_values(task.metrics[0], ascending=False, kind="stable").reset_index(drop=True)
 
 
 def class_table(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
-    """Average the figure of each class over the test streets that hold the class."""
+    """Average the metric of each class over the test streets that have the class."""
     table = check_scores(scores)
     chosen = table[table["split"].isin(common_test_streets(table)) & (table["metric"] == task.class_metric)]
     rows = chosen[(chosen["class"] != ALL) & (chosen["support"] > 0)]
@@ -86,7 +76,7 @@ def class_table(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
 
 
 def paired_differences(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
-    """Compare the best method with every other one, street by street."""
+    """Compare the best method with every other one, paired by street."""
     table = check_scores(scores)
     ordered = overview(table, task)["method"].tolist()
     wide = _overall(table, task.metrics[0])
@@ -96,8 +86,8 @@ def paired_differences(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
         mean, low, high, n = paired_interval(difference)
         rows.append((ordered[0], other, mean, low, high, _p_value(difference), int((difference > 0).sum()), n))
     columns = ["best", "other", "difference", "low", "high", "p", "ahead", "streets"]
-    found = pd.DataFrame(rows, columns=columns)
-    return found.assign(p=_holm(found["p"].to_numpy(np.float64)))
+    differences = pd.DataFrame(rows, columns=columns)
+    return differences.assign(p=_holm(differences["p"].to_numpy(np.float64)))
 
 
 def _p_value(difference: NDArray[np.floating]) -> float:
@@ -108,7 +98,7 @@ def _p_value(difference: NDArray[np.floating]) -> float:
 
 
 def _holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Correct p-values for their number after Holm 1979; NaN stays NaN and counts as none."""
+    """Correct p values for multiple comparisons (Holm 1979); NaN values are not counted and stay NaN."""
     adjusted = np.full(len(p), np.nan)
     known = np.flatnonzero(np.isfinite(p))
     order = known[np.argsort(p[known], kind="stable")]
@@ -118,7 +108,7 @@ def _holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def mean_scores(scores: pd.DataFrame) -> pd.DataFrame:
-    """Average every figure of every method over the test streets."""
+    """Average every metric of every method over the test streets."""
     table = check_scores(scores)
     rows = table[table["split"].isin(common_test_streets(table))]
     grouped = rows.groupby(["method", "class", "metric"], sort=False)

@@ -1,16 +1,16 @@
-"""The figures that Luo et al. 2016 print, as plain numbers."""
+"""Results printed in Luo et al. 2016."""
 
 from __future__ import annotations
 
 import pandas as pd
 
 CLASSES = ("road", "grass", "palm tree", "cycas", "brushwood", "light pole", "vehicle")
-"""The seven classes of Table I that means run over; `other` is in none."""
+"""The seven classes of Table I that means are taken over; `other` is excluded."""
 
 OBJECTS = CLASSES[2:]
-"""The five that do not lie on the ground: all that shape-based recognition gives."""
+"""The five classes of objects, the only ones that shape-based recognition predicts."""
 
-# Table III. The paper's equations 12 and 13 swap the names: what it prints as precision, TP / (TP + FN), is recall.
+# Table III. The paper's equations 12 and 13 swap the names: its precision, TP / (TP + FN), is recall.
 _RECALL = {
     "patch_svm": (0.95, 0.839, 0.677, 0.745, 0.61, 0.726, 0.489),
     "patch_forest": (0.965, 0.71, 0.708, 0.83, 0.624, 0.854, 0.678),
@@ -40,10 +40,10 @@ FIGURE_7 = {
     0.2: {**dict(zip(CLASSES, _REFINED, strict=True)), "mean of seven": 0.862},
     0.35: {"vehicle": 0.69},
 }
-"""Patch size, metres, to the F1 that Table III and the text on Figure 7 tell (0.85 for vehicles at 0.2 m)."""
+"""Patch size, metres, to F1 from Table III and from the text on Figure 7 (0.85 for vehicles at 0.2 m)."""
 
 FIGURE_9 = {1.0: FIGURE_7[0.2]}
-"""The same of the local search radius, metres."""
+"""Local search radius, metres, to F1 from Table III."""
 
 HOURS = {
     "patch_svm": (1.5, 4.4),
@@ -52,7 +52,7 @@ HOURS = {
     "max_margin_markov": (2.4, 5.8),
     "patch_graph_mrf": (5.5, 8.6),
 }
-"""Hours of training (20 scenes) and of labelling (122 scenes) on one core of 3.3 GHz, section IV-C."""
+"""Hours of training (20 scenes) and labelling (122 scenes) on one core at 3.3 GHz, section IV-C."""
 
 
 def paper_scores() -> pd.DataFrame:

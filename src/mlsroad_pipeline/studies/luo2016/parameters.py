@@ -1,4 +1,4 @@
-"""What the study of Luo et al. 2016 runs: its scales, its streets, and the settings that are tried."""
+"""Parameters of the study of Luo et al. 2016: scales, streets and settings to try."""
 
 from __future__ import annotations
 
@@ -8,32 +8,31 @@ from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_positive
-from mlsroad_pipeline.studies.parameters import chosen_scale
+from mlsroad_pipeline.studies.parameters import ScaledStudy
 
 GRAPH, REFINED = "patch_graph", "patch_graph_mrf"
 METHODS = ("patch_svm", "patch_forest", "shape_based", "max_margin_markov", GRAPH, REFINED)
 """The methods in the order of the paper's Table III."""
 
 RUNS = METHODS[:-1]
-"""What is trained: label transfer and its refinement come of one graph."""
+"""Trained methods: one run gives label transfer and its refinement."""
 
 
 @dataclass(frozen=True)
 class StudyScale:
-    """How large the study is.
+    """Streets and settings of one scale.
 
     Parameters
     ----------
     survey : mapping
-        ``preset`` and changes of `SimulationParameters`, without the seed. Training streets are the more alike the
-        fewer and longer they are.
+        ``preset`` and changes of `SimulationParameters`, without the seed. Fewer and longer training streets are more
+        similar to each other.
     test_survey : mapping
-        What is different for test streets. Longer streets take more time and narrow the spread between seeds.
+        Changes of `survey` for test streets. Longer streets take more time and reduce the spread between seeds.
     repetitions : sequence of mapping
-        ``train``, the seeds of streets that every method learns from, together more than K scenes of 10 m; ``test``,
-        the seeds of streets that it is scored on, one repetition each. No street is in the training and in the test of
-        any. Other training streets for each test street make the spread one of training too, and cost as many
-        trainings.
+        ``train``: seeds of the training streets, together more than K scenes of 10 m. ``test``: seeds of the test
+        streets, each scored separately. No test street is a training street of any repetition. With its own training
+        streets per repetition, the spread includes that of training; each repetition costs one training per method.
     patch_sizes : sequence of float
         Patch sizes L of Figures 7 and 8, metres.
     search_radii : sequence of float
@@ -41,14 +40,8 @@ class StudyScale:
     methods : mapping
         Slug to changes of the method's parameters at this scale.
     tuning : mapping
-        Slug to the settings that are tried on training streets, each a mapping of parameters. As many for every method
-        keep the comparison level. Methods without settings here choose by a grid of their own.
-
-    Raises
-    ------
-    ParameterError
-        If a repetition lacks streets, a street is in training and test, a length is not above 0, or a method with
-        settings is not trained.
+        Slug to the settings that are tried on training streets, each a mapping of parameters. The same number for
+        every method keeps the comparison fair. Methods without settings here use their own grid search.
     """
 
     survey: Mapping[str, Any]
@@ -64,53 +57,49 @@ class StudyScale:
             set(r) == {"train", "test"} and r["train"] and r["test"] for r in self.repetitions
         ):
             raise ParameterError(
-                "luo2016_study: each repetition must name its streets: {train: [seeds], test: [seeds]}"
+                "luo2016_study.repetitions: each must name its streets as {train: [seeds], test: [seeds]}"
             )
         tests = [seed for repetition in self.repetitions for seed in repetition["test"]]
         both = sorted({seed for repetition in self.repetitions for seed in repetition["train"]} & set(tests))
         if both or len(set(tests)) < len(tests):
-            raise ParameterError(f"luo2016_study: a test street is met once, got {tests} and in training {both}")
+            raise ParameterError(
+                f"luo2016_study.repetitions: test streets must be distinct and not in training, got {tests}, "
+                f"in training {both}"
+            )
         for name in ("patch_sizes", "search_radii"):
             for value in getattr(self, name):
                 check_positive(value, f"luo2016_study.{name}")
         unknown = sorted(set(self.tuning) - set(RUNS))
         if unknown:
-            raise ParameterError(f"luo2016_study.tuning: {unknown} are not trained (methods: {', '.join(RUNS)})")
+            raise ParameterError(
+                f"luo2016_study.tuning: {unknown} are not trained (trained methods: {', '.join(RUNS)})"
+            )
         if "seed" in self.survey or "seed" in self.test_survey:
-            raise ParameterError("luo2016_study: the seeds of the streets stand in repetitions")
+            raise ParameterError(
+                "luo2016_study: survey and test_survey must not have a seed; seeds belong in repetitions"
+            )
 
 
 @dataclass(frozen=True)
-class StudyParameters:
-    """The study of Luo et al. 2016.
+class StudyParameters(ScaledStudy[StudyScale], group="luo2016_study", kind=StudyScale):
+    """Parameters of the study of Luo et al. 2016.
 
     Parameters
     ----------
     scale : str
-        Which of `scales` is run.
+        Name of the scale that is run.
     scales : mapping
-        Name to the fields of `StudyScale`.
+        Name of each scale to the fields of `StudyScale`.
     scheme : str
-        The class scheme; its class ``other`` is learned and counted, but is in no mean.
+        Class scheme; its class ``other`` is learned and counted, but excluded from means.
     sensitivity : int
-        How many test streets Figures 7 to 11 are made of: the first ones of the first repetition.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such scale, or it is wrong.
+        Test streets of Figures 7 to 11: the first ones of the first repetition.
     """
 
-    scale: str
-    scales: Mapping[str, Any]
     scheme: str
     sensitivity: int
 
     def __post_init__(self) -> None:
-        self.chosen_scale()
+        super().__post_init__()
         if self.sensitivity < 0:
             raise ParameterError(f"luo2016_study.sensitivity must be at least 0, got {self.sensitivity!r}")
-
-    def chosen_scale(self) -> StudyScale:
-        """Return the scale that is run."""
-        return chosen_scale(StudyScale, "luo2016_study", self.scale, self.scales)

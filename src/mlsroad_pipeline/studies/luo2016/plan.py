@@ -1,4 +1,4 @@
-"""Which runs the study of Luo et al. 2016 consists of."""
+"""Runs of the study of Luo et al. 2016 and their tasks."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.patches.labelling import PatchStages
 from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.studies.luo2016.parameters import (
     GRAPH,
     METHODS,
@@ -21,85 +23,63 @@ from mlsroad_pipeline.studies.luo2016.parameters import (
     StudyParameters,
     StudyScale,
 )
+from mlsroad_pipeline.studies.luo2016.runs import RunResult, cut_patches, train_and_score
 from mlsroad_pipeline.studies.luo2016.scores import repetition_scores
 from mlsroad_pipeline.studies.parameters import changed
 
 
+def street_key(seed: int) -> str:
+    """Return the key of a street."""
+    return f"seed_{seed}"
+
+
+def patches_key(seed: int, patch_size: float) -> str:
+    """Return the key of a street's patches of one size."""
+    return f"seed_{seed}.size_{patch_size:g}"
+
+
 @dataclass(frozen=True)
 class StudyRun:
-    """A method trained on some streets and scored on others.
+    """Training and scoring of one method."""
 
-    Parameters
-    ----------
-    key : str
-        Its name in the store.
-    method : str
-        One of `RUNS`.
-    train, test : tuple of int
-        Seeds of the streets.
-    sizes : PatchParameters
-        How they are cut.
-    parameters : mapping of str to dataclass
-        Slug to parameters.
-    """
-
-    key: str
-    method: str
+    key: str  # key in the store
+    method: str  # one of `RUNS`
+    # train, test: seeds of the streets
     train: tuple[int, ...]
     test: tuple[int, ...]
-    sizes: PatchParameters
-    parameters: Mapping[str, Any]
+    sizes: PatchParameters  # parameters of the patches
+    parameters: Mapping[str, Any]  # slug to parameters
 
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """Everything that the stages of the study need to know.
+    """Parameters of all stages of the study, and the runs that follow from them."""
 
-    Parameters
-    ----------
-    study : StudyParameters
-        What is run.
-    scheme : ClassScheme
-        The classes.
-    ground : GroundParameters
-        The ground filter.
-    sizes : PatchParameters
-        The patches.
-    parameters : mapping of str to dataclass
-        Slug to the parameters of the method, changes of the scale included.
-    """
-
-    study: StudyParameters
-    scheme: ClassScheme
-    ground: GroundParameters
-    sizes: PatchParameters
-    parameters: Mapping[str, Any]
+    study: StudyParameters  # scale, scheme and number of streets of the sensitivity figures
+    scheme: ClassScheme  # classes
+    ground: GroundParameters  # ground filter
+    sizes: PatchParameters  # patches
+    parameters: Mapping[str, Any]  # slug to the parameters of the method, changes of the scale included
 
     @property
     def scale(self) -> StudyScale:
         """Return the scale that is run."""
         return self.study.chosen_scale()
 
-    def stages(self, sizes: PatchParameters) -> PatchStages:
-        """Return how streets are prepared with some patches."""
-        return PatchStages(self.ground, sizes)
-
-    def surveys(self) -> dict[int, dict[str, Any]]:
-        """Return what `simulation_parameters` takes for every street, by seed."""
+    def surveys(self) -> dict[str, dict[str, Any]]:
+        """Return the configuration of the simulated survey of every street."""
         scale = self.scale
-        train = {seed: {**scale.survey, "seed": seed} for r in scale.repetitions for seed in r["train"]}
-        test = {
-            seed: {**scale.survey, **scale.test_survey, "seed": seed} for r in scale.repetitions for seed in r["test"]
-        }
-        return {**train, **test}
+        train = {seed: scale.survey for r in scale.repetitions for seed in r["train"]}
+        test = {seed: {**scale.survey, **scale.test_survey} for r in scale.repetitions for seed in r["test"]}
+        return {street_key(seed): {**survey, "seed": seed} for seed, survey in {**train, **test}.items()}
 
     def resized(self, patch_size: float) -> PatchParameters:
-        """Return the parameters of larger or smaller patches, with voxels in proportion."""
+        """Return the parameters of patches of another size, with voxels in proportion."""
         ratio = self.sizes.voxel_size / self.sizes.patch_size
         return changed(self.sizes, {"patch_size": patch_size, "voxel_size": patch_size * ratio})
 
     def tuning_runs(self) -> list[StudyRun]:
-        """Return the runs that settings are chosen by: half of the first training streets for each half."""
+        """Return the runs that settings are chosen by, trained and tested on halves of the first training streets."""
         streets = tuple(self.scale.repetitions[0]["train"])
         half = len(streets) // 2
         return [
@@ -111,7 +91,7 @@ class StudyPlan:
             for number, setting in enumerate(settings)
         ]  # fmt: skip
 
-    def tuned(self, tried: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    def tuned(self, tried: Mapping[str, RunResult]) -> dict[str, Any]:
         """Return the parameters of all methods with the best setting of each."""
         best = dict(self.parameters)
         scores: dict[str, float] = {}
@@ -122,11 +102,11 @@ class StudyPlan:
         return best
 
     def tuning_score(self, run: StudyRun, matrices: Mapping[str, NDArray[np.int64]]) -> float:
-        """Return the mean F1 of a tuning run over the classes that the method's kind can give."""
+        """Return the mean F1 of a tuning run over the classes that the method can predict."""
         total = matrices[run.method].sum(axis=0)
-        found = repetition_scores({"": {run.method: total}}, classes=self.scheme.classes)
-        wanted = "mean of five" if run.method == "shape_based" else "mean of seven"
-        return float(found.set_index(["class", "metric"])["value"][wanted, "f1"])
+        scores = repetition_scores({"": {run.method: total}}, classes=self.scheme.classes)
+        mean = "mean of five" if run.method == "shape_based" else "mean of seven"
+        return float(scores.set_index(["class", "metric"])["value"][mean, "f1"])
 
     def comparison_runs(self, parameters: Mapping[str, Any]) -> list[StudyRun]:
         """Return the runs of Table III."""
@@ -144,7 +124,7 @@ class StudyPlan:
         """Return the runs of Figures 9 to 11, by local search radius."""
         tests = self.study.sensitivity
         radii = self.scale.search_radii if tests else ()
-        # The search as printed: where it starts in cells of alike descriptions, the radius has little left to decide.
+        # The search as printed: started in cells of similar descriptions, it hardly depends on the radius.
         searches = {
             radius: changed(parameters[GRAPH], {"search": {"search_radius": radius, "n_probes": 0}}) for radius in radii
         }
@@ -189,7 +169,54 @@ def plan_study(
     sizes: PatchParameters,
     methods: Mapping[str, Any],
 ) -> StudyPlan:
-    """Plan the study."""
+    """Return the plan with the changes of the scale."""
     changes = study.chosen_scale().methods
     parameters = {slug: changed(methods[slug], changes.get(slug, {})) for slug in METHODS}
     return StudyPlan(study, scheme, ground, sizes, parameters)
+
+
+def cut_streets(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
+    """Create one task per street and patch size that cuts patches."""
+    runs = [*plan.tuning_runs(), *plan.all_runs(plan.parameters).values()]
+    cuts = {
+        patches_key(seed, run.sizes.patch_size): (seed, run.sizes) for run in runs for seed in (*run.train, *run.test)
+    }
+    return {
+        key: SceneTask(cut_patches, {"points": streets[street_key(seed)]}, {"sizes": sizes, "scheme": plan.scheme})
+        for key, (seed, sizes) in cuts.items()
+    }
+
+
+def try_settings(plan: StudyPlan, streets: SceneCollection, cut: SceneCollection) -> dict[str, SceneTask]:
+    """Create one task per method and setting to try on training streets."""
+    return {run.key: _run_task(plan, run, streets, cut) for run in plan.tuning_runs()}
+
+
+def run_methods(
+    plan: StudyPlan, streets: SceneCollection, cut: SceneCollection, tried: SceneCollection
+) -> dict[str, SceneTask]:
+    """Create one task per run of Table III and of the sensitivity figures, with the best settings."""
+    runs = plan.all_runs(plan.tuned(tried.load_all()))
+    return {key: _run_task(plan, run, streets, cut) for key, run in runs.items()}
+
+
+def _run_task(plan: StudyPlan, run: StudyRun, streets: SceneCollection, cut: SceneCollection) -> SceneTask:
+    patches, labels = cut.part("patches"), cut.part("labels")
+
+    def inputs(seeds: tuple[int, ...]) -> dict[str, Any]:
+        keys = {street_key(seed): patches_key(seed, run.sizes.patch_size) for seed in seeds}
+        return {
+            street: {"points": streets[street], "patches": patches[key], "labels": labels[key]}
+            for street, key in keys.items()
+        }
+
+    return SceneTask(
+        train_and_score,
+        {"train": inputs(run.train), "test": inputs(run.test)},
+        {
+            "method": run.method,
+            "parameters": dict(run.parameters),
+            "stages": PatchStages(plan.ground, run.sizes),
+            "scheme": plan.scheme,
+        },
+    )

@@ -1,4 +1,4 @@
-"""From the results of all runs of the study of Luo et al. 2016 to its tables."""
+"""Tables of the study of Luo et al. 2016, made from the results of its runs."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from mlsroad_pipeline.algorithms.metrics.scores import ALL, check_scores
 from mlsroad_pipeline.studies.luo2016.paper import CLASSES, HOURS, OBJECTS
 from mlsroad_pipeline.studies.luo2016.parameters import METHODS, REFINED
 from mlsroad_pipeline.studies.luo2016.plan import StudyPlan, StudyRun
+from mlsroad_pipeline.studies.luo2016.runs import RunResult
 from mlsroad_pipeline.studies.luo2016.scores import (
     MEANS,
     paired_differences,
@@ -24,36 +25,26 @@ from mlsroad_pipeline.studies.luo2016.scores import (
 )
 from mlsroad_pipeline.studies.tables import Tables
 
-Results = Mapping[str, Mapping[str, Any]]
-"""Key of a run to what `train_and_score` gave."""
+Results = Mapping[str, RunResult]
+"""Key of a run to its result."""
 
-GIVEN = {"shape_based": OBJECTS}
-"""Shape-based recognition leaves the ground without labels: a dash in Table III."""
+PREDICTED = {"shape_based": OBJECTS}
+"""Classes of a method that predicts only some: shape-based recognition does not label the ground."""
 
 
 @dataclass(frozen=True)
 class StudyTables(Tables):
-    """The tables of the study.
+    """Tables of the study."""
 
-    Parameters
-    ----------
-    scores : DataFrame
-        A table of scores; its splits are the repetitions, ``mean_f1`` is over seven classes.
-    table_3, differences, patch_size, search_radius, times : DataFrame
-        What the functions of `luo2016` give.
-    tuning : DataFrame
-        `method`, `setting`, `mean_f1` on training streets, `chosen`.
-    by_size, by_radius : DataFrame
-        Figures by step, in whole millimetres of patch size and of search radius.
-    """
-
-    scores: pd.DataFrame
-    table_3: pd.DataFrame
-    differences: pd.DataFrame
+    scores: pd.DataFrame  # table of scores; its splits are the test streets, ``mean_f1`` is over seven classes
+    table_3: pd.DataFrame  # precision, recall and F1 of each method and class, mean and spread over test streets
+    differences: pd.DataFrame  # mean F1 of each method minus that of `patch_graph_mrf`, paired by test street
+    # patch_size, search_radius: F1, training time and objective by parameter value
     patch_size: pd.DataFrame
     search_radius: pd.DataFrame
-    times: pd.DataFrame
-    tuning: pd.DataFrame
+    times: pd.DataFrame  # CPU time of training and labelling of each method
+    tuning: pd.DataFrame  # `method`, `setting`, `mean_f1` on training streets, `chosen`
+    # by_size, by_radius: metrics by step, in millimetres of patch size and of search radius
     by_size: pd.DataFrame
     by_radius: pd.DataFrame
 
@@ -67,20 +58,20 @@ def study_tables(plan: StudyPlan, tried: Results, results: Results) -> StudyTabl
     for run in plan.comparison_runs(parameters):
         result = results[run.key]
         for place, seed in enumerate(run.test):
-            found_here = {method: counts[place] for method, counts in result["matrices"].items()}
-            matrices.setdefault(f"test_{seed}", {}).update(found_here)
+            here = {method: counts[place] for method, counts in result["matrices"].items()}
+            matrices.setdefault(f"test_{seed}", {}).update(here)
         per_street = result["facts"]["label_seconds"] / len(run.test)
         facts.append(result["facts"].assign(label_seconds=per_street))
-    ordered = {r: {m: found[m] for m in METHODS} for r, found in matrices.items()}
-    found = repetition_scores(ordered, classes=classes, given=GIVEN)
+    ordered = {street: {m: each[m] for m in METHODS} for street, each in matrices.items()}
+    scores = repetition_scores(ordered, classes=classes, given=PREDICTED)
     times = times_table(pd.concat(facts, ignore_index=True)).set_index("method").reindex(list(METHODS)).reset_index()
     hours = pd.DataFrame(HOURS, index=["paper_train_hours", "paper_label_hours"]).T
     size = _sensitivity(plan.size_runs(parameters), results, classes)
     radius = _sensitivity(plan.radius_runs(parameters), results, classes)
     return StudyTables(
-        scores=scores_frame(found, ordered, classes),
-        table_3=table_three(found),
-        differences=paired_differences(found),
+        scores=scores_frame(scores, ordered, classes),
+        table_3=table_three(scores),
+        differences=paired_differences(scores),
         patch_size=size,
         search_radius=radius,
         times=times.merge(hours, left_on="method", right_index=True, how="left"),
@@ -91,26 +82,26 @@ def study_tables(plan: StudyPlan, tried: Results, results: Results) -> StudyTabl
 
 
 def _sensitivity(runs: Mapping[float, StudyRun], results: Results, classes: Sequence[str]) -> pd.DataFrame:
-    found = {value: results[run.key] for value, run in runs.items()}
+    by_value = {value: results[run.key] for value, run in runs.items()}
     matrices = {
         value: {str(place): {REFINED: counts} for place, counts in enumerate(result["matrices"][REFINED])}
-        for value, result in found.items()
+        for value, result in by_value.items()
     }
-    facts = {value: result["facts"].query("method == @REFINED") for value, result in found.items()}
+    facts = {value: result["facts"].query("method == @REFINED") for value, result in by_value.items()}
     return sensitivity_table(matrices, facts, classes=classes)
 
 
 def scores_frame(
-    found: pd.DataFrame, matrices: Mapping[str, Mapping[str, NDArray[np.int64]]], classes: Sequence[str]
+    scores: pd.DataFrame, matrices: Mapping[str, Mapping[str, NDArray[np.int64]]], classes: Sequence[str]
 ) -> pd.DataFrame:
-    """Turn the scores of the repetitions into a table of scores."""
+    """Convert scores of `repetition_scores` to the common table of scores."""
     support = {
         (repetition, method): dict(zip(classes, matrix.sum(axis=1).tolist(), strict=True))
         for repetition, methods in matrices.items()
         for method, matrix in methods.items()
     }
     rows = []
-    for repetition, method, name, metric, value in found.itertuples(index=False, name=None):
+    for repetition, method, name, metric, value in scores.itertuples(index=False, name=None):
         counts = support[repetition, method]
         if name in CLASSES:
             rows.append((method, repetition, name, metric, value, counts[name]))
@@ -121,7 +112,7 @@ def scores_frame(
 
 
 def by_step(table: pd.DataFrame, name: str) -> pd.DataFrame:
-    """Turn a table of `sensitivity_table` into figures by step."""
+    """Convert a table of `sensitivity_table` to metrics by step in millimetres."""
     steps = (1000 * table["value"]).round().astype(np.int64)
     kept = table[[*MEANS, "train_seconds", "objective"]].astype(np.float64).dropna(axis="columns")
     kept.columns = [f"{name}_{str(column).replace(' ', '_')}" for column in kept.columns]

@@ -1,9 +1,9 @@
-"""What the workers of the study of Luo et al. 2016 do: cut a street into patches, train a method and score it."""
+"""Worker functions of the study of Luo et al. 2016: cut streets into patches, train and score methods."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -22,7 +22,9 @@ from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParam
 from mlsroad_pipeline.algorithms.patch_graph.refinement import refine
 from mlsroad_pipeline.algorithms.patches.extraction import Patches, PatchParameters
 from mlsroad_pipeline.algorithms.patches.labelling import (
+    PatchLabels,
     PatchStages,
+    ScenePatches,
     build_patches,
     label_patches,
 )
@@ -32,11 +34,30 @@ from mlsroad_pipeline.algorithms.stages import Ground
 from mlsroad_pipeline.studies.luo2016.parameters import GRAPH, REFINED
 from mlsroad_pipeline.studies.streets import timed
 
-Street = Mapping[str, Any]
-"""``points``, a cloud with ground and heights; ``patches`` and ``labels``, what `cut_patches` made of it."""
+
+class CutStreet(TypedDict):
+    """Patches of a street and their classes, from `cut_patches`."""
+
+    patches: ScenePatches
+    labels: PatchLabels
 
 
-def cut_patches(points: PointCloud, *, sizes: PatchParameters, scheme: ClassScheme) -> dict[str, Any]:
+class Street(CutStreet):
+    """Points of a street, with ground and heights, and its patches."""
+
+    points: PointCloud
+
+
+class RunResult(TypedDict):
+    """Scores and times of the methods of one run."""
+
+    # (streets, classes, classes + 1): method to the confusion matrix of each test street
+    matrices: dict[str, NDArray[np.int64]]
+    # one row per method: `train_seconds` and `label_seconds` (CPU time), and facts of the trained model
+    facts: pd.DataFrame
+
+
+def cut_patches(points: PointCloud, *, sizes: PatchParameters, scheme: ClassScheme) -> CutStreet:
     """Cut a street into patches and assign their classes."""
     patches = build_patches(points, _ground(points), sizes)
     return {"patches": patches, "labels": label_patches(points, patches, scheme)}
@@ -59,9 +80,9 @@ class _Tally:
         self.matrices[method].append(confusion_matrix(truth, labels, len(self.scheme)))
         self.facts[method]["label_seconds"] += seconds
 
-    def result(self) -> dict[str, Any]:
+    def result(self) -> RunResult:
         frame = pd.DataFrame([{"method": name, **facts} for name, facts in self.facts.items()])
-        return {"matrices": {name: np.array(found) for name, found in self.matrices.items()}, "facts": frame}
+        return {"matrices": {name: np.array(each) for name, each in self.matrices.items()}, "facts": frame}
 
 
 def train_and_score(
@@ -72,7 +93,7 @@ def train_and_score(
     parameters: Mapping[str, Any],
     stages: PatchStages,
     scheme: ClassScheme,
-) -> dict[str, Any]:
+) -> RunResult:
     """Train a method and score it at full resolution."""
     tally = _Tally(scheme)
     if method == shape_based.SLUG:
@@ -92,7 +113,7 @@ def train_and_score(
 def _test_streets(
     test: Mapping[str, Street], stages: PatchStages
 ) -> Iterator[tuple[PointCloud, Patches, NDArray[np.int32], Callable[[NDArray], NDArray[np.int16]]]]:
-    """Yield each test street's points, patches and edges, and what turns probabilities of patches into labels."""
+    """Yield points, patches and edges of each test street, and a function from patch probabilities to point labels."""
     for street in test.values():
         points, patches = street["points"], Patches.from_arrays(street["patches"])
 
@@ -140,10 +161,10 @@ def _run_graph(
         surveys=np.arange(n_streets, dtype=np.int32),
     )  # fmt: skip
     objective = transfer.graph.objective
-    told = {"objective": float(objective[-1]), "iterations": len(objective) - 1, "nodes": len(transfer.graph.labels)}
+    facts = {"objective": float(objective[-1]), "iterations": len(objective) - 1, "nodes": len(transfer.graph.labels)}
     chosen = {"smoothness": refined.parameters.smoothness, "colour_decay": refined.parameters.colour_decay}
-    tally.add(GRAPH, train_seconds=seconds, **told)
-    tally.add(REFINED, train_seconds=seconds + more, **told, **chosen)
+    tally.add(GRAPH, train_seconds=seconds, **facts)
+    tally.add(REFINED, train_seconds=seconds + more, **facts, **chosen)
     for points, patches, edges, vote in _test_streets(test, stages):
         transferred, first = timed(transfer.predict_proba, patches, edges)
         labels, second = timed(vote, transferred)
@@ -172,12 +193,11 @@ def _run_objects(
         return shape_based.fit(rows, parameters=parameters, stages=stages, scheme=tally.scheme, trained_on={})
 
     bundle, seconds = timed(learn)
-    given = bundle.metadata["classes_given"]
-    tally.add(shape_based.SLUG, train_seconds=seconds, classes_given=", ".join(given))
+    tally.add(shape_based.SLUG, train_seconds=seconds, classes_given=", ".join(bundle.metadata["classes_given"]))
     for street in test.values():
         points = street["points"]
-        found, taken = timed(shape_based.label_objects, points, _ground(points), street["patches"], bundle)
-        tally.count(shape_based.SLUG, points, found["label"], taken)
+        labels, used = timed(shape_based.label_objects, points, _ground(points), street["patches"], bundle)
+        tally.count(shape_based.SLUG, points, labels["label"], used)
 
 
 def _ground(points: PointCloud) -> Ground:

@@ -1,4 +1,4 @@
-"""The tables of Luo et al. 2016, section IV, made of confusion matrices: Table III, intervals, Figures 7 to 11."""
+"""Tables of Luo et al. 2016, section IV, from confusion matrices: Table III, intervals, Figures 7 to 11."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mlsroad_pipeline.studies.tables import paired_interval
 
 METRICS = ("precision", "recall", "f1")
 MEANS = {"mean of seven": CLASSES, "mean of five": OBJECTS}
-"""Rows of `class` that are means over classes: of all that the paper scores, and of those that are objects."""
+"""Means over classes, as rows of `class`: over all classes that the paper scores, and over the objects among them."""
 
 Matrices = Mapping[str, Mapping[str, NDArray[np.int64]]]
 """Repetition to method to confusion matrix."""
@@ -24,7 +24,10 @@ Matrices = Mapping[str, Mapping[str, NDArray[np.int64]]]
 def repetition_scores(
     matrices: Matrices, *, classes: Sequence[str], given: Mapping[str, Sequence[str]] | None = None
 ) -> pd.DataFrame:
-    """Score every method of every repetition per class, and take the means over classes."""
+    """Score every method of every repetition per class and average over classes.
+
+    `given` has the classes of methods that predict only some; the scores of their other classes are NaN.
+    """
     missing = [name for name in CLASSES if name not in classes]
     if missing:
         raise DataError(f"the scheme lacks the classes {', '.join(missing)} of luo2016")
@@ -46,9 +49,9 @@ def repetition_scores(
     return pd.DataFrame(rows, columns=["repetition", "method", "class", "metric", "value"])
 
 
-def table_three(found: pd.DataFrame) -> pd.DataFrame:
-    """Average the repetitions and set the paper's Table III beside them."""
-    grouped = found.groupby(["method", "class", "metric"], sort=False)["value"]
+def table_three(scored: pd.DataFrame) -> pd.DataFrame:
+    """Return mean and spread over the repetitions next to the paper's Table III."""
+    grouped = scored.groupby(["method", "class", "metric"], sort=False)["value"]
     table = grouped.agg(mean="mean", spread="std", repetitions="count").reset_index()
     paper = paper_scores()
     means = [
@@ -63,14 +66,16 @@ def table_three(found: pd.DataFrame) -> pd.DataFrame:
 
 
 def paired_differences(
-    found: pd.DataFrame, *, reference: str = "patch_graph_mrf", confidence: float = 0.95
+    scored: pd.DataFrame, *, reference: str = "patch_graph_mrf", confidence: float = 0.95
 ) -> pd.DataFrame:
     """Compare the mean F1 of every method with that of a reference, repetition by repetition."""
-    if reference not in set(found["method"]):
-        raise DataError(f"{reference} was not scored (methods: {', '.join(sorted(set(found['method'])))})")
+    if reference not in set(scored["method"]):
+        raise DataError(
+            f"reference method {reference} was not scored (methods: {', '.join(sorted(set(scored['method'])))})"
+        )
     rows = []
     for mean in MEANS:
-        chosen = found[(found["class"] == mean) & (found["metric"] == "f1")]
+        chosen = scored[(scored["class"] == mean) & (scored["metric"] == "f1")]
         wide = chosen.pivot(index="repetition", columns="method", values="value")
         for method in dict.fromkeys(chosen["method"]):
             centre, low, high, n = paired_interval((wide[method] - wide[reference]).to_numpy(), confidence)
@@ -85,15 +90,15 @@ def sensitivity_table(
     """Score a method at every value of a parameter."""
     rows = []
     for value in sorted(matrices):
-        found = repetition_scores(matrices[value], classes=classes)
-        f1 = found[found["metric"] == "f1"].groupby("class", sort=False)["value"].mean()
-        told = facts[value][["train_seconds", "objective"]].mean()
-        rows.append({"value": value, **f1.to_dict(), **told.to_dict()})
+        scored = repetition_scores(matrices[value], classes=classes)
+        f1 = scored[scored["metric"] == "f1"].groupby("class", sort=False)["value"].mean()
+        means = facts[value][["train_seconds", "objective"]].mean()
+        rows.append({"value": value, **f1.to_dict(), **means.to_dict()})
     return pd.DataFrame(rows, columns=["value", *CLASSES, *MEANS, "train_seconds", "objective"])
 
 
 def times_table(facts: pd.DataFrame) -> pd.DataFrame:
-    """Average the processor time of every method over the repetitions."""
+    """Average the CPU time of every method over the repetitions."""
     grouped = facts.groupby("method", sort=False)
     table = grouped[["train_seconds", "label_seconds"]].mean()
     return table.assign(trainings=grouped.size()).reset_index()

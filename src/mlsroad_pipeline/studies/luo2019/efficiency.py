@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from mlsroad_pipeline.algorithms.baselines.pointnet.parameters import PointNetParameters
@@ -16,13 +15,14 @@ from mlsroad_pipeline.algorithms.baselines.pointnet.recogniser import PointNet
 from mlsroad_pipeline.algorithms.jointnet.inputs import Points, encode
 from mlsroad_pipeline.algorithms.jointnet.network import JointNet
 from mlsroad_pipeline.algorithms.models.torch_training import reproducible
+from mlsroad_pipeline.studies.luo2019.runs import NetworkCost
 
 POINTS = 1000
-"""Points of the objects that are timed."""
+"""Points of each timed object."""
 
 
-def measure_network(*, parameters: Any, n_classes: int, n_iterations: int = 20) -> dict[str, NDArray]:
-    """Measure one network, on one thread of the processor, with a batch of random objects."""
+def measure_network(*, parameters: Any, n_classes: int, n_iterations: int = 20) -> NetworkCost:
+    """Measure one network on one CPU thread with a batch of random objects."""
     with reproducible(0):
         network, run = _pointnet(parameters, n_classes) if isinstance(parameters, PointNetParameters) else _jointnet(
             parameters, n_classes
@@ -67,10 +67,10 @@ def _jointnet(parameters: Any, n_classes: int) -> Measured:
         np.ones(size, bool),
     )
     images, measures = encode(points, parameters.inputs)
-    given = {view: torch.from_numpy(value) for view, value in images.items()}, torch.from_numpy(measures)
+    inputs = {view: torch.from_numpy(value) for view, value in images.items()}, torch.from_numpy(measures)
     network = JointNet(parameters, n_classes)
     target = torch.arange(size) % n_classes
-    return network, lambda: torch.stack([nn.functional.cross_entropy(head, target) for head in network(*given)]).sum()
+    return network, lambda: torch.stack([nn.functional.cross_entropy(head, target) for head in network(*inputs)]).sum()
 
 
 def _pointnet(parameters: PointNetParameters, n_classes: int) -> Measured:

@@ -1,4 +1,4 @@
-"""The figures that Luo et al. 2019 print, as plain numbers."""
+"""Results printed in Luo et al. 2019."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ OBJECTS: dict[str, dict[str, int]] = {
         "car": 1265, "light pole": 2500, "pedestrian": 740, "road sign": 855, "traffic sign": 2930, "tree": 1203,
     },
 }  # fmt: skip
-"""Objects of each class of HDRObject9 and SMDObject6 (section 4.1), under the names of the class schemes."""
+"""Objects of each class of HDRObject9 and SMDObject6 (section 4.1), by the names of the class schemes."""
 
 SPLITS = {"train": 0.7, "validation": 0.1, "test": 0.2}
 """Shares of the splits."""
 
-# Size of the model, memory of the GPU, one backward and one forward operation, recognition of both test sets.
+# Model size and GPU memory in MB, one backward and one forward pass in ms, recognition of both test sets in s.
 _TABLE_1 = {
     "sub-networks": (159, 14264, 38.06, 11.53, 17.16, 4.54),
     "jointnet": (223, 15647, 109.13, 33.91, 29.21, 7.69),
@@ -34,7 +34,7 @@ _TABLE_3 = {
     "GFH + SVM (De Deuge et al. 2013)": 0.67, "GFH + SVM (Chen et al. 2014)": 0.71, "VoxNet": 0.72, "BV-CNNs": 0.755,
     "ORION": 0.778, "LightNet": 0.798, "jointnet": 0.749,
 }  # fmt: skip
-# Dimension, size and memory in MB, one backward and one forward operation, recognition of both test sets.
+# Dimension, then the columns of Table 1.
 _TABLE_4: dict[str, tuple[float | None, ...]] = {
     "hierarchy_descriptor": (100, None, None, None, None, 173, 57),
     "spin_image": (153, None, None, None, None, 259, 79),

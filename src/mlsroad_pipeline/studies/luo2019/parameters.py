@@ -1,4 +1,4 @@
-"""What the study of Luo et al. 2019 runs: its scales, the disturbances, and the settings that are tried."""
+"""Parameters of the study of Luo et al. 2019: scales, disturbances and settings to try."""
 
 from __future__ import annotations
 
@@ -9,51 +9,46 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.jointnet.parameters import VIEWS
 from mlsroad_pipeline.algorithms.recognition.disturbances import PAPER_LEVELS, Disturbance
-from mlsroad_pipeline.studies.parameters import chosen_scale
+from mlsroad_pipeline.studies.parameters import ScaledStudy
 
 JOINTNET, PRINTED = "jointnet", "jointnet_printed"
 SUB_NETWORKS = tuple(f"{view}_net" for view in VIEWS)
-RIVALS = ("hierarchy_descriptor", "spin_image", "shot", "pointnet")
-METHODS = (JOINTNET, PRINTED, *SUB_NETWORKS, *RIVALS)
-"""All recognisers; the rivals stand in the order of the paper's Table 2."""
+BASELINES = ("hierarchy_descriptor", "spin_image", "shot", "pointnet")
+METHODS = (JOINTNET, PRINTED, *SUB_NETWORKS, *BASELINES)
+"""All recognisers; the baselines in the order of the paper's Table 2."""
 
 KINDS = ("noise", "keep", "outliers", "occlusion")
-"""The disturbances of Figures 12 and 13 in their order; `keep` is the share of the points that down-sampling leaves."""
+"""Disturbances in the order of Figures 12 and 13; `keep` is the share of points kept by down-sampling."""
 
 CLEAN, LABELS, COMBINED = "clean", "labels", "combined"
 
 
 @dataclass(frozen=True)
 class StudyScale:
-    """How large the study is.
+    """Levels and settings of one scale.
 
     Parameters
     ----------
     seeds : sequence of int
-        Seeds of the methods; each trains all of them anew, and what they recognise is counted together.
+        Seeds of the methods. All methods are trained once per seed; the counts of all seeds are summed.
     sizes : sequence of int
-        Image sizes of Figure 7, each tried for one kind of image while the others keep theirs (luo2019: 8 to 256). The
-        time of an image goes with its square.
+        Image sizes of Figure 7, each tried for one kind of image while the others keep theirs (luo2019: 8 to 256).
+        Computing time grows with the square of the size.
     noise, keep, outliers, occlusion : sequence of float
         Levels of test objects in Figure 12.
     training : mapping of str to sequence of float
         Levels of training objects in Figure 13, by kind; ``labels`` are shares of wrong classes (Figure 14c, luo2019:
         1/32 to 8/32).
     combined : sequence of sequence of float
-        Noise, share that is kept, outliers and occlusion of training objects in Figures 14a and 14b. The paper names
+        Noise, share of points kept, outliers and occlusion of training objects in Figures 14a and 14b. The paper gives
         the first, (0.01, 0.5, 0.05, 0.05).
     variants : mapping
-        What is different in JointNet's parameters for Figures 7, 13 and 14, which take many trainings.
+        Changes of JointNet's parameters for Figures 7, 13 and 14, which take many trainings.
     methods : mapping
         Slug to changes of the method's parameters at this scale.
     tuning : mapping
-        Slug to the settings of which the one with the highest accuracy on validation objects is taken. Methods without
-        settings here take their parameters, or choose by cross-validation.
-
-    Raises
-    ------
-    ParameterError
-        If a list is empty, a level is out of range, or a method is unknown.
+        Slug to the settings to try; the one with the highest accuracy on validation objects is used. Methods without
+        settings here use their parameters or choose by cross-validation.
     """
 
     seeds: Sequence[int]
@@ -84,22 +79,25 @@ class StudyScale:
         self.training_conditions()
 
     def conditions(self) -> dict[str, Disturbance]:
-        """Return how test objects are disturbed: name, such as ``noise=0.02``, to disturbance."""
-        found = {CLEAN: Disturbance(), **{f"level={i}": level for i, level in enumerate(PAPER_LEVELS, 1)}}
-        return found | {f"{kind}={v:g}": Disturbance(**{kind: v}) for kind in KINDS for v in getattr(self, kind)}
+        """Return the disturbances of test objects by name, such as ``noise=0.02``."""
+        fixed = {CLEAN: Disturbance(), **{f"level={i}": level for i, level in enumerate(PAPER_LEVELS, 1)}}
+        return fixed | {f"{kind}={v:g}": Disturbance(**{kind: v}) for kind in KINDS for v in getattr(self, kind)}
 
     def training_conditions(self) -> dict[str, tuple[Disturbance, float]]:
-        """Return how training objects are disturbed: name to disturbance and share of wrong classes."""
-        found = {CLEAN: (Disturbance(), 0.0)}
+        """Return the disturbances of training objects by name, each with its share of wrong classes."""
+        conditions = {CLEAN: (Disturbance(), 0.0)}
         for kind, levels in self.training.items():
             for v in levels:
                 wrong = kind == LABELS
-                found[f"{kind}={v:g}"] = (Disturbance() if wrong else Disturbance(**{kind: v}), v if wrong else 0.0)
+                conditions[f"{kind}={v:g}"] = (
+                    Disturbance() if wrong else Disturbance(**{kind: v}),
+                    v if wrong else 0.0,
+                )
         for i, values in enumerate(self.combined, 1):
             if len(values) != len(KINDS):
                 raise ParameterError(f"luo2019_study.combined must have four numbers each, got {list(values)}")
-            found[f"{COMBINED}={i}"] = (Disturbance(**dict(zip(KINDS, values, strict=True))), 0.0)
-        return found
+            conditions[f"{COMBINED}={i}"] = (Disturbance(**dict(zip(KINDS, values, strict=True))), 0.0)
+        return conditions
 
     def size_settings(self, sizes: Sequence[int]) -> dict[str, list[int]]:
         """Return the settings of Figure 7."""
@@ -111,38 +109,24 @@ class StudyScale:
 
 
 @dataclass(frozen=True)
-class StudyParameters:
-    """The study of Luo et al. 2019.
+class StudyParameters(ScaledStudy[StudyScale], group="luo2019_study", kind=StudyScale):
+    """Parameters of the study of Luo et al. 2019.
 
     Parameters
     ----------
     scale : str
-        Which of `scales` is run.
+        Name of the scale that is run.
     scales : mapping
-        Name to the fields of `StudyScale`.
+        Name of each scale to the fields of `StudyScale`.
     sydney : str, optional
-        Folder of the Sydney Urban Objects, whose folds are recognised too (Tables 2 and 3, Figures 11c and 12i to 12l);
-        None leaves them out.
+        Folder of the Sydney Urban Objects, whose folds are also recognised (Tables 2 and 3, Figures 11c and 12i to
+        12l); None omits them.
     seed : int
         Seed of the disturbances, which are the same for all methods.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such scale, or its fields are not those of `StudyScale`.
     """
 
-    scale: str
-    scales: Mapping[str, Any]
     sydney: str | None
     seed: int
-
-    def __post_init__(self) -> None:
-        self.chosen_scale()
-
-    def chosen_scale(self) -> StudyScale:
-        """Return the scale that is run."""
-        return chosen_scale(StudyScale, "luo2019_study", self.scale, self.scales)
 
 
 def seeded(parameters: Any, seed: int) -> Any:

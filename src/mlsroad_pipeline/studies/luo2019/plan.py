@@ -1,4 +1,4 @@
-"""The runs of the study of Luo et al. 2019: which method learns from what, and what it recognises."""
+"""Runs of the study of Luo et al. 2019 and their tasks."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.models import methods as method_table
 from mlsroad_pipeline.algorithms.recognition.disturbances import PAPER_LEVELS, Disturbance
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.studies.luo2019 import runs
 from mlsroad_pipeline.studies.luo2019.parameters import (
+    BASELINES,
     CLEAN,
     JOINTNET,
     METHODS,
-    RIVALS,
     SUB_NETWORKS,
     StudyParameters,
     StudyScale,
@@ -24,95 +28,57 @@ SYDNEY = "sydney"
 MAIN, SIZE, TRAINING = "main", "size", "training"
 """Groups of runs: all methods; Figure 7; Figures 13 and 14."""
 
+UNDISTURBED = Disturbance()
+
 
 @dataclass(frozen=True)
 class StudyRun:
-    """One method trained on one set.
+    """Training of one method on one set."""
 
-    Parameters
-    ----------
-    group : str
-        `MAIN`, `SIZE` or `TRAINING`.
-    dataset : str
-        The set.
-    setting : str
-        Which of the group's: the method, the image size, or how the training objects are disturbed.
-    method : str
-        The recogniser.
-    settings : tuple of dataclass
-        Its parameters; of several the one with the highest accuracy on validation objects is taken.
-    train : tuple of str
-        What it learns from.
-    validation : str or None
-        What settings are chosen by.
-    test : str
-        What it recognises.
-    conditions : mapping of str to Disturbance
-        How these are disturbed.
-    disturbance : Disturbance
-        How the training objects are disturbed.
-    wrong_labels : float
-        Share of the training objects that have a wrong class.
-    seed : int
-        Seed of the method.
-    """
-
-    group: str
-    dataset: str
-    setting: str
-    method: str
-    settings: tuple[Any, ...]
-    train: tuple[str, ...]
-    validation: str | None
-    test: str
-    conditions: Mapping[str, Disturbance]
-    disturbance: Disturbance
-    wrong_labels: float
-    seed: int
+    group: str  # `MAIN`, `SIZE` or `TRAINING`
+    dataset: str  # set of objects
+    setting: str  # run within the group: the method, the image size, or the disturbance of the training objects
+    method: str  # recogniser
+    settings: tuple[Any, ...]  # parameters to try; those with the highest accuracy on validation objects are used
+    train: tuple[str, ...]  # keys of the training objects
+    test: str  # key of the test objects
+    conditions: Mapping[str, Disturbance]  # disturbances of the test objects by name
+    seed: int  # seed of the method
+    validation: str | None = None  # key of the validation objects; None where there is one setting
+    disturbance: Disturbance = UNDISTURBED  # disturbance of the training objects
+    wrong_labels: float = 0.0  # share of training objects with a wrong class
 
     @property
     def key(self) -> str:
-        """Name of the run, as a store can hold it."""
+        """Return the key of the run in the store."""
         name = self.setting.replace("=", "-").replace(".", "_")
         return f"{self.group}.{self.test}.{name}.seed_{self.seed}"
 
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """What the study runs.
+    """Parameters of the study, and the runs that follow from them."""
 
-    Parameters
-    ----------
-    study : StudyParameters
-        What is run.
-    scale : StudyScale
-        How large.
-    sets : tuple of str
-        The simulated sets.
-    schemes : mapping of str to ClassScheme
-        Set to its classes.
-    folds : mapping of str to str
-        Fold of the Sydney Urban Objects to the file that lists its objects; empty without them.
-    methods : mapping
-        Slug to parameters.
-    """
+    study: StudyParameters  # scale, seed and folder of the Sydney Urban Objects
+    sets: tuple[str, ...]  # simulated sets
+    schemes: Mapping[str, ClassScheme]  # classes of each set
+    folds: Mapping[str, str]  # fold of the Sydney Urban Objects to the file that lists its objects; empty without them
+    methods: Mapping[str, Any]  # slug to parameters
 
-    study: StudyParameters
-    scale: StudyScale
-    sets: tuple[str, ...]
-    schemes: Mapping[str, ClassScheme]
-    folds: Mapping[str, str]
-    methods: Mapping[str, Any]
+    @property
+    def scale(self) -> StudyScale:
+        """Return the scale that is run."""
+        return self.study.chosen_scale()
 
     def runs(self) -> dict[str, StudyRun]:
         """Return all runs by their keys."""
-        found = [
+        every = [
             *(self._main(name, method, seed) for name in self.sets for method in METHODS for seed in self.scale.seeds),
             *(self._fold(fold, m, seed) for fold in self.folds for m in METHODS for seed in self.scale.seeds),
             *self._sizes(),
             *(self._training(name, setting) for name in self.sets for setting in self.scale.training_conditions()),
         ]
-        return {run.key: run for run in found}
+        return {run.key: run for run in every}
 
     def of_group(self, group: str) -> list[StudyRun]:
         """Return the runs of a group."""
@@ -125,17 +91,17 @@ class StudyPlan:
 
     def _main(self, name: str, method: str, seed: int) -> StudyRun:
         settings = self._settings(method, seed)
+        validation = f"{name}.validation" if len(settings) > 1 else None
         return StudyRun(
-            MAIN, name, method, method, settings, (f"{name}.train",),
-            f"{name}.validation" if len(settings) > 1 else None, f"{name}.test", self.scale.conditions(),
-            Disturbance(), 0.0, seed,
+            MAIN, name, method, method, settings, (f"{name}.train",), f"{name}.test", self.scale.conditions(), seed,
+            validation,
         )  # fmt: skip
 
     def _fold(self, fold: str, method: str, seed: int) -> StudyRun:
         others = tuple(f"{SYDNEY}.{other}" for other in self.folds if other != fold)
         return StudyRun(
-            MAIN, SYDNEY, method, method, self._settings(method, seed)[:1], others, None, f"{SYDNEY}.{fold}",
-            self.scale.conditions(), Disturbance(), 0.0, seed,
+            MAIN, SYDNEY, method, method, self._settings(method, seed)[:1], others, f"{SYDNEY}.{fold}",
+            self.scale.conditions(), seed,
         )  # fmt: skip
 
     def _variant(self) -> Any:
@@ -150,8 +116,8 @@ class StudyPlan:
         }
         return [
             StudyRun(
-                SIZE, name, setting, JOINTNET, (parameters,), (f"{name}.train",), None, f"{name}.test", levels,
-                Disturbance(), 0.0, self.scale.seeds[0],
+                SIZE, name, setting, JOINTNET, (parameters,), (f"{name}.train",), f"{name}.test", levels,
+                self.scale.seeds[0],
             )
             for setting, parameters in settings.items()
         ]  # fmt: skip
@@ -159,8 +125,8 @@ class StudyPlan:
     def _training(self, name: str, setting: str) -> StudyRun:
         disturbance, wrong = self.scale.training_conditions()[setting]
         return StudyRun(
-            TRAINING, name, setting, JOINTNET, (self._variant(),), (f"{name}.train",), None, f"{name}.test",
-            {CLEAN: Disturbance()}, disturbance, wrong, self.scale.seeds[0],
+            TRAINING, name, setting, JOINTNET, (self._variant(),), (f"{name}.train",), f"{name}.test",
+            {CLEAN: Disturbance()}, self.scale.seeds[0], disturbance=disturbance, wrong_labels=wrong,
         )  # fmt: skip
 
     def networks(self) -> dict[str, Any]:
@@ -168,5 +134,42 @@ class StudyPlan:
         return {
             method: self._settings(method, self.scale.seeds[0])[0]
             for method in METHODS
-            if method in (JOINTNET, *SUB_NETWORKS) or method == RIVALS[-1]
+            if method in (JOINTNET, *SUB_NETWORKS) or method == BASELINES[-1]
         }
+
+
+def measure_networks(plan: StudyPlan) -> dict[str, SceneTask]:
+    """Create one task per network that measures size, memory and time."""
+    n_classes = len(plan.schemes[plan.sets[0]])
+
+    def task(method: str, parameters: Any) -> SceneTask:
+        view = method_table.METHODS[method].variant
+        own = parameters.with_views(view) if view else parameters
+        return SceneTask(runs.measure_network, parameters={"parameters": own, "n_classes": n_classes})
+
+    return {method: task(method, parameters) for method, parameters in plan.networks().items()}
+
+
+def run_methods(plan: StudyPlan, sets: SceneCollection, folds: SceneCollection) -> dict[str, SceneTask]:
+    """Create one task per run that trains a method and recognises test objects."""
+
+    def task(run: StudyRun) -> SceneTask:
+        store = folds if run.dataset == SYDNEY else sets
+        inputs: dict[str, Any] = {"train": {key: store[key] for key in run.train}, "test": store[run.test]}
+        if run.validation is not None:
+            inputs["validation"] = store[run.validation]
+        return SceneTask(
+            runs.train_and_recognise,
+            inputs,
+            {
+                "method": run.method,
+                "settings": list(run.settings),
+                "conditions": dict(run.conditions),
+                "disturbance": run.disturbance,
+                "wrong_labels": run.wrong_labels,
+                "n_classes": len(plan.schemes[run.dataset]),
+                "seed": plan.study.seed,
+            },
+        )
+
+    return {key: task(run) for key, run in plan.runs().items()}

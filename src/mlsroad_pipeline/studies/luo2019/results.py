@@ -1,4 +1,4 @@
-"""From the results of all runs of the study of Luo et al. 2019 to its tables."""
+"""Tables of the study of Luo et al. 2019, made from the results of its runs."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.metrics.scores import recognition_scores
 from mlsroad_pipeline.studies.luo2019 import paper as luo2019_paper
-from mlsroad_pipeline.studies.luo2019.parameters import CLEAN, JOINTNET, METHODS, RIVALS, SUB_NETWORKS
+from mlsroad_pipeline.studies.luo2019.parameters import BASELINES, CLEAN, JOINTNET, METHODS, SUB_NETWORKS
 from mlsroad_pipeline.studies.luo2019.plan import MAIN, SIZE, SYDNEY, TRAINING, StudyPlan, StudyRun
+from mlsroad_pipeline.studies.luo2019.runs import NetworkCost, Recognised, TrainingFacts
 from mlsroad_pipeline.studies.luo2019.scores import (
     area_under,
     mean_figures,
@@ -24,69 +25,51 @@ from mlsroad_pipeline.studies.luo2019.scores import (
 )
 from mlsroad_pipeline.studies.tables import Tables
 
-Results = Mapping[str, Mapping[str, NDArray]]
-"""Key of a task to what it gave."""
+Results = Mapping[str, Recognised]
+"""Key of a run to its class scores."""
+
+Facts = Mapping[str, TrainingFacts]
+"""Key of a run to the facts of its training."""
 
 LEVELS = ("level=1", "level=2", "level=3")
-"""The paper's test sets 1, 2 and 3."""
+"""Test sets 1, 2 and 3 of the paper."""
 
 
 @dataclass(frozen=True)
 class StudyTables(Tables):
-    """The tables of the study.
+    """Tables of the study."""
 
-    Parameters
-    ----------
-    scores : DataFrame
-        A table of scores of undisturbed objects; its splits are the sets.
-    table_1, table_2, table_3, table_4 : DataFrame
-        The paper's tables, with its figures beside ours; table 3 is empty without the Sydney Urban Objects.
-    sub_networks : DataFrame
-        Figure 9: F1 of each class on the three disturbed test sets.
-    confusion_counts : DataFrame
-        Figure 10: objects by true and recognised class there.
-    robustness : DataFrame
-        Figure 12: accuracy and mean F1 of each method by disturbance of the test objects.
-    differences : DataFrame
-        Mean F1 of the other methods minus that of `jointnet`, under every disturbance, with 95 % intervals.
-    image_sizes : DataFrame
-        Figure 7, in numbers.
-    training : DataFrame
-        Figures 13 and 14: accuracy and mean F1 by disturbance of the training objects.
-    curves : DataFrame
-        Precision-recall curves of Figures 7, 11 and 14.
-    tuning : DataFrame
-        Settings that were tried on validation objects.
-    """
-
-    scores: pd.DataFrame
+    scores: pd.DataFrame  # table of scores of undisturbed objects; its splits are the sets
+    # table_1, table_2, table_3, table_4: the paper's tables with its values next to ours; table 3 is empty without
+    # the Sydney Urban Objects
     table_1: pd.DataFrame
     table_2: pd.DataFrame
     table_3: pd.DataFrame
     table_4: pd.DataFrame
-    sub_networks: pd.DataFrame
-    confusion_counts: pd.DataFrame
-    robustness: pd.DataFrame
+    sub_networks: pd.DataFrame  # Figure 9: F1 of each class on the three disturbed test sets
+    confusion_counts: pd.DataFrame  # Figure 10: objects by true and recognised class on the three disturbed test sets
+    robustness: pd.DataFrame  # Figure 12: accuracy and mean F1 of each method by disturbance of the test objects
+    # mean F1 of the other methods minus that of `jointnet`, under every disturbance, with 95 % intervals
     differences: pd.DataFrame
-    image_sizes: pd.DataFrame
-    training: pd.DataFrame
-    curves: pd.DataFrame
-    tuning: pd.DataFrame
+    image_sizes: pd.DataFrame  # Figure 7: accuracy, mean F1 and average precision by image size
+    training: pd.DataFrame  # Figures 13 and 14: accuracy and mean F1 by disturbance of the training objects
+    curves: pd.DataFrame  # precision-recall curves of Figures 7, 11 and 14
+    tuning: pd.DataFrame  # settings tried on validation objects
 
 
-class _Found:
-    """What some runs recognised under one condition, joined."""
+class _Condition:
+    """Joined class scores of several runs under one condition."""
 
     def __init__(self, runs: list[StudyRun], results: Results, condition: str, n_classes: int) -> None:
         row = [list(run.conditions).index(condition) for run in runs]
         each = [results[run.key] for run in runs]
         self.n_classes = n_classes
-        self.scores = np.concatenate([found["scores"][i] for i, found in zip(row, each, strict=True)])
-        self.label = np.concatenate([found["label"] for found in each])
-        # Objects in files are no street's: those of different folds must not meet.
+        self.scores = np.concatenate([one["scores"][i] for i, one in zip(row, each, strict=True)])
+        self.label = np.concatenate([one["label"] for one in each])
+        # Objects from files have no street: their numbers must differ between folds.
         fold = {test: k << 32 for k, test in enumerate(dict.fromkeys(run.test for run in runs))}
         self.street = np.concatenate([f["street"] + fold[r.test] for r, f in zip(runs, each, strict=True)])
-        self.seconds = sum(float(found["seconds"][i]) for i, found in zip(row, each, strict=True))
+        self.seconds = sum(float(one["seconds"][i]) for i, one in zip(row, each, strict=True))
 
     def by_street(self) -> dict[int, NDArray[np.int64]]:
         return street_confusions(self.label, self.scores.argmax(axis=1), self.street, self.n_classes)
@@ -99,7 +82,7 @@ class _Found:
         return pd.DataFrame({"threshold": threshold, "precision": precision, "recall": recall})
 
 
-def study_tables(plan: StudyPlan, results: Results, facts: Results, networks: Results) -> StudyTables:
+def study_tables(plan: StudyPlan, results: Results, facts: Facts, networks: Mapping[str, NetworkCost]) -> StudyTables:
     """Make the tables."""
     made = _Tables(plan, results, facts, networks)
     efficiency = made.efficiency()
@@ -111,7 +94,7 @@ def study_tables(plan: StudyPlan, results: Results, facts: Results, networks: Re
         table_1=_table_one(efficiency),
         table_2=made.table_two(),
         table_3=made.table_three(),
-        table_4=efficiency[efficiency["method"].isin((*RIVALS, JOINTNET))].merge(
+        table_4=efficiency[efficiency["method"].isin((*BASELINES, JOINTNET))].merge(
             luo2019_paper.table_four(), on="method", how="left"
         ),
         sub_networks=sub_networks,
@@ -133,9 +116,9 @@ def _table_one(efficiency: pd.DataFrame) -> pd.DataFrame:
 
 
 class _Tables:
-    """Makes the tables one by one."""
+    """Builder of the tables."""
 
-    def __init__(self, plan: StudyPlan, results: Results, facts: Results, networks: Results) -> None:
+    def __init__(self, plan: StudyPlan, results: Results, facts: Facts, networks: Mapping[str, NetworkCost]) -> None:
         self.plan, self.results, self.facts, self.networks = plan, results, facts, networks
         self.main = plan.of_group(MAIN)
         self.sets = tuple(dict.fromkeys(run.dataset for run in self.main))
@@ -146,13 +129,13 @@ class _Tables:
     def _of(self, name: str, method: str) -> list[StudyRun]:
         return [run for run in self.main if run.dataset == name and run.method == method]
 
-    def _found(self, name: str, method: str, condition: str) -> _Found:
-        return _Found(self._of(name, method), self.results, condition, len(self._scheme(name)))
+    def _under(self, name: str, method: str, condition: str) -> _Condition:
+        return _Condition(self._of(name, method), self.results, condition, len(self._scheme(name)))
 
     def scores(self) -> pd.DataFrame:
         tables = [
             recognition_scores(
-                self._found(name, method, CLEAN).matrix(), method=method, split=name, classes=self._scheme(name).classes
+                self._under(name, method, CLEAN).matrix(), method=method, split=name, classes=self._scheme(name).classes
             )
             for name in self.sets
             for method in METHODS
@@ -164,11 +147,11 @@ class _Tables:
         for name in self.sets:
             for method in METHODS:
                 runs = self._of(name, method)
-                # The paper's figures of Sydney are of its last fold alone.
+                # The paper's values for Sydney are those of the last fold.
                 runs = [run for run in runs if name != SYDNEY or run.test == runs[-1].test]
-                found = _Found(runs, self.results, CLEAN, len(self._scheme(name)))
-                objects = len(found.label) // len(self.plan.scale.seeds)
-                rows.append({"set": name, "method": method, "objects": objects, **mean_figures(found.matrix())})
+                clean = _Condition(runs, self.results, CLEAN, len(self._scheme(name)))
+                objects = len(clean.label) // len(self.plan.scale.seeds)
+                rows.append({"set": name, "method": method, "objects": objects, **mean_figures(clean.matrix())})
         return pd.DataFrame(rows).merge(luo2019_paper.table_two(), on=["set", "method"], how="left")
 
     def table_three(self) -> pd.DataFrame:
@@ -194,8 +177,8 @@ class _Tables:
                 "forward_ms": None if network is None else float(network["forward_ms"]),
             }
             for name in self.plan.sets:
-                found = self._found(name, method, CLEAN)
-                row[f"{name}_ms_per_object"] = 1000 * found.seconds / max(len(found.label), 1)
+                clean = self._under(name, method, CLEAN)
+                row[f"{name}_ms_per_object"] = 1000 * clean.seconds / max(len(clean.label), 1)
                 trained = [self.facts[run.key] for run in self._of(name, method)]
                 row[f"{name}_train_s"] = float(np.mean([f["train_seconds"] for f in trained]))
             rows.append(row)
@@ -206,7 +189,7 @@ class _Tables:
         classes = self._scheme(name).classes
         for level in LEVELS:
             for method in (*SUB_NETWORKS, JOINTNET):
-                matrix = self._found(name, method, level).matrix()
+                matrix = self._under(name, method, level).matrix()
                 table = recognition_scores(matrix, method=method, split=level, classes=classes)
                 mine = table[(table["metric"] == "f1") & (table["support"] > 0)]
                 rows.append(mine[["split", "method", "class", "value", "support"]])
@@ -221,7 +204,7 @@ class _Tables:
         for name in self.sets:
             for method in METHODS:
                 for condition in self.plan.scale.conditions():
-                    figures = mean_figures(self._found(name, method, condition).matrix())
+                    figures = mean_figures(self._under(name, method, condition).matrix())
                     rows.append({"set": name, "method": method, **_level(condition), **_chosen(figures)})
         return pd.DataFrame(rows)
 
@@ -229,7 +212,7 @@ class _Tables:
         rows = []
         for name in self.sets:
             for condition in self.plan.scale.conditions():
-                streets = {m: self._found(name, m, condition).by_street() for m in METHODS}
+                streets = {m: self._under(name, m, condition).by_street() for m in METHODS}
                 order = sorted(streets[JOINTNET])
                 own = [streets[JOINTNET][s] for s in order]
                 for method in METHODS:
@@ -245,21 +228,21 @@ class _Tables:
         rows, curves = [], []
         for run in self.plan.of_group(group):
             for condition in run.conditions:
-                found = _Found([run], self.results, condition, len(self._scheme(run.dataset)))
-                curve = found.curve()
+                one = _Condition([run], self.results, condition, len(self._scheme(run.dataset)))
+                curve = one.curve()
                 names = {"set": run.dataset, **_level(run.setting), "tested_on": condition}
                 area = area_under(curve["precision"].to_numpy(), curve["recall"].to_numpy())
-                rows.append({**names, **_chosen(mean_figures(found.matrix())), "average_precision": area})
+                rows.append({**names, **_chosen(mean_figures(one.matrix())), "average_precision": area})
                 curves.append(curve.assign(set=run.dataset, setting=run.setting, tested_on=condition))
         return pd.DataFrame(rows), pd.concat(curves, ignore_index=True) if curves else pd.DataFrame()
 
     def curves(self) -> pd.DataFrame:
-        found = [
-            self._found(name, method, CLEAN).curve().assign(set=name, setting=method, tested_on=CLEAN)
+        curves = [
+            self._under(name, method, CLEAN).curve().assign(set=name, setting=method, tested_on=CLEAN)
             for name in self.sets
             for method in METHODS
         ]
-        return pd.concat(found, ignore_index=True)
+        return pd.concat(curves, ignore_index=True)
 
     def tuning(self) -> pd.DataFrame:
         rows = []
@@ -268,15 +251,15 @@ class _Tables:
             if len(run.settings) > 1:
                 settings = self.plan.scale.tuning[run.method]
                 rows += [
-                    (run.dataset, run.method, run.seed, str(dict(given)), float(accuracy), i == int(facts["chosen"]))
-                    for i, (given, accuracy) in enumerate(zip(settings, facts["tried"], strict=True))
+                    (run.dataset, run.method, run.seed, str(dict(setting)), float(accuracy), i == int(facts["chosen"]))
+                    for i, (setting, accuracy) in enumerate(zip(settings, facts["tried"], strict=True))
                 ]
         columns = ["set", "method", "seed", "setting", "validation_accuracy", "chosen"]
         return pd.DataFrame(rows, columns=columns)
 
 
 def _level(name: str) -> dict[str, Any]:
-    """Split ``noise=0.02`` into the disturbance and its level; what has no level gets 0."""
+    """Split a name such as ``noise=0.02`` into disturbance and level; the level is 0 if there is none."""
     kind, _, value = name.partition("=")
     return {"disturbance": kind, "level": float(value) if value else 0.0}
 

@@ -1,11 +1,10 @@
-"""What the workers of the study of Luo et al. 2019 do: train a recogniser and let it recognise disturbed objects."""
+"""Worker functions of the study of Luo et al. 2019: train recognisers, recognise disturbed objects."""
 
 from __future__ import annotations
 
-import importlib
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,22 +15,58 @@ from mlsroad_pipeline.algorithms.recognition.recogniser import make_recogniser, 
 from mlsroad_pipeline.studies.luo2019.sets import StreetObjects
 
 
+class Recognised(TypedDict):
+    """Class scores of test objects under every condition."""
+
+    scores: NDArray[np.floating]  # (conditions, objects, classes): class scores
+    label: NDArray[np.integer]  # (objects,): true classes
+    street: NDArray[np.int64]  # (objects,): seed of the street, or number of the object where it comes from a file
+    seconds: NDArray[np.float64]  # (conditions,): CPU time of recognition
+
+
+class TrainingFacts(TypedDict):
+    """Facts of a trained recogniser, as arrays."""
+
+    train_seconds: NDArray[np.floating]  # CPU time of training
+    model_bytes: NDArray[np.integer]  # size of the model
+    objects: NDArray[np.integer]  # number of training objects
+    dimension: NDArray[np.integer]  # length of the descriptor; 0 for networks
+    tried: NDArray[np.floating]  # (settings,): accuracy of each setting on validation objects; NaN without them
+    chosen: NDArray[np.integer]  # index of the setting that is used
+
+
+class Recognition(TypedDict):
+    """Result of a run, in the parts of the store."""
+
+    results: Recognised
+    facts: TrainingFacts
+
+
+class NetworkCost(TypedDict):
+    """Size of a network in bytes, memory of a training step in bytes, time per batch in milliseconds."""
+
+    weight_bytes: NDArray[np.integer]
+    memory_bytes: NDArray[np.integer]
+    forward_ms: NDArray[np.floating]
+    backward_ms: NDArray[np.floating]
+
+
 def disturb_objects(objects: ObjectSet, disturbance: Disturbance, seed: int) -> ObjectSet:
     """Disturb each object of a set."""
     if disturbance == Disturbance() or not len(objects):
         return objects
     seeds = np.random.SeedSequence(seed).generate_state(len(objects), np.uint64)
     intensities = objects.intensities
-    found = [
+    disturbed = [
         disturb(xyz, disturbance, seed=int(own), intensity=None if intensities is None else intensities[i])
         for i, (xyz, own) in enumerate(zip(objects.objects, seeds, strict=True))
     ]
-    values = None if intensities is None else [value for _, value in found if value is not None]
-    return ObjectSet.from_objects([xyz for xyz, _ in found], objects.label, values)
+    values = None if intensities is None else [value for _, value in disturbed if value is not None]
+    return ObjectSet.from_objects([xyz for xyz, _ in disturbed], objects.label, values)
 
 
 def mislabel(objects: ObjectSet, share: float, seed: int) -> ObjectSet:
-    """Give some objects a wrong class."""
+    """Assign a wrong class to a share of the objects."""
     rng = np.random.default_rng(seed)
     rows = rng.choice(len(objects), round(share * len(objects)), replace=False)
     classes, own = np.unique(objects.label, return_inverse=True)
@@ -52,8 +87,8 @@ def train_and_recognise(
     wrong_labels: float,
     n_classes: int,
     seed: int,
-) -> dict[str, dict[str, NDArray]]:
-    """Train a recogniser and let it recognise test objects under every disturbance."""
+) -> Recognition:
+    """Train a recogniser and recognise test objects under every disturbance."""
     learned = ObjectSet.join([ObjectSet.from_arrays(train[key]) for key in sorted(train)])
     learned = mislabel(disturb_objects(learned, disturbance, seed + 1), wrong_labels, seed + 2)
     fitted, tried, seconds = [], [], []
@@ -66,27 +101,27 @@ def train_and_recognise(
             np.nan if validation is None else _accuracy(recogniser, ObjectSet.from_arrays(validation), n_classes)
         )
     chosen = int(np.argmax(tried)) if validation is not None else 0
-    given, found = ObjectSet.from_arrays(test), fitted[chosen]
-    probabilities(found, given.take(np.arange(min(len(given), 1))), n_classes)  # compiles what the times shall not have
+    objects, recogniser = ObjectSet.from_arrays(test), fitted[chosen]
+    probabilities(recogniser, objects.take(np.arange(min(len(objects), 1))), n_classes)  # compilation is not timed
     scores, times = [], []
     for level in conditions.values():
-        objects = disturb_objects(given, level, seed)
+        disturbed = disturb_objects(objects, level, seed)
         start = time.process_time()
-        scores.append(probabilities(found, objects, n_classes)["scores"])
+        scores.append(probabilities(recogniser, disturbed, n_classes)["scores"])
         times.append(time.process_time() - start)
-    describe = getattr(found, "describe_objects", None)
-    facts = {
+    describe = getattr(recogniser, "describe_objects", None)
+    facts: TrainingFacts = {
         "train_seconds": np.array(seconds[chosen]),
-        "model_bytes": np.array(sum(array.nbytes for array in found.to_arrays().values())),
+        "model_bytes": np.array(sum(array.nbytes for array in recogniser.to_arrays().values())),
         "objects": np.array(len(learned)),
-        "dimension": np.array(0 if describe is None else describe(given.objects[:1], found.radius_).shape[1]),
+        "dimension": np.array(0 if describe is None else describe(objects.objects[:1], recogniser.radius_).shape[1]),
         "tried": np.array(tried),
         "chosen": np.array(chosen),
     }
-    results: dict[str, NDArray] = {
+    results: Recognised = {
         "scores": np.stack(scores),
-        "label": given.label,
-        "street": np.asarray(test.get("street", np.arange(len(given)))),
+        "label": objects.label,
+        "street": np.asarray(test.get("street", np.arange(len(objects)))),
         "seconds": np.array(times),
     }
     return {"results": results, "facts": facts}
@@ -96,8 +131,8 @@ def _accuracy(recogniser: Any, objects: ObjectSet, n_classes: int) -> float:
     return float((probabilities(recogniser, objects, n_classes)["label"] == objects.label).mean())
 
 
-def measure_network(*, parameters: Any, n_classes: int) -> dict[str, NDArray]:
-    """Measure one network as `luo2019_efficiency.measure_network` does; PyTorch is imported here alone."""
-    module = importlib.import_module("mlsroad_pipeline.studies.luo2019.efficiency")
-    found: dict[str, NDArray] = module.measure_network(parameters=parameters, n_classes=n_classes)
-    return found
+def measure_network(*, parameters: Any, n_classes: int) -> NetworkCost:
+    """Measure size, memory and time of one network."""
+    from mlsroad_pipeline.studies.luo2019 import efficiency  # noqa: PLC0415  # only the worker imports PyTorch
+
+    return efficiency.measure_network(parameters=parameters, n_classes=n_classes)

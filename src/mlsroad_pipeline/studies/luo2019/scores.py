@@ -1,4 +1,4 @@
-"""The figures of Luo et al. 2019, section 4, made of the scores of recognised objects."""
+"""Metrics of Luo et al. 2019, section 4, from class scores of objects."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 
 N_THRESHOLDS = 201
-"""Thresholds of a precision-recall curve, evenly from 0 to 1."""
+"""Number of thresholds of a precision-recall curve, evenly spaced from 0 to 1."""
 
 N_DRAWS = 2000
-"""Draws of streets that an interval is made of."""
+"""Bootstrap samples of streets per interval."""
 
 
 def precision_recall(
     scores: NDArray[np.floating], label: NDArray[np.integer]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Follow precision and recall as the paper does: an object is of each class i with ``|1 - S_i|`` below a threshold.
+    """Return thresholds, precision and recall as in the paper: an object has every class i with ``|1 - S_i|`` below
+    the threshold.
 
-    Equations 14 and 15, averaged over the classes that occur. A class that no object is taken for has no precision and
-    is left out of its mean.
+    Equations 14 and 15, averaged over the classes that occur. A class without predicted objects has no precision and is
+    excluded from its mean.
     """
     if not len(label):
         return np.zeros(0), np.zeros(0), np.zeros(0)
@@ -39,14 +40,14 @@ def precision_recall(
 
 
 def area_under(precision: NDArray[np.float64], recall: NDArray[np.float64]) -> float:
-    """Return the area under a curve of rising recall, by steps."""
+    """Return the area under a step curve of rising recall."""
     return float(np.diff(recall, prepend=0.0) @ precision) if len(recall) else float("nan")
 
 
 def street_confusions(
     label: NDArray[np.integer], predicted: NDArray[np.integer], street: NDArray[np.integer], n_classes: int
 ) -> dict[int, NDArray[np.int64]]:
-    """Count classes street by street."""
+    """Return the confusion matrix of each street."""
     return {
         int(s): confusion_matrix(label[street == s], predicted[street == s], n_classes)[:, :n_classes]
         for s in np.unique(street)
@@ -54,7 +55,7 @@ def street_confusions(
 
 
 def mean_f1(matrices: NDArray[np.number]) -> NDArray[np.float64]:
-    """Return the mean F1 over the classes that have objects, of many confusion matrices at once."""
+    """Return the mean F1 over the classes that have objects, for a stack of confusion matrices."""
     counts = np.asarray(matrices, dtype=np.float64)
     hits = np.diagonal(counts, axis1=-2, axis2=-1)
     support, named = counts.sum(axis=-1), counts.sum(axis=-2)
@@ -64,7 +65,7 @@ def mean_f1(matrices: NDArray[np.number]) -> NDArray[np.float64]:
 
 
 def mean_figures(matrix: NDArray[np.integer]) -> dict[str, float]:
-    """Return means over the classes that have objects, and the accuracy (equations 14 to 17)."""
+    """Return means over the classes that have objects, and accuracy (equations 14 to 17)."""
     counts = np.asarray(matrix, dtype=np.float64)
     hits, support, named = np.diagonal(counts), counts.sum(axis=1), counts.sum(axis=0)
     seen = support > 0
@@ -86,10 +87,10 @@ def paired_interval(
     n_draws: int = N_DRAWS,
     confidence: float = 0.95,
 ) -> tuple[float, float, float]:
-    """Compare the mean F1 of two methods on the same streets.
+    """Return the difference in mean F1 of two methods and its bootstrap interval.
 
-    Streets are drawn with replacement, the same ones for both methods, and the matrices of the drawn ones summed: an
-    object's neighbours on its street are no evidence of their own.
+    Streets, not objects, are sampled with replacement, because objects of a street are not independent. Both methods
+    get the same streets, whose confusion matrices are summed.
     """
     one, two = np.stack(first).astype(np.float64), np.stack(second).astype(np.float64)
     n = len(one)

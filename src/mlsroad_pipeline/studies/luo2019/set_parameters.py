@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,31 +13,27 @@ from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.algorithms.recognition.cutting import RecognitionParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import METHODS
 from mlsroad_pipeline.studies.luo2019 import paper as luo2019_paper
+from mlsroad_pipeline.studies.parameters import from_fields, scale_values
 
 BY_HAND = "by_hand"
-"""In place of a segmentation: objects are the simulator's instances."""
+"""Name for objects that are the simulator's instances instead of segments."""
 
 
 @dataclass(frozen=True)
 class ObjectSetParameters:
-    """One simulated set of objects.
+    """Parameters of one simulated set of objects.
 
     Parameters
     ----------
     share : float
-        Objects as a share of the paper's; 1 is as many. Every class has the same share, so that the imbalance is the
-        paper's, as far as there are enough objects in the streets.
+        Objects as a share of the paper's; 1 is the same number. Every class has the same share, so that the class
+        imbalance is the paper's as far as the streets have enough objects.
     survey : mapping
         ``preset`` and changes of `SimulationParameters`, without the seed.
     first_seed : int
-        Seed of the first street; the others follow.
+        Seed of the first street; the seeds are consecutive.
     streets : int
-        Streets, at least 3: every split has at least one.
-
-    Raises
-    ------
-    ParameterError
-        If a number is out of range or the survey names a seed.
+        Number of streets, at least 3: every split has at least one.
     """
 
     share: float
@@ -54,10 +50,12 @@ class ObjectSetParameters:
                 f"got {self.streets!r} and {self.first_seed!r}"
             )
         if "seed" in self.survey:
-            raise ParameterError("simulated_objects: the seeds of the streets follow from first_seed")
+            raise ParameterError(
+                "simulated_objects: survey must not have a seed; the seeds of the streets follow from first_seed"
+            )
 
     def seeds_of_splits(self) -> dict[str, list[int]]:
-        """Share the streets out."""
+        """Return the seeds of the streets of each split."""
         counts = {name: max(round(share * self.streets), 1) for name, share in luo2019_paper.SPLITS.items()}
         counts["train"] = self.streets - counts["validation"] - counts["test"]
         bounds = np.cumsum([self.first_seed, *counts.values()])
@@ -66,28 +64,23 @@ class ObjectSetParameters:
 
 @dataclass(frozen=True)
 class CutParameters:
-    """Which segments are objects of a set.
+    """Selection of the segments that become objects of a set.
 
     Parameters
     ----------
     min_points : int
-        Smaller ones are left out.
+        Fewest points of an object; smaller segments are excluded.
     purity : float
-        Share of a segment's points that must be of instances of its class; mixed ones are left out.
+        Smallest share of a segment's points in instances of its class; mixed segments are excluded.
     completeness : float
-        Share of an instance's points that a segment must hold; smaller pieces are left out.
+        Smallest share of an instance's points in its segment; smaller fragments are excluded.
     max_points : int
-        Of larger objects as many points are drawn.
+        Most points of an object; larger ones are sampled randomly.
     segmentation : str
         Name of the segmentation, see `SegmentationParameters`; its parameters are those of the stage. "by_hand" takes
         the simulator's instances instead, as the paper's objects were separated by hand.
     reach : float
-        Points farther from the track than this are left out, metres.
-
-    Raises
-    ------
-    ParameterError
-        If a value is out of range.
+        Largest distance of points from the track, metres.
     """
 
     min_points: int
@@ -113,23 +106,18 @@ class CutParameters:
 
 @dataclass(frozen=True)
 class SimulatedObjectsParameters:
-    """The simulated sets.
+    """Parameters of the simulated sets.
 
     Parameters
     ----------
     scale : str
-        Which of `scales` is made.
+        Name of the scale that is made.
     scales : mapping
-        Name to set, one of ``hdr9`` and ``smd6``, to the fields of `ObjectSetParameters`.
+        Name of each scale to its sets, ``hdr9`` or ``smd6``, each with the fields of `ObjectSetParameters`.
     cut : CutParameters or mapping
-        Which segments are objects.
+        Selection of the segments that become objects.
     seed : int
-        Seed of the draws.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such scale, or it is wrong.
+        Seed of the sampling of objects.
     """
 
     scale: str
@@ -140,21 +128,14 @@ class SimulatedObjectsParameters:
     def __post_init__(self) -> None:
         if isinstance(self.cut, Mapping):
             object.__setattr__(self, "cut", CutParameters(**self.cut))
-        if self.scale not in self.scales:
-            raise ParameterError(
-                f"simulated_objects.scale {self.scale!r} is unknown (scales: {', '.join(self.scales)})"
-            )
         self.chosen_sets()
 
     def chosen_sets(self) -> dict[str, ObjectSetParameters]:
-        """Return the sets that are made."""
-        known = sorted(entry.name for entry in fields(ObjectSetParameters))
-        found = {}
-        for name, given in self.scales[self.scale].items():
+        """Return the parameters of the sets of the scale."""
+        sets = {}
+        for name, values in scale_values("simulated_objects", self.scale, self.scales).items():
             where = f"simulated_objects.scales.{self.scale}.{name}"
             if name not in luo2019_paper.OBJECTS:
-                raise ParameterError(f"{where}: the paper has no such set ({', '.join(luo2019_paper.OBJECTS)})")
-            if sorted(given) != known:
-                raise ParameterError(f"{where} must have {known}, got {sorted(given)}")
-            found[name] = ObjectSetParameters(**given)
-        return found
+                raise ParameterError(f"{where}: the paper has no such set (sets: {', '.join(luo2019_paper.OBJECTS)})")
+            sets[name] = from_fields(ObjectSetParameters, where, values)
+        return sets

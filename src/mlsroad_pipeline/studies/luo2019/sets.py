@@ -1,4 +1,4 @@
-"""Simulated sets of objects that mirror HDRObject9 and SMDObject6: classes, imbalance, split (Luo et al. 2019)."""
+"""Simulated sets of objects with the classes, imbalance and split of HDRObject9 and SMDObject6 (Luo et al. 2019)."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def cut_street(
     wanted: Sequence[str],
     parameters: CutParameters,
 ) -> StreetObjects:
-    """Simulate a street, segment it, and name its objects by the truth of their points."""
+    """Simulate a street, segment it, and assign its objects the true classes of their points."""
     columns = ("intensity", "gps_time", "scanner", "label", "instance")
     street = make_street(simulation=simulation, ground=ground, columns=columns, reach=parameters.reach)
     whole = street.with_columns(core=np.ones(len(street), dtype=np.bool_))
@@ -80,9 +80,9 @@ def name_segments(
     purity: float,
     completeness: float,
 ) -> NDArray[np.int16]:
-    """Name segments by the instance that most of their points belong to.
+    """Assign each segment the class of the instance that most of its points belong to.
 
-    A gantry is a gantry with the signs that hang on it, which have a class of their own but not an instance.
+    Signs on a gantry have a class but no instance of their own; they belong to the gantry.
     """
     label = np.full(int(segments.max(initial=-1)) + 1, IGNORE, dtype=np.int16)
     pairs = find_overlaps(instances, segments)
@@ -102,7 +102,7 @@ def name_segments(
 
 
 def thin(objects: ObjectSet, max_points: int, seed: int) -> ObjectSet:
-    """Draw points of large objects."""
+    """Sample points of large objects."""
     rng = np.random.default_rng(seed)
     counts = np.diff(objects.indptr)
     rows = [
@@ -116,7 +116,7 @@ def thin(objects: ObjectSet, max_points: int, seed: int) -> ObjectSet:
 
 
 def draw_split(streets: Mapping[str, StreetObjects], *, limits: Mapping[int, int], seed: int) -> SplitObjects:
-    """Join the objects of a split's streets and draw as many of each class as the set shall have."""
+    """Join the objects of a split's streets and sample up to a number of objects per class."""
     joined = ObjectSet.join([ObjectSet.from_arrays(streets[key]) for key in sorted(streets)])
     street = np.concatenate([streets[key]["street"] for key in sorted(streets)])
     rng = np.random.default_rng(seed)
@@ -127,7 +127,7 @@ def draw_split(streets: Mapping[str, StreetObjects], *, limits: Mapping[int, int
 
 
 def wanted_objects(name: str, parameters: ObjectSetParameters, scheme: ClassScheme) -> dict[str, dict[int, int]]:
-    """Return how many objects of each class every split shall have."""
+    """Return the wanted number of objects of each class in every split."""
     return {
         split: {
             scheme.classes.index(c): max(round(parameters.share * share * n), 1)
@@ -138,26 +138,26 @@ def wanted_objects(name: str, parameters: ObjectSetParameters, scheme: ClassSche
 
 
 def composition_table(
-    sets: Mapping[str, Mapping[str, NDArray]],
+    sets: Mapping[str, SplitObjects],
     wanted: Mapping[str, Mapping[int, int]],
     schemes: Mapping[str, ClassScheme],
 ) -> pd.DataFrame:
-    """Tell what the sets are made of."""
+    """Return the wanted, available and sampled objects of each class and split."""
     rows = []
-    for key, found in sets.items():
+    for key, one in sets.items():
         name, _, split = key.partition(".")
-        sizes = np.diff(found["indptr"])
+        sizes = np.diff(one["indptr"])
         for label, number in wanted[key].items():
-            mine, named = found["label"] == label, schemes[name].classes[label]
+            mine, named = one["label"] == label, schemes[name].classes[label]
             rows.append(
                 {
                     "set": name,
                     "split": split,
                     "class": named,
-                    "streets": len(np.unique(found["street"][mine])),
+                    "streets": len(np.unique(one["street"][mine])),
                     "paper": luo2019_paper.OBJECTS[name][named],
                     "wanted": number,
-                    "found": int(found["found"][label]),
+                    "found": int(one["found"][label]),
                     "objects": int(mine.sum()),
                     "median_points": float(np.median(sizes[mine])) if mine.any() else np.nan,
                 }

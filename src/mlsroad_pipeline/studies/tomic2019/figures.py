@@ -1,4 +1,4 @@
-"""Figures of the study of Tomic et al. 2019: its Figures 10 to 13 of one survey, and F1 of all classes."""
+"""Figures of the study of Tomic et al. 2019: F1 of all classes, and Figures 10 to 13 for the first survey."""
 
 from __future__ import annotations
 
@@ -13,16 +13,26 @@ from mlsroad_pipeline.algorithms.core.palette import class_palette
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.fusion.two_methods import best_labels
 from mlsroad_pipeline.algorithms.image_labels.cityscapes import encode_label_image
+from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labelling_pictures
 from mlsroad_pipeline.reporting.clouds.view import View, birds_eye_view, look_at
 from mlsroad_pipeline.studies.figures import draw_bars, draw_panels, legend_below, name_axes
 from mlsroad_pipeline.studies.tomic2019.plan import PRINTED, StudyPlan
-from mlsroad_pipeline.studies.tomic2019.results import StudyTables, answer_name
+from mlsroad_pipeline.studies.tomic2019.results import StudyTables, method_name
 from mlsroad_pipeline.studies.tomic2019.scores import FEATURES, IMAGES, POOL, RULE
 
 SKY_COLOUR = (190, 215, 240)
 REACH = 25.0
-"""Points farther from the middle of the road than this are left out of the clouds, metres."""
+"""Largest distance of drawn points from the middle of the road, metres."""
+
+CAPTIONS = {
+    "f1": "F1 of the classes on test set 2, mean and spread over the surveys",
+    "figure_10": "Figure 10: method 1 as printed on test set 1 of the first survey, from above",
+    "figure_11": "Figure 11: part of a facade with most errors of method 1",
+    "figure_12": "Figure 12: an image, its segmentation, and the labels of test set 1 through its camera",
+    "figure_13": "Figure 13: test set 2 of the first survey, from above",
+}
+"""Name of each figure to its caption."""
 
 Arrays = Mapping[str, NDArray]
 
@@ -30,15 +40,17 @@ Arrays = Mapping[str, NDArray]
 def study_figures(
     plan: StudyPlan,
     tables: StudyTables,
-    *,
-    points: PointCloud,
-    images: Arrays,
-    features: Arrays,
-    through_images: Arrays,
-    pixels: Arrays,
-    answers: Arrays,
+    streets: SceneCollection,
+    by_features: SceneCollection,
+    by_images: SceneCollection,
+    runs: SceneCollection,
 ) -> tuple[Figure, ...]:
-    """Draw the figures."""
+    """Draw the figures in the order of `CAPTIONS`."""
+    street = plan.streets[0]
+    key = f"{PRINTED}.{street}"
+    points, images = (streets.part(part)[street].load() for part in ("points", "images"))
+    through_images, pixels = (by_images.part(part)[street].load() for part in ("labels", "pixels"))
+    features, fused = by_features.part("labels")[key].load(), runs.part("answers")[key].load()
     station = points["station"]
     half, first, second = (plan.division.rows(station, part) for part in ("test", "test1", "test2"))
     truth = plan.scheme.encode(points["label"], source=points.source)
@@ -55,14 +67,14 @@ def study_figures(
         _segmented(plan, images, pixels, points.xyz[first], seen),
         _from_above(
             plan, points.xyz[second[far]],
-            {"truth": truth[second[far]], **{name: answers[key][far] for name, key in
+            {"truth": truth[second[far]], **{name: fused[labelling][far] for name, labelling in
              (("method 1", FEATURES), ("images", IMAGES), ("fusion", RULE), ("probabilistic fusion", POOL))}},
         ),
     )  # fmt: skip
 
 
 def _near(points: PointCloud, rows: NDArray[np.int64], images: Arrays) -> NDArray[np.bool_]:
-    """Tell which points are near the road: the line along which the cameras went."""
+    """Return which points are near the road, a straight line through the camera positions."""
     track = np.stack([-turn.T @ shift for turn, shift in zip(images["R"], images["t"], strict=True)])[:, :2]
     middle = track.mean(axis=0)
     along = np.linalg.svd(track - middle)[2][0]
@@ -71,21 +83,21 @@ def _near(points: PointCloud, rows: NDArray[np.int64], images: Arrays) -> NDArra
 
 
 def _from_above(plan: StudyPlan, xyz: NDArray, labels: Mapping[str, NDArray]) -> Figure:
-    """Draw labellings of a part of the road seen from above, and where the last one errs."""
+    """Draw labellings of a part of the road from above."""
     view = birds_eye_view(xyz, width=1400, trim=0.002)
     return _labellings(plan, xyz, labels, view)
 
 
 def _labellings(plan: StudyPlan, xyz: NDArray, labels: Mapping[str, NDArray], view: View) -> Figure:
     pictures = {
-        name: labelling_pictures(xyz, view, classes=plan.scheme, predicted=given, splat_metres=0.12)["prediction"]
-        for name, given in labels.items()
+        name: labelling_pictures(xyz, view, classes=plan.scheme, predicted=label, splat_metres=0.12)["prediction"]
+        for name, label in labels.items()
     }
     return cloud_figure(pictures, view, classes=plan.scheme)
 
 
 def _facade(plan: StudyPlan, xyz: NDArray, truth: NDArray, labels: NDArray) -> Figure:
-    """Draw the piece of a facade that method 1 takes most for something else (Figure 11)."""
+    """Draw the part of a facade where method 1 has most errors (Figure 11)."""
     building = plan.scheme.classes.index("building")
     rows = np.flatnonzero(truth == building)
     wrong = rows[labels[rows] != building] if len(rows) else np.arange(len(xyz))
@@ -97,18 +109,18 @@ def _facade(plan: StudyPlan, xyz: NDArray, truth: NDArray, labels: NDArray) -> F
     side = towards / max(float(np.linalg.norm(towards)), 1e-9)
     eye = target + np.append(side * 16.0, 4.0)
     near = np.linalg.norm(xyz[:, :2] - target[:2], axis=1) <= 14.0
-    given = {"truth": truth[near], "method 1": labels[near]}
-    return _labellings(plan, xyz[near], given, look_at(eye, target, size=(1100, 700), field_of_view=65.0))
+    shown_labels = {"truth": truth[near], "method 1": labels[near]}
+    return _labellings(plan, xyz[near], shown_labels, look_at(eye, target, size=(1100, 700), field_of_view=65.0))
 
 
 def _segmented(plan: StudyPlan, images: Arrays, pixels: Arrays, xyz: NDArray, seen: NDArray) -> Figure:
-    """Draw an image, its classes, the true ones, and what the camera says of the points (Figure 12)."""
+    """Draw an image, its segmentation, its true classes, and the labels of points through its camera (Figure 12)."""
     row = int(pixels["image"])
     palette = np.vstack([class_palette(plan.scheme)[:-1], SKY_COLOUR, class_palette(plan.scheme)[-1:]])
     truth = encode_label_image(images["label"][row], plan.scheme)
-    given = seen != IGNORE
-    view = birds_eye_view(xyz[given], width=1400, trim=0.01) if given.any() else birds_eye_view(xyz, width=1400)
-    cloud = labelling_pictures(xyz[given], view, classes=plan.scheme, predicted=seen[given], splat_metres=0.12)
+    visible = seen != IGNORE
+    view = birds_eye_view(xyz[visible], width=1400, trim=0.01) if visible.any() else birds_eye_view(xyz, width=1400)
+    cloud = labelling_pictures(xyz[visible], view, classes=plan.scheme, predicted=seen[visible], splat_metres=0.12)
     camera = str(images["camera"][row]).replace("_", " ")
     figure, panels = draw_panels(2, rows=2, width=5.6, height=4.2)
     shown = (
@@ -129,15 +141,15 @@ def _segmented(plan: StudyPlan, images: Arrays, pixels: Arrays, xyz: NDArray, se
 
 
 def _bars(tables: StudyTables) -> Figure:
-    """Draw F1 of the classes on test set 2, the paper's as diamonds."""
+    """Draw F1 of the classes on test set 2, with the paper's values as diamonds."""
     figure, (axes,) = draw_panels(1, width=11, height=4.2)
     shown = {
-        PRINTED: tables.table_3, answer_name(IMAGES, ""): tables.table_4,
-        answer_name(RULE, PRINTED): tables.table_5, answer_name(POOL, PRINTED): tables.table_5,
+        PRINTED: tables.table_3, method_name(IMAGES, ""): tables.table_4,
+        method_name(RULE, PRINTED): tables.table_5, method_name(POOL, PRINTED): tables.table_5,
     }  # fmt: skip
     rows = {name: table[table["method"] == name].set_index("class") for name, table in shown.items()}
     classes = list(rows[PRINTED].index)
-    empty = dict.fromkeys([answer_name(POOL, PRINTED)], np.full(len(classes), np.nan))
+    empty = dict.fromkeys([method_name(POOL, PRINTED)], np.full(len(classes), np.nan))
     draw_bars(
         axes,
         classes,

@@ -1,4 +1,4 @@
-"""The figures that Tomic et al. 2019 print, as plain numbers."""
+"""Results printed in Tomic et al. 2019."""
 
 from __future__ import annotations
 
@@ -52,14 +52,14 @@ _SCORED = {FEATURES: _TABLE_3, IMAGES: _TABLE_4, FUSION: _TABLE_5}
 
 
 def table_one() -> pd.DataFrame:
-    """Return Table 1 in the classes of points and in categories."""
+    """Return Table 1 by classes of points and by categories."""
     rows: list[tuple[str, str, float, str]] = []
     iou = dict(zip(CITYSCAPES, _CITYSCAPES_IOU, strict=True))
     for name in (*CLASSES, SKY):
         own = [key for key, (_, becomes) in CITYSCAPES.items() if (becomes or SKY) == name]
         if own:
-            told = ", ".join(f"{key} {iou[key]:.3f}" for key in own)
-            rows.append(("class", name, sum(iou[key] for key in own) / len(own), told))
+            listed = ", ".join(f"{key} {iou[key]:.3f}" for key in own)
+            rows.append(("class", name, sum(iou[key] for key in own) / len(own), listed))
     rows.append(("class", "mean", CITYSCAPES_MEAN, "all 19"))
     rows += [("category", name, value, "") for name, value in _CATEGORY_IOU.items()]
     return pd.DataFrame(rows, columns=["kind", "name", "paper", "paper_classes"])

@@ -1,85 +1,82 @@
-"""What the study of Tomic et al. 2019 runs, street by street, and the worker that fuses what both methods say."""
+"""Plan of the study of Tomic et al. 2019 and its tasks."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import cycle
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.detrended_forest.labeller import StageParameters
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.studies.parameters import changed
+from mlsroad_pipeline.studies.tomic2019 import runs
 from mlsroad_pipeline.studies.tomic2019.parameters import (
     PAPER_COLUMNS,
     PAPER_FEATURES,
     Division,
     ForestVariant,
     StudyParameters,
+    StudyScale,
 )
-from mlsroad_pipeline.studies.tomic2019.scores import TestSet, fuse_test_sets
 
 PRINTED, OWN = "printed_forest", "detrended_forest"
 """Method 1 with the features of section 2.1, and with those of this project."""
 
-Arrays = Mapping[str, NDArray]
+NETWORK = "network"
+"""Key of the trained network."""
 
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """What the study runs.
+    """Parameters of all stages of the study."""
 
-    Parameters
-    ----------
-    study : StudyParameters
-        Scale, surveys and seeds.
-    scheme : ClassScheme
-        The classes.
-    ground : GroundParameters
-        The ground filter.
-    division : Division
-        Where surveys are cut.
-    forests : mapping of str to ForestVariant
-        `PRINTED` and `OWN` to method 1.
-    images : ImageLabelsParameters
-        Method 2.
-    pool : PoolParameters
-        The probabilistic fusion.
-    """
+    study: StudyParameters  # scale, surveys and seeds
+    scheme: ClassScheme  # classes
+    ground: GroundParameters  # ground filter
+    division: Division  # division of the surveys
+    forests: Mapping[str, ForestVariant]  # `PRINTED` and `OWN` to method 1
+    images: ImageLabelsParameters  # method 2
+    pool: PoolParameters  # probabilistic fusion
 
-    study: StudyParameters
-    scheme: ClassScheme
-    ground: GroundParameters
-    division: Division
-    forests: Mapping[str, ForestVariant]
-    images: ImageLabelsParameters
-    pool: PoolParameters
+    @property
+    def scale(self) -> StudyScale:
+        """Return the scale that is run."""
+        return self.study.chosen_scale()
 
     @property
     def streets(self) -> list[str]:
-        """Names of the surveys."""
-        return [street_key(seed) for seed in self.study.chosen_scale().seeds]
+        """Return the keys of the divided surveys."""
+        return [street_key(seed) for seed in self.scale.seeds]
+
+    def surveys(self) -> dict[str, dict[str, Any]]:
+        """Return the configuration of each divided survey."""
+        return {street_key(seed): {**self.scale.survey, "seed": seed} for seed in self.scale.seeds}
+
+    def photographed(self) -> dict[str, dict[str, Any]]:
+        """Return the configuration of each survey whose images train the network."""
+        kinds = zip(self.scale.photograph_seeds, cycle(self.scale.photographs), strict=False)
+        return {street_key(seed): {**kind, "seed": seed} for seed, kind in kinds}
 
     def training_street(self, street: str) -> str:
-        """Return the survey whose first half trains the feature-based method that labels a survey."""
-        if self.study.chosen_scale().train_on == "same":
+        """Return the survey whose first half trains the forest that labels a survey."""
+        if self.scale.train_on == "same":
             return street
         return self.streets[(self.streets.index(street) + 1) % len(self.streets)]
 
 
 def street_key(seed: int) -> str:
-    """Return the name of a street."""
+    """Return the key of a street."""
     return f"seed_{seed}"
 
 
-def make_plan(
+def plan_study(
     study: StudyParameters,
     scheme: ClassScheme,
     ground: GroundParameters,
@@ -91,7 +88,7 @@ def make_plan(
     *,
     length: float,
 ) -> StudyPlan:
-    """Put the study together, with what its scale changes."""
+    """Return the plan with the changes of the scale."""
     scale = study.chosen_scale()
     own = changed(forest, scale.methods.get("detrended_forest", {}))
     stages = StageParameters(ground, supervoxels, features)
@@ -106,32 +103,57 @@ def make_plan(
     )  # fmt: skip
 
 
-def fuse_survey(
-    points: PointCloud,
-    features: Arrays,
-    images: Arrays,
-    *,
-    division: Division,
-    scheme: ClassScheme,
-    pool: PoolParameters,
-) -> dict[str, Any]:
-    """Fuse what both methods say of a survey."""
-    half = division.rows(points["station"], "test")
-    truth = scheme.encode(points["label"], source=points.source)
-
-    def part(name: Any) -> TestSet:
-        rows = division.rows(points["station"], name)
-        at = np.searchsorted(half, rows)
-        given = (features["probabilities"][at], images["probabilities"][:, at])
-        return TestSet(truth[rows], *(table.astype(np.float32) for table in given))
-
-    found = fuse_test_sets(part("test1"), part("test2"), pool=pool)
-    results = {
-        **found.confusions,
-        "camera_f1": found.camera_f1,
-        "method_f1": found.method_f1,
-        "redundancy": found.redundancy,
-        "penalty": np.array(found.penalty),
-        "cameras": images["cameras"],
+def train_network(plan: StudyPlan, photographs: SceneCollection) -> dict[str, SceneTask]:
+    """Create the task that trains the network."""
+    images = photographs.part("images")
+    return {
+        NETWORK: SceneTask(
+            runs.train_network,
+            {"photographs": {key: images[key] for key in images}},
+            {"parameters": plan.images, "scheme": plan.scheme},
+        )
     }
-    return {"answers": found.answers, "results": results}
+
+
+def label_by_features(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
+    """Create one task per forest and survey: train on one half, label the other half."""
+    points = streets.part("points")
+    return {
+        f"{name}.{street}": SceneTask(
+            runs.train_and_label,
+            {"points": points[street], "training": points[plan.training_street(street)]},
+            {"variant": variant, "division": plan.division, "scheme": plan.scheme},
+        )
+        for name, variant in plan.forests.items()
+        for street in plan.streets
+    }
+
+
+def label_by_images(plan: StudyPlan, streets: SceneCollection, networks: SceneCollection) -> dict[str, SceneTask]:
+    """Create one task per survey that labels its test half through images."""
+    points, images = streets.part("points"), streets.part("images")
+    weights = networks.part("weights")[NETWORK]
+    return {
+        street: SceneTask(
+            runs.label_by_images,
+            {"points": points[street], "images": images[street], "network": weights},
+            {"parameters": plan.images, "division": plan.division, "scheme": plan.scheme},
+        )
+        for street in plan.streets
+    }
+
+
+def fuse_surveys(
+    plan: StudyPlan, streets: SceneCollection, features: SceneCollection, images: SceneCollection
+) -> dict[str, SceneTask]:
+    """Create one task per forest and survey that fuses its labels with those of the images."""
+    points, by_features, by_images = streets.part("points"), features.part("labels"), images.part("labels")
+    return {
+        f"{name}.{street}": SceneTask(
+            runs.fuse_survey,
+            {"points": points[street], "features": by_features[f"{name}.{street}"], "images": by_images[street]},
+            {"division": plan.division, "scheme": plan.scheme, "pool": plan.pool},
+        )
+        for name in plan.forests
+        for street in plan.streets
+    }

@@ -1,4 +1,4 @@
-"""What the workers of the study of Tomic et al. 2019 do: make surveys, label them by features and through images."""
+"""Worker functions of the study of Tomic et al. 2019: simulate surveys, label them by both methods, fuse."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from mlsroad_pipeline.algorithms.detrended_forest.labeller import prepare, super
 from mlsroad_pipeline.algorithms.detrended_forest.nearest import nearest_supervoxels
 from mlsroad_pipeline.algorithms.detrended_forest.training import fit as fit_forest
 from mlsroad_pipeline.algorithms.detrended_forest.training import training_rows
+from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
 from mlsroad_pipeline.algorithms.image_labels import labeller as image_labeller
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 from mlsroad_pipeline.algorithms.image_labels.cityscapes import (
@@ -38,9 +39,10 @@ from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.simulation.runtime.survey import Survey, simulate_survey
 from mlsroad_pipeline.studies.streets import cut_street, survey_path, timed
 from mlsroad_pipeline.studies.tomic2019.parameters import Division, ForestVariant, Part
+from mlsroad_pipeline.studies.tomic2019.scores import TestSet, fuse_test_sets
 
 COLUMNS = ("rgb", "intensity", "label")
-"""What the study keeps of the points."""
+"""Point attributes that the study keeps."""
 
 Arrays = Mapping[str, NDArray]
 
@@ -55,7 +57,7 @@ def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -
 
 
 def make_photographs(*, simulation: SimulationParameters, ground: GroundParameters) -> dict[str, Any]:
-    """Simulate a survey of which only the images are kept."""
+    """Simulate a survey and keep only its images."""
     del ground
     return {"images": pack_images(simulate_survey(simulation, n_threads=1))}
 
@@ -75,7 +77,7 @@ def pack_images(survey: Survey) -> dict[str, NDArray]:
 def train_network(
     photographs: Mapping[str, Arrays], *, parameters: ImageLabelsParameters, scheme: ClassScheme
 ) -> dict[str, Any]:
-    """Train the network on streets that no survey shows."""
+    """Train the network on images of other streets."""
     samples = [
         (rgb, encode_label_image(label, scheme))
         for images in photographs.values()
@@ -91,7 +93,7 @@ def train_network(
 def train_and_label(
     points: PointCloud, training: PointCloud, *, variant: ForestVariant, division: Division, scheme: ClassScheme
 ) -> dict[str, Any]:
-    """Train a forest on the training half of a survey and let it label the test half of another, or of the same."""
+    """Train a forest on the training half of one survey and label the test half of another or the same."""
 
     def known(cloud: PointCloud, part: Part) -> PointCloud:
         kept = {name: column for name, column in cloud.columns.items() if name in variant.columns}
@@ -106,7 +108,7 @@ def train_and_label(
 
 
 def _trained(cloud: PointCloud, variant: ForestVariant, scheme: ClassScheme) -> tuple[ModelBundle, dict[str, float]]:
-    """Return a forest with the features that the variant has, and what is told of it."""
+    """Return a forest trained on the features of a variant, and its facts."""
     stages = variant.stages
     ground = find_ground(cloud, stages.ground)
     supervoxels = build_supervoxels(cloud, stages.supervoxels)
@@ -136,7 +138,7 @@ def label_by_images(
     division: Division,
     scheme: ClassScheme,
 ) -> dict[str, Any]:
-    """Segment the images that show the test half of a survey and label its points through them."""
+    """Segment the images of the test half of a survey and label its points through them."""
     model = from_arrays(network, n_classes=len(image_classes(scheme)), backbone=parameters.network.backbone)
     test = division.rows(points["station"], "test")
     low, high = points["station"][test].min(), points["station"][test].max()
@@ -148,24 +150,24 @@ def label_by_images(
 
     def segmented() -> Iterator[tuple[str, Camera, NDArray[np.float32]]]:
         for row in taken.tolist():
-            given = segment_image(model, images["rgb"][row], magnification=parameters.magnification)
+            scores = segment_image(model, images["rgb"][row], magnification=parameters.magnification)
             if images["station"][row] >= low:
                 truth = encode_label_image(images["label"][row], scheme)
-                matrix[:] += confusion_matrix(truth.ravel(), given.argmax(axis=2).ravel(), len(names))
-                shown[row] = given.argmax(axis=2).astype(np.int16)
-            flat = point_probabilities(given.reshape(-1, len(names)), names, scheme)
-            yield str(images["camera"][row]), _camera(images, row), flat.reshape(*given.shape[:2], len(scheme))
+                matrix[:] += confusion_matrix(truth.ravel(), scores.argmax(axis=2).ravel(), len(names))
+                shown[row] = scores.argmax(axis=2).astype(np.int16)
+            flat = point_probabilities(scores.reshape(-1, len(names)), names, scheme)
+            yield str(images["camera"][row]), _camera(images, row), flat.reshape(*scores.shape[:2], len(scheme))
 
     groups = sorted(set(images["camera"].tolist()))
-    found = label_through_images(
+    labels = label_through_images(
         points.xyz[around], segmented(), groups=groups, n_classes=len(scheme), max_distance=parameters.reach
     )
     place = np.searchsorted(around, test)
     best = pictured(images, sorted(shown))
     return {
         "labels": {
-            "probabilities": found.probabilities[:, place].astype(np.float16),
-            "n_images": found.n_images[:, place],
+            "probabilities": labels.probabilities[:, place].astype(np.float16),
+            "n_images": labels.n_images[:, place],
             "cameras": np.array(groups),
         },
         "pixels": {"matrix": matrix, "segmented": shown[best], "image": np.array(best)},
@@ -179,6 +181,29 @@ def _camera(images: Arrays, row: int) -> Camera:
 
 
 def pictured(images: Arrays, rows: Sequence[int], camera: str = "front_left") -> int:
-    """Return the image that a figure shows: the one of a camera with the most classes, of equal ones the first."""
+    """Return the image for a figure: the first image of a camera with the most classes."""
     own = [row for row in rows if images["camera"][row] == camera] or list(rows)
     return max(own, key=lambda row: len(np.unique(images["label"][row])))
+
+
+def fuse_survey(
+    points: PointCloud,
+    features: Arrays,
+    images: Arrays,
+    *,
+    division: Division,
+    scheme: ClassScheme,
+    pool: PoolParameters,
+) -> dict[str, Any]:
+    """Fuse the labels of both methods for the test half of a survey."""
+    half = division.rows(points["station"], "test")
+    truth = scheme.encode(points["label"], source=points.source)
+
+    def part(name: Part) -> TestSet:
+        rows = division.rows(points["station"], name)
+        at = np.searchsorted(half, rows)
+        tables = (features["probabilities"][at], images["probabilities"][:, at])
+        return TestSet(truth[rows], *(table.astype(np.float32) for table in tables))
+
+    fused = fuse_test_sets(part("test1"), part("test2"), pool=pool)
+    return {"answers": fused.labels, "results": {**fused.scores.to_arrays(), "cameras": images["cameras"]}}

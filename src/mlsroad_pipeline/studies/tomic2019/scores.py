@@ -1,8 +1,10 @@
-"""The experiment of Tomic et al. 2019, section 3.3: two methods scored on test set 1, fused on test set 2."""
+"""Experiment of Tomic et al. 2019, section 3.3: two methods scored on test set 1, fused on test set 2."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,31 +17,22 @@ from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion, best
 from mlsroad_pipeline.algorithms.metrics.confusion import confusion_matrix
 
 FEATURES, IMAGES, RULE, BY_F1, POOL = "features", "images", "fusion", "fusion_by_f1", "fusion_pool"
-"""The two methods, the paper's fusion, the reading of it that compares F1 alone, and the probabilistic fusion."""
+"""The two methods, the paper's fusion, its variant that compares only F1, and the probabilistic fusion."""
 
-ANSWERS = (FEATURES, IMAGES, RULE, BY_F1, POOL)
+LABELLINGS = (FEATURES, IMAGES, RULE, BY_F1, POOL)
 ALL_POINTS, VISIBLE = "test2", "test2_visible"
-"""Test set 2 whole, unseen points wrong for the images (Tables 3 to 5), and the points that a camera sees."""
+"""All points of test set 2, unseen points counted as errors of the images (Tables 3 to 5), and the visible points."""
 
 
 @dataclass(frozen=True)
 class TestSet:
-    """Points of a part of the survey, with what both methods say of them.
+    """Reference labels and predictions of both methods for the points of one part of a survey."""
 
-    Parameters
-    ----------
-    reference : ndarray of shape (n,), int
-        True labels, -1 where they are ignored.
-    features : ndarray of shape (n, classes), float
-        Probabilities by the feature-based method.
-    cameras : ndarray of shape (groups, n, classes), float
-        Probabilities by each camera; NaN where it does not see the point.
-    """
+    __test__ = False  # pytest must not collect it
 
-    __test__ = False  # no test, for pytest
-
-    reference: NDArray[np.integer]
-    features: NDArray[np.floating]
+    reference: NDArray[np.integer]  # (n,): true labels; -1 is ignored
+    features: NDArray[np.floating]  # (n, classes): class probabilities of the feature-based method
+    # (groups, n, classes): class probabilities of each camera; NaN where it does not see the point
     cameras: NDArray[np.floating]
 
     def __post_init__(self) -> None:
@@ -50,49 +43,56 @@ class TestSet:
 
 
 @dataclass(frozen=True)
-class FusionStudy:
-    """What the experiment gave on one survey.
+class FusionScores:
+    """Scores of the experiment on one survey."""
 
-    Parameters
-    ----------
-    answers : dict of str to ndarray of shape (n,), int16
-        Labels of test set 2 by each of `ANSWERS`; -1 where no camera sees a point.
-    confusions : dict of str to ndarray of shape (classes, classes + 1), int64
-        ``<answer>.<split>`` to the confusion on `ALL_POINTS` and `VISIBLE`.
-    camera_f1 : ndarray of shape (groups, classes), float64
-        F1 on test set 1 of each camera.
-    method_f1 : ndarray of shape (2, classes), float64
-        F1 on test set 1 of both methods (Table 2), over the points that both label.
-    redundancy : ndarray of shape (k + 1, k + 1), int64
-        `count_agreement` of the feature-based method and the cameras with the fusion, on test set 2.
-    penalty : float
-        Of the pool, as chosen on test set 1.
-    """
-
-    answers: dict[str, NDArray[np.int16]]
-    confusions: dict[str, NDArray[np.int64]]
-    camera_f1: NDArray[np.float64]
+    # (classes, classes + 1): ``<labelling>.<split>`` to the confusion matrix; splits are `ALL_POINTS` and `VISIBLE`
+    confusions: Mapping[str, NDArray[np.int64]]
+    camera_f1: NDArray[np.float64]  # (groups, classes): F1 on test set 1 of each camera
+    # (2, classes): F1 on test set 1 of both methods (Table 2), over the points that both label
     method_f1: NDArray[np.float64]
+    # (k + 1, k + 1): `count_agreement` of the feature-based method and the cameras with the fusion, on test set 2
     redundancy: NDArray[np.int64]
-    penalty: float
+    penalty: float  # penalty of the pool, chosen on test set 1
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the scores as arrays to store."""
+        others = {name: np.asarray(getattr(self, name)) for name in _STORED}
+        return {**self.confusions, **others}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> FusionScores:
+        """Return the scores from stored arrays."""
+        camera_f1, method_f1, redundancy, penalty = (arrays[name] for name in _STORED)
+        confusions = {name: matrix for name, matrix in arrays.items() if name.partition(".")[0] in LABELLINGS}
+        return cls(confusions, camera_f1, method_f1, redundancy, float(penalty))
 
 
-def fuse_test_sets(first: TestSet, second: TestSet, *, pool: PoolParameters | None = None) -> FusionStudy:
-    """Learn on test set 1 which camera and which method to believe, and fuse test set 2."""
+_STORED = ("camera_f1", "method_f1", "redundancy", "penalty")
+
+
+class Fused(NamedTuple):
+    """Labels of test set 2 by each of `LABELLINGS`, -1 where no camera sees a point, and their scores."""
+
+    labels: dict[str, NDArray[np.int16]]
+    scores: FusionScores
+
+
+def fuse_test_sets(first: TestSet, second: TestSet, *, pool: PoolParameters | None = None) -> Fused:
+    """Learn the preferences of the fusion on test set 1 and fuse test set 2."""
     n_classes = first.features.shape[1]
     learned = TwoMethodFusion.fit(first.features, first.cameras, first.reference, pool=pool)
-    found = learned.fuse(second.features, second.cameras)
+    fused = learned.fuse(second.features, second.cameras)
     labels, each = best_labels(second.features), list(best_labels(second.cameras))
     plain_cameras, plain = (replace(rule, delegate=False) for rule in (learned.cameras, learned.methods))
     by_f1 = ClassPreference.fuse(plain, [labels, plain_cameras.fuse(each)[0]])[0]
-    answers = dict(zip(ANSWERS, (labels, found.images, found.rule, by_f1, found.pool), strict=True))
-    rows = {ALL_POINTS: np.arange(len(labels)), VISIBLE: np.flatnonzero(found.images != IGNORE)}
+    labellings = dict(zip(LABELLINGS, (labels, fused.images, fused.rule, by_f1, fused.pool), strict=True))
+    rows = {ALL_POINTS: np.arange(len(labels)), VISIBLE: np.flatnonzero(fused.images != IGNORE)}
     confusions = {
-        f"{name}.{split}": confusion_matrix(second.reference[of], given[of], n_classes)
-        for name, given in answers.items()
+        f"{name}.{split}": confusion_matrix(second.reference[of], predicted[of], n_classes)
+        for name, predicted in labellings.items()
         for split, of in rows.items()
     }
-    redundancy = count_agreement([labels, *each], found.rule)
-    return FusionStudy(
-        answers, confusions, learned.cameras.f1, learned.methods.f1, redundancy, learned.pool.penalty
-    )  # fmt: skip
+    redundancy = count_agreement([labels, *each], fused.rule)
+    scores = FusionScores(confusions, learned.cameras.f1, learned.methods.f1, redundancy, learned.pool.penalty)
+    return Fused(labellings, scores)

@@ -1,10 +1,10 @@
-"""What the workers of the study of Yu et al. 2016 do before any detector: segment a street, describe its objects."""
+"""Worker functions of the study of Yu et al. 2016 before detection: segment streets, describe their objects."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any
+from typing import Any, TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from mlsroad_pipeline.algorithms.visual_words.descriptions import describe_objec
 from mlsroad_pipeline.studies.streets import timed
 
 TOUCHING = 0.15
-"""Objects closer than this touch, metres: the clustering distance of the paper."""
+"""Largest distance of touching objects, metres: the clustering distance of the paper."""
 
 DESCRIPTIONS: Mapping[str, str] = {
     "hough_forest": "regions",
@@ -35,24 +35,65 @@ DESCRIPTIONS: Mapping[str, str] = {
     "bottom_up_top_down": "surfaces",
     "visual_words": "groups",
 }
-"""Detector to that part of its parameters which says how objects are described."""
+"""Detector to the field of its parameters with the description of objects."""
 
 _DESCRIBE: Mapping[str, Any] = {"regions": describe_parts, "surfaces": describe_surfaces, "groups": describe_objects}
 
 
+class SegmentationScores(TypedDict):
+    """Scores of the segmentation of a street, as arrays without dimension; NaN where there is nothing to score.
+
+    The fields of `InstanceScores` are stored too; those that tables use are named here.
+    """
+
+    # coverage, weighted_coverage: mean best IoU of the instances, and the same weighted by their points
+    coverage: NDArray[np.floating]
+    weighted_coverage: NDArray[np.floating]
+    # touching, weighted_touching: the same over instances that share a Euclidean cluster with another one
+    touching: NDArray[np.floating]
+    weighted_touching: NDArray[np.floating]
+    # precision, recall: share of segments, and of instances, that match one to one
+    precision: NDArray[np.floating]
+    recall: NDArray[np.floating]
+    # share of instances of the classes to detect with an IoU of at least the threshold of detection
+    wanted: NDArray[np.floating]
+    seconds: NDArray[np.floating]  # CPU time
+
+
+class SegmentedStreet(TypedDict):
+    """Objects of a street, their classes and the scores of the segmentation."""
+
+    objects: Segments
+    classes: Mapping[str, NDArray]
+    scores: SegmentationScores
+
+
+class DescriptionFacts(TypedDict):
+    """CPU time of a description."""
+
+    seconds: NDArray[np.floating]
+
+
+class DescribedStreet(TypedDict):
+    """Descriptions of the objects of a street."""
+
+    parts: Mapping[str, NDArray]
+    facts: DescriptionFacts
+
+
 def segment_street(
     points: PointCloud, *, parameters: SegmentationParameters, scheme: ClassScheme, detection: DetectionParameters
-) -> dict[str, Any]:
-    """Segment a street and score the objects against the instances that it owns."""
+) -> SegmentedStreet:
+    """Segment a street and score its objects against the instances that it owns."""
     objects, seconds = timed(segment_scene, points, {"ground": points["ground"]}, parameters)
-    found, least = objects["objects"], detection.min_points
+    segments, least = objects["objects"], detection.min_points
     sought = detection.labels_in(scheme)
     instances, kinds = wanted_objects(points, scheme, sought)
     owned = owned_by_core(points, np.where(instances > 0, instances, -1), len(kinds))
     mine = np.where(owned[instances], instances, 0)
     figures = {name: np.array(value) for name, value in asdict(
-        score_segmentation(mine, found, min_points=least)).items()}  # fmt: skip
-    pairs = find_overlaps(mine, found)
+        score_segmentation(mine, segments, min_points=least)).items()}  # fmt: skip
+    pairs = find_overlaps(mine, segments)
     best = np.zeros(len(pairs.instances))
     np.maximum.at(best, pairs.instance, pairs.iou)
     large = pairs.instance_sizes >= least
@@ -65,7 +106,7 @@ def segment_street(
         "wanted": (best[wanted] >= detection.iou_threshold).mean() if wanted.any() else np.nan,
         "seconds": seconds,
     }
-    scores = {**figures, **{name: np.array(value) for name, value in extra.items()}}
+    scores = cast(SegmentationScores, {**figures, **{name: np.array(value) for name, value in extra.items()}})
     classes = object_classes(points, objects, scheme=scheme, parameters=detection)
     return {"objects": objects, "classes": classes, "scores": scores}
 
@@ -73,7 +114,7 @@ def segment_street(
 def touching_instances(
     points: PointCloud, instances: NDArray[np.int32], names: NDArray[np.int64], min_points: int
 ) -> NDArray[np.bool_]:
-    """Tell which instances share a Euclidean cluster with another one."""
+    """Return which instances share a Euclidean cluster with another one."""
     off = np.flatnonzero(~points["ground"])
     together = cluster(np.ascontiguousarray(points.xyz[off], dtype=np.float64), tolerance=TOUCHING)
     pairs = find_overlaps(instances[off], together)
@@ -82,7 +123,7 @@ def touching_instances(
     return np.isin(names, pairs.instances[pairs.instance[there & crowded[pairs.segment]]])
 
 
-def describe_street(points: PointCloud, objects: Segments, *, kind: str, parameters: Any) -> dict[str, Any]:
-    """Describe the objects of a street as a detector does."""
+def describe_street(points: PointCloud, objects: Segments, *, kind: str, parameters: Any) -> DescribedStreet:
+    """Describe the objects of a street for a detector."""
     parts, seconds = timed(_DESCRIBE[kind], points, objects, parameters=parameters)
     return {"parts": parts, "facts": {"seconds": np.array(seconds)}}

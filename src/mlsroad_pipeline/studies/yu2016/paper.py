@@ -1,14 +1,14 @@
-"""The figures that Yu et al. 2016 print, as plain numbers."""
+"""Results printed in Yu et al. 2016."""
 
 from __future__ import annotations
 
 import pandas as pd
 
 SURVEYS = ("RRS", "SPP")
-"""Ring Road South and Software Park Phase II: the surveys of Tables II to V."""
+"""Surveys of Tables II to V: Ring Road South and Software Park Phase II."""
 
 CLASSES = ("light pole", "traffic sign", "car")
-"""What is detected."""
+"""Classes that are detected."""
 
 _OBJECTS = {"RRS": (647, 241, 159), "SPP": (167, 25, 780)}
 _FOUND = {"RRS": (628, 235, 143), "SPP": (158, 22, 731)}
@@ -26,7 +26,7 @@ _POINTS = {"RRS": 1728e6, "SPP": 626e6}
 THREADS = 16
 """Threads of the paper's computer."""
 
-# True and false positives of cars; the objects are those of Table II.
+# True and false positives of cars; the number of objects is in Table II.
 _TABLE_5 = {
     "RRS": {
         "hough_forest": (138, 10), "object_matching": (141, 8), "bottom_up_top_down": (139, 7), "visual_words": (143, 8)

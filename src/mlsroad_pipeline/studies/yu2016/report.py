@@ -1,76 +1,41 @@
-"""Figures and report of the study of Yu et al. 2016, the paper's figures beside ours."""
+"""Report of the study of Yu et al. 2016, with the paper's results next to ours."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-import pandas as pd
 from matplotlib.figure import Figure
 
-from mlsroad_pipeline.reporting.clouds.cloud_figures import INK
-from mlsroad_pipeline.reporting.figures.style import SERIES
 from mlsroad_pipeline.reporting.html.report import FactsSection, FiguresSection, Section, TableSection
-from mlsroad_pipeline.studies.figures import draw_bars, draw_curves, draw_panels, legend_below, name_axes
-from mlsroad_pipeline.studies.yu2016.parameters import SEGMENTATIONS
-from mlsroad_pipeline.studies.yu2016.results import StudyPlan, StudyTables
-
-_PANELS = {"pattern": "Feature regions (a)", "words_per_group": "Words per group (b)", "k": "Neighbours k (c)"}
-
-
-def study_figures(tables: StudyTables) -> tuple[Figure, Figure]:
-    """Draw the figures of the study."""
-    return _coverage(tables.segmentation), _curves(tables.curves)
-
-
-def _coverage(table: pd.DataFrame) -> Figure:
-    surveys = list(dict.fromkeys(table["survey"]))
-    figure, panels = draw_panels(len(surveys), width=4.8, sharey=True)
-    names = {"weighted_coverage": "weighted coverage", "coverage": "coverage", "touching": "coverage where they touch"}
-    for axes, survey in zip(panels, surveys, strict=True):
-        rows = table[table["survey"] == survey].set_index("method").reindex(SEGMENTATIONS)
-        values = {method: rows.loc[method, list(names)] for method in SEGMENTATIONS}
-        spread = {method: rows.loc[method, [f"{name}_spread" for name in names]] for method in SEGMENTATIONS}
-        draw_bars(axes, list(names.values()), values, spread=spread)
-        name_axes(axes, title=survey, unit_range="y")
-    legend_below(figure, panels[0], 3)
-    return figure
-
-
-def _curves(curves: pd.DataFrame) -> Figure:
-    figure, panels = draw_panels(len(_PANELS), sharey=True)
-    for axes, (parameter, title) in zip(panels, _PANELS.items(), strict=True):
-        mine = curves[curves["parameter"] == parameter] if len(curves) else curves
-        settings = dict(iter(mine.groupby("setting", sort=False))) if len(mine) else {}
-        draw_curves(axes, {str(name): (one["recall"], one["precision"]) for name, one in settings.items()})
-        for k, one in enumerate(settings.values()):
-            here = one[one["threshold"] >= 1.0].tail(1)
-            axes.plot(here["recall"], here["precision"], "o", color=SERIES[k % len(SERIES)], markersize=4)
-        name_axes(axes, x="Recall", title=title, unit_range="xy")
-    panels[0].set_ylabel("Precision (dots: chosen thresholds)", fontsize=9, color=INK)
-    return figure
+from mlsroad_pipeline.studies.yu2016.figures import CAPTIONS
+from mlsroad_pipeline.studies.yu2016.plan import StudyPlan
+from mlsroad_pipeline.studies.yu2016.results import StudyTables
 
 
 def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figure]) -> list[Section]:
-    """Put the study together for a report."""
+    """Return the sections of the report."""
     facts = {
-        name: f"{', '.join(f'{key} {value}' for key, value in given.survey.items())}; trained on {list(given.train)}, "
-        f"tested on {list(given.test)}"
-        for name, given in plan.scale.surveys.items()
+        name: f"{', '.join(f'{key} {value}' for key, value in survey.survey.items())}; "
+        f"trained on {list(survey.train)}, tested on {list(survey.test)}"
+        for name, survey in plan.scale.surveys.items()
     }
-    spread = "Over the objects of all test streets; spread is the standard deviation from street to street."
-    captions = ("Coverage of the segmentations", "Settings of the visual words: figure 12")
+    spread = "Over the objects of all test streets; spread is the standard deviation between streets."
     return [
         FactsSection("What was run", facts),
-        FiguresSection("Figures", dict(zip(captions, figures, strict=True))),
-        TableSection("Segmentation", tables.segmentation, note="Mean over test streets; touching: instances that do."),
+        FiguresSection("Figures", dict(zip(CAPTIONS.values(), figures, strict=True))),
+        TableSection(
+            "Segmentation",
+            tables.segmentation,
+            note="Mean over test streets; touching: instances that touch another one.",
+        ),
         TableSection("Table II: objects and detections", tables.table_2, note="Visual words."),
         TableSection("Table III: recall, precision, quality, F-score", tables.table_3, note=spread),
-        TableSection("Table IV: time", tables.table_4, note="Processor seconds; points per second and thread."),
+        TableSection("Table IV: time", tables.table_4, note="CPU seconds; points per second and thread."),
         TableSection("Table V: cars", tables.table_5, note=spread),
         TableSection(
             "Differences from the visual words",
             tables.differences,
-            note="F-score of a method minus theirs, with 95 % intervals of the differences paired by street.",
+            note="F-score of a method minus that of visual_words, paired by street, with 95 % intervals.",
         ),
         TableSection("Figure 12: settings", tables.figure_12),
     ]

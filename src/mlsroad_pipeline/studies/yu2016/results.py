@@ -1,4 +1,4 @@
-"""From the results of all runs of the study of Yu et al. 2016 to its tables."""
+"""Tables of the study of Yu et al. 2016, made from the results of its tasks."""
 
 from __future__ import annotations
 
@@ -8,16 +8,27 @@ from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.core.classes import ClassScheme
-from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
-from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters, detection_table
+from mlsroad_pipeline.algorithms.detection.scoring import detection_table
 from mlsroad_pipeline.studies.tables import Tables, mean_and_spread
 from mlsroad_pipeline.studies.yu2016 import paper as yu2016_paper
 from mlsroad_pipeline.studies.yu2016 import scores as yu2016
-from mlsroad_pipeline.studies.yu2016.parameters import CUT, DETECTORS, WORDS, StudyScale
+from mlsroad_pipeline.studies.yu2016.objects import DescriptionFacts, SegmentationScores
+from mlsroad_pipeline.studies.yu2016.parameters import CUT, DETECTORS, SEGMENTATIONS, WORDS
+from mlsroad_pipeline.studies.yu2016.plan import StudyPlan, run_key, setting_key, street_key
+from mlsroad_pipeline.studies.yu2016.runs import StreetDetections
+from mlsroad_pipeline.studies.yu2016.streets import StreetFacts
 
-Results = Mapping[str, Mapping[str, Any]]
-"""Key of a task to what it gave."""
+Streets = Mapping[str, StreetFacts]
+"""Key of a street to its facts."""
+
+Segmentations = Mapping[str, SegmentationScores]
+"""``<method>.<street>`` to the scores of a segmentation."""
+
+Descriptions = Mapping[str, DescriptionFacts]
+"""``<description>.<street>`` to facts of the description."""
+
+Detections = Mapping[str, Mapping[str, StreetDetections]]
+"""Detector to test street to its detections."""
 
 SEGMENTATION_FIGURES = (
     "coverage", "weighted_coverage", "touching", "weighted_touching", "precision", "recall", "wanted", "seconds"
@@ -25,82 +36,52 @@ SEGMENTATION_FIGURES = (
 
 
 @dataclass(frozen=True)
-class StudyPlan:
-    """What the study runs.
-
-    Parameters
-    ----------
-    scale : StudyScale
-        Streets and settings.
-    detection : DetectionParameters
-        The wanted classes.
-    scheme : ClassScheme
-        The classes.
-    stages : DetectionStages
-        Ground filter and segmentation.
-    methods : mapping
-        Slug to the parameters of each detector.
-    """
-
-    scale: StudyScale
-    detection: DetectionParameters
-    scheme: ClassScheme
-    stages: DetectionStages
-    methods: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
 class StudyTables(Tables):
-    """The tables of the study.
+    """Tables of the study."""
 
-    Parameters
-    ----------
-    scores : DataFrame
-        A table of scores; its splits are the surveys.
-    segmentation : DataFrame
-        Figures of each segmentation and survey, mean over the test streets and spread.
-    table_2, table_3, table_4, table_5 : DataFrame
-        The paper's tables, with its figures beside ours; table 3 has all detectors.
-    differences : DataFrame
-        F-score of the other detectors minus that of the visual words, paired by street, for cars and for all classes.
-    figure_12, curves : DataFrame
-        Settings of the visual words, and their precision-recall curves.
-    """
-
-    scores: pd.DataFrame
-    segmentation: pd.DataFrame
+    scores: pd.DataFrame  # table of scores; its splits are the surveys
+    segmentation: pd.DataFrame  # scores of each segmentation and survey: mean and spread over the test streets
+    # table_2, table_3, table_4, table_5: the paper's tables with its values next to ours; table 3 has all detectors
     table_2: pd.DataFrame
     table_3: pd.DataFrame
     table_4: pd.DataFrame
     table_5: pd.DataFrame
+    # F-score of the other detectors minus that of the visual words, paired by street, for cars and for all classes
     differences: pd.DataFrame
+    # figure_12, curves: settings of the visual words, and their precision-recall curves
     figure_12: pd.DataFrame
     curves: pd.DataFrame
 
 
-def street_key(survey: str, seed: int) -> str:
-    """Return the name of a street."""
-    return f"{survey}.seed_{seed}"
-
-
-def run_key(survey: str, seed: int) -> str:
-    """Return the name of a street in the results of a run."""
-    return f"{survey}_{seed}"
-
-
-def found_by_detector(models: Results) -> dict[str, dict[str, Any]]:
-    """Join what the models of each detector found."""
-    found: dict[str, dict[str, Any]] = {}
+def found_by_detector(models: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, StreetDetections]]:
+    """Join the detections of the models of each detector: detector to street to detections."""
+    joined: dict[str, dict[str, StreetDetections]] = {}
     for key, streets in models.items():
-        own = found.setdefault(key.split(".")[0], {})
+        own = joined.setdefault(key.split(".")[0], {})
         own |= {street: result for street, result in streets.items() if street != "facts"}
-    return found
+    return joined
+
+
+def runs_of_settings(plan: StudyPlan, runs: Mapping[str, Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+    """Return the run of each setting of Figure 12."""
+    return {name: runs[setting_key(setting.run)] for name, setting in plan.settings().items()}
+
+
+def segmentations_of_tests(plan: StudyPlan, scores: Segmentations) -> dict[str, SegmentationScores]:
+    """Return the scores of the segmentations of test streets, in the order of the paper."""
+    tests = sorted(street_key(name, seed) for name, survey in plan.scale.surveys.items() for seed in survey.test)
+    return {f"{method}.{key}": scores[f"{method}.{key}"] for method in SEGMENTATIONS for key in tests}
 
 
 def study_tables(
-    plan: StudyPlan, streets: Results, segmented: Results, described: Results, runs: Results, variants: Results
+    plan: StudyPlan,
+    streets: Streets,
+    segmented: Segmentations,
+    described: Descriptions,
+    runs: Detections,
+    settings: Mapping[str, Mapping[str, Any]],
 ) -> StudyTables:
-    """Make the tables."""
+    """Make the tables; the runs of settings have the facts of their model besides their streets."""
     classes = list(plan.detection.classes)
     every = range(len(classes))
     cars = [classes.index("car")] if "car" in classes else list(every)
@@ -109,7 +90,7 @@ def study_tables(
     }
     scores = [
         detection_table(
-            {f"{survey}.{street}": found for survey, each in counted[method].items() for street, found in each.items()},
+            {f"{survey}.{street}": one for survey, each in counted[method].items() for street, one in each.items()},
             method=method,
             classes=classes,
         )
@@ -120,8 +101,8 @@ def study_tables(
         for name, chosen in (("car", cars), ("all", list(every)))
     ]
     figure_12, curves = yu2016.sensitivity_table(
-        {name: _tests(plan, found, next(iter(plan.scale.surveys))) for name, found in variants.items()},
-        {name: found["facts"]["thresholds"] for name, found in variants.items()},
+        {name: _tests(plan, run, next(iter(plan.scale.surveys))) for name, run in settings.items()},
+        {name: run["facts"]["thresholds"] for name, run in settings.items()},
         len(classes),
     )
     three = yu2016.figures_by_survey(counted, list(every))
@@ -140,41 +121,42 @@ def study_tables(
     )
 
 
-def _tests(plan: StudyPlan, run: Mapping[str, Any], survey: str) -> dict[str, Any]:
-    """Return what a run found in the test streets of a survey."""
+def _tests(plan: StudyPlan, run: Mapping[str, StreetDetections], survey: str) -> dict[str, StreetDetections]:
+    """Return the detections of a run in the test streets of a survey."""
     return {key: run[key] for key in (run_key(survey, seed) for seed in plan.scale.surveys[survey].test)}
 
 
 def _wide(figures: pd.DataFrame) -> pd.DataFrame:
-    """Turn figures into a row per survey and method."""
+    """Return one row per survey and method."""
     chosen = figures[figures["survey"] != "average"]
     counts = chosen.drop_duplicates(["survey", "method"])[["survey", "method", "tp", "fp", "fn"]]
     values = chosen.pivot(index=["survey", "method"], columns="metric", values="value")[list(yu2016.FIGURES)]
     return counts.merge(values.reset_index(), on=["survey", "method"])
 
 
-def _segmentation(plan: StudyPlan, segmented: Results) -> pd.DataFrame:
+def _segmentation(plan: StudyPlan, segmented: Segmentations) -> pd.DataFrame:
     rows = []
-    for key, found in segmented.items():
+    for key, scores in segmented.items():
         method, survey, seed = key.split(".")
         if int(seed.removeprefix("seed_")) in plan.scale.surveys[survey].test:
-            rows.append(
-                {"survey": survey, "method": method, **{name: float(found[name]) for name in SEGMENTATION_FIGURES}}
-            )
+            values = {name: float(scores[name]) for name in SEGMENTATION_FIGURES}
+            rows.append({"survey": survey, "method": method, **values})
     return mean_and_spread(pd.DataFrame(rows), ["survey", "method"], SEGMENTATION_FIGURES)
 
 
-def _times(plan: StudyPlan, streets: Results, segmented: Results, described: Results, runs: Results) -> pd.DataFrame:
-    """Make Table IV: processor seconds of each step over the test streets, and points per second and thread."""
+def _times(
+    plan: StudyPlan, streets: Streets, segmented: Segmentations, described: Descriptions, runs: Detections
+) -> pd.DataFrame:
+    """Make Table IV: CPU seconds of each step over the test streets, and points per second and thread."""
     rows = []
-    for survey, given in plan.scale.surveys.items():
-        keys = [street_key(survey, seed) for seed in given.test]
+    for survey, configured in plan.scale.surveys.items():
+        keys = [street_key(survey, seed) for seed in configured.test]
         points = sum(int(streets[key]["points"]) for key in keys)
         steps = {
             "ground removal": sum(float(streets[key]["seconds"]) for key in keys),
             "segmentation": sum(float(segmented[f"{CUT}.{key}"]["seconds"]) for key in keys),
             "quantisation": sum(float(described[f"{WORDS}.{key}"]["seconds"]) for key in keys),
-            "detection": sum(float(found["seconds"]) for found in _tests(plan, runs[WORDS], survey).values()),
+            "detection": sum(float(one["seconds"]) for one in _tests(plan, runs[WORDS], survey).values()),
         }
         steps["all"] = sum(steps.values())
         rows += [(survey, step, seconds, points / max(seconds, 1e-9)) for step, seconds in steps.items()]

@@ -1,10 +1,10 @@
-"""Training and detection on described objects, as the workers of the study of Yu et al. 2016 run them."""
+"""Worker functions of the study of Yu et al. 2016: train detectors and detect on described objects."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,38 @@ from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.studies.streets import timed
 
 
+class TrainingStreet(TypedDict):
+    """Descriptions and classes of the objects of a training street."""
+
+    parts: Mapping[str, NDArray]
+    classes: Mapping[str, NDArray]
+
+
+class TestStreet(TypedDict):
+    """Descriptions of the objects of a test street, and handles of its points and objects."""
+
+    parts: Mapping[str, NDArray]
+    scene: tuple[Any, Any]
+
+
+class StreetDetections(TypedDict):
+    """Detections in a test street compared with its reference, see `count_detections_of_scene`."""
+
+    n_objects: NDArray[np.integer]  # (classes,): reference objects of each class
+    # label, right, score: (detections,): class, correctness and score of each detection
+    label: NDArray[np.integer]
+    right: NDArray[np.bool_]
+    score: NDArray[np.floating]
+    # curve_label, curve_right, curve_score: the same for all candidates of precision-recall curves
+    curve_label: NDArray[np.integer]
+    curve_right: NDArray[np.bool_]
+    curve_score: NDArray[np.floating]
+    seconds: NDArray[np.floating]  # CPU time of detection
+
+
 def train_and_detect(
-    train: Mapping[str, Mapping[str, Any]],
-    test: Mapping[str, Mapping[str, Any]],
+    train: Mapping[str, TrainingStreet],
+    test: Mapping[str, TestStreet],
     *,
     method: str,
     parameters: Any,
@@ -27,31 +56,33 @@ def train_and_detect(
     scheme: ClassScheme,
     prevalence: Mapping[str, Mapping[str, float]],
     rare: Mapping[str, float] | None = None,
-) -> dict[str, dict[str, NDArray]]:
-    """Train a detector on streets and compare its detections in others with what is there."""
-    judge: dict[str, Any] = {"scheme": scheme, "parameters": detection}
-    odd = rare or {}
-    labels = {key: {**given["classes"], "weight": odd.get(key, 1.0)} for key, given in train.items()}
-    usual = {key: found for key, found in labels.items() if key not in odd}
+) -> dict[str, Any]:
+    """Train a detector and compare its detections in test streets with the reference.
+
+    The result has the `StreetDetections` of each test street, and ``facts`` of the training.
+    """
+    weights = rare or {}
+    labels = {key: {**street["classes"], "weight": weights.get(key, 1.0)} for key, street in train.items()}
+    usual = {key: classes for key, classes in labels.items() if key not in weights}
     known = replace(detection, prevalence=joint_prevalence(usual, prevalence, detection.classes))
     bundle, train_seconds = timed(
         METHODS[method].load("train"),
-        {key: given["parts"] for key, given in train.items()}, labels, parameters=parameters, stages=stages,
+        {key: street["parts"] for key, street in train.items()}, labels, parameters=parameters, stages=stages,
         detection=known, scheme=scheme, trained_on={"streets": len(train)},
     )  # fmt: skip
-    own = np.concatenate([found["label"][found["own"]] for found in labels.values()])
+    own = np.concatenate([classes["label"][classes["own"]] for classes in labels.values()])
     learned = next(iter(bundle.metadata["learned"].values()))["thresholds"]
     facts = {
         "train_seconds": np.array(train_seconds),
         "examples": np.bincount(own[own >= 0], minlength=len(detection.classes)),
         "thresholds": np.array([learned.get(name, np.inf) for name in detection.classes]),
     }
-    results = {"facts": facts}
+    results: dict[str, Any] = {"facts": facts}
     detect = METHODS[method].load("use")
-    for key, given in test.items():
-        found, seconds = timed(detect, given["parts"], bundle)
-        points, objects = (handle.load() for handle in given["scene"])
-        counts = count_detections_of_scene(points, objects, found, **judge)
+    for key, street in test.items():
+        detections, seconds = timed(detect, street["parts"], bundle)
+        points, objects = (handle.load() for handle in street["scene"])
+        counts = count_detections_of_scene(points, objects, detections, scheme=scheme, parameters=detection)
         results[key] = {**counts, "seconds": np.array(seconds)}
     return results
 
@@ -59,11 +90,11 @@ def train_and_detect(
 def joint_prevalence(
     labels: Mapping[str, Mapping[str, NDArray]], prevalence: Mapping[str, Mapping[str, float]], classes: Sequence[str]
 ) -> dict[str, float]:
-    """Join the factors of surveys that one model learns from."""
+    """Return the prevalence factors of the joined surveys of one model."""
     expected, counted = np.zeros(len(classes)), np.zeros(len(classes))
-    for street, found in labels.items():
+    for street, objects in labels.items():
         own = prevalence[street.rpartition("_")[0]]
-        mine = found["label"][found["own"]]
+        mine = objects["label"][objects["own"]]
         number = np.bincount(mine[mine >= 0], minlength=len(classes))
         counted += number
         expected += number * [float(own.get(name, 1.0)) for name in classes]

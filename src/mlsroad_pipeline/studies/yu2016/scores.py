@@ -1,4 +1,4 @@
-"""The tables of Yu et al. 2016, section V, made of counted detections: Tables II to V and Figure 12, with spread."""
+"""Tables of Yu et al. 2016, section V, from counted detections: Tables II to V and Figure 12, with spread."""
 
 from __future__ import annotations
 
@@ -12,20 +12,18 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.metrics.detection import DetectionCounts, count_detections, precision_recall_curve
 from mlsroad_pipeline.studies.tables import paired_interval
 from mlsroad_pipeline.studies.yu2016 import paper as yu2016_paper
-
-Counted = Mapping[str, NDArray]
-"""What `count_detections_of_scene` gave for a street."""
+from mlsroad_pipeline.studies.yu2016.runs import StreetDetections
 
 FIGURES = ("recall", "precision", "quality", "f_score")
 
 
-def counts_of(street: Counted, classes: Sequence[int]) -> DetectionCounts:
-    """Count the detections of some classes of a street together."""
+def counts_of(street: StreetDetections, classes: Sequence[int]) -> DetectionCounts:
+    """Return the summed counts of some classes of a street."""
     tp = fp = fn = 0
     for k in classes:
         right = street["right"][street["label"] == k]
-        found = count_detections(right, max(int(street["n_objects"][k]), int(right.sum())))
-        tp, fp, fn = tp + found.tp, fp + found.fp, fn + found.fn
+        counts = count_detections(right, max(int(street["n_objects"][k]), int(right.sum())))
+        tp, fp, fn = tp + counts.tp, fp + counts.fp, fn + counts.fn
     return DetectionCounts(tp, fp, fn)
 
 
@@ -34,8 +32,8 @@ def joined(counts: Sequence[DetectionCounts]) -> DetectionCounts:
     return DetectionCounts(*(sum(getattr(c, name) for c in counts) for name in ("tp", "fp", "fn")))
 
 
-def table_two(streets: Mapping[str, Mapping[str, Counted]], classes: Sequence[str]) -> pd.DataFrame:
-    """Make Table II: objects, right and wrong detections of each class and survey."""
+def table_two(streets: Mapping[str, Mapping[str, StreetDetections]], classes: Sequence[str]) -> pd.DataFrame:
+    """Make Table II: objects, true and false detections of each class and survey."""
     rows = []
     for survey, each in streets.items():
         for name, chosen in [*((c, [k]) for k, c in enumerate(classes)), ("all", list(range(len(classes))))]:
@@ -46,9 +44,9 @@ def table_two(streets: Mapping[str, Mapping[str, Counted]], classes: Sequence[st
 
 
 def figures_by_survey(
-    streets: Mapping[str, Mapping[str, Mapping[str, Counted]]], classes: Sequence[int]
+    streets: Mapping[str, Mapping[str, Mapping[str, StreetDetections]]], classes: Sequence[int]
 ) -> pd.DataFrame:
-    """Score methods per survey: over the objects of all its test streets, with the spread from street to street."""
+    """Score methods per survey over the objects of all test streets, with the standard deviation between streets."""
     rows: list[tuple[Any, ...]] = []
     for method, surveys in streets.items():
         values: dict[str, list[float]] = {name: [] for name in FIGURES}
@@ -67,7 +65,7 @@ def figures_by_survey(
 
 
 def paired_differences(
-    streets: Mapping[str, Mapping[str, Mapping[str, Counted]]],
+    streets: Mapping[str, Mapping[str, Mapping[str, StreetDetections]]],
     classes: Sequence[int],
     *,
     reference: str,
@@ -89,11 +87,13 @@ def paired_differences(
 
 
 def pooled_curve(
-    streets: Mapping[str, Counted], thresholds: NDArray[np.float64]
+    streets: Mapping[str, StreetDetections], thresholds: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Follow precision and recall of all classes together, scores in units of their class's threshold."""
+    """Return thresholds, precision and recall over all classes; scores are divided by the threshold of their class."""
     each = list(streets.values())
-    label, right, score = (np.concatenate([s[f"curve_{name}"] for s in each]) for name in ("label", "right", "score"))
+    label = np.concatenate([s["curve_label"] for s in each])
+    right = np.concatenate([s["curve_right"] for s in each])
+    score = np.concatenate([s["curve_score"] for s in each])
     n_objects = sum(np.maximum(s["n_objects"], np.bincount(s["curve_label"][s["curve_right"]].astype(np.int64),
                     minlength=len(thresholds))).sum() for s in each)  # fmt: skip
     if n_objects == 0:
@@ -102,7 +102,9 @@ def pooled_curve(
 
 
 def sensitivity_table(
-    variants: Mapping[str, Mapping[str, Counted]], thresholds: Mapping[str, NDArray[np.float64]], n_classes: int
+    variants: Mapping[str, Mapping[str, StreetDetections]],
+    thresholds: Mapping[str, NDArray[np.float64]],
+    n_classes: int,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Make the table and the curves of Figure 12."""
     rows: list[tuple[Any, ...]] = []

@@ -1,14 +1,15 @@
-"""The streets of the study of Yu et al. 2016, and which of their objects can be found at all."""
+"""Simulated streets of the study of Yu et al. 2016, and their reference objects."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
@@ -16,13 +17,13 @@ from mlsroad_pipeline.simulation.runtime.survey import simulate_survey
 from mlsroad_pipeline.studies.streets import cut_street, timed
 
 RUN_IN = 12.0
-"""What is driven beyond both ends of a street, metres."""
+"""Road driven beyond both ends of a street, metres."""
 
 IMAGE_GAP = 2.0
-"""Two images of one thing that moved lie farther apart than this, metres."""
+"""Smallest distance between two images of one moving object, metres."""
 
 STREAK = 8.0
-"""A car drawn longer than this is no car to who sees it, metres: half as long again as the longest."""
+"""Greatest length of an image of a car in the reference, metres: 1.5 times the longest car."""
 
 _CARS = [TAXONOMY[name] for name in ("car", "van")]
 _MOVING = [
@@ -31,11 +32,26 @@ _MOVING = [
 ]
 
 
-def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -> dict[str, Any]:
-    """Simulate a street that is a scene of its own, and time the search for its ground.
+class StreetFacts(TypedDict):
+    """Facts of a street, as arrays without dimension."""
 
-    The van drives `RUN_IN` farther at both ends: planes of scanners stand at a slant, and what is near the ends of a
-    drive is scanned in part. Objects there are not the scene's own.
+    seconds: NDArray[np.floating]  # CPU time of the ground filter
+    points: NDArray[np.integer]  # number of points
+    streaks: NDArray[np.integer]  # images of cars that `without_streaks` removed
+
+
+class SimulatedStreet(TypedDict):
+    """Points of a street and its facts."""
+
+    points: PointCloud
+    facts: StreetFacts
+
+
+def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -> SimulatedStreet:
+    """Simulate a street as one scene, and time the ground filter.
+
+    The van drives `RUN_IN` farther at both ends. The scan planes are oblique, so that objects near the ends of a drive
+    are scanned only in part; the scene does not own them.
     """
     columns = ("intensity", "gps_time", "scanner", "label", "instance")
     survey = simulate_survey(replace(simulation, length=simulation.length + 2 * RUN_IN), n_threads=1)
@@ -47,17 +63,17 @@ def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -
     cloud = replace(street, columns={**street.columns, "label": label, "instance": instance, "core": core})
     _, seconds = timed(find_ground, cloud, ground)
     streaks = len(np.unique(images[core & (images != instance)]))
-    facts = {"seconds": np.array(seconds), "points": np.array(len(cloud)), "streaks": np.array(streaks)}
+    facts: StreetFacts = {"seconds": np.array(seconds), "points": np.array(len(cloud)), "streaks": np.array(streaks)}
     return {"points": cloud, "facts": facts}
 
 
 def separate_images(
     xyz: NDArray[np.floating], instance: NDArray[np.integer], rows: NDArray[np.bool_]
 ) -> NDArray[np.int32]:
-    """Number the images of what moved apart: each scanner draws it whole, in another place.
+    """Number the images of moving objects separately: each scanner records the whole object in another place.
 
-    The two scanners of the system see a place about a second apart. Whoever labels such a cloud by hand sees two cars
-    that lie many metres apart, and so does any segmentation.
+    The two scanners pass a place about one second apart. In the point cloud, a moving car appears as two cars many
+    metres apart, to annotators as to segmentations.
     """
     out = np.asarray(instance, dtype=np.int32).copy()
     last = int(out.max(initial=0))
@@ -77,9 +93,9 @@ def separate_images(
 def without_streaks(
     xyz: NDArray[np.floating], instance: NDArray[np.integer], rows: NDArray[np.bool_]
 ) -> NDArray[np.int32]:
-    """Take the images out of the reference that are drawn so long that nobody could tell what they are.
+    """Remove images of cars from the reference that are too long to be recognised.
 
-    A car that moves with the van is scanned for as long as it stays beside it.
+    A car that moves with the van is scanned for as long as it stays next to it.
     """
     out = np.asarray(instance, dtype=np.int32).copy()
     cars = np.flatnonzero(rows & (out > 0))
@@ -95,7 +111,7 @@ def without_streaks(
 
 
 def whole_gantries(label: NDArray[np.integer], instance: NDArray[np.integer]) -> NDArray[np.int16]:
-    """Count the boards of a gantry to it: one thing of 25 m over the road is no traffic sign."""
+    """Assign the signs of a gantry to the class of the gantry, an object of 25 m across the road."""
     gantry = TAXONOMY["gantry"]
     numbers = np.unique(instance[label == gantry])
     return np.where(np.isin(instance, numbers[numbers > 0]), gantry, label).astype(np.int16)

@@ -1,0 +1,224 @@
+"""Plan of the study of Yu et al. 2016 and its tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
+from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
+from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.task import Deferred, SceneTask
+from mlsroad_pipeline.studies.parameters import changed
+from mlsroad_pipeline.studies.yu2016.objects import DESCRIPTIONS, describe_street, segment_street
+from mlsroad_pipeline.studies.yu2016.parameters import (
+    CUT,
+    DETECTORS,
+    SEGMENTATIONS,
+    WORDS,
+    StudyParameters,
+    StudyScale,
+)
+from mlsroad_pipeline.studies.yu2016.runs import train_and_detect
+
+
+def street_key(survey: str, seed: int) -> str:
+    """Return the key of a street."""
+    return f"{survey}.seed_{seed}"
+
+
+def run_key(survey: str, seed: int) -> str:
+    """Return the key of a street in the result of a run."""
+    return f"{survey}_{seed}"
+
+
+class Setting(NamedTuple):
+    """Setting of Figure 12."""
+
+    described: str  # name of the object descriptions that it uses
+    parameters: Any  # parameters of the visual words
+    run: str  # name of the first setting with the same parameters, which is the one that is run
+
+
+class Description(NamedTuple):
+    """Object descriptions of one method with its parameters, for the streets of some surveys."""
+
+    method: str
+    parameters: Any
+    surveys: Sequence[str]
+
+
+class _Stores(NamedTuple):
+    streets: SceneCollection
+    segmented: SceneCollection
+    described: SceneCollection
+
+
+@dataclass(frozen=True)
+class StudyPlan:
+    """Parameters of all stages of the study."""
+
+    study: StudyParameters  # streets and settings
+    detection: DetectionParameters  # classes to detect
+    scheme: ClassScheme  # classes
+    stages: DetectionStages  # ground filter and segmentation
+    methods: Mapping[str, Any]  # slug to the parameters of each detector, changes of the scale included
+
+    @property
+    def scale(self) -> StudyScale:
+        """Return the scale that is run."""
+        return self.study.chosen_scale()
+
+    def surveys(self) -> dict[str, dict[str, Any]]:
+        """Return the configuration of the simulated survey of every street."""
+        return {
+            street_key(name, seed): survey.street(seed)
+            for name, survey in self.scale.surveys.items()
+            for seed in (*survey.train, *survey.test)
+        }
+
+    def settings(self) -> dict[str, Setting]:
+        """Return the settings of Figure 12 by name."""
+        base = self.methods[WORDS]
+        every = {name: changed(base, changes) for name, changes in self.scale.settings().items()}
+        return {
+            name: Setting(
+                WORDS if own.groups == base.groups else setting_key(name),
+                own,
+                next(other for other, parameters in every.items() if parameters == own),
+            )
+            for name, own in every.items()
+        }
+
+    def descriptions(self) -> dict[str, Description]:
+        """Return the object descriptions of all detectors, and of the settings of Figure 12 for the first survey."""
+        surveys = list(self.scale.surveys)
+        detectors = {slug: Description(slug, self.methods[slug], surveys) for slug in DETECTORS}
+        settings = {
+            setting.described: Description(WORDS, setting.parameters, surveys[:1])
+            for setting in self.settings().values()
+            if setting.described != WORDS
+        }
+        return {**detectors, **settings}
+
+
+def setting_key(name: str) -> str:
+    """Return the key of a setting in a store."""
+    return name.replace("=", "-").replace(".", "_")
+
+
+def plan_study(
+    study: StudyParameters,
+    *,
+    scheme: ClassScheme,
+    ground: GroundParameters,
+    segmentation: SegmentationParameters,
+    detection: DetectionParameters,
+    methods: Mapping[str, Any],
+) -> StudyPlan:
+    """Return the plan with the changes of the scale."""
+    changes = study.chosen_scale().methods
+    own = {slug: changed(parameters, changes.get(slug, {})) for slug, parameters in methods.items()}
+    return StudyPlan(study, detection, scheme, DetectionStages(ground, replace(segmentation, method=CUT)), own)
+
+
+def _segment(plan: StudyPlan, streets: SceneCollection, method: str, splits: Sequence[str]) -> dict[str, SceneTask]:
+    points = streets.part("points")
+    parameters = replace(plan.stages.segmentation, method=method)
+    return {
+        f"{method}.{street_key(name, seed)}": SceneTask(
+            segment_street,
+            {"points": points[street_key(name, seed)]},
+            {"parameters": parameters, "scheme": plan.scheme, "detection": plan.detection},
+        )
+        for name, survey in plan.scale.surveys.items()
+        for split in splits
+        for seed in getattr(survey, split)
+    }
+
+
+def segment_surveys(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
+    """Create one task per street that segments it for the detectors."""
+    return _segment(plan, streets, CUT, ("train", "test"))
+
+
+def compare_segmentations(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
+    """Create one task per other segmentation and test street."""
+    tasks: dict[str, SceneTask] = {}
+    for method in SEGMENTATIONS:
+        if method != CUT:
+            tasks |= _segment(plan, streets, method, ("test",))
+    return tasks
+
+
+def describe_surveys(plan: StudyPlan, streets: SceneCollection, segmented: SceneCollection) -> dict[str, SceneTask]:
+    """Create one task per object description and street."""
+    points, objects = streets.part("points"), segmented.part("objects")
+    tasks = {}
+    for name, description in plan.descriptions().items():
+        kind = DESCRIPTIONS[description.method]
+        for survey in description.surveys:
+            own = plan.scale.surveys[survey]
+            for key in (street_key(survey, seed) for seed in (*own.train, *own.test)):
+                tasks[f"{name}.{key}"] = SceneTask(
+                    describe_street,
+                    {"points": points[key], "objects": objects[f"{CUT}.{key}"]},
+                    {"kind": kind, "parameters": getattr(description.parameters, kind)},
+                )
+    return tasks
+
+
+def run_detectors(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTask]:
+    """Create one task per detector and model that trains it and detects in the test streets of its surveys."""
+    return {
+        f"{slug}.{'_'.join(surveys)}": _run(plan, slug, surveys, _Stores(*stores), slug, plan.methods[slug])
+        for slug in DETECTORS
+        for surveys in plan.scale.learned_together()
+    }
+
+
+def run_settings(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTask]:
+    """Create one task per setting of Figure 12 that trains the visual words on the first survey."""
+    survey = next(iter(plan.scale.surveys))
+    return {
+        setting_key(name): _run(plan, setting.described, [survey], _Stores(*stores), WORDS, setting.parameters)
+        for name, setting in plan.settings().items()
+        if setting.run == name
+    }
+
+
+def _run(
+    plan: StudyPlan, described: str, surveys: Sequence[str], stores: _Stores, method: str, parameters: Any
+) -> SceneTask:
+    points, parts = stores.streets.part("points"), stores.described.part("parts")
+    objects, classes = (stores.segmented.part(part) for part in ("objects", "classes"))
+    chosen = {name: plan.scale.surveys[name] for name in surveys}
+
+    def inputs(split: str) -> dict[str, Any]:
+        streets: dict[str, Any] = {}
+        for survey, configured in chosen.items():
+            for seed in getattr(configured, split):
+                street = street_key(survey, seed)
+                own: dict[str, Any] = {"parts": parts[f"{described}.{street}"]}
+                if split == "train":
+                    own["classes"] = classes[f"{CUT}.{street}"]
+                else:
+                    own["scene"] = Deferred((points[street], objects[f"{CUT}.{street}"]))
+                streets[run_key(survey, seed)] = own
+        return streets
+
+    return SceneTask(
+        train_and_detect,
+        {"train": inputs("train"), "test": inputs("test")},
+        {
+            "method": method, "parameters": parameters, "stages": plan.stages, "detection": plan.detection,
+            "scheme": plan.scheme, "prevalence": {name: survey.prevalence for name, survey in chosen.items()},
+            "rare": {
+                run_key(name, seed): survey.rare_weight for name, survey in chosen.items() for seed in survey.rare
+            },
+        },
+    )  # fmt: skip
