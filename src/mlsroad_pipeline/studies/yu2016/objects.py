@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.detection.parts import describe_parts
 from mlsroad_pipeline.algorithms.detection.references import wanted_objects
-from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters, object_classes
+from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters, ObjectClasses, object_classes
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps, score_segmentation
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 from mlsroad_pipeline.algorithms.segmentation.stage import (
@@ -64,7 +64,7 @@ class SegmentedStreet(TypedDict):
     """Objects of a street, their classes and the scores of the segmentation."""
 
     objects: Segments
-    classes: Mapping[str, NDArray]
+    classes: ObjectClasses
     scores: SegmentationScores
 
 

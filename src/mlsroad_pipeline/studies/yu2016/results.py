@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import pandas as pd
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.detection.scoring import detection_table
 from mlsroad_pipeline.studies.tables import Tables, mean_and_spread
@@ -90,7 +91,11 @@ def study_tables(
     }
     scores = [
         detection_table(
-            {f"{survey}.{street}": one for survey, each in counted[method].items() for street, one in each.items()},
+            {
+                f"{survey}.{street}": cast(Mapping[str, NDArray], one)
+                for survey, each in counted[method].items()
+                for street, one in each.items()
+            },
             method=method,
             classes=classes,
         )
@@ -139,7 +144,8 @@ def _segmentation(plan: StudyPlan, segmented: Segmentations) -> pd.DataFrame:
     for key, scores in segmented.items():
         method, survey, seed = key.split(".")
         if int(seed.removeprefix("seed_")) in plan.scale.surveys[survey].test:
-            values = {name: float(scores[name]) for name in SEGMENTATION_FIGURES}
+            figures = cast(Mapping[str, NDArray], scores)
+            values = {name: float(figures[name]) for name in SEGMENTATION_FIGURES}
             rows.append({"survey": survey, "method": method, **values})
     return mean_and_spread(pd.DataFrame(rows), ["survey", "method"], SEGMENTATION_FIGURES)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
-from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters, count_detections_of_scene
+from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters, ObjectClasses, count_detections_of_scene
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.studies.streets import timed
 
@@ -20,7 +20,7 @@ class TrainingStreet(TypedDict):
     """Descriptions and classes of the objects of a training street."""
 
     parts: Mapping[str, NDArray]
-    classes: Mapping[str, NDArray]
+    classes: ObjectClasses
 
 
 class TestStreet(TypedDict):
@@ -62,7 +62,9 @@ def train_and_detect(
     The result has the `StreetDetections` of each test street, and ``facts`` of the training.
     """
     weights = rare or {}
-    labels = {key: {**street["classes"], "weight": weights.get(key, 1.0)} for key, street in train.items()}
+    labels: dict[str, dict[str, Any]] = {
+        key: {**street["classes"], "weight": weights.get(key, 1.0)} for key, street in train.items()
+    }
     usual = {key: classes for key, classes in labels.items() if key not in weights}
     known = replace(detection, prevalence=joint_prevalence(usual, prevalence, detection.classes))
     bundle, train_seconds = timed(
