@@ -1,4 +1,4 @@
-"""The study of luo2016 at its fast scale: what it writes, and that a second run has nothing left to do."""
+"""Study of luo2016 at its fast scale: tables, and a second run that computes nothing."""
 
 import mlflow
 import numpy as np

@@ -1,4 +1,4 @@
-"""The study of luo2019 at its fast scale: what it writes, and that its tables agree with each other."""
+"""Study of luo2019 at its fast scale: tables that agree with each other."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""The study of yu2016 at its fast scale: what it writes, and that its tables agree with each other."""
+"""Study of yu2016 at its fast scale: tables that agree with each other."""
 
 import pandas as pd
 import pytest

@@ -1,4 +1,4 @@
-"""What the studies share: intervals after SciPy, means by hand, scales by name, and bars where the figures are."""
+"""Shared parts of the studies: intervals against SciPy, means by hand, named scales, positions of bars."""
 
 from dataclasses import dataclass
 

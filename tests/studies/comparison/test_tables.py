@@ -1,4 +1,4 @@
-"""Methods compared over test streets: planted scores, SciPy, and what must not be compared."""
+"""Comparison of methods over test streets: planted scores, SciPy, refused comparisons."""
 
 import numpy as np
 import pandas as pd

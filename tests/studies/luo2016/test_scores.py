@@ -1,4 +1,4 @@
-"""The tables of the study of luo2016: closed forms, SciPy, and the paper's own averages."""
+"""Tables of the study of luo2016: closed forms, SciPy and the averages of the paper."""
 
 import numpy as np
 import pandas as pd
@@ -27,7 +27,7 @@ N = len(ALL)
 
 
 def matrix(right, *, total=100, wrong="other"):
-    """Return a confusion matrix where `right` of each class's points are right and the others are called `wrong`."""
+    """Return a confusion matrix with `right` correct points per class; the others have the label `wrong`."""
     counts = np.zeros((N, N + 1), np.int64)
     for label, hits in enumerate(right):
         counts[label, label] += hits

@@ -1,4 +1,4 @@
-"""The study of luo2019: figures by hand and by scikit-learn, sets that are split by street, disturbed training."""
+"""Study of luo2019: metrics by hand and by scikit-learn, sets split by street, disturbed training."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The experiment of tomic2019 on planted labellers, how surveys are divided, and the paper's own figures."""
+"""Experiment of tomic2019 on planted labellers, division of surveys, consistency of the printed tables."""
 
 import numpy as np
 import pytest
@@ -23,12 +23,12 @@ from mlsroad_pipeline.studies.tomic2019.scores import (
 
 
 def drawn(rng, truth, right):
-    """Labels that are right with a probability per class, otherwise the next class."""
+    """Return labels that are correct with a probability per class, otherwise the next class."""
     return np.where(rng.random(len(truth)) < np.asarray(right)[truth], truth, (truth + 1) % 3)
 
 
 def planted(rng, n=12_000):
-    """The features know class a, camera x knows b, camera y knows c; a third of the points is in no image."""
+    """Return points for which features are best for class a, camera x for b, camera y for c; a third is in no image."""
     truth = rng.choice(3, n, p=[0.5, 0.3, 0.2])
     labels = drawn(rng, truth, [0.95, 0.6, 0.5])
     cameras = np.stack([drawn(rng, truth, right) for right in ([0.8, 0.95, 0.6], [0.7, 0.6, 0.95])])
@@ -130,7 +130,7 @@ def test_features_learn_from_another_survey_or_their_own(train_on, expected):
     [("features", 0.721, 2.8 / 9), ("images", 0.649, 0.2995), ("fusion", 0.868, 0.3483)],
 )
 def test_the_papers_figures_agree_with_each_other(method, accuracy, mean_f1):
-    """Precision, recall, IoU and F1 of a class determine each other, but for the rounding of the third digit."""
+    """Precision, recall, IoU and F1 of a class determine each other up to rounding of the third digit."""
     table = tomic2019_paper.table_of_scores(method)
     overall = table[table["class"] == "all"].set_index("metric")["paper"]
     assert overall["overall_accuracy"] == accuracy and overall["mean_f1"] == pytest.approx(mean_f1, abs=6e-4)

@@ -1,4 +1,4 @@
-"""The tables of the study of yu2016: counts by hand, the paper's own figures, intervals."""
+"""Tables of the study of yu2016: counts by hand, consistency of the printed tables, intervals."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ from mlsroad_pipeline.studies.yu2016.streets import (
 
 
 def street(objects, label, right, score):
-    """Counts of a street; every object with a score is detected."""
+    """Return the counts of a street; every object with a score is detected."""
     found = {"label": np.array(label, np.int16), "right": np.array(right, bool), "score": np.array(score, np.float32)}
     return {"n_objects": np.array(objects), **found, **{f"curve_{name}": values for name, values in found.items()}}
 
@@ -136,7 +136,7 @@ def test_prevalence_of_surveys_is_joined_by_their_training_objects():
 
 
 def test_each_image_of_what_moved_is_an_object(rng):
-    """A car drawn by both scanners 20 m apart, one that stands, seen from two sides, and a hedge in two pieces."""
+    """A car recorded by both scanners 20 m apart, a parked car seen from two sides, a hedge in two pieces."""
     box = rng.uniform([0, 0, 0], [4, 2, 1.5], (600, 3))
     sides = np.concatenate([rng.uniform([0, y, 0], [4, y + 0.1, 1.5], (300, 3)) for y in (0.0, 1.8)])
     parts = [box, box + [20, 3, 0], sides + [0, 30, 0], box + [0, 60, 0], box + [30, 60, 0], box + [90, 0, 0]]
@@ -155,7 +155,7 @@ def test_each_image_of_what_moved_is_an_object(rng):
 
 
 def test_a_car_drawn_over_many_metres_is_no_reference_object(rng):
-    """It lies aslant, so that neither of its extents along x and y is beyond the bound; a bus as long stays."""
+    """Its axis is oblique, so that its extents along x and y are below the bound; a bus of the same length remains."""
     car = rng.uniform([-2.2, -0.9, 0], [2.2, 0.9, 1.5], (500, 3))
     turn = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, np.sqrt(2)]]) / np.sqrt(2)
     streak = (car * [2.0, 1.0, 1.0]) @ turn
@@ -168,7 +168,7 @@ def test_a_car_drawn_over_many_metres_is_no_reference_object(rng):
 
 
 def test_a_second_pass_doubles_the_points_and_leaves_the_ends_where_they_are():
-    """Stations are those of one pass; with those of both passes only what lies nearer to the first was inside."""
+    """Stations are those of the first pass, so that points of both passes lie within the street."""
     clouds = []
     for passes in (1, 2):
         tiny = replace(PRESETS["tiny"], length=20.0, passes=passes, with_images=False, seed=3)
@@ -182,7 +182,7 @@ def test_a_second_pass_doubles_the_points_and_leaves_the_ends_where_they_are():
 
 
 def test_boards_of_a_gantry_are_no_signs():
-    """Another sign, and points of a gantry without a number, keep what they are."""
+    """Another sign, and points of a gantry without an instance, keep their class."""
     gantry, sign, tree = (TAXONOMY[name] for name in ("gantry", "traffic_sign", "tree"))
     label = np.array([gantry, sign, sign, sign, tree, gantry])
     found = whole_gantries(label, np.array([4, 4, 4, 5, 0, 0]))
