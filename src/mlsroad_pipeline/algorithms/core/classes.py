@@ -285,12 +285,12 @@ class ClassScheme:
         """
         table = np.empty(len(self), dtype=np.int16)
         for label, (name, group) in enumerate(zip(self.classes, self.members, strict=True)):
-            found = set(other.encode([TAXONOMY[member] for member in group], source=f"class {name!r}").tolist())
-            if len(found) != 1:
+            targets = set(other.encode([TAXONOMY[member] for member in group], source=f"class {name!r}").tolist())
+            if len(targets) != 1:
                 raise ParameterError(
-                    f"class {name!r} of scheme {self.name!r} falls into {len(found)} classes of scheme {other.name!r}"
+                    f"class {name!r} of scheme {self.name!r} falls into {len(targets)} classes of scheme {other.name!r}"
                 )
-            table[label] = found.pop()
+            table[label] = targets.pop()
         return table
 
     def codes(self, scheme: ClassScheme | None = None) -> NDArray[np.uint8]:

@@ -40,7 +40,7 @@ def _candidates(
     starts: NDArray,
     rows: NDArray,
     shape: tuple[int, int, int],
-    found: NDArray,
+    candidates: NDArray,
     places: NDArray,
 ) -> int:
     """List the centroids within `limit` of the centre of a cell, with coordinates; return their number."""
@@ -66,7 +66,7 @@ def _candidates(
                     c = order[i]
                     dx, dy, dz = centroids[c, 0] - centre[0], centroids[c, 1] - centre[1], centroids[c, 2] - centre[2]
                     if dx * dx + dy * dy + dz * dz <= limit * limit:
-                        found[n] = c
+                        candidates[n] = c
                         places[n, 0], places[n, 1], places[n, 2] = centroids[c, 0], centroids[c, 1], centroids[c, 2]
                         n += 1
     return n
@@ -92,14 +92,14 @@ def _search_cells(
     out: NDArray,
 ) -> None:
     """Write the nearest centroid of every point in cells `first` to `last`."""
-    found = np.empty(len(order), np.int32)
+    candidates = np.empty(len(order), np.int32)
     places = np.empty((len(order), 3))
     for cell in range(first, last):
         # A point lies within half a diagonal of the centre, hence its nearest centroid within `limit` of the centre.
         limit = nearest[cell] + size * 1.7320509
         reach = np.int64(limit / size) + 2
         n = _candidates(
-            centres[cell], limit, p_keys[cell], reach, centroids, order, keys, starts, rows, shape, found, places
+            centres[cell], limit, p_keys[cell], reach, centroids, order, keys, starts, rows, shape, candidates, places
         )
         for i in range(p_starts[cell], p_starts[cell + 1]):
             p = p_order[i]
@@ -108,8 +108,8 @@ def _search_cells(
             for j in range(n):
                 dx, dy, dz = places[j, 0] - x, places[j, 1] - y, places[j, 2] - z
                 distance = dx * dx + dy * dy + dz * dz
-                if distance < best or (distance == best and found[j] < winner):
-                    best, winner = distance, found[j]
+                if distance < best or (distance == best and candidates[j] < winner):
+                    best, winner = distance, candidates[j]
             out[p] = winner
 
 

@@ -60,8 +60,8 @@ def label_held_out(
     """
     whole = cut_scenes(patches, parameters.scene_length)
     pieces = np.unique(whole.scene)
-    wanted = min(len(pieces), max(1, round(len(pieces) * max_patches / len(whole))))
-    drawn = pieces[np.unique(np.linspace(0, len(pieces) - 1, wanted).round()).astype(np.int64)]
+    n_taken = min(len(pieces), max(1, round(len(pieces) * max_patches / len(whole))))
+    drawn = pieces[np.unique(np.linspace(0, len(pieces) - 1, n_taken).round()).astype(np.int64)]
     fold = None if surveys is None else _folds(patches, whole.scene, surveys, n_folds, parameters.n_matches)
     labelled: dict[int, ValidationScene] = {}
     if fold is None:

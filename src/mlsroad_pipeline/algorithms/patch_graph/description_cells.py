@@ -104,11 +104,11 @@ def _nearest_cells(
     table: NDArray[np.float32], centres: NDArray[np.float32], n_probes: int, first: int, last: int
 ) -> NDArray[np.int32]:
     """Return the cells of lowest centre cost for rows `first` to `last`, the cheapest first."""
-    found = np.empty((last - first, n_probes), np.int32)
+    probes = np.empty((last - first, n_probes), np.int32)
     nearest, columns, costs = np.empty(n_probes, np.float32), centres.T.copy(), np.empty(len(centres), np.float32)
     for u in range(first, last):
         nearest[:] = np.inf
-        row = found[u - first]
+        row = probes[u - first]
         block_costs(table, u, columns, len(centres), costs)
         for c in range(len(centres)):
             if costs[c] < nearest[-1]:
@@ -117,21 +117,21 @@ def _nearest_cells(
                     nearest[k], row[k] = nearest[k - 1], row[k - 1]
                     k -= 1
                 nearest[k], row[k] = costs[c], c
-    return found
+    return probes
 
 
 @njit(cache=True, nogil=True)
-def _visitors(found: NDArray[np.int32], n_cells: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+def _visitors(probes: NDArray[np.int32], n_cells: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """List the rows that refer to each cell, as a CSR pair."""
     indptr = np.zeros(n_cells + 1, np.int64)
-    for row in found:
+    for row in probes:
         for c in row:
             indptr[c + 1] += 1
     for c in range(n_cells):
         indptr[c + 1] += indptr[c]
-    at, rows = indptr[:-1].copy(), np.empty(found.size, np.int32)
-    for i in range(len(found)):
-        for c in found[i]:
+    at, rows = indptr[:-1].copy(), np.empty(probes.size, np.int32)
+    for i in range(len(probes)):
+        for c in probes[i]:
             rows[at[c]] = i
             at[c] += 1
     return indptr, rows
@@ -155,7 +155,7 @@ def search_cells(
     The nearest cell of each node comes first: its matches avoid most later updates.
     """
     table, targets, target_scene = source.table, target.table, target.scene
-    found = _nearest_cells(table, cells.centres, min(n_probes, len(cells.centres)), first, last)
+    probes = _nearest_cells(table, cells.centres, min(n_probes, len(cells.centres)), first, last)
     scenes = np.empty((last - first, matches.shape[1]), np.int32)
     for u in range(first, last):
         for k in range(matches.shape[1]):
@@ -163,7 +163,7 @@ def search_cells(
     n_most = np.diff(cells.cell_starts).max()
     block, nearby = np.empty((targets.shape[1], n_most), np.float32), np.empty(n_most, np.float32)
     hits = np.empty(n_most, np.int32)
-    for part in (found[:, :1], found[:, 1:]):
+    for part in (probes[:, :1], probes[:, 1:]):
         indptr, visitors = _visitors(part, len(cells.centres))
         for c in range(len(cells.centres)):
             if indptr[c] == indptr[c + 1]:

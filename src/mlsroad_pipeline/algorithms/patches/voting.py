@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.geometry.cell_grid import build_cell_grids, che
 
 @njit(cache=True, nogil=True)
 def _near_patches(
-    key: int, rows: NDArray, keys: NDArray, starts: NDArray, order: NDArray, found: NDArray
+    key: int, rows: NDArray, keys: NDArray, starts: NDArray, order: NDArray, near: NDArray
 ) -> NDArray[np.int32]:
     """List the patches in a cell and in its 26 neighbours."""
     n = 0
@@ -23,12 +23,12 @@ def _near_patches(
         cell = np.searchsorted(keys, low)
         while cell < len(keys) and keys[cell] <= low + 2:
             for i in range(starts[cell], starts[cell + 1]):
-                if n == len(found):
-                    found = np.concatenate((found, np.empty_like(found)))
-                found[n] = order[i]
+                if n == len(near):
+                    near = np.concatenate((near, np.empty_like(near)))
+                near[n] = order[i]
                 n += 1
             cell += 1
-    return found[:n]
+    return near[:n]
 
 
 @njit(cache=True, nogil=True)
