@@ -1,4 +1,4 @@
-"""What the scene store costs: per scene, per point, per resumed run, and in memory; beside Kedro and plain files.
+"""Costs of the scene store per scene, per point, per resumed run and in memory, compared with Kedro and plain files.
 
 Prints a table and, for each row, a line of JSON. Medians of alternating repetitions; imports and the start of the
 worker processes are outside of the figures.
@@ -50,12 +50,12 @@ def make_cloud(*, n: int, seed: int) -> PointCloud:
 
 
 def make_table(*, seed: int) -> pd.DataFrame:
-    """Return a result that costs nothing, so that what is left is the store."""
+    """Return a result at no cost, so that only the store is measured."""
     return pd.DataFrame({"seed": [seed]})
 
 
 def medians(ways: dict[str, Callable[[], None]], repeats: int) -> dict[str, float]:
-    """Run all ways in turn, `repeats` times after one for warming up, and return the median seconds of each."""
+    """Run all functions alternately, `repeats` times after a warm-up, and return the median seconds of each."""
     seconds: dict[str, list[float]] = {name: [] for name in ways}
     for turn in range(repeats + 1):
         for name, way in ways.items():
@@ -73,13 +73,13 @@ def report(what: str, way: str, value: float, unit: str) -> None:
 
 
 def store_at(path: Path, backend: str, n_workers: int = 2, **settings: object) -> SceneStoreDataset:
-    """Return a quiet store."""
+    """Return a store without progress report."""
     execution = {"backend": backend, "n_workers": n_workers, "progress": False, **settings}
     return SceneStoreDataset(filepath=str(path), execution=execution)
 
 
 def bench_scenes(n_scenes: int, repeats: int) -> None:
-    """Overhead of one scene whose result is a table of one row: computed for the first time, and resumed."""
+    """Measure the overhead of a scene with a table of one row as its result: computed, and resumed."""
     tasks = {f"s{i:05d}": SceneTask(make_table, parameters={"seed": i}) for i in range(n_scenes)}
 
     def computed(backend: str, n_workers: int) -> Callable[[], None]:
@@ -111,7 +111,7 @@ def bench_scenes(n_scenes: int, repeats: int) -> None:
 
 
 def bench_formats(n_points: int, repeats: int) -> None:
-    """Writing and reading one cloud, beside the same columns in pandas and NumPy files."""
+    """Measure writing and reading one cloud, compared with the same columns in pandas and NumPy files."""
     cloud = make_cloud(n=n_points, seed=0)
     arrays = {"xyz": cloud.xyz, **cloud.columns}
     flat = {f"{name}{i}": a[:, i] for name, a in arrays.items() if a.ndim == 2 for i in range(a.shape[1])}
@@ -145,7 +145,7 @@ def bench_formats(n_points: int, repeats: int) -> None:
 
 
 def peak_memory(run: Callable[[], None]) -> float:
-    """Return the highest sum of PSS over this process and its children while something runs, MiB above its start."""
+    """Return the peak sum of PSS over this process and its children during a call, MiB above the start."""
     root, stop, peak = psutil.Process(), threading.Event(), [0.0]
 
     def total() -> float:
@@ -170,7 +170,7 @@ def peak_memory(run: Callable[[], None]) -> float:
 
 
 def bench_memory(n_points: int) -> None:
-    """Peak memory with more and more scenes: it follows the scenes in flight, not the survey."""
+    """Measure the peak memory with growing numbers of scenes: it follows the running scenes, not the survey."""
     for n_scenes in (4, 16, 48):
         tasks = {f"s{i}": SceneTask(make_cloud, parameters={"n": n_points, "seed": i}) for i in range(n_scenes)}
         store = store_at(FOLDER / f"memory{n_scenes}", "loky")

@@ -1,4 +1,4 @@
-"""Parameters from the command line: what `--params=` changes, and how a wrong one is refused before anything runs."""
+"""Parameters from the command line: what `--params` changes, and errors before anything runs."""
 
 import dataclasses
 import re

@@ -1,4 +1,4 @@
-"""The configuration: what it says is what the code takes, in every environment."""
+"""The configuration agrees with the code in every environment."""
 
 import dataclasses
 import re

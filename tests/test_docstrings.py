@@ -1,4 +1,4 @@
-"""The docstrings of the public interface, by numpydoc's own checks."""
+"""Docstrings of the public interface, checked by numpydoc."""
 
 import importlib
 import inspect
@@ -16,13 +16,13 @@ from mlsroad_pipeline import simulation
 REPOSITORY = Path(__file__).resolve().parents[1]
 CHECKS = set(tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["tool"]["numpydoc_validation"]["checks"])
 SECTIONS = {"PR01", "PR02", "PR03", "PR07", "RT01", "RT03"}
-"""Checks of the sections, which some members are spared: see `spared`."""
+"""Checks of the sections; some members are exempt, see `spared`."""
 EXPORTED = {
     name
     for page in sorted((REPOSITORY / "docs/reference").glob("*.md"))
     for name in re.findall(r"^::: (\S+)", page.read_text(), re.M)
 }
-"""Packages and modules that the reference documents: their docstrings have all sections."""
+"""Packages and modules in the reference; their docstrings have all sections."""
 GENERATED = {"mlsroad_pipeline.datasets.models.registered_model_code"}
 """Runs only inside MLflow."""
 
@@ -37,7 +37,7 @@ def modules():
 
 
 def members(module):
-    """Yield name and object of what a module defines itself: functions, classes and their methods."""
+    """Yield name and object of the functions, classes and methods that a module defines."""
     for name, value in vars(module).items():
         if name.startswith("_") or getattr(value, "__module__", None) != module.__name__:
             continue
@@ -53,12 +53,12 @@ def members(module):
 
 
 def exported(name):
-    """Tell whether the reference documents a module, by itself or within its package."""
+    """Return whether the reference documents a module, by itself or within its package."""
     return any(name == other or name.startswith(f"{other}.") for other in EXPORTED)
 
 
 def spared(value):
-    """Tell whether a summary is enough.
+    """Return whether a summary suffices.
 
     That holds for a one-line docstring of at most one parameter beside `self`; for Numba kernels, whose flat arrays the
     calling function documents; for records with a section `Attributes`; for protocols; and for the builders of the
@@ -85,7 +85,7 @@ def _builds_the_street(member):
 @pytest.mark.parametrize("name", modules())
 def test_public_interface_is_documented(name):
     module = importlib.import_module(name)
-    assert inspect.getdoc(module), f"{name} says nothing of itself"
+    assert inspect.getdoc(module), f"{name} has no docstring"
     wrong = []
     for member, value in members(module):
         for code, message in validate(member)["errors"]:

@@ -1,4 +1,4 @@
-"""Environments for recordings that are not at hand: their files' form, made up, is read as the environment says."""
+"""Environments of recordings that are not at hand: generated files in their formats are read correctly."""
 
 import dataclasses
 
@@ -25,7 +25,7 @@ def parameters_of(project, env, root):
 
 
 def write_rue_madame(path):
-    """Write what the files of Paris-Rue-Madame hold: binary PLY with x, y, z, reflectance, label and class."""
+    """Write a file in the format of Paris-Rue-Madame: binary PLY with x, y, z, reflectance, label and class."""
     rows = np.zeros(
         len(CODES), [(name, "<f4") for name in ("x", "y", "z", "reflectance")] + [("label", "<i4"), ("class", "<i4")]
     )

@@ -1,4 +1,4 @@
-"""What imports what: the contracts of the layers, and what a command or a worker must not load."""
+"""Import contracts of the layers, and modules that a command or a worker must not load."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""The notebooks run from the first cell to the last on what a tiny run has left, and are stored without outputs."""
+"""The notebooks run from the first cell to the last on the results of a tiny run, and are stored without outputs."""
 
 import base64
 import io
@@ -22,7 +22,7 @@ SAYS = {
     "visual_words": ("points", "reference", "threshold", "detected"),
     "tour": ("train/survey.laz", "man-made terrain", "paved ground"),
 }
-"""Words that the outputs of a notebook hold."""
+"""Words expected in the outputs of each notebook."""
 NEEDS_NO_RUN = {"fusion", "gallery", "jointnet"}
 
 

@@ -1,4 +1,4 @@
-"""Groups of parameters: every file of conf/base is a dataclass of the code, with its fields and its defaults."""
+"""Groups of parameters: every file of conf/base is a dataclass of the code, with its fields and defaults."""
 
 import ast
 import dataclasses
@@ -52,9 +52,9 @@ CONFIGURED = {
 }  # fmt: skip
 """Groups whose values are those of the embedded survey or of a paper and not the defaults of the code."""
 TOLD_BY_DIFFERENCE = {"plain_cut": NormalizedCutParameters}
-"""Nested groups of which the configuration says only what differs from the defaults of their dataclass."""
+"""Nested groups of which the configuration sets only values that differ from the defaults of their dataclass."""
 TREES = {"classes", "simulation"}
-"""Groups that are read by functions of their own."""
+"""Groups parsed by separate functions."""
 
 
 def default_of(field):
@@ -79,7 +79,7 @@ def test_keys_are_the_fields_of_the_dataclass(group):
 
 
 def as_yaml(value):
-    """Turn tuples into lists, nested ones too: YAML knows lists alone."""
+    """Turn tuples into lists, also nested ones: YAML has lists only."""
     if isinstance(value, (list, tuple)):
         return [as_yaml(entry) for entry in value]
     return {key: as_yaml(entry) for key, entry in value.items()} if isinstance(value, dict) else value

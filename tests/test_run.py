@@ -1,4 +1,4 @@
-"""The whole comparison on two tiny surveys: what it leaves behind, held against slow recounts of the same files."""
+"""The whole comparison on two tiny surveys, checked against slow recounts of its files."""
 
 import json
 import os
@@ -33,7 +33,7 @@ def project(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def catalog(project):
-    """Load anything that the run has stored."""
+    """Load a dataset of the run."""
     with session_of(project, **TINY) as session:
         found = session.load_context().catalog
         yield {name: found.load(name) for name in ("scenes", "ground", f"{METHOD}.labels", "survey_quality")}

@@ -1,4 +1,4 @@
-"""The Kedro dataset, as a catalog makes it."""
+"""Kedro dataset of a point cloud, created by a catalog."""
 
 import numpy as np
 import pytest

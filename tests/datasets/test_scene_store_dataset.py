@@ -1,4 +1,4 @@
-"""The scene store in one process: what is stored, what is skipped, what is refused."""
+"""Scene store in one process: stored, skipped and invalid results."""
 
 import json
 import logging

@@ -1,4 +1,4 @@
-"""What a scene store refuses, and what failures and interruptions leave behind."""
+"""Scene store: invalid input, failures and interruptions."""
 
 import numpy as np
 import pytest

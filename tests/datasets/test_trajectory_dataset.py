@@ -1,4 +1,4 @@
-"""Trajectory files: separators, names, positions, and what is wrong with them."""
+"""Trajectory files: separators, names, positions, and errors."""
 
 import numpy as np
 import pytest

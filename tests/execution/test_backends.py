@@ -1,4 +1,4 @@
-"""The scene store with several workers: the same bytes, killed workers, killed runs, clusters."""
+"""Scene store with several workers: equal bytes, killed workers, killed runs, clusters."""
 
 import json
 import logging
@@ -295,7 +295,7 @@ def wait_for_records(root, n_records):
 
 @pytest.mark.parametrize("group", [False, True], ids=["driver", "driver_and_workers"])
 def test_run_killed_at_random_moments_ends_with_the_same_bytes(tmp_path, marks, group):
-    """Kill -9 five times each: the driver alone, so that its workers outlive it for a moment, and all processes."""
+    """Kill -9 five times: the driver only, so that its workers outlive it briefly, or all processes."""
     undisturbed = tmp_path / "undisturbed"
     store_at(undisturbed, backend="sequential").save(
         {f"s{i}": SceneTask(slow_parts, {}, {"seed": i, "marks": str(marks), "pause": 0.02}) for i in range(16)}

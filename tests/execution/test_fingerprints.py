@@ -1,4 +1,4 @@
-"""A fingerprint changes when, and only when, a result would have to be computed again."""
+"""A fingerprint changes if and only if a result has to be computed again."""
 
 import enum
 import functools

@@ -1,4 +1,4 @@
-"""Arrays mapped from NPZ files."""
+"""Memory-mapped arrays of NPZ files."""
 
 import zipfile
 

@@ -1,4 +1,4 @@
-"""What comes out of a file equals what went in, bit for bit, and equal results give equal bytes."""
+"""Files of results: bit-exact round trips, and equal bytes for equal results."""
 
 import io
 

@@ -1,4 +1,4 @@
-"""What a module can reach is what it imports, at its head or inside functions, and so on."""
+"""Source files reachable from a module: its imports, at module level or inside functions, and theirs."""
 
 import ast
 import subprocess
@@ -12,7 +12,7 @@ from mlsroad_pipeline.execution.source_reach import PROJECT, all_sources, in_sci
 
 @pytest.fixture
 def project(tmp_path, monkeypatch):
-    """A project of eight files: a imports b inside a function, b a name from c, d by name what lies below it."""
+    """Project of eight files: a imports b inside a function, b imports c, d imports its package by name."""
     files = {
         "algorithms/__init__.py": "",
         "algorithms/a.py": "def f():\n    from mlsroad_pipeline.algorithms.b import g\n    return g",

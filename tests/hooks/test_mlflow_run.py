@@ -1,4 +1,4 @@
-"""What a tracked run records: one small Kedro project is run once, each behaviour is read from its store."""
+"""Records of a tracked run: one small Kedro project runs once, and each test reads its store."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""The time that a run still takes, and the page that it ends with."""
+"""ETA of a run, and the summary of `make run`."""
 
 import logging
 
@@ -23,7 +23,7 @@ def chain(n):
 
 @pytest.fixture
 def ended(monkeypatch, caplog):
-    """Run a chain whose node i takes i seconds; return the lines told."""
+    """Run a chain whose node i takes i seconds; return the logged lines."""
     clock = {"now": 0.0}
     monkeypatch.setattr(CLOCK, lambda: clock["now"])
 

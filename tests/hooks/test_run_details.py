@@ -1,4 +1,4 @@
-"""What a run says about itself, without a tracking store."""
+"""Details of a run, without a tracking store."""
 
 import subprocess
 from dataclasses import dataclass

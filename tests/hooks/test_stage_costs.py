@@ -1,4 +1,4 @@
-"""What nodes take, measured on nodes that take a known time."""
+"""Costs of nodes of known duration."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""A database of runs that cannot be used is named at once, with what to do."""
+"""An unusable database of runs gives an error that names it and a remedy."""
 
 import sqlite3
 from contextlib import closing

@@ -1,1 +1,1 @@
-"""The I/O edge: one Kedro dataset class per file, and the readers and writers that they stand on."""
+"""Kedro datasets; `inventory`, `models` and `reports` include the file formats behind theirs."""

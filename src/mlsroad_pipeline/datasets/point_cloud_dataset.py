@@ -1,4 +1,4 @@
-"""A Kedro dataset for one point cloud in any known format."""
+"""Kedro dataset of one point cloud in any supported format."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from mlsroad_pipeline.formats.registry import format_of_name, get_format, known_
 
 
 class PointCloudDataset(AbstractDataset[PointCloud, PointCloud]):
-    """Loads and saves a `PointCloud` in any format of the registry, by the file's content and name.
+    """Point cloud in any format of the registry, detected by content on loading and by extension on saving.
 
-    What was read from LAS or LAZ is saved with that file's header, scale, offset and records (see `WriteOptions`).
+    A cloud read from LAS or LAZ is saved with the header, scale, offset and records of that file (see `WriteOptions`).
 
     Parameters
     ----------
     filepath : str
-        The file, on this machine's file system.
+        The file, on the local file system.
     load_args : dict, optional
         Arguments of `ReadOptions`.
     save_args : dict, optional
         Arguments of `WriteOptions`.
     metadata : dict, optional
-        Anything; Kedro ignores it.
+        Any metadata; ignored.
 
     Raises
     ------
@@ -85,12 +85,12 @@ class PointCloudDataset(AbstractDataset[PointCloud, PointCloud]):
         Raises
         ------
         DatasetError
-            If the file cannot be read; the message names it and what is wrong.
+            If the file cannot be read; the message names the file and the cause.
         """
         return get_format(self._path).read(self._path, self._read)
 
     def save(self, data: PointCloud) -> None:
-        """Write the cloud; the file appears whole or not at all.
+        """Write the cloud atomically.
 
         Parameters
         ----------
@@ -100,7 +100,7 @@ class PointCloudDataset(AbstractDataset[PointCloud, PointCloud]):
         Raises
         ------
         DatasetError
-            If no format has the file's extension or the cloud cannot be stored.
+            If the extension is unknown or the cloud cannot be stored.
         """
         form = format_of_name(self._path)
         if form is None:

@@ -1,4 +1,4 @@
-"""The images of a survey as a dataset of the catalog."""
+"""Kedro dataset of the images of a survey."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from mlsroad_pipeline.surveys.images import SurveyImages
 
 
 class SurveyImagesDataset(AbstractDataset[SurveyImages, SurveyImages]):
-    """The images of a survey; the pictures stay in their files until they are asked for.
+    """Images of a survey: cameras and poses; pictures are read on request.
 
     Parameters
     ----------
     filepath : str
-        What describes the cameras; see `camera_files.read_images`.
+        Description of the cameras; see `camera_files.read_images`.
     images : str, optional
         Folder of the pictures; ``images`` beside the file by default.
     trajectory : str, optional
-        Poses of the vehicle, for files that give none per image.
+        Poses of the vehicle, for camera files without poses per image.
     optional : bool, default False
-        Whether a missing file means a survey without images instead of an error.
+        Treat a missing file as a survey without images; otherwise it is an error.
     metadata : dict, optional
-        Anything; not read.
+        Any metadata; ignored.
 
     Examples
     --------
@@ -50,8 +50,8 @@ class SurveyImagesDataset(AbstractDataset[SurveyImages, SurveyImages]):
         return read_images(self._filepath, images=self._images, trajectory=self._trajectory)
 
     def save(self, data: SurveyImages) -> None:
-        """Refuse: images are only read."""
-        raise DatasetError(f"images are only read: nothing is saved to {self._filepath}")
+        """Raise DatasetError: images are read-only."""
+        raise DatasetError(f"{self._filepath}: images of a survey are read-only and cannot be saved")
 
     def _exists(self) -> bool:
         return Path(self._filepath).exists()

@@ -1,4 +1,4 @@
-"""Kedro dataset of the path of a survey vehicle."""
+"""Kedro dataset of a trajectory."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from mlsroad_pipeline.surveys.trajectory_files import read_trajectory, write_tra
 
 
 class TrajectoryDataset(AbstractDataset[Trajectory, Trajectory]):
-    """The path of a survey vehicle in a text file.
+    """Trajectory of a survey vehicle in a text file.
 
     Parameters
     ----------
     filepath : str
         The file.
     columns : list of str, optional
-        What its columns are, as in `read_trajectory`.
+        Names of the columns, as in `read_trajectory`.
     metadata : dict, optional
-        Anything; not read.
+        Any metadata; ignored.
 
     Examples
     --------

@@ -1,11 +1,11 @@
 """Early start of the worker pool of `label`, while the driver is still importing its libraries.
 
-Before the first scene of `kedro run --pipeline=label`, the driver spends 4.5 s of processor time on Kedro, MLflow, the
+Before the first scene of `kedro run --pipeline=label`, the driver spends 5 s of processor time on Kedro, MLflow, the
 configuration and the pipeline, and each worker 1.5 s on libraries and compiled kernels. With the early start both
 happen at the same time. Kedro calls no hook of a project before its settings are imported, so the settings start the
-workers, and the command line shows whether they are needed. On two cores, `label` of a simulated street of 420,000
-points took 1.3 s less than with a start in `after_context_created` (median of 15 alternating pairs of runs of about
-20 s), and 6 s less than without an early start (median of 8).
+workers, and the command line shows whether they are needed. On two busy cores, `label` of a simulated street of
+420,000 points took 1.3 s less than with a start in `after_context_created` (median of 15 alternating pairs of runs of
+12 to 28 s), and 6 s less than without an early start (median of 8 pairs).
 """
 
 from __future__ import annotations

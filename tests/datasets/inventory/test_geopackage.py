@@ -1,4 +1,4 @@
-"""GeoPackages: typed layers with names and styles, same bytes, whole or not at all."""
+"""GeoPackages: typed layers with aliases and styles, equal bytes, atomic writes."""
 
 import sqlite3
 from contextlib import closing

@@ -1,4 +1,4 @@
-"""GeoParquet: the metadata of the specification, read by others, same bytes, whole or not at all."""
+"""GeoParquet: metadata of the specification, other readers, equal bytes, atomic writes."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Styles: well-formed, of the right symbols, and with expressions over fields that are there."""
+"""QGIS styles: well-formed, with the right symbols, and with expressions over existing fields."""
 
 import re
 from xml.etree import ElementTree

@@ -56,16 +56,16 @@ def test_series_come_back_and_others_are_refused(tmp_path):
     dataset.save(series[:0])  # nothing was measured
     pd.testing.assert_frame_equal(dataset.load(), series[:0], check_index_type=False)
     for wrong in (series[["iteration"]], series[["objective", "iteration"]], series.assign(objective="low")):
-        with pytest.raises(DatasetError, match=r"objective.csv: a column of whole steps"):
+        with pytest.raises(DatasetError, match=r"objective.csv: needs a column of integer steps"):
             dataset.save(wrong)
     (tmp_path / "objective.csv").write_text("")
-    with pytest.raises(DatasetError, match=r"objective.csv: no table of figures"):
+    with pytest.raises(DatasetError, match=r"objective.csv: no table of metrics by step"):
         dataset.load()
 
 
 @pytest.mark.parametrize("dataset", [ScoresDataset, FigureDataset, HtmlReportDataset, MetricSeriesDataset])
 def test_a_missing_file_is_named(dataset, tmp_path):
-    with pytest.raises(DatasetError, match=r"there is no file .*gone"):
+    with pytest.raises(DatasetError, match=r"gone.* does not exist"):
         dataset(filepath=str(tmp_path / "gone")).load()
 
 
@@ -106,7 +106,7 @@ def test_the_same_figure_gives_the_same_bytes(tmp_path):
 
 @pytest.mark.parametrize("data", [np.zeros((2, 2, 3)), np.zeros((2, 2), np.uint8), "a.png"])
 def test_what_is_no_figure_is_refused(data, tmp_path):
-    with pytest.raises(DatasetError, match="a figure or uint8"):
+    with pytest.raises(DatasetError, match="needs a figure or a uint8 array"):
         FigureDataset(filepath=str(tmp_path / "a.png")).save(data)
 
 
@@ -121,5 +121,5 @@ def test_reports_come_back_and_other_text_is_refused(tmp_path):
     page = "<!DOCTYPE html>\n<html>Straße</html>\n"
     dataset.save(page)
     assert dataset.load() == page
-    with pytest.raises(DatasetError, match=r"r.html: an HTML page is needed, got 'plain'"):
+    with pytest.raises(DatasetError, match=r"r.html: needs an HTML page, got 'plain'"):
         dataset.save("plain")

@@ -1,1 +1,1 @@
-"""Kedro datasets of the road inventory: GeoPackage and GeoParquet."""
+"""Kedro dataset of the road inventory, with its formats GeoPackage and GeoParquet."""

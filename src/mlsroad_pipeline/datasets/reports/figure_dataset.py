@@ -1,4 +1,4 @@
-"""Figures and pictures as PNG files."""
+"""Kedro dataset of figures and pictures as PNG files."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _EFFORT = 1
-"""Of zlib, 0 to 9; pictures of clouds are one twentieth larger than at its default of 6, in half the time."""
+"""Compression level of zlib, 0 to 9; pictures of clouds are 5 % larger than at the default of 6, in half the time."""
 
 
 def _is_figure(data: object) -> bool:
-    matplotlib = sys.modules.get("matplotlib.figure")  # a value can only be a figure if somebody has imported it
+    matplotlib = sys.modules.get("matplotlib.figure")  # a figure exists only if matplotlib has been imported
     return matplotlib is not None and isinstance(data, matplotlib.Figure)
 
 
 class FigureDataset(ReportFileDataset["Figure | NDArray[np.uint8]", NDArray[np.uint8]]):
-    """A matplotlib figure or a picture, written as PNG; loading gives the pixels.
+    """Matplotlib figure or picture, written as PNG; loading returns the pixels.
 
     Parameters
     ----------
     filepath : str
         A path or a URL that ends in ``.png``.
     dpi : float, optional
-        Resolution of figures, dots per inch; None takes the figure's own.
+        Resolution of figures, dots per inch; None keeps the resolution of the figure.
     credentials, fs_args, metadata : mapping, optional
         See `ReportFileDataset`.
 
     Raises
     ------
     DataError
-        On saving what is neither a figure nor uint8 (height, width, 3).
+        On saving a value that is neither a figure nor a uint8 array (height, width, 3).
 
     Examples
     --------
@@ -72,22 +72,22 @@ class FigureDataset(ReportFileDataset["Figure | NDArray[np.uint8]", NDArray[np.u
         self._dpi = dpi
 
     def load(self) -> NDArray[np.uint8]:
-        """Return the pixels, uint8 (height, width, 3), or raise `ReadError` for a file that is no picture."""
+        """Return the pixels, uint8 (height, width, 3); raise `ReadError` for a file that is no picture."""
         try:
             return np.asarray(Image.open(io.BytesIO(self.read_bytes())).convert("RGB"))
         except (UnidentifiedImageError, OSError) as error:
             raise ReadError(f"{self._filepath} is no picture: {error}") from error
 
     def save(self, data: Figure | NDArray[np.uint8]) -> None:
-        """Write the figure or picture; the same one gives the same bytes."""
+        """Write the figure or picture; equal pictures give equal bytes."""
         buffer = io.BytesIO()
         if _is_figure(data):
-            # without the library's version in the file, an upgrade does not change its bytes
+            # the version of matplotlib would change the bytes with every upgrade
             options: dict[str, Any] = {"metadata": {"Software": None}, "pil_kwargs": {"compress_level": _EFFORT}}
             cast("Figure", data).savefig(buffer, format="png", dpi=self._dpi or "figure", **options)
         elif isinstance(data, np.ndarray) and data.dtype == np.uint8 and data.ndim == 3 and data.shape[2] == 3:
             Image.fromarray(data).save(buffer, format="PNG", compress_level=_EFFORT)
         else:
             got = f"{data.dtype} {data.shape}" if isinstance(data, np.ndarray) else type(data).__name__
-            raise DataError(f"{self._filepath}: a figure or uint8 (height, width, 3) is needed, got {got}")
+            raise DataError(f"{self._filepath}: needs a figure or a uint8 array (height, width, 3), got {got}")
         self.write_bytes(buffer.getvalue())

@@ -1,4 +1,4 @@
-"""Reports as HTML files."""
+"""Kedro dataset of reports as HTML files."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from mlsroad_pipeline.datasets.reports.report_file import ReportFileDataset
 
 
 class HtmlReportDataset(ReportFileDataset[str, str]):
-    """An HTML page, as `mlsroad_pipeline.reporting.html.report.build_report` gives it.
+    """HTML page, such as that of `mlsroad_pipeline.reporting.html.report.build_report`.
 
     Parameters
     ----------
@@ -19,7 +19,7 @@ class HtmlReportDataset(ReportFileDataset[str, str]):
     Raises
     ------
     DataError
-        On saving what is no HTML page.
+        On saving a value that is no HTML page.
 
     Examples
     --------
@@ -44,5 +44,5 @@ class HtmlReportDataset(ReportFileDataset[str, str]):
     def save(self, data: str) -> None:
         """Write the page."""
         if not isinstance(data, str) or not data.lstrip().lower().startswith("<!doctype html"):
-            raise DataError(f"{self._filepath}: an HTML page is needed, got {str(data)[:40]!r}")
+            raise DataError(f"{self._filepath}: needs an HTML page, got {str(data)[:40]!r}")
         self.write_bytes(data.encode("utf-8"))

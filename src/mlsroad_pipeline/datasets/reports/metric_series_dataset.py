@@ -1,4 +1,4 @@
-"""A figure that changes from step to step, as a CSV file that hooks log to MLflow."""
+"""Kedro dataset of metrics by step as a CSV file, which hooks log to MLflow."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mlsroad_pipeline.datasets.reports.report_file import ReportFileDataset
 
 
 class MetricSeriesDataset(ReportFileDataset[pd.DataFrame, pd.DataFrame]):
-    """A table of figures by step: the first column holds whole steps, the others one figure each.
+    """Table of metrics by step: integer steps in the first column, one metric in each other column.
 
     Parameters
     ----------
@@ -38,22 +38,22 @@ class MetricSeriesDataset(ReportFileDataset[pd.DataFrame, pd.DataFrame]):
     """
 
     def load(self) -> pd.DataFrame:
-        """Return the table, or raise `DataError` naming the file and what is wrong."""
+        """Return the table; raise `ReadError` or `DataError` naming the file and the cause."""
         try:
             frame = pd.read_csv(io.BytesIO(self.read_bytes()))
         except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-            raise ReadError(f"{self._filepath}: no table of figures by step: {error}") from error
-        if frame.empty:  # a file without rows does not tell the kinds of its columns
+            raise ReadError(f"{self._filepath}: no table of metrics by step: {error}") from error
+        if frame.empty:  # a file without rows does not determine the types of its columns
             frame = frame.astype({name: np.float64 if k else np.int64 for k, name in enumerate(frame)})
         return self._check(frame)
 
     def save(self, data: pd.DataFrame) -> None:
-        """Write the table, or raise `DataError` naming what is wrong."""
+        """Write the table; raise `DataError` naming the file and the cause."""
         table = self._check(data)
         self.write_bytes(table.to_csv(index=False, lineterminator="\n").encode("utf-8"))
 
     def _check(self, frame: pd.DataFrame) -> pd.DataFrame:
         kinds = "".join(dtype.kind for dtype in frame.dtypes)
         if len(kinds) < 2 or kinds[0] not in "iu" or not set(kinds) <= set("iuf"):
-            raise DataError(f"{self._filepath}: a column of whole steps and columns of numbers, got {list(frame)}")
+            raise DataError(f"{self._filepath}: needs a column of integer steps and numeric columns, got {list(frame)}")
         return frame

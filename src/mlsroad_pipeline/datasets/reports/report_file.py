@@ -1,4 +1,4 @@
-"""What the datasets of scores, figures and reports share: one small file that appears whole or not at all."""
+"""Base of the datasets of scores, figures and reports: one small file, written atomically."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ Loaded = TypeVar("Loaded")
 
 
 class ReportFileDataset(AbstractDataset[Saved, Loaded], Generic[Saved, Loaded]):
-    """A file that is read and written as bytes, on any file system of fsspec.
+    """File that is read and written as bytes, on any file system of fsspec.
 
     Parameters
     ----------
     filepath : str
         A path or a URL.
     credentials : mapping, optional
-        What the file system is opened with.
+        Credentials of the file system.
     fs_args : mapping, optional
-        More of that.
+        Further options of the file system.
     metadata : mapping, optional
-        Anything; Kedro does not look at it.
+        Any metadata; ignored.
     """
 
     def __init__(
@@ -44,16 +44,16 @@ class ReportFileDataset(AbstractDataset[Saved, Loaded], Generic[Saved, Loaded]):
         self.metadata = metadata
 
     def read_bytes(self) -> bytes:
-        """Return the file's content, or raise `DatasetError` naming a file that is not there."""
+        """Return the content of the file; raise `DatasetError` if it does not exist."""
         filesystem, path = fsspec.core.url_to_fs(self._filepath, **self._options)
         try:
             content: bytes = filesystem.cat_file(path)
         except (FileNotFoundError, IsADirectoryError) as error:
-            raise DatasetError(f"there is no file {self._filepath}") from error
+            raise DatasetError(f"{self._filepath} does not exist") from error
         return content
 
     def write_bytes(self, content: bytes) -> None:
-        """Replace the file: locally by a rename, elsewhere by one put, so that no reader sees a half."""
+        """Replace the file atomically: locally by a rename, elsewhere by a single put."""
         filesystem, path = fsspec.core.url_to_fs(self._filepath, **self._options)
         if not isinstance(filesystem, LocalFileSystem):
             filesystem.pipe_file(path, content)
@@ -69,7 +69,7 @@ class ReportFileDataset(AbstractDataset[Saved, Loaded], Generic[Saved, Loaded]):
 
     @property
     def filename(self) -> str:
-        """The file's own name."""
+        """Name of the file without its folder."""
         return self._filepath.rstrip("/").rsplit("/", 1)[-1]
 
     def _exists(self) -> bool:

@@ -1,4 +1,4 @@
-"""The table of scores as a CSV file, checked on the way in and out."""
+"""Kedro dataset of a table of scores as a CSV file, validated on loading and saving."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mlsroad_pipeline.datasets.reports.report_file import ReportFileDataset
 
 
 class ScoresDataset(ReportFileDataset[pd.DataFrame, pd.DataFrame]):
-    """Scores of one method: `method,split,class,metric,value,support`, an undefined value an empty cell.
+    """Scores of one method: `method,split,class,metric,value,support`, with empty cells for undefined values.
 
     Parameters
     ----------
@@ -41,15 +41,15 @@ class ScoresDataset(ReportFileDataset[pd.DataFrame, pd.DataFrame]):
     """
 
     def load(self) -> pd.DataFrame:
-        """Return the table, or raise `DataError` naming the file and what breaks the contract."""
+        """Return the table; raise `ReadError` or `DataError` naming the file and the cause."""
         try:
-            # a class may be called "nan" or "None": only an empty cell of `value` is undefined
+            # classes may be named "nan" or "None": only an empty cell of `value` is undefined
             frame = pd.read_csv(io.BytesIO(self.read_bytes()), keep_default_na=False, na_values={"value": [""]})
         except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
             raise ReadError(f"{self._filepath}: no table of scores: {error}") from error
         return check_scores(frame, source=self._filepath)
 
     def save(self, data: pd.DataFrame) -> None:
-        """Write the table, or raise `DataError` naming what breaks the contract."""
+        """Write the table; raise `DataError` naming the file and the cause."""
         table = check_scores(data, source=self._filepath)
         self.write_bytes(table.to_csv(index=False, lineterminator="\n").encode("utf-8"))

@@ -1,4 +1,4 @@
-"""What a survey that is labelled tells of its own classes while it is read, and what becomes of them in the result."""
+"""Classes in the files of a survey to be labelled: detection on reading, and the copy in the result."""
 
 import laspy
 import numpy as np
