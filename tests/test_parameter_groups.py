@@ -51,7 +51,7 @@ CONFIGURED = {
     "yu2016_study",
 }  # fmt: skip
 """Groups whose values are those of the embedded survey or of a paper and not the defaults of the code."""
-TOLD_BY_DIFFERENCE = {"plain_cut": NormalizedCutParameters}
+DIFFERENCES_ONLY = {"plain_cut": NormalizedCutParameters}
 """Nested groups of which the configuration sets only values that differ from the defaults of their dataclass."""
 TREES = {"classes", "simulation"}
 """Groups parsed by separate functions."""
@@ -89,8 +89,8 @@ def as_yaml(value):
 def test_values_are_the_defaults_of_the_code(group):
     for field in dataclasses.fields(TYPED[group]):
         default, configured = default_of(field), base(group)[field.name]
-        if field.name in TOLD_BY_DIFFERENCE:
-            configured = as_yaml(dataclasses.asdict(TOLD_BY_DIFFERENCE[field.name](**configured)))
+        if field.name in DIFFERENCES_ONLY:
+            configured = as_yaml(dataclasses.asdict(DIFFERENCES_ONLY[field.name](**configured)))
         if default is not dataclasses.MISSING:
             assert configured == as_yaml(default), field.name
 
