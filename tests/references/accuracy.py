@@ -1,4 +1,4 @@
-"""Slow, obvious versions of what describes the surroundings of supervoxels and smooths their labels."""
+"""Slow, obvious versions of the context features and label smoothing of supervoxels."""
 
 import numpy as np
 from references.forest import eigen_features

@@ -1,1 +1,1 @@
-"""Slow, obvious re-implementations that the fast code is held against."""
+"""Slow, obvious re-implementations, compared with the fast code."""

@@ -1,4 +1,4 @@
-"""Slow, obvious versions of what the neighbourhood, feature and forest kernels compute."""
+"""Slow, obvious versions of the neighbourhood, feature and forest kernels."""
 
 import numpy as np
 from scipy.sparse import csr_array

@@ -1,4 +1,4 @@
-"""Slow, obvious counterparts of the ground filter and its helpers, and a street whose ground is known."""
+"""Slow, obvious versions of the ground filter, and a street with known ground."""
 
 import numpy as np
 from scipy.spatial import cKDTree

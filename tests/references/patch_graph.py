@@ -1,4 +1,4 @@
-"""Slow, obvious re-implementations that the patch match graph and its refinement are held against."""
+"""Slow, obvious re-implementations of the patch match graph and its refinement."""
 
 import itertools
 import math

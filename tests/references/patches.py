@@ -1,4 +1,4 @@
-"""Slow, obvious re-implementations of what patches are made of, and small streets with labels."""
+"""Slow, obvious re-implementations of patches, and small labelled streets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slow, obvious re-implementations that the voxel and supervoxel kernels are held against."""
+"""Slow, obvious re-implementations of the voxel and supervoxel kernels."""
 
 import itertools
 import math

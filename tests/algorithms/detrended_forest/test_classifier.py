@@ -160,7 +160,7 @@ def test_bad_input_is_named(blobs):
         DetrendedForestClassifier().predict_proba(values)
 
 
-def test_features_other_than_those_of_the_training_are_refused(blobs):
+def test_features_that_differ_from_training_are_rejected(blobs):
     values, labels = blobs
     model = fit(named(values), labels)
     with pytest.raises(DataError, match=r"features differ from those of training: \['luma', 'noise'\]"):
@@ -201,7 +201,7 @@ def partition(xyz, size):
 
 
 @pytest.mark.real_data
-def test_ground_and_what_stands_on_it_are_told_apart_on_a_real_street(real_data):
+def test_ground_and_objects_are_separated_on_a_real_street(real_data):
     """Learn one block of Oakland and label another: ground, and anything else."""
     scenes = []
     for block in ("part2_ac", "part3_aj"):

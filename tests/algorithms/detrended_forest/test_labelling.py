@@ -73,7 +73,7 @@ def test_bad_input_is_named(rng):
         label_points(xyz, centroids, probabilities, n_threads=0)
 
 
-def test_neighbours_have_their_say_in_the_class(rng):
+def test_probabilities_are_smoothed_over_neighbours(rng):
     dense = np.triu(rng.random((40, 40)) < 0.1, 1)
     dense[9] = dense[:, 9] = False  # a supervoxel without neighbours
     adjacency = csr_array((dense | dense.T).astype(np.int8))

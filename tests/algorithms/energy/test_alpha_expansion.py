@@ -60,7 +60,7 @@ def test_no_expansion_by_enumeration_beats_three_labels(rng, kind, whole_numbers
 
 
 @pytest.mark.parametrize("kind", ["metric", "agreement"])
-def test_one_expansion_is_the_best_of_all(rng, kind):
+def test_one_expansion_is_optimal(rng, kind):
     """From any labelling, not only the one that minimisation ends in: one cycle of one label that costs least."""
     for trial in range(30):
         unary, edges, weights = random_problem(rng, 2 + trial % 7, 3)

@@ -85,20 +85,20 @@ def test_bank_that_rises_from_the_road_is_ground(rng):
     assert classify_ground(ground)[inside].all()
 
 
-def test_ghosts_below_the_ground_neither_are_ground_nor_pull_it_down(rng):
+def test_outliers_below_the_ground_are_not_ground_and_do_not_lower_it(rng):
     ghosts = np.array([4.0, 4.0, -6.0]) + rng.normal(scale=0.2, size=(15, 3))
     is_ground = classify_ground(np.concatenate([plane(rng, 20_000), ghosts]))
     assert is_ground[:20_000].all()
     assert not is_ground[20_000:].any()
 
 
-def test_permutation_of_points_permutes_the_answer(street, rng):
+def test_permutation_of_points_permutes_the_result(street, rng):
     xyz, _ = street
     order = rng.permutation(len(xyz))
     np.testing.assert_array_equal(classify_ground(xyz[order]), classify_ground(xyz)[order])
 
 
-def test_translation_to_utm_keeps_the_answer(street):
+def test_translation_to_utm_keeps_the_result(street):
     xyz, _ = street
     there = classify_ground(xyz + np.array([458_000.0, 5_428_000.0, 120.0]))
     assert (there != classify_ground(xyz)).mean() < 1e-4  # rounding of coordinates of millions of metres
@@ -118,14 +118,14 @@ def test_float32_and_float64_agree(street):
 
 
 @pytest.mark.parametrize("reference", ["surface", "block"])
-def test_threads_do_not_change_the_answer(street, reference):
+def test_threads_do_not_change_the_result(street, reference):
     xyz, _ = street
     one = classify_ground(xyz, reference=reference)
     for n_threads in (2, 3):
         np.testing.assert_array_equal(classify_ground(xyz, reference=reference, n_threads=n_threads), one)
 
 
-def test_input_is_not_modified_and_duplicates_share_their_fate(street):
+def test_input_is_not_modified_and_duplicates_have_one_label(street):
     xyz, _ = street
     before = xyz.copy()
     twice = classify_ground(np.concatenate([xyz, xyz]))
@@ -134,7 +134,7 @@ def test_input_is_not_modified_and_duplicates_share_their_fate(street):
     np.testing.assert_array_equal(twice[: len(xyz)], classify_ground(xyz))
 
 
-def test_far_stray_point_costs_a_block_and_changes_nothing(rng):
+def test_a_distant_outlier_adds_one_block_and_changes_nothing(rng):
     ground = plane(rng)
     far = np.concatenate([ground, [[3e6, 5e6, 0.0]]])
     assert classify_ground(far)[:-1].all()

@@ -18,7 +18,7 @@ def overlap(rng):
     return values, labels
 
 
-def test_at_most_so_many_of_each_class_are_drawn():
+def test_samples_have_a_maximum_size_per_class():
     target = np.repeat([0, 1, 2, -1], [50, 4, 10, 30])[np.random.default_rng(0).permutation(94)]
     rows = draw_per_class(target, 10, seed=3)
     assert np.bincount(target[rows]).tolist() == [10, 4, 10]
@@ -30,7 +30,7 @@ def test_at_most_so_many_of_each_class_are_drawn():
 
 
 @pytest.mark.parametrize(("kind", "totals"), [("balanced", (1, 1)), ("sqrt", (30, 6)), (None, (900, 36))])
-def test_all_supervoxels_of_a_class_weigh_what_they_should_however_many_are_drawn(kind, totals):
+def test_total_class_weights_do_not_depend_on_the_sample_size(kind, totals):
     sizes = np.array([900, 36])
     for drawn in (sizes, np.array([100, 36])):
         weights = class_weights(sizes, drawn, kind) or {0: 1.0, 1: 1.0}
@@ -40,7 +40,7 @@ def test_all_supervoxels_of_a_class_weigh_what_they_should_however_many_are_draw
     assert class_weights(sizes, sizes, None) is None
 
 
-def test_the_rare_class_is_found_the_more_often_the_more_it_weighs(overlap):
+def test_a_larger_weight_raises_the_recall_of_a_rare_class(overlap):
     values, labels = overlap
     found = [
         (DetrendedForestClassifier(2, n_trees=60, min_samples_leaf=20, class_weight=kind)
@@ -50,7 +50,7 @@ def test_the_rare_class_is_found_the_more_often_the_more_it_weighs(overlap):
     assert found[0] < found[1] < found[2]
 
 
-def test_what_is_not_drawn_is_made_up_for_by_weight(overlap):
+def test_weights_compensate_for_sampling(overlap):
     values, labels = overlap
 
     def share(**kwargs):
@@ -60,7 +60,7 @@ def test_what_is_not_drawn_is_made_up_for_by_weight(overlap):
     assert share(max_per_class=300) == pytest.approx(share(), abs=0.05)
 
 
-def test_a_bounded_forest_is_the_same_whatever_the_jobs(overlap):
+def test_a_forest_on_samples_does_not_depend_on_the_jobs(overlap):
     values, labels = overlap
     one, two = (
         DetrendedForestClassifier(2, n_trees=9, class_weight="sqrt", max_per_class=50, n_jobs=jobs).fit(values, labels)

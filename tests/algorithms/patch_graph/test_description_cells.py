@@ -1,4 +1,4 @@
-"""Cells of alike descriptions: what is in them, and what a search that starts in them finds, against brute force."""
+"""Descriptor clusters and the search initialised by them, against brute force."""
 
 import numpy as np
 import pytest

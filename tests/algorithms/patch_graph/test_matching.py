@@ -46,7 +46,7 @@ def test_the_search_of_the_paper_is_within_two_per_cent(structured, seed):
     assert objective[0] > 1.5 * best.sum()  # the initialisation alone is far from it
 
 
-def test_moves_alone_come_close_where_places_are_alike():
+def test_moves_alone_come_close_for_similar_scenes():
     patches, best = with_optimum(structured=True)
     assert build_match_graph(patches, search=MOVES_ALONE, seed=5).objective[-1] <= 1.02 * best.sum()
 

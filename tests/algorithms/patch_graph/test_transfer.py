@@ -214,7 +214,7 @@ def test_whole_surveys_are_held_out():
         assert found.edges.tolist() == [[i, int(np.searchsorted(rows, rows[i] + 1))] for i in np.flatnonzero(both)]
 
 
-def test_where_no_survey_can_be_spared_scenes_are_held_out(caplog):
+def test_scenes_are_held_out_if_too_few_surveys_remain(caplog):
     patches = planted_patches(600, 6, seed=4)
     surveys = np.array([0, 0, 0, 1, 1, 1], np.int32)
     scenes, _ = held_out(patches, surveys, 2)

@@ -71,7 +71,7 @@ def test_edges_join_leaves_that_touch(street, found):
     assert found.edges.dtype == np.int32 and len(expected) == len(found.edges)
 
 
-def test_points_that_take_no_part_are_in_no_patch(street):
+def test_excluded_points_have_no_patch(street):
     keep = np.arange(len(street)) % 5 > 0
     part = extract_patches(street, height=np.where(keep, street.xyz[:, 2], np.nan), keep=keep)
     alone = extract_patches(street.select(keep), height=street.xyz[keep, 2])

@@ -73,7 +73,7 @@ def test_scenes_of_one_file_or_drive_are_one_survey():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_class_missing_from_training_is_told_and_never_given(method, models, caplog):
+def test_a_class_missing_from_training_is_warned_of_and_never_predicted(method, models, caplog):
     cloud = street(9, n=1500)
     labels, confidence = label_cloud(models[method], cloud)
     truth, missing = SCHEME.encode(cloud["label"]), SCHEME.classes.index("vehicle")
@@ -125,13 +125,13 @@ def flat(seed):
         ("shape_based", "no labelled object in the training scenes: is everything ground"),
     ],
 )
-def test_training_scenes_of_ground_alone_are_an_error_where_there_is_nothing_to_learn(method, message):
+def test_training_scenes_of_one_class_are_an_error(method, message):
     with pytest.raises(DataError, match=message):
         train(method, [flat(0), flat(1)])
 
 
 @pytest.mark.parametrize("method", ["patch_forest", "patch_graph", "patch_graph_mrf"])
-def test_training_scenes_of_ground_alone_make_a_model_that_gives_the_ground(method):
+def test_training_scenes_of_ground_make_a_model_that_predicts_ground(method):
     labels, confidence = label_cloud(train(method, [flat(0), flat(1)]), flat(2))
     assert (labels == 0).all() and np.allclose(confidence, 1, atol=0.05)
 

@@ -55,20 +55,8 @@ _ALIASES = {
 
 
 def hex_to_rgb(colour: str) -> Colour:
-    """Convert ``#rrggbb`` to three numbers.
+    """Convert ``#rrggbb`` to red, green and blue, 0 to 255.
 
-    Parameters
-    ----------
-    colour : str
-        Colour, such as ``"#d81b60"``.
-
-    Returns
-    -------
-    tuple of int
-        Red, green and blue, 0 to 255.
-
-    Examples
-    --------
     >>> hex_to_rgb("#d81b60")
     (216, 27, 96)
     """
@@ -76,20 +64,8 @@ def hex_to_rgb(colour: str) -> Colour:
 
 
 def rgb_to_hex(colour: ArrayLike) -> str:
-    """Convert three numbers to ``#rrggbb``.
+    """Convert red, green and blue, 0 to 255, to ``#rrggbb``.
 
-    Parameters
-    ----------
-    colour : array-like of int, shape (3,)
-        Red, green and blue, 0 to 255.
-
-    Returns
-    -------
-    str
-        The colour for a style sheet.
-
-    Examples
-    --------
     >>> rgb_to_hex((216, 27, 96))
     '#d81b60'
     """
@@ -105,12 +81,9 @@ LAS_CODES = {
 
 
 def las_palette() -> NDArray[np.uint8]:
-    """Return the colour of every LAS class code.
+    """Return the colour of every LAS class code, uint8 (256, 3).
 
-    Returns
-    -------
-    ndarray of uint8, shape (256, 3)
-        One row per code. Unlisted codes below 64 have `IGNORED_COLOUR`, each unlisted private code its own colour.
+    Unlisted codes below 64 have `IGNORED_COLOUR`, each unlisted private code its own colour.
     """
     table = np.empty((256, 3), dtype=np.uint8)
     table[:64] = IGNORED_COLOUR
@@ -128,20 +101,10 @@ def _spread(index: int) -> Colour:
 
 
 def class_palette(classes: ClassScheme | ArrayLike) -> NDArray[np.uint8]:
-    """Return the colours of the classes of a comparison.
+    """Return the colours of the classes of a comparison, uint8 (C + 1, 3).
 
     A class takes the colour of the taxonomy class of the same name, of the class that represents its group, or of its
-    first member, in this order. The colours are distinct.
-
-    Parameters
-    ----------
-    classes : ClassScheme or sequence of str
-        The scheme, or class names.
-
-    Returns
-    -------
-    ndarray of uint8, shape (C + 1, 3)
-        One row per label; the last row, also indexed by label -1, is `IGNORED_COLOUR`.
+    first member, in this order. The colours are distinct. The last row, also indexed by label -1, is `IGNORED_COLOUR`.
     """
     if isinstance(classes, ClassScheme):
         names = list(classes.classes)
@@ -164,37 +127,13 @@ def class_palette(classes: ClassScheme | ArrayLike) -> NDArray[np.uint8]:
 
 
 def outcome_colours(outcomes: ArrayLike) -> NDArray[np.uint8]:
-    """Return the colours of points by the detection outcome of their object.
-
-    Parameters
-    ----------
-    outcomes : array-like of int, shape (n,)
-        0 detected, 1 missed, 2 false detection, -1 not of a target class.
-
-    Returns
-    -------
-    ndarray of uint8, shape (n, 3)
-        Colours.
-    """
+    """Return the colours of points by detection outcome: 0 detected, 1 missed, 2 false, -1 not of a target class."""
     table = np.array([HIT_COLOUR, MISSED_COLOUR, WRONG_COLOUR, IGNORED_COLOUR], dtype=np.uint8)
     return table[np.asarray(outcomes)]
 
 
 def error_colours(truth: ArrayLike, predicted: ArrayLike) -> NDArray[np.uint8]:
-    """Return the colours of points by correctness: grey correct, red wrong, light grey without true label.
-
-    Parameters
-    ----------
-    truth : array-like of int, shape (n,)
-        True labels, -1 ignored.
-    predicted : array-like of int, shape (n,)
-        Predicted labels.
-
-    Returns
-    -------
-    ndarray of uint8, shape (n, 3)
-        Colours.
-    """
+    """Return the colours of points by correctness: grey correct, red wrong, light grey without true label (-1)."""
     t, p = np.asarray(truth), np.asarray(predicted)
     table = np.array([CORRECT_COLOUR, WRONG_COLOUR, IGNORED_COLOUR], dtype=np.uint8)
     return table[np.where(t < 0, 2, (t != p).astype(np.int8))]

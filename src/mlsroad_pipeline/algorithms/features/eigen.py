@@ -60,20 +60,10 @@ def emit_features(
     last: int,
     out: NDArray,
 ) -> None:
-    """Write rows of `EIGEN_FEATURES` from solved eigenproblems.
+    """Write rows of `EIGEN_FEATURES` from the eigenproblems `first` to `last` of `solve_symmetric`.
 
-    Parameters
-    ----------
-    values, smallest, largest : ndarray of float64, shape (3, n)
-        Results of `solve_symmetric`.
-    counts : ndarray of float32, shape (n,)
-        Number of points of each neighbourhood.
-    rows : ndarray of int, shape (n,)
-        Row of `out` of each result.
-    first, last : int
-        Range of problems to write.
-    out : ndarray of float32, shape (m, 18)
-        Output.
+    `counts` are the numbers of points of the neighbourhoods; `rows` are the rows of `out`, float32 (m, 18), of the
+    results.
     """
     for i in range(first, last):
         row = out[rows[i]]

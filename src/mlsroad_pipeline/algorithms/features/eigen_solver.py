@@ -63,20 +63,10 @@ def _upper_vector(mss: float, mst: float, mtt: float) -> tuple[float, float, flo
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
 def solve_symmetric(matrices: NDArray, n: int, values: NDArray, smallest: NDArray, largest: NDArray) -> None:
-    """Solve symmetric 3 x 3 eigenproblems.
+    """Solve the first n symmetric 3 x 3 eigenproblems of `matrices` (6, m): rows xx, xy, xz, yy, yz, zz.
 
-    Parameters
-    ----------
-    matrices : ndarray of float64, shape (6, m)
-        Rows xx, xy, xz, yy, yz, zz; NaN gives NaN eigenvalues.
-    n : int
-        Number of columns to solve.
-    values : ndarray of float64, shape (3, m)
-        Output: eigenvalues in descending order, clipped at 0 (the matrices are covariances).
-    smallest : ndarray of float64, shape (3, m)
-        Output: unit eigenvector of the smallest eigenvalue, with z >= 0.
-    largest : ndarray of float64, shape (3, m)
-        Output: unit eigenvector of the largest eigenvalue, with z >= 0.
+    Writes the eigenvalues (3, m) in descending order, clipped at 0 (the matrices are covariances), and the unit
+    eigenvectors of the smallest and of the largest, with z >= 0. NaN gives NaN.
     """
     for i in range(n):
         xx, xy, xz = matrices[0, i], matrices[1, i], matrices[2, i]

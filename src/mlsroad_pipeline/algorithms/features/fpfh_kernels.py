@@ -136,30 +136,9 @@ def simple_histograms(
 ) -> None:
     """Write the simplified histograms of the points in cells `first` to `last`, in the order of the cells.
 
-    Parameters
-    ----------
-    local : ndarray of float32, shape (3, n)
-        Coordinates relative to the centre of the cell, metres.
-    normals : ndarray of float32, shape (3, n)
-        Normals in the same order.
-    keys, starts : ndarray of int64
-        The cells.
-    rows : ndarray of int64, shape (r, 3)
-        Rows of cells within reach.
-    reach : int
-        Reach of the search, cells.
-    size : float
-        Edge of a cell, metres.
-    radius : float
-        Search radius, metres.
-    n_bins : int
-        Bins of each feature.
-    n_features : int
-        3 (angles), or 4 with the distance.
-    first, last : int
-        Cells.
-    out : ndarray of float32, shape (n, n_features * n_bins)
-        Output: fraction of the pairs of a point in each bin, feature by feature.
+    `local` and `normals` are float32 (3, n); `rows` are the rows of cells within `reach`; `n_features` is 3 (angles) or
+    4 (with the distance). `out`, float32 (n, n_features * n_bins), receives the fraction of the pairs of a point in
+    each bin.
     """
     squared = np.float32(radius * radius)
     begin, end = first_window(keys, keys[first], rows, reach)
@@ -233,32 +212,9 @@ def weighted_histograms(
     last: int,
     out: NDArray,
 ) -> None:
-    """Write the histograms of the points in cells `first` to `last`, from simplified histograms.
+    """Write the histograms of the points in cells `first` to `last` from simplified histograms `simple`.
 
-    Parameters
-    ----------
-    local : ndarray of float32, shape (3, n)
-        Coordinates relative to the centre of the cell, metres.
-    order : ndarray of int32, shape (n,)
-        Row of `out` of each point.
-    keys, starts : ndarray of int64
-        The cells.
-    rows : ndarray of int64, shape (r, 3)
-        Rows of cells within reach.
-    reach : int
-        Reach of the search, cells.
-    size : float
-        Edge of a cell, metres.
-    radius : float
-        Search radius, metres.
-    simple : ndarray of float32, shape (n, w)
-        Simplified histograms of `simple_histograms`.
-    n_bins : int
-        Bins of each feature.
-    first, last : int
-        Cells.
-    out : ndarray of float32, shape (m, w)
-        Output; each row sums to 1, or to 0 for a point without neighbours.
+    `order` holds the row of `out` of each point. Each row sums to 1, or to 0 without neighbours.
     """
     squared = np.float32(radius * radius)
     begin, end = first_window(keys, keys[first], rows, reach)

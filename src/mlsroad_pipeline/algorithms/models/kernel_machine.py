@@ -72,22 +72,7 @@ class KernelMachine:
     def from_svc(
         cls, model: Any, shift: NDArray[np.float32], scale: NDArray[np.float32], sigmoids: NDArray[np.float64]
     ) -> Self:
-        """Convert a fitted ``sklearn.svm.SVC`` with a Gaussian kernel.
-
-        Parameters
-        ----------
-        model : sklearn.svm.SVC
-            The machine, fitted to standardised features.
-        shift, scale : ndarray of float32, shape (d,)
-            Standardisation of the features.
-        sigmoids : ndarray of float64, shape (p, 2)
-            Sigmoid coefficients of the pairs.
-
-        Returns
-        -------
-        KernelMachine
-            The machine.
-        """
+        """Convert a ``sklearn.svm.SVC`` with a Gaussian kernel, trained on features (x - `shift`) / `scale`."""
         # With two classes, scikit-learn flips the sign: decisions are positive for the second class.
         sign = -1.0 if len(model.classes_) == 2 else 1.0
         return cls(
@@ -102,22 +87,9 @@ class KernelMachine:
         )
 
     def decide(self, features: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the decision values of all pairs of classes, positive for the first class.
+        """Return the decision values (n, t (t - 1) / 2) of all pairs of classes, positive for the first class.
 
-        Parameters
-        ----------
-        features : ndarray of float32, shape (n, d)
-            Unscaled features.
-
-        Returns
-        -------
-        ndarray of float32, shape (n, t (t - 1) / 2)
-            Decision values.
-
-        Raises
-        ------
-        DataError
-            If the number of features is not d.
+        `features` are not standardised; `DataError` if their number is not d.
         """
         if features.ndim != 2 or features.shape[1] != self.vectors.shape[1]:
             raise DataError(f"features must have shape (n, {self.vectors.shape[1]}), got {features.shape}")
@@ -136,56 +108,18 @@ class KernelMachine:
         return out
 
     def predict_proba(self, features: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return class probabilities.
-
-        Parameters
-        ----------
-        features : ndarray of float32, shape (n, d)
-            Unscaled features.
-
-        Returns
-        -------
-        ndarray of float32, shape (n, t)
-            Probabilities; each row sums to 1.
-
-        Raises
-        ------
-        DataError
-            If the number of features is not d.
-        """
+        """Return class probabilities (n, t) of unscaled features; `DataError` if their number is not d."""
         exponent = self.decide(features) * self.sigmoids[:, 0] + self.sigmoids[:, 1]
         pairs = 1.0 / (1.0 + np.exp(np.clip(exponent, -500.0, 500.0)))
         return couple_probabilities(pairs, len(self.n_vectors)).astype(np.float32)
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return the machine as named arrays.
-
-        Returns
-        -------
-        dict of str to ndarray
-            The arrays.
-        """
+        """Return the machine as named arrays."""
         return {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild a machine from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        KernelMachine
-            The machine.
-
-        Raises
-        ------
-        DataError
-            If an array is missing.
-        """
+        """Rebuild a machine from the arrays of `to_arrays`; `DataError` if one is missing."""
         names = [field.name for field in fields(cls)]
         check_arrays(arrays, names, "a kernel machine")
         own: dict[str, Any] = {name: np.asarray(arrays[name]) for name in names}

@@ -20,18 +20,7 @@ Folds = Sequence[tuple[NDArray, NDArray]]
 
 
 def standardise(features: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the mean and the standard deviation of each feature.
-
-    Parameters
-    ----------
-    features : ndarray of float32, shape (n, d)
-        The features.
-
-    Returns
-    -------
-    shift, scale : ndarray of float32, shape (d,)
-        Means, and standard deviations with 1 for constant features.
-    """
+    """Return the mean of each feature, and its standard deviation with 1 for constant features."""
     spread = features.std(axis=0)
     return features.mean(axis=0), np.where(spread > 0, spread, 1).astype(np.float32)
 
@@ -45,25 +34,9 @@ def choose_machine(
     gammas: Sequence[float],
     n_threads: int = 1,
 ) -> Choice:
-    """Choose C and gamma by grid search: the best mean F1 on held-out samples; ties go to the smaller values.
+    """Return C and gamma with the best mean F1 on held-out samples; ties go to the smaller values.
 
-    Parameters
-    ----------
-    features : ndarray of float32, shape (n, d)
-        Standardised features.
-    labels : ndarray of int, shape (n,)
-        Their classes.
-    folds : sequence of (rows, rows)
-        The folds.
-    costs, gammas : sequence of float
-        Values of the grid.
-    n_threads : int, default 1
-        Threads; the result does not depend on them.
-
-    Returns
-    -------
-    Choice
-        The best pair and its score.
+    The features, float32 (n, d), are standardised. The result does not depend on the threads.
     """
     grid: list[tuple[float, float]] = list(product(sorted(costs), sorted(gammas)))
     run: Any = delayed(_score)
@@ -83,27 +56,9 @@ def fit_machine(
 ) -> KernelMachine:
     """Train a support vector machine, and sigmoids on held-out decision values.
 
-    A pair of classes without held-out decision values takes the sigmoid of all pairs together.
-
-    Parameters
-    ----------
-    features : ndarray of float32, shape (n, d)
-        Unscaled features.
-    labels : ndarray of int, shape (n,)
-        Their classes.
-    choice : Choice
-        C and gamma.
-    held_out : ndarray of float32, shape (m, d)
-        Features of the samples of the folds, standardised like `features`.
-    held_out_labels : ndarray of int, shape (m,)
-        Their classes.
-    folds : sequence of (rows, rows)
-        The folds.
-
-    Returns
-    -------
-    KernelMachine
-        The machine.
+    `features`, float32 (n, d), are not standardised; `held_out`, those of the samples of the folds, are, with the mean
+    and standard deviation of `features`. A pair of classes without held-out decision values takes the sigmoid of all
+    pairs.
     """
     shift, scale = standardise(features)
     trained = np.unique(labels).astype(np.int64)

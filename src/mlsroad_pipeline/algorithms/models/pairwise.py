@@ -12,22 +12,10 @@ _TOLERANCE = 0.005
 
 
 def fit_sigmoid(decisions: NDArray[np.floating], first: NDArray[np.bool_]) -> tuple[float, float]:
-    """Fit P(first class | decision) = 1 / (1 + exp(a decision + b)) (Platt 1999; Lin et al. 2007).
+    """Fit P(first class | decision) = 1 / (1 + exp(a decision + b)) (Platt 1999; Lin et al. 2007) and return a and b.
 
-    The fit minimises the cross entropy against Platt's targets, which lie inside (0, 1), by Newton's method with
-    step halving.
-
-    Parameters
-    ----------
-    decisions : ndarray of float, shape (n,)
-        Decision values of samples outside the training set.
-    first : ndarray of bool, shape (n,)
-        Whether a sample is of the first class.
-
-    Returns
-    -------
-    a, b : float
-        The sigmoid; `a` is negative if higher decision values indicate the first class.
+    The fit minimises the cross entropy against Platt's targets, which lie inside (0, 1), by Newton's method with step
+    halving. `decisions` are held-out decision values; `first` marks samples of the first class.
     """
     values = decisions.astype(np.float64)
     n_first, n_other = int(first.sum()), int((~first).sum())
@@ -110,17 +98,8 @@ def _couple(pairs: NDArray[np.float64], n_classes: int, out: NDArray[np.float64]
 def couple_probabilities(pairs: NDArray[np.floating], n_classes: int) -> NDArray[np.float64]:
     """Combine the probabilities of pairs of classes into one distribution (Wu, Lin and Weng 2004, section 4).
 
-    Parameters
-    ----------
-    pairs : ndarray of float, shape (n, n_classes * (n_classes - 1) / 2)
-        P(i | i or j) for the pairs (0, 1), (0, 2), ..., (1, 2), ...; clipped to [1e-7, 1 - 1e-7].
-    n_classes : int
-        Number of classes, at least 2.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, n_classes)
-        Probabilities; each row sums to 1.
+    `pairs` holds P(i | i or j) of the pairs (0, 1), (0, 2), ..., (1, 2), ..., clipped to [1e-7, 1 - 1e-7]; the result
+    is (n, n_classes), with rows of sum 1.
     """
     out = np.empty((len(pairs), n_classes))
     _couple(np.clip(np.ascontiguousarray(pairs, dtype=np.float64), _CLIP, 1 - _CLIP), n_classes, out)

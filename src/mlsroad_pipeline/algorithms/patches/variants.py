@@ -36,24 +36,10 @@ class PatchVariants:
         self.models = models
 
     def predict_proba(self, patches: Patches, edges: NDArray[np.int32] | None = None) -> NDArray[np.float32]:
-        """Return the class probabilities of patches.
+        """Return the class probabilities (n, n_classes) of patches, 0 for classes without training samples.
 
-        Parameters
-        ----------
-        patches : Patches
-            The patches, with or without colour.
-        edges : ndarray of int32, shape (m, 2), optional
-            Unused: patches are classified independently.
-
-        Returns
-        -------
-        ndarray of float32, shape (n, n_classes)
-            Probabilities; 0 for classes without training samples.
-
-        Raises
-        ------
-        DataError
-            If the histograms have another length than those of training.
+        `edges` is unused: patches are classified independently. `DataError` if the histograms have another length than
+        those of training.
         """
         variant = COLOURED if patches.rgb is not None and COLOURED in self.models else GEOMETRY
         out = np.zeros((len(patches), self.n_classes), np.float32)
@@ -61,13 +47,7 @@ class PatchVariants:
         return out
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return the models as named arrays.
-
-        Returns
-        -------
-        dict of str to ndarray
-            The arrays.
-        """
+        """Return the models as named arrays."""
         arrays = {"n_classes": np.array(self.n_classes), "trained_classes": self.trained_classes}
         for variant, model in self.models.items():
             arrays |= {f"{variant}.{name}": values for name, values in model.to_arrays().items()}
@@ -75,23 +55,7 @@ class PatchVariants:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild a classifier from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        PatchVariants
-            The classifier.
-
-        Raises
-        ------
-        DataError
-            If an array is missing.
-        """
+        """Rebuild a classifier from the arrays of `to_arrays`; `DataError` if one is missing."""
         models = {}
         for variant in (GEOMETRY, COLOURED):
             own = arrays_under(arrays, f"{variant}.")

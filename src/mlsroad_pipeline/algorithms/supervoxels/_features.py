@@ -42,30 +42,10 @@ def voxel_features(
     normals: ArrayLike | None,
     n_threads: int,
 ) -> NDArray[np.float64]:
-    """Return position in voxel sizes, normal (0 if undefined) and colour (if given) of each voxel.
+    """Return position in voxel sizes, normal (0 if undefined) and colour (if given) of each voxel, (v, 6) or (v, 9).
 
-    Parameters
-    ----------
-    grid : VoxelGrid
-        The v voxels.
-    neighbors : tuple of ndarray
-        Their neighbours, see `VoxelGrid.neighbors`.
-    rgb : array-like of shape (n, 3), uint8, optional
-        Colours of the points.
-    normals : array-like of shape (n, 3), optional
-        Normals of the points; NaN if undefined. By default normals are computed from the voxels.
-    n_threads : int
-        Threads.
-
-    Returns
-    -------
-    ndarray of shape (v, 6) or (v, 9), float64
-        The features.
-
-    Raises
-    ------
-    DataError
-        If `rgb` or `normals` have another length, or `rgb` is not uint8.
+    By default, normals are computed from the voxels. `DataError` if `rgb` or `normals` have another length, or `rgb` is
+    not uint8.
     """
     n_points = len(grid.voxel_of_point)
     features = np.empty((len(grid), 6 if rgb is None else 9), np.float64)
@@ -88,18 +68,9 @@ def compute_normals(
     owner: NDArray[np.int32],
     n_threads: int,
 ) -> None:
-    """Write normals, fitted to the voxels up to two steps away, into the features.
+    """Write normals, fitted to the voxels up to two steps away, into columns 3 to 5 of the features.
 
-    Parameters
-    ----------
-    features : ndarray of shape (v, f), float64
-        Positions in columns 0 to 2; columns 3 to 5 are overwritten.
-    neighbors : tuple of ndarray
-        The neighbours of the voxels.
-    owner : ndarray of shape (v,) or (0,), int32
-        Supervoxel of each voxel, which limits the support; empty for no limit.
-    n_threads : int
-        Threads.
+    `owner` (v,) limits the support to the supervoxel of a voxel; empty for no limit.
     """
     n, within = len(features), len(owner) > 0
     centroids = np.ascontiguousarray(features[:, :3])

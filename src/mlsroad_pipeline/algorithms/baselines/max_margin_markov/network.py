@@ -22,23 +22,9 @@ _CYCLES = 5
 def clique_shares(
     labels: NDArray[np.integer], indptr: NDArray[np.int64], members: NDArray[np.int32], n_labels: int, truncation: float
 ) -> NDArray[np.float64]:
-    """Return the consistency of each label with each clique.
+    """Return the consistency (c, n_labels) of each label with each clique.
 
-    Parameters
-    ----------
-    labels : ndarray of int, shape (n,)
-        Label of each site.
-    indptr, members : ndarray of int
-        The cliques in CSR form.
-    n_labels : int
-        The number of labels.
-    truncation : float
-        Fraction of deviating members at which the consistency reaches 0.
-
-    Returns
-    -------
-    ndarray of float64, shape (c, n_labels)
-        1 if all members have the label, decreasing linearly to 0.
+    It is 1 if all members have the label, and decreases linearly to 0 at a fraction `truncation` of deviating members.
     """
     suits = np.zeros((len(indptr) - 1, n_labels))
     for c in range(len(suits)):
