@@ -35,7 +35,7 @@ from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRul
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle
-from mlsroad_pipeline.label.scene import label_new_scene, object_rules, output_codes
+from mlsroad_pipeline.label.scene import LabelSettings, label_new_scene, object_rules, output_codes
 from mlsroad_pipeline.simulation import PRESETS, simulate_survey
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS
 
@@ -93,7 +93,7 @@ def errors_of_labelled(cloud: PointCloud, bundle: ModelBundle, truth: pd.DataFra
     scene = cloud.with_columns(core=np.ones(n, bool), file=np.zeros(n, np.int32), row=np.arange(n))
     rules = object_rules(bundle, {})
     codes = output_codes(bundle, "asprs", {})
-    part = label_new_scene(scene, bundle, codes=codes, rules=rules, ground=GroundParameters(), name="street")
+    part = label_new_scene(scene, bundle, LabelSettings(codes, rules), name="street")
     piece = SceneObjects("street", part["objects"], part["fragments"])
     objects = merge_across_scenes([piece], classes=rules)
     found, true = match_to_truth(objects, truth)

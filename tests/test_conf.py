@@ -50,11 +50,11 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
         if name.startswith("params:"):
             catalog.load(name)
     # what stages exchange is stored, so that a run can be resumed; only plans, and what merely joins
-    # stored scenes, stay in memory
+    # stored results, stay in memory
     in_memory = {n for n in names if type(catalog.get(n)).__name__ == "MemoryDataset" and not n.startswith("params:")}
     plans = {"survey_plan", "label_plan", "luo2016_study.plan", "luo2019_study.plan", "tomic2019_study.plan",
              "yu2016_study.plan"}  # fmt: skip
-    assert in_memory == {*plans, "image_labels.drives", "label_images", "patch_training"}
+    assert in_memory == {*plans, "image_labels.drives", "label_images", "label_quality", "patch_training"}
 
 
 def paths_below_data(env, catalog):

@@ -60,7 +60,9 @@ def test_rue_madame_is_read_with_classes_and_objects(project, tmp_path):
 def test_absent_recording_says_where_it_is_to_be_had(project, tmp_path, env):
     parameters = parameters_of(project, env, tmp_path / "absent")
     survey = parameters["survey"]
-    with pytest.raises(ReadError, match=r"absent is not a folder \(survey.root\); it is to be had from https://"):
+    with pytest.raises(
+        ReadError, match=r"absent is not a folder \(survey.root\); the data are available from https://"
+    ):
         plan_comparison(survey, parameters["ingest"], parameters["classes"]["codings"])
     with pytest.raises(ReadError, match=r"absent is not a folder \(survey.root\)$"):
         dataclasses.replace(survey, source=None).check_root()

@@ -30,14 +30,16 @@ def test_ends_of_the_scale_are_counted():
 
 
 @pytest.mark.parametrize(("n_low", "warned"), [(0, False), (1990, False), (2000, True), (10_000, True)])
-def test_a_fifth_of_unsure_points_is_told(n_low, warned):
+def test_a_fifth_of_points_with_low_confidence_gives_a_warning(n_low, warned):
     confidence = np.where(np.arange(10_000) < n_low, 0.3, 0.9)
-    label = np.arange(10_000) % 2  # both classes alike, so that a class alone is told only where all are unsure
+    label = (
+        np.arange(10_000) % 2
+    )  # both classes alike, so that a class alone is named only where all have low confidence
     found = confidence_warnings(confidence_table(counts_of(label, confidence), CLASSES))
     assert any("of the points have a confidence below 0.5" in text for text in found) == warned
 
 
-def test_a_class_that_is_mostly_unsure_is_named_unless_it_is_tiny():
+def test_a_class_of_low_median_confidence_is_named_unless_it_is_tiny():
     label = np.repeat([0, 1, 2], [50_000, 1200, 900])
     confidence = np.repeat([0.9, 0.4, 0.2], [50_000, 1200, 900])
     (found,) = confidence_warnings(confidence_table(counts_of(label, confidence), CLASSES))

@@ -6,7 +6,7 @@ import pytest
 from helpers.formats import make_labels, make_las
 
 from mlsroad_pipeline.algorithms.scenes.cutting import corridor_to_arrays
-from mlsroad_pipeline.algorithms.scenes.split_parts import SplitPart
+from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
 from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.label.writer import write_labelled
 from mlsroad_pipeline.surveys.reading import read_and_cut

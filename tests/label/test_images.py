@@ -165,6 +165,6 @@ def test_points_around_are_those_before_and_behind_the_buffers(monkeypatch):
     span = SceneSpan("s", 15, 20, 13, 22, 5, 9)
     found = label_image_work.points_around([piece], span, 6, np.array([5.0, 0, 0]))
     assert found.dtype == np.float32 and (found[:, 0] - 2).tolist() == [9, 10, 11, 12, 22, 23, 24, 25]
-    monkeypatch.setattr(label_image_work, "MOST_AROUND", 4)
+    monkeypatch.setattr(label_image_work, "MAX_OCCLUDERS", 4)
     assert (label_image_work.points_around([piece], span, 6, cloud.origin)[:, 0]).tolist() == [9, 11, 22, 24]
     assert label_image_work.points_around([piece], span, 0, cloud.origin).shape == (0, 3)

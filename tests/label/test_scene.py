@@ -11,8 +11,7 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.stages import GroundParameters
-from mlsroad_pipeline.label.scene import label_new_scene, object_rules, output_codes
+from mlsroad_pipeline.label.scene import LabelSettings, label_new_scene, object_rules, output_codes
 
 MODULE = "mlsroad_pipeline.algorithms.planted_for_labelling"
 SCHEME = ClassScheme.from_config(
@@ -54,9 +53,7 @@ def test_a_model_of_any_method_labels_a_scene_and_fills_the_inventory(monkeypatc
     found = label_new_scene(
         PointCloud(xyz, columns),
         bundle,
-        codes=codes,
-        rules=object_rules(bundle, {}),
-        ground=GroundParameters(),
+        LabelSettings(codes, object_rules(bundle, {})),
         name="s",
     )
     expected = np.where(xyz[:, 2] > np.float32(0.3), 64, 11)

@@ -232,5 +232,7 @@ def test_semantickitti_scan_is_split_by_sectors_with_a_gap(project, real_data):
 def test_files_that_would_get_one_name_in_the_stores_are_named(project, tmp_path, rng):
     for name in ("train/a b.laz", "train/a_b.laz", "test/c.laz"):
         write(tmp_path / "survey" / name, road(rng, 0, 5, 100), label=labels(100))
-    with pytest.raises(Exception, match=r"same name in the stores, rename one: train/a b\.laz, train/a_b\.laz"):
+    with pytest.raises(
+        Exception, match=r"same key train\.train_a_b_laz in the stores, rename one: train/a b\.laz, train/a_b\.laz"
+    ):
         run(project, "ingest", **given(tmp_path))

@@ -3,7 +3,9 @@
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.surveys.discovery import find_surveys, resolve_splits
+from mlsroad_pipeline.algorithms.scenes.splits import split_config
+from mlsroad_pipeline.surveys.discovery import find_point_files, find_split_files
+from mlsroad_pipeline.surveys.files import Survey
 
 
 @pytest.fixture
@@ -31,7 +33,7 @@ def names_in(root, paths):
     ("below", "patterns", "expected"),
     [
         ("", None, ["a.las", "b.laz", "part/c.txt.gz", "part/deep/d.PLY"]),
-        ("", "*.la[sz]", ["a.las", "b.laz"]),
+        ("", ["*.la[sz]"], ["a.las", "b.laz"]),
         ("", ["part/*", "a.las"], ["a.las", "part/c.txt.gz", "part/deep/d.PLY"]),
         ("", ["*.las", "a.*"], ["a.las"]),
         ("part", None, ["part/c.txt.gz", "part/deep/d.PLY"]),
@@ -43,33 +45,38 @@ def names_in(root, paths):
     ],
 )
 def test_file_folder_and_glob(root, below, patterns, expected):
-    assert names_in(root, find_surveys(root / below, patterns)) == expected
-    assert names_in(root, find_surveys(str(root / below), patterns)) == expected
+    assert names_in(root, find_point_files(root / below, patterns)) == expected
+    assert names_in(root, find_point_files(str(root / below), patterns)) == expected
 
 
 def test_nothing_found(root):
     with pytest.raises(ReadError, match=r"nowhere does not exist"):
-        find_surveys(root / "nowhere")
+        find_point_files(root / "nowhere")
     with pytest.raises(ReadError, match=r"no point cloud found in .* with \*\.pcd \(extensions: .*\.laz"):
-        find_surveys(root, "*.pcd")
+        find_point_files(root, ["*.pcd"])
     with pytest.raises(ReadError, match=r"no point cloud found in .*\*\.json"):
-        find_surveys(root / "part" / "*.json")
+        find_point_files(root / "part" / "*.json")
     with pytest.raises(ParameterError, match=r"pattern '\.\./\*' must stay below"):
-        find_surveys(root / "part", "../*")
+        find_point_files(root / "part", ["../*"])
+
+
+def split_files(root, splits):
+    return Survey(str(root)).split_files({name: split_config(value) for name, value in splits.items()})
 
 
 def test_splits(root):
-    splits = resolve_splits(root, {"train": "*.laz", "test": ["part/*", "a.las"]})
-    assert {name: names_in(root, paths) for name, paths in splits.items()} == {
+    splits = split_files(root, {"train": "*.laz", "test": ["part/*", "a.las"]})
+    assert {name: [file.name for file in files] for name, files in splits.items()} == {
         **{"train": ["b.laz"], "test": ["a.las", "part/c.txt.gz", "part/deep/d.PLY"]}
     }
-    with pytest.raises(ParameterError, match=r"a\.las is in two splits: 'train' and 'test'"):
-        resolve_splits(root, {"train": "*.la*", "test": "a.las"})
+    assert names_in(root, find_split_files(root, "train", ["*.laz"])) == ["b.laz"]
+    with pytest.raises(ParameterError, match=r"'train' and 'test' share a\.las: each point belongs to one split"):
+        split_files(root, {"train": "*.la*", "test": "a.las"})
     with pytest.raises(ReadError, match=r"split 'test' matches nothing: .*south/\*"):
-        resolve_splits(root, {"train": "*.laz", "test": "south/*"})
+        split_files(root, {"train": "*.laz", "test": "south/*"})
     with pytest.raises(ParameterError, match=r"split 'test' has no patterns"):
-        resolve_splits(root, {"test": []})
+        split_files(root, {"test": []})
     with pytest.raises(ParameterError, match=r"at least one split"):
-        resolve_splits(root, {})
+        split_files(root, {})
     with pytest.raises(ReadError, match=r"a\.las is not a folder"):
-        resolve_splits(root / "a.las", {"test": "*"})
+        split_files(root / "a.las", {"test": "*"})

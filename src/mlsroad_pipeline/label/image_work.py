@@ -1,10 +1,10 @@
-"""What workers of `label` do with a scene and its images; what few runs need is imported where it is used."""
+"""Task of `label` that labels a scene with the help of images."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,106 +12,126 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.labels import ImagePredictions, PointLabels
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.image_labels.camera import Camera
-from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, label_cloud
 from mlsroad_pipeline.algorithms.models.members import member
-from mlsroad_pipeline.algorithms.scenes.cutting import OutlierParameters, join_pieces
+from mlsroad_pipeline.algorithms.scenes.cutting import join_pieces
 from mlsroad_pipeline.algorithms.scenes.tiling import PiecedCloud, SceneSpan
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.label.images import FUSION, IMAGE_LABELS
-from mlsroad_pipeline.label.scene import label_new_scene
+from mlsroad_pipeline.label.scene import LabelledScene, LabelSettings, label_new_scene
 from mlsroad_pipeline.surveys.images import read_picture
 
 FEATURES = "detrended_forest"
+"""Member of a fusion model that labels by features of the points."""
 
-MOST_AROUND = 2_000_000
-"""Points around a scene that may hide its own; of more, every second, third, ... is taken."""
+MAX_OCCLUDERS = 2_000_000
+"""Largest number of points around a scene that are tested for occlusion; more points are thinned by a whole step."""
 
 
-class ThroughImages:
-    """Labels the points of a scene with a model that looks at images, as `label_cloud` calls a labeller.
+class CameraView(NamedTuple):
+    """An image that may show a scene."""
+
+    name: str
+    group: str
+    camera: Camera
+
+
+class SceneViews(NamedTuple):
+    """Images that may show a scene, and what their use needs."""
+
+    views: tuple[CameraView, ...]
+    cameras: tuple[str, ...]
+    """Names of all cameras of the drive."""
+    origin: NDArray[np.float64]
+    """World coordinates that the camera poses are relative to, metres."""
+    reach: int
+    """Bins beyond the scene whose points may occlude it."""
+
+
+class ImageLabeller:
+    """Labeller of a model that uses images, for `label_cloud`.
 
     Parameters
     ----------
     views : sequence of (str, Camera, callable)
-        Camera's name, calibration and pose relative to the scene's origin, and what reads the picture.
+        Camera name, calibration with pose relative to the origin of the scene, and reader of the picture.
     around : ndarray of shape (m, 3)
-        Points that may hide the scene's, relative to its origin, metres.
+        Points that may occlude the scene, relative to its origin, metres.
     cameras : sequence of str
-        Names of the survey's cameras.
+        Names of the cameras of the drive.
 
     Attributes
     ----------
     seen : ndarray of shape (n,), bool, or None
-        Which points of the scene that was labelled last are in an image; None before, and where there are no images.
+        Points of the last scene that are in an image; None without images.
     """
 
     def __init__(
-        self, views: Sequence[tuple[str, Camera, Any]], around: NDArray[np.floating], cameras: Sequence[str]
+        self,
+        views: Sequence[tuple[str, Camera, Callable[[], NDArray[np.uint8]]]],
+        around: NDArray[np.floating],
+        cameras: Sequence[str],
     ) -> None:
         self._views, self._around, self._cameras = views, around, cameras
         self.seen: NDArray[np.bool_] | None = None
 
     def __call__(self, cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.integer], NDArray[np.floating]]:
-        """Return a label and a confidence for every point."""
+        """Return label and confidence of each point."""
         if bundle.slug != FUSION:
-            labels = self._images(cloud, bundle, self._cameras)
-            return labels["label"], labels["confidence"]
+            by_images = self._label(cloud, bundle, self._cameras)
+            return by_images["label"], by_images["confidence"]
         label, confidence = label_cloud(member(bundle, FEATURES), cloud)
         if self._cameras:
             from mlsroad_pipeline.algorithms.fusion.labeller import fuse_scene  # noqa: PLC0415  few runs need it
 
-            images = self._images(cloud, member(bundle, IMAGE_LABELS), bundle.metadata["cameras"])
-            single: PointLabels = {"label": label.astype(np.int16), "confidence": confidence.astype(np.float32)}
-            fused = fuse_scene(single, images, bundle)
+            by_images = self._label(cloud, member(bundle, IMAGE_LABELS), bundle.metadata["cameras"])
+            by_features: PointLabels = {
+                "label": label.astype(np.int16),
+                "confidence": confidence.astype(np.float32),
+            }
+            fused = fuse_scene(by_features, by_images, bundle)
             label, confidence = fused["label"], fused["confidence"]
         return label, confidence
 
-    def _images(self, cloud: PointCloud, bundle: ModelBundle, cameras: Sequence[str]) -> ImagePredictions:
+    def _label(self, cloud: PointCloud, bundle: ModelBundle, cameras: Sequence[str]) -> ImagePredictions:
         from mlsroad_pipeline.algorithms.image_labels.labeller import label_points  # noqa: PLC0415  it imports torch
 
-        labels = label_points(cloud, [self._around], self._views, bundle, cameras=cameras)
-        self.seen = labels["seen"]
-        return labels
+        by_images = label_points(cloud, [self._around], self._views, bundle, cameras=cameras)
+        self.seen = by_images["seen"]
+        return by_images
 
 
 def points_around(
     pieces: Sequence[Mapping[str, NDArray]], span: SceneSpan, reach: int, origin: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """Take the points before and behind a scene and its buffers."""
+    """Return the points up to `reach` bins before and behind a scene that are not in its buffers."""
     before, behind = (span.first - reach, span.buffer_first), (span.buffer_stop, span.stop + reach)
     parts = [PiecedCloud.from_arrays(piece).between(*side) for piece in pieces for side in (before, behind)]
-    every = -(-sum(map(len, parts)) // MOST_AROUND) or 1
-    taken = [part.cloud.xyz[::every] + (part.cloud.origin - origin) for part in parts if len(part)]
-    return np.concatenate([np.zeros((0, 3)), *taken]).astype(np.float32)
+    step = -(-sum(map(len, parts)) // MAX_OCCLUDERS) or 1
+    thinned = [part.cloud.xyz[::step] + (part.cloud.origin - origin) for part in parts if len(part)]
+    return np.concatenate([np.zeros((0, 3)), *thinned]).astype(np.float32)
 
 
-def label_pieces_through_images(
+def label_pieces_with_images(
     pieces: Sequence[Mapping[str, NDArray]],
     around: Sequence[Mapping[str, NDArray]],
     pictures: Sequence[str],
     model: ModelBundle,
     *,
-    views: Sequence[tuple[str, str, Camera]],
-    cameras: Sequence[str],
-    origin: NDArray[np.float64],
-    reach: int,
+    images: SceneViews,
     span: SceneSpan,
-    outliers: OutlierParameters,
-    codes: NDArray[np.uint8],
-    rules: Mapping[str, ObjectRule],
-    ground: GroundParameters,
+    settings: LabelSettings,
     name: str,
     source: str,
-) -> dict[str, Any]:
-    """Assemble a scene of a new survey and label it with a model that looks at images."""
-    scene = join_pieces(pieces, span, outliers, source)
-    posed = [
-        (group, camera.shifted(scene.origin - origin), partial(read_picture, path, camera, image))
-        for path, (image, group, camera) in zip(pictures, views, strict=True)
+) -> LabelledScene:
+    """Join the pieces of a scene and label it with a model that uses images."""
+    scene = join_pieces(pieces, span, settings.outliers, source)
+    shift = scene.origin - images.origin
+    views = [
+        (view.group, view.camera.shifted(shift), partial(read_picture, path, view.camera, view.name))
+        for path, view in zip(pictures, images.views, strict=True)
     ]
-    labeller = ThroughImages(posed, points_around(around, span, reach, scene.origin), cameras)
-    found = label_new_scene(scene, model, codes=codes, rules=rules, ground=ground, name=name, labeller=labeller)
+    labeller = ImageLabeller(views, points_around(around, span, images.reach, scene.origin), images.cameras)
+    labelled = label_new_scene(scene, model, settings, name=name, labeller=labeller)
     if labeller.seen is not None:
-        found["counts"]["seen"] = np.array([(labeller.seen & scene["core"]).sum()])
-    return found
+        labelled["counts"]["seen"] = np.array([(labeller.seen & scene["core"]).sum()])
+    return labelled

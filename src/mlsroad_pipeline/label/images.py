@@ -1,4 +1,4 @@
-"""The images of a survey that `label` labels: where they lie, whether they are whole, and which show a scene."""
+"""Images of a survey to label: discovery, checks, and selection for a scene."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ IMAGE_LABELS, FUSION = "image_labels", "fusion"
 
 @dataclass(frozen=True)
 class LabelImages:
-    """The images of a survey, as far as the method looks at any.
+    """Images of a survey by drive; empty for methods without images.
 
     Parameters
     ----------
     drives : mapping of str to SurveyImages
-        Drive to its images; drives without are left out.
+        Key of a drive to its images; drives without images are left out.
     reach : float
-        Farthest camera from a scene, along the road, whose images are looked at, metres.
+        Largest distance along the road between a scene and the cameras of its images, metres.
     """
 
     drives: Mapping[str, SurveyImages]
@@ -41,56 +41,68 @@ class LabelImages:
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """Names of the survey's cameras, in the order of the alphabet."""
+        """Names of the cameras, sorted."""
         return tuple(sorted({group for images in self.drives.values() for group in images.groups}))
 
 
 def images_to_label(plan: SurveyPlan, bundle: ModelBundle, name: str | None) -> LabelImages:
-    """Find the images of a survey, and look whether all pictures are there."""
+    """Return the images of a survey that a model uses, and check their files.
+
+    Raises
+    ------
+    ReadError
+        If a picture is missing or damaged, or `image_labels` has no images at all.
+    DataError
+        If a fusion model was not trained with one of the cameras.
+    """
     if not needs_images(bundle.slug):
         return LabelImages({})
-    found, without = {}, []
+    with_images, without = {}, []
     for drive, files in plan.drives().items():
         images = _images_beside(files, name)
         if len(images):
-            found[drive] = images
+            with_images[drive] = images
         else:
             without.append(drive)
     reach = float(member(bundle, IMAGE_LABELS).metadata["parameters"]["reach"])
-    result = LabelImages(found, reach)
+    result = LabelImages(with_images, reach)
     place = Path(plan.files[0].source.path).parent / (name or "calibration.json")
-    if not found and bundle.slug == IMAGE_LABELS:
+    if not with_images and bundle.slug == IMAGE_LABELS:
         raise ReadError(
-            f"label.method {IMAGE_LABELS!r} needs images: there is no {place} with images; label.method {FUSION!r} "
-            f"labels a survey with and without"
+            f"label.method {IMAGE_LABELS!r} needs images: there is no {place} with images; use label.method {FUSION!r} "
+            "for surveys without images"
         )
     if without:
-        instead = "have no class" if bundle.slug == IMAGE_LABELS else "have the labels of the features alone"
-        logger.warning("No images (%s) for %s: the points there %s", place.name, ", ".join(without), instead)
+        logger.warning("No images (%s) for %s: %s", place.name, ", ".join(without), effect_without_images(bundle))
     if bundle.slug == FUSION:
         _check_cameras(result.cameras, bundle)
-    for images in found.values():
+    for images in with_images.values():
         for image in images:
             image.check()
     return result
 
 
+def effect_without_images(bundle: ModelBundle) -> str:
+    """Return what the points of a drive without images get, as a clause."""
+    return f"its points have {'no class' if bundle.slug == IMAGE_LABELS else 'the labels of the features alone'}"
+
+
 def _images_beside(files: Sequence[PlannedFile], name: str | None) -> SurveyImages:
-    """Return the images of a drive; a name that is a path is the file itself."""
+    """Return the images of a drive from the file `name` beside its points, or from a path."""
     path = None if name is None else Path(files[0].source.path).parent / name
     if path is None or not path.is_file():
         return SurveyImages(())
-    from mlsroad_pipeline.surveys.camera_files import read_images  # noqa: PLC0415  most methods look at no images
+    from mlsroad_pipeline.surveys.camera_files import read_images  # noqa: PLC0415  few methods use images
 
     return read_images(path, trajectory=trajectory_beside(files))
 
 
 def _check_cameras(cameras: Sequence[str], bundle: ModelBundle) -> None:
     known = list(bundle.metadata["cameras"])
-    strange = [camera for camera in cameras if camera not in known]
-    if strange:
+    unknown = [camera for camera in cameras if camera not in known]
+    if unknown:
         raise DataError(
-            f"the survey has a camera {strange[0]!r}; model {bundle.slug!r} has learned how far to believe the cameras "
+            f"the survey has a camera {unknown[0]!r}; model {bundle.slug!r} was trained with the cameras "
             f"{', '.join(known)}: rename it, or use label.method {IMAGE_LABELS!r}"
         )
 
@@ -98,7 +110,7 @@ def _check_cameras(cameras: Sequence[str], bundle: ModelBundle) -> None:
 def views_of_scene(
     span: SceneSpan, images: SurveyImages, corridor: Corridor, *, bin_length: float, reach: float
 ) -> tuple[PosedImage, ...]:
-    """Choose the images that may show a scene."""
+    """Return the images taken within `reach` of a scene along the corridor; all images without a corridor."""
     if corridor is None or len(images) == 0:
         return tuple(images)
     centres: NDArray[np.float64] = np.array([image.camera.centre for image in images])

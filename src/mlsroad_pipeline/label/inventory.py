@@ -1,4 +1,4 @@
-"""The inventory of a survey that `label` labels: the work that joins its objects, and what comes of it."""
+"""Inventory of a survey to label."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mlsroad_pipeline.label.work import join_objects
 from mlsroad_pipeline.surveys.plan import SurveyPlan
 
 OBJECTS = "inventory"
-"""What the table of the objects is called beside the written files, whose names begin with the split."""
+"""Key of the object table in the store of the written files, whose keys begin with the split."""
 
 
 def scenes_of(drive: str, results: SceneCollection) -> list[str]:
@@ -32,12 +32,12 @@ def objects_task(
     rules: Mapping[str, ObjectRule],
     bundle: ModelBundle,
 ) -> SceneTask:
-    """Plan the work that joins the objects of all scenes of a survey."""
+    """Return the task that joins the objects of all scenes of a survey."""
     drives = {drive: scenes_of(drive, results) for drive in plan.drives()}
     parts = {
-        name: {drive: Deferred(tuple(found[key] for key in keys)) for drive, keys in drives.items()}
+        name: {drive: Deferred(tuple(stored[key] for key in keys)) for drive, keys in drives.items()}
         for name in ("objects", "fragments")
-        for found in [results.part(name)]
+        for stored in [results.part(name)]
     }
     registered = bundle.metadata.get("registered")
     version = "" if registered is None else f"{registered['name']} {registered['version']}"
@@ -49,20 +49,20 @@ def objects_task(
 
 
 def survey_crs(plan: SurveyPlan, files: SceneCollection) -> str | None:
-    """Return the coordinate reference system of a survey."""
+    """Return the coordinate reference system of a survey, which all of its files share."""
     samples = files.part("sample")
     systems = {file.source.name: samples[file.key].load().crs for file in plan.files}
     one, crs = next(iter(systems.items()))
     other = next((name for name, system in systems.items() if system != crs), None)
     if other is not None:
-        raise DataError(f"{one} and {other} have different coordinate reference systems: label them one by one")
+        raise DataError(f"{one} and {other} have different coordinate reference systems: label them in separate runs")
     return crs
 
 
 def inventory_of(
     plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, written: SceneCollection
 ) -> RoadInventory:
-    """Return the inventory of a survey."""
+    """Return the inventory of a survey, with its trajectory if it has a single one."""
     drives = list(plan.drives())
     corridor = corridor_from_arrays(corridors[drives[0]].load()) if len(drives) == 1 else None
     trajectory = corridor if isinstance(corridor, Trajectory) else None

@@ -1,4 +1,4 @@
-"""What `label` makes of its scenes' results: the plan of what is written, the report."""
+"""Outputs of `label`: plan of the files to write, sections of the report."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ from mlsroad_pipeline.formats.las.copc import copc_path
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.ply.coloured_ply import coloured_path
 from mlsroad_pipeline.label.confidence import confidence_table, confidence_warnings
-from mlsroad_pipeline.label.images import IMAGE_LABELS
+from mlsroad_pipeline.label.images import effect_without_images
 from mlsroad_pipeline.label.inventory import OBJECTS, scenes_of
+from mlsroad_pipeline.label.scene import LabelCounts
+from mlsroad_pipeline.label.work import WrittenFile
 from mlsroad_pipeline.reporting.html.report import Section
 from mlsroad_pipeline.reporting.html.sections import (
     DistributionSection,
@@ -38,33 +40,33 @@ from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
 logger = logging.getLogger(__name__)
 
 WRITING_THREADS = 2
-_ELSEWHERE = ("scene", "method", "model_version", "footprint")  # what the report's list of objects leaves to the files
+_NOT_LISTED = ("scene", "method", "model_version", "footprint")  # columns of the inventory that the report omits
 CONFIDENCE_NOTE = (
-    "The probability that the model gives to the class of a point. Where a fifth of all points lie below 0.5, or half "
-    "of a class, there is a warning above."
+    "Probability of the class assigned to a point. There is a warning above if a fifth of all points, or half of the "
+    "points of a class, are below 0.5."
 )
 
 
 @dataclass(frozen=True)
 class PlannedOutput:
-    """A file that is written with the labels of its points.
+    """A labelled file to write.
 
     Parameters
     ----------
     file : PlannedFile
-        The file of the survey.
+        File of the survey.
     target : str
-        The LAZ file.
+        Path of the LAZ file.
     scenes : Deferred
-        The labels of the scenes that hold its points.
+        Labels of the scenes that hold its points.
     rows : ndarray of int64, shape (m, 2)
-        First and last row of the file in each of them.
+        First and last row of the file in each scene.
     had_classes : bool or None
-        Whether a LAS file has classes other than 0, where that is known.
+        Whether a LAS file has classes other than 0; None if unknown.
     copc : bool, default False
-        Whether a cloud-optimised copy is written beside the LAZ.
+        Whether to write a cloud-optimised copy.
     coloured_ply : bool, default False
-        Whether a PLY in the colours of the classes is written beside the LAZ.
+        Whether to write a PLY with class colours.
     """
 
     file: PlannedFile
@@ -77,12 +79,12 @@ class PlannedOutput:
 
     @property
     def written(self) -> tuple[str, ...]:
-        """Files that must be there for the output to count as written."""
+        """Paths that must exist for the output to be complete."""
         copies = [copc_path(self.target)] * self.copc + [coloured_path(self.target)] * self.coloured_ply
         return (self.target, *copies)
 
     def parameters(self, options: ReadOptions) -> dict[str, Any]:
-        """Return the parameters of `label_work.write_file`."""
+        """Return the parameters of `work.write_file`."""
         return {
             "rows": self.rows,
             "file": self.file.number,
@@ -96,14 +98,14 @@ class PlannedOutput:
 
 
 def _had_classes(file: PlannedFile, classes: Mapping[str, Mapping[str, NDArray]]) -> bool | None:
-    found = [part["has_classes"] for key, part in classes.items() if SceneKey.parse(key).parent == file.key]
-    return bool(np.any(np.concatenate(found))) if found and all(map(len, found)) else None
+    ranges = [part["has_classes"] for key, part in classes.items() if SceneKey.parse(key).parent == file.key]
+    return bool(np.any(np.concatenate(ranges))) if ranges and all(map(len, ranges)) else None
 
 
 def planned_outputs(
     plan: SurveyPlan, pieces: SceneCollection, results: SceneCollection, folder: str, **copies: bool
 ) -> list[PlannedOutput]:
-    """Plan what is written where; subfolders are mirrored."""
+    """Return the files to write; subfolders are mirrored."""
     spans = results.load_all("spans")
     labels = results.part("labels")
     classes = pieces.load_all("classes")
@@ -112,23 +114,22 @@ def planned_outputs(
     for file in plan.files:
         name = PurePosixPath(file.source.name)
         stem = name.name[: -len(".gz")] if name.name.lower().endswith(".gz") else name.name
-        stem = PurePosixPath(stem).stem.removesuffix(".copc")  # the result is in the survey's order, not an octree's
+        stem = PurePosixPath(stem).stem.removesuffix(".copc")  # the result is not in the order of an octree
         target = str(Path(folder) / name.parent / f"{stem}.laz")
         if target in taken:
             raise ParameterError(f"{taken[target]} and {file.source.name} would both be written to {target}")
         taken[target] = file.source.name
-        chosen, rows = [], []
+        scenes, rows = [], []
         for key in scenes_of(file.drive, results):
-            found = spans[key]["spans"]
-            for number, first, last in found[found[:, 0] == file.number]:
-                del number
-                chosen.append(labels[key])
+            lines = spans[key]["spans"]
+            for first, last in lines[lines[:, 0] == file.number, 1:]:
+                scenes.append(labels[key])
                 rows.append((first, last))
         outputs.append(
             PlannedOutput(
                 file,
                 target,
-                Deferred(tuple(chosen)),
+                Deferred(tuple(scenes)),
                 np.array(rows, dtype=np.int64).reshape(-1, 2),
                 _had_classes(file, classes),
                 **copies,
@@ -137,31 +138,31 @@ def planned_outputs(
     return outputs
 
 
-def _in_words(told: object) -> str:
-    """Write names and values without the marks of a programming language."""
-    return ", ".join(f"{name} {value}" for name, value in told.items()) if isinstance(told, Mapping) else str(told)
+def _plain_text(value: object) -> str:
+    """Return a mapping as ``name value, name value``, anything else as its string."""
+    return ", ".join(f"{name} {item}" for name, item in value.items()) if isinstance(value, Mapping) else str(value)
 
 
 def label_report_sections(
     bundle: ModelBundle,
     parameters: LabelParameters,
     quality: pd.DataFrame,
-    counts: Mapping[str, Mapping[str, NDArray]],
-    written: Mapping[str, Mapping[str, NDArray]],
+    counts: Mapping[str, LabelCounts],
+    written: Mapping[str, WrittenFile],
     objects: pd.DataFrame,
 ) -> list[Section]:
-    """Compose the report of a labelled survey."""
+    """Return the sections of the report and log the confidence warnings."""
     scheme = bundle_scheme(bundle)
-    total = np.sum([found["counts"] for found in counts.values()], axis=0)
-    sureness = confidence_table(np.sum([found["confidences"] for found in counts.values()], axis=0), scheme.classes)
-    unsure = confidence_warnings(sureness)
-    for warning in unsure:
+    total = np.sum([scene["counts"] for scene in counts.values()], axis=0)
+    confidences = confidence_table(np.sum([scene["confidences"] for scene in counts.values()], axis=0), scheme.classes)
+    low_confidence = confidence_warnings(confidences)
+    for warning in low_confidence:
         logger.warning(warning)
     facts = {
         "survey": parameters.survey,
         "output": parameters.output,
-        "model": _in_words(bundle.metadata.get("registered", bundle.slug)),
-        "trained on": _in_words(bundle.metadata.get("trained_on", "")),
+        "model": _plain_text(bundle.metadata.get("registered", bundle.slug)),
+        "trained on": _plain_text(bundle.metadata.get("trained_on", "")),
         "codes": parameters.scheme,
         "files": len(quality),
         "points": int(quality["n_points"].sum()),
@@ -171,53 +172,53 @@ def label_report_sections(
     shares = dict(zip((*scheme.classes, "unlabelled"), total.tolist(), strict=True))
     return [
         FactsSection("What was run", facts),
-        WarningsSection("Warnings", [*unsure, *image_warnings(bundle, counts), *_warnings(bundle, quality)]),
+        WarningsSection("Warnings", [*low_confidence, *image_warnings(bundle, counts), *_warnings(bundle, quality)]),
         DistributionSection("Classes", shares, scheme=scheme),
-        TableSection("Confidence", sureness, note=CONFIDENCE_NOTE),
-        InventorySection("Inventory", objects.drop(columns=list(_ELSEWHERE)), geopackage="inventory.gpkg"),
+        TableSection("Confidence", confidences, note=CONFIDENCE_NOTE),
+        InventorySection("Inventory", objects.drop(columns=list(_NOT_LISTED)), geopackage="inventory.gpkg"),
         TableSection("Quality of the survey", quality),
         TableSection("Files written", outputs),
     ]
 
 
-def _seen_by_cameras(bundle: ModelBundle, counts: Mapping[str, Mapping[str, NDArray]]) -> dict[str, str]:
-    """Tell which share of the points cameras saw, of methods that look at images."""
+def _seen_by_cameras(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> dict[str, str]:
+    """Return the number and share of points in an image, for methods that use images."""
     if not needs_images(bundle.slug):
         return {}
-    total = sum(int(found["counts"].sum()) for found in counts.values())
-    seen = sum(int(found["seen"][0]) for found in counts.values() if "seen" in found)
+    total = sum(int(scene["counts"].sum()) for scene in counts.values())
+    seen = sum(int(scene["seen"][0]) for scene in counts.values() if "seen" in scene)
     return {"seen by cameras": f"{seen} points, {100 * seen / max(total, 1):.1f} %"}
 
 
-def image_warnings(bundle: ModelBundle, counts: Mapping[str, Mapping[str, NDArray]]) -> list[str]:
-    """Say which drives were labelled without images by a method that looks at images."""
-    without = list(dict.fromkeys(SceneKey.parse(key).parent for key, found in counts.items() if "seen" not in found))
+def image_warnings(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> list[str]:
+    """Return a warning for drives without images, for methods that use images."""
+    without = list(dict.fromkeys(SceneKey.parse(key).parent for key, scene in counts.items() if "seen" not in scene))
     if not needs_images(bundle.slug) or not without:
         return []
-    instead = "have no class" if bundle.slug == IMAGE_LABELS else "have the labels of the features alone"
-    return [f"There are no images for {', '.join(without)}: the points there {instead}."]
+    return [f"There are no images for {', '.join(without)}: {effect_without_images(bundle)}."]
 
 
 def attribute_warnings(bundle: ModelBundle, quality: pd.DataFrame) -> list[str]:
-    """Say which files lack what the model was trained with."""
-    found = []
+    """Return a warning for each file that lacks attributes of the training data."""
+    warnings = []
     for row in quality.to_dict("records"):
         have = [str(name).removeprefix("has_") for name, value in row.items() if str(name).startswith("has_") and value]
         absent = missing_attributes(bundle, have)
         if absent:
-            found.append(
-                f"{row['source']} has no {' and no '.join(absent)}: the model, which was trained with it, does without."
+            missing = " and no ".join(absent)
+            warnings.append(
+                f"{row['source']} has no {missing}, which the model was trained with: accuracy may be lower."
             )
-    return found
+    return warnings
 
 
 def _warnings(bundle: ModelBundle, quality: pd.DataFrame) -> list[str]:
-    found = attribute_warnings(bundle, quality)
+    warnings = attribute_warnings(bundle, quality)
     for row in quality.to_dict("records"):
         if row["n_duplicates"]:
-            found.append(f"{row['source']} has {row['n_duplicates']} points that repeat another one exactly.")
+            warnings.append(f"{row['source']} has {row['n_duplicates']} points that repeat another one exactly.")
         if row["n_gaps"]:
-            found.append(
+            warnings.append(
                 f"{row['source']} has {row['n_gaps']} gaps in time, the longest of {row['longest_gap']:.1f} s."
             )
-    return found
+    return warnings

@@ -1,9 +1,10 @@
-"""A registered model on a scene that it has never seen: labels for its points, objects for the inventory."""
+"""Labels and objects of one scene of a new survey."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,7 @@ from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule, rules_for_scheme
 from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.models.bundle import Labeller, ModelBundle, bundle_scheme, label_cloud
+from mlsroad_pipeline.algorithms.scenes.cutting import OutlierParameters
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground, inliers
 from mlsroad_pipeline.label.confidence import count_confidences
@@ -25,30 +27,82 @@ UNCLASSIFIED, NOISE = 1, 7
 """LAS codes of points without a class and of outliers."""
 
 
+@dataclass(frozen=True)
+class LabelSettings:
+    """Settings that all scenes of a survey share.
+
+    Parameters
+    ----------
+    codes : ndarray of uint8, shape (classes,)
+        LAS code of each class of the model.
+    rules : mapping of str to ObjectRule
+        Object rules of the inventory.
+    ground : GroundParameters
+        Parameters of the ground filter, for models that store none.
+    outliers : OutlierParameters
+        Parameters of the statistical outlier filter.
+    """
+
+    codes: NDArray[np.uint8]
+    rules: Mapping[str, ObjectRule]
+    ground: GroundParameters = field(default_factory=GroundParameters)
+    outliers: OutlierParameters = field(default_factory=OutlierParameters)
+
+
+class CoreLabels(TypedDict):
+    """Labels of the points in the core of a scene, ordered by file and row."""
+
+    file: NDArray[np.integer]
+    row: NDArray[np.int64]
+    code: NDArray[np.uint8]
+    confidence: NDArray[np.float32]
+
+
+class FileSpans(TypedDict):
+    """Files of a scene: one line of file number, first row and last row per file."""
+
+    spans: NDArray[np.int64]
+
+
+class LabelCounts(TypedDict):
+    """Point counts of a scene: per class and unlabelled, per class and confidence bin, in an image."""
+
+    counts: NDArray[np.int64]
+    confidences: NDArray[np.int64]
+    seen: NotRequired[NDArray[np.int64]]
+
+
+class LabelledScene(TypedDict):
+    """Stored parts of a labelled scene; `objects` and `fragments` are those of `SceneObjects`."""
+
+    labels: CoreLabels
+    spans: FileSpans
+    counts: LabelCounts
+    objects: pd.DataFrame
+    fragments: pd.DataFrame
+
+
 def label_new_scene(
     scene: PointCloud,
     bundle: ModelBundle,
+    settings: LabelSettings,
     *,
-    codes: NDArray[np.uint8],
-    rules: Mapping[str, ObjectRule],
-    ground: GroundParameters,
     name: str,
     labeller: Labeller | None = None,
-) -> dict[str, Any]:
-    """Label the points of a scene and find the objects among them."""
+) -> LabelledScene:
+    """Label the points of a scene and extract the objects; ground parameters of the model take precedence."""
     stored = bundle.metadata.get("parameters", {}).get("ground")
-    found_ground = find_ground(scene, ground if stored is None else GroundParameters(**stored))
-    label, confidence = label_cloud(bundle, scene.with_columns(**found_ground), labeller=labeller)
+    ground = find_ground(scene, settings.ground if stored is None else GroundParameters(**stored))
+    label, confidence = label_cloud(bundle, scene.with_columns(**ground), labeller=labeller)
     core = scene["core"]
-    table = np.append(codes, np.uint8(UNCLASSIFIED))
-    code = table[label]
+    code = np.append(settings.codes, np.uint8(UNCLASSIFIED))[label]
     code[~inliers(scene)] = NOISE
     files, rows = scene["file"][core], scene["row"][core]
     starts = np.flatnonzero(np.diff(files, prepend=-1))  # scenes are ordered by file, and within one by row
     ends = np.append(starts[1:], len(files)) - 1
     core_label, core_confidence = label[core], confidence[core].astype(np.float32)
-    found = _objects(scene, label, confidence, height=found_ground["height"], rules=rules, name=name)
-    n_classes = len(codes)
+    extracted = _objects(scene, label, confidence, height=ground["height"], rules=settings.rules, name=name)
+    n_classes = len(settings.codes)
     return {
         "labels": {
             "file": files,
@@ -61,8 +115,8 @@ def label_new_scene(
             "counts": np.bincount(np.where(core_label < 0, n_classes, core_label), minlength=n_classes + 1),
             "confidences": count_confidences(core_label, core_confidence, n_classes),
         },
-        "objects": found.objects,
-        "fragments": found.fragments,
+        "objects": extracted.objects,
+        "fragments": extracted.fragments,
     }
 
 
@@ -89,14 +143,14 @@ def _objects(
 
 
 def object_rules(bundle: ModelBundle, changes: Mapping[str, Any]) -> dict[str, ObjectRule]:
-    """Return what makes an object of which of a model's classes."""
+    """Return the object rules for the classes of a model."""
     return rules_for_scheme(bundle_scheme(bundle), changes=changes)
 
 
 def join_inventories(
     drives: Sequence[tuple[Sequence[SceneObjects], Trajectory | None]], rules: Mapping[str, ObjectRule]
 ) -> pd.DataFrame:
-    """Make one inventory from what the scenes of several drives found."""
+    """Merge the objects of all scenes of several drives into one table."""
     tables: list[pd.DataFrame] = []
     last = 0
     for scenes, trajectory in drives:
@@ -111,7 +165,7 @@ def join_inventories(
 
 
 def output_codes(bundle: ModelBundle, scheme: str, schemes: Mapping[str, Any]) -> NDArray[np.uint8]:
-    """Return the LAS code that each of a model's classes is written as."""
+    """Return the LAS code of each class of a model."""
     trained = bundle_scheme(bundle)
     if scheme == "asprs":
         return trained.codes()

@@ -1,10 +1,9 @@
-"""The work that labels the scenes of a new survey: from points alone, or from points and images."""
+"""Tasks that label the scenes of a new survey, with or without images."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +15,11 @@ from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters, corrido
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
-from mlsroad_pipeline.label.image_work import label_pieces_through_images
+from mlsroad_pipeline.label.image_work import CameraView, SceneViews, label_pieces_with_images
 from mlsroad_pipeline.label.images import LabelImages, views_of_scene
+from mlsroad_pipeline.label.scene import LabelSettings
 from mlsroad_pipeline.label.work import label_pieces
-from mlsroad_pipeline.surveys.images import SurveyImages
+from mlsroad_pipeline.surveys.images import PosedImage, SurveyImages
 from mlsroad_pipeline.surveys.plan import SurveyPlan
 from mlsroad_pipeline.surveys.scene_plan import PlannedScene, pieces_between, plan_drive
 
@@ -31,66 +31,70 @@ def label_tasks(
     model: ModelFile,
     images: LabelImages,
     ingest: IngestParameters,
-    fixed: Mapping[str, Any],
+    settings: LabelSettings,
 ) -> dict[str, SceneTask]:
-    """Name the work that labels each scene."""
+    """Create one task per scene, which labels its points."""
     bins, points = pieces.load_all("bins"), pieces.part("points", mapped=True)
-    through_images = needs_images(model.load().slug)
+    with_images = needs_images(model.load().slug)
     tasks = {}
-    for drive in plan.drives():
-        mine = {file.key for file in plan.files if file.drive == drive}
-        near = {key: part for key, part in bins.items() if SceneKey.parse(key).parent in mine}
-        shown = _Shown(images, drive, corridor_from_arrays(corridors[drive].load()), ingest) if through_images else None
+    for drive, files in plan.drives().items():
+        keys = {file.key for file in files}
+        near = {key: part for key, part in bins.items() if SceneKey.parse(key).parent in keys}
+        corridor = corridor_from_arrays(corridors[drive].load()) if with_images else None
+        surroundings = _Surroundings(images.drives.get(drive, SurveyImages(())), images.reach, corridor, ingest)
         for scene in plan_drive(drive, plan, bins, ingest):
             inputs = {"pieces": [points[key] for key in scene.pieces], "model": model}
-            parameters = {"span": scene.span, "name": scene.key, "source": scene.source, **fixed}
-            if shown is None:
+            parameters = {"span": scene.span, "name": scene.key, "source": scene.source, "settings": settings}
+            if not with_images:
                 tasks[scene.key] = SceneTask(label_pieces, inputs, parameters)
                 continue
-            around = [points[key] for key in shown.around(scene, near)]
-            more, told = shown.inputs(scene)
+            views = surroundings.views(scene)
             tasks[scene.key] = SceneTask(
-                label_pieces_through_images, {**inputs, "around": around, **more}, {**parameters, **told}
+                label_pieces_with_images,
+                inputs
+                | {
+                    "around": [points[key] for key in surroundings.pieces(scene, near)],
+                    "pictures": [SourceFile(str(view.path)) for view in views],
+                },
+                parameters | {"images": surroundings.scene_views(views)},
             )
     return tasks
 
 
 @dataclass(frozen=True)
-class _Shown:
-    """What images show of a drive."""
+class _Surroundings:
+    """Images of a drive and the pieces around its scenes, whose points may occlude a scene in an image."""
 
-    images: LabelImages
-    drive: str
+    images: SurveyImages
+    reach: float
     corridor: Corridor
     ingest: IngestParameters
 
     @property
-    def own(self) -> SurveyImages:
-        return self.images.drives.get(self.drive, SurveyImages(()))
+    def _corridor(self) -> Corridor:
+        return self.corridor if self.ingest.cut == "along" else None
 
     @property
-    def reach(self) -> int:
-        """Bins beyond a scene whose points may hide its own; where bins are no places, there are none."""
-        placed = self.corridor is not None and self.ingest.cut == "along" and len(self.own) > 0
-        return int(np.ceil(self.images.reach / self.ingest.bin_length)) if placed else 0
+    def _bins(self) -> int:
+        """Bins within reach of a scene; 0 where bins have no position, and without images."""
+        if self._corridor is None or len(self.images) == 0:
+            return 0
+        return int(np.ceil(self.reach / self.ingest.bin_length))
 
-    def around(self, scene: PlannedScene, bins: Mapping[str, Mapping[str, NDArray]]) -> tuple[str, ...]:
-        """Name the pieces before and behind a scene's buffers."""
+    def pieces(self, scene: PlannedScene, bins: Mapping[str, Mapping[str, NDArray]]) -> tuple[str, ...]:
+        """Return the keys of the pieces before and behind the buffers of a scene."""
         span = scene.span
-        before = pieces_between(span.first - self.reach, span.buffer_first, bins)
-        behind = pieces_between(span.buffer_stop, span.stop + self.reach, bins)
+        before = pieces_between(span.first - self._bins, span.buffer_first, bins)
+        behind = pieces_between(span.buffer_stop, span.stop + self._bins, bins)
         return tuple(dict.fromkeys((*before, *behind)))
 
-    def inputs(self, scene: PlannedScene) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return the pictures that may show a scene, and what is told about them."""
-        placed = self.corridor if self.ingest.cut == "along" else None
-        views = views_of_scene(
-            scene.span, self.own, placed, bin_length=self.ingest.bin_length, reach=self.images.reach
-        )  # fmt: skip
-        told = {
-            "views": [(view.name, view.group, view.camera) for view in views],
-            "cameras": self.own.groups,
-            "origin": self.own.origin,
-            "reach": self.reach,
-        }
-        return {"pictures": [SourceFile(str(view.path)) for view in views]}, told
+    def views(self, scene: PlannedScene) -> tuple[PosedImage, ...]:
+        """Return the images that may show a scene."""
+        return views_of_scene(
+            scene.span, self.images, self._corridor, bin_length=self.ingest.bin_length, reach=self.reach
+        )
+
+    def scene_views(self, views: tuple[PosedImage, ...]) -> SceneViews:
+        """Return the parameters of the images that show a scene; the pictures themselves are inputs of its task."""
+        cameras = tuple(CameraView(view.name, view.group, view.camera) for view in views)
+        return SceneViews(cameras, self.images.groups, self.images.origin, self._bins)

@@ -1,4 +1,4 @@
-"""What loads the libraries and compiled kernels of `label` into a process before there is a survey for it."""
+"""Warm-up of a worker: import the libraries and load the compiled kernels of `label`."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from mlsroad_pipeline.label import work as label_work
 from mlsroad_pipeline.surveys import reading as ingest_work
 
 STAGES = (ingest_work.read_and_cut, label_work.label_pieces, label_work.write_file)
-"""What the stages of `label` run; whoever imports this module has loaded their libraries."""
+"""Tasks of `label`; importing them imports their libraries."""
 
 
 def small_street() -> PointCloud:
-    """Return 10 m of a flat street with a post on it, in the types that readers give."""
+    """Return 10 m of a flat street with a post, with the dtypes of the readers."""
     x, y = np.meshgrid(np.arange(0.0, 10.0, 0.25), np.arange(0.0, 10.0, 0.25))
     ground = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
     post = np.column_stack([np.full((100, 2), 5.0), np.linspace(0.1, 4.0, 100)])
@@ -44,7 +44,7 @@ def small_street() -> PointCloud:
 
 
 def run_stages() -> None:
-    """Run what `label` runs, as far as it needs no model, on a street that is small enough to take no time."""
+    """Run the steps of `label` that need no model on a small street."""
     street = small_street()
     inspect_chunk(street, n_total=len(street))
     drive = Trajectory.from_positions(np.array([[0.0, 5.0, 2.0], [10.0, 5.0, 2.0]]), np.array([0.0, 1.0]))

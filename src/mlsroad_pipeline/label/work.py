@@ -1,11 +1,11 @@
-"""What workers do with a survey: label a scene with a stored model of any method, write a file with its labels."""
+"""Tasks of `label`: label a scene, write a labelled file, join the objects of a survey."""
 
 from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, overload
+from typing import TypedDict, overload
 
 import numpy as np
 import pandas as pd
@@ -15,19 +15,18 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.scenes.cutting import OutlierParameters, corridor_from_arrays, join_pieces
+from mlsroad_pipeline.algorithms.scenes.cutting import corridor_from_arrays, join_pieces
 from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.execution.task import StoredResult
 from mlsroad_pipeline.formats.las.copc import copc_path, write_copc
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.ply.coloured_ply import coloured_path, write_coloured_ply
-from mlsroad_pipeline.label.scene import join_inventories, label_new_scene
+from mlsroad_pipeline.label.scene import LabelledScene, LabelSettings, join_inventories, label_new_scene
 from mlsroad_pipeline.label.writer import write_labelled
 
 SCENES_IN_MEMORY = 8
-"""Scenes whose labels a writer keeps at a time; a file in the order of its recording needs two or three."""
+"""Largest number of scenes whose labels a writer holds in memory; a file in recording order needs two or three."""
 
 
 def label_pieces(
@@ -35,31 +34,28 @@ def label_pieces(
     model: ModelBundle,
     *,
     span: SceneSpan,
-    outliers: OutlierParameters,
-    codes: NDArray[np.uint8],
-    rules: Mapping[str, ObjectRule],
-    ground: GroundParameters,
+    settings: LabelSettings,
     name: str,
     source: str,
-) -> dict[str, Any]:
-    """Assemble a scene of a new survey and label it."""
-    scene = join_pieces(pieces, span, outliers, source)
-    return label_new_scene(scene, model, codes=codes, rules=rules, ground=ground, name=name)
+) -> LabelledScene:
+    """Join the pieces of a scene and label it."""
+    scene = join_pieces(pieces, span, settings.outliers, source)
+    return label_new_scene(scene, model, settings, name=name)
 
 
 class SceneLabels:
-    """The labels of a file, looked up by row in the results of the scenes that hold its points.
+    """Labels of a file by row, loaded from the scenes that hold its points.
 
     Parameters
     ----------
     scenes : sequence of StoredResult
-        The part ``labels`` of the scenes.
+        Stored `CoreLabels` of the scenes.
     rows : ndarray of int64, shape (m, 2)
-        First and last row of the file in each of them.
+        First and last row of the file in each scene.
     file : int
-        The file's number.
+        Number of the file in its drive.
     source : str
-        What messages call the file.
+        Name of the file in messages.
     """
 
     def __init__(self, scenes: Sequence[StoredResult], rows: NDArray[np.int64], file: int, source: str) -> None:
@@ -71,9 +67,9 @@ class SceneLabels:
 
     def _open(self, number: int) -> dict[str, NDArray]:
         if number not in self._loaded:
-            found = self._scenes[number].load()
-            mine = slice(*np.searchsorted(found["file"], [self._file, self._file + 1]))
-            self._loaded[number] = {key: found[key][mine] for key in ("row", "code", "confidence")}
+            labels = self._scenes[number].load()
+            own = slice(*np.searchsorted(labels["file"], [self._file, self._file + 1]))
+            self._loaded[number] = {key: labels[key][own] for key in ("row", "code", "confidence")}
             while len(self._loaded) > SCENES_IN_MEMORY:
                 self._loaded.popitem(last=False)
         self._loaded.move_to_end(number)
@@ -83,18 +79,24 @@ class SceneLabels:
         """Return codes and confidences of rows `start` to `stop`."""
         codes = np.zeros(stop - start, dtype=np.uint8)
         confidence = np.zeros(stop - start, dtype=np.float32)
-        n_found = 0
+        n_labelled = 0
         for number in np.flatnonzero((self._rows[:, 0] < stop) & (self._rows[:, 1] >= start)):
             scene = self._open(int(number))
             part = slice(*np.searchsorted(scene["row"], [start, stop]))
             rows = scene["row"][part] - start
             codes[rows] = scene["code"][part]
             confidence[rows] = scene["confidence"][part]
-            n_found += len(rows)
-        if n_found != stop - start:
-            missing = stop - start - n_found
+            n_labelled += len(rows)
+        if n_labelled != stop - start:
+            missing = stop - start - n_labelled
             raise DataError(f"{self._source}: {missing} of rows {start} to {stop - 1} have no label")
         return codes, confidence
+
+
+class WrittenFile(TypedDict):
+    """Paths of the files written for one file of the survey."""
+
+    files: NDArray[np.str_]
 
 
 def write_file(
@@ -109,7 +111,7 @@ def write_file(
     had_classes: bool | None,
     copc: bool = False,
     coloured_ply: bool = False,
-) -> dict[str, NDArray]:
+) -> WrittenFile:
     """Write a file of a survey with the labels of its points."""
     Path(target).parent.mkdir(parents=True, exist_ok=True)
     labels = SceneLabels(scenes, rows, file, path)
@@ -124,7 +126,7 @@ def write_file(
 
 
 class _StoredObjects(Sequence[SceneObjects]):
-    """What the scenes of a drive know of the inventory, read when it is asked for."""
+    """Objects of the scenes of a drive, loaded one scene at a time."""
 
     def __init__(self, objects: Sequence[StoredResult], fragments: Sequence[StoredResult]) -> None:
         self._handles = list(zip(objects, fragments, strict=True))
@@ -141,8 +143,8 @@ class _StoredObjects(Sequence[SceneObjects]):
     def __getitem__(self, index: int | slice) -> SceneObjects | Sequence[SceneObjects]:
         if isinstance(index, slice):
             return [self[i] for i in range(len(self))[index]]
-        found, cut = self._handles[index]
-        return SceneObjects(found.key, found.load(), cut.load())
+        objects, fragments = self._handles[index]
+        return SceneObjects(objects.key, objects.load(), fragments.load())
 
 
 def join_objects(
@@ -154,7 +156,7 @@ def join_objects(
     method: str,
     model_version: str,
 ) -> pd.DataFrame:
-    """Join the objects that the scenes of a survey found."""
+    """Join the objects of all scenes of a survey into one table."""
     drives = []
     for drive, arrays in corridors.items():
         corridor = corridor_from_arrays(arrays)

@@ -1,4 +1,4 @@
-"""Writing a labelled survey: every point in its place with all it had, and its class and confidence."""
+"""Writer of labelled surveys: all points with their original attributes, class and confidence."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from mlsroad_pipeline.formats.native_labels import LabelSink, native_path, nativ
 from mlsroad_pipeline.formats.registry import get_format
 
 LabelsOf = Callable[[int, int], tuple[NDArray[np.uint8], NDArray[np.float32]]]
-"""Takes a range of rows, returns class codes and confidences of its points."""
+"""Function from a range of rows to the class codes and confidences of its points."""
 
 ORIGINAL_CLASS, ORIGINAL_CONFIDENCE = "original_classification", "original_confidence"
 SCALE = 0.001
@@ -37,12 +37,12 @@ CLASS_ONLY = int(lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL | lazrs.SELECTIVE
 
 @dataclass(frozen=True)
 class _Source:
-    """A survey as its output needs it: the header to write and a way to get records of that layout."""
+    """Header to write, and reader of records in its layout."""
 
     n_points: int
     header: LasHeader
     records: Callable[[int, int], NDArray]
-    copier: LayerCopier | None = None  # where what does not change can stay compressed
+    copier: LayerCopier | None = None  # copies unchanged layers without decompression
 
 
 def write_labelled(
@@ -60,17 +60,15 @@ def write_labelled(
     """Copy a survey to LAZ with `classification` and the float32 extra dimension `confidence`.
 
     LAS and LAZ keep every dimension, extra dimension, variable length record, CRS, scale, offset and date. Point
-    formats 0 to 5, which hold classes up to 31 only, become their successors 6 to 10 in LAS 1.4: all fields are kept,
-    the scan angle in finer steps. Where the input had classes other than 0, they are kept in the extra dimension
-    `original_classification`, and a `confidence` that it had in `original_confidence`; those that are there already
-    stay.
+    formats 0 to 5, limited to classes up to 31, are upgraded to 6 to 10 of LAS 1.4: all fields are kept, with a finer
+    step of the scan angle. Classes of the input other than 0 are kept in the extra dimension `original_classification`,
+    and a `confidence` of the input in `original_confidence`; existing dimensions of these names are kept.
 
-    Other formats are written at 0.001 m, their columns as dimensions of the same name or else as extra dimensions,
-    and also in their own format in the same folder: PLY, text, Parquet, NPZ and binary PCD with two more columns and
-    everything else as it was, KITTI as a ``.label`` with the codes. (`native_path` says what is written as LAZ only.)
+    Other formats are written at 0.001 m, their columns as dimensions of the same name or as extra dimensions. They are
+    also written in their own format in the same folder: PLY, text, Parquet, NPZ and binary PCD with two more columns,
+    KITTI as a ``.label`` with the codes. `native_path` lists the exceptions.
 
-    The same input gives the same bytes, whatever the number of threads. Points are streamed; files appear whole or not
-    at all.
+    The output does not depend on the number of threads. Points are streamed; files are created atomically.
     """
     source, target = Path(source_path), Path(target_path)
     options = options or ReadOptions()
@@ -79,7 +77,7 @@ def write_labelled(
     check_at_least(chunk_size, 1, "chunk_size")
     form = get_format(source)
     if target.exists() and target.samefile(source):
-        raise DataError(f"{target} is the survey itself and would be overwritten; choose another folder")
+        raise DataError(f"{target} is a file of the survey and would be overwritten; choose another folder")
     own = native_path(source, target.parent, form) if native else None
     with ExitStack() as stack:
         stream = stack.enter_context(atomic_file(target))
@@ -106,12 +104,12 @@ def _write_range(
     survey: _Source, writer: RecordWriter, sinks: list[LabelSink], labels_of: LabelsOf, rows: tuple[int, int]
 ) -> None:
     start, stop = rows
-    what = f"for rows {start} to {stop - 1}"
+    place = f"for rows {start} to {stop - 1}"
     labels, scores = labels_of(start, stop)
-    codes = check_column(labels, stop - start, f"class codes {what}")
-    confidence = check_column(scores, stop - start, f"confidences {what}").astype(np.float32, copy=False)
+    codes = check_column(labels, stop - start, f"class codes {place}")
+    confidence = check_column(scores, stop - start, f"confidences {place}").astype(np.float32, copy=False)
     if codes.dtype != np.uint8:
-        raise DataError(f"class codes {what} must be uint8, got {codes.dtype}")
+        raise DataError(f"class codes {place} must be uint8, got {codes.dtype}")
     records = survey.records(start, stop)
     if survey.copier is None:
         records[CLASS] = codes
@@ -150,7 +148,7 @@ def _las_source(path: Path, had_classes: bool | None, n_threads: int, chunk_size
 
 
 def _with_results(header: LasHeader, *, keep_class: bool) -> LasHeader:
-    """Give an upgraded header the dimensions of the result; a confidence that was there moves aside or is replaced."""
+    """Return a header with the dimensions of the result; an existing confidence is renamed or replaced."""
     existing = list(header.extra_dimensions)
     names = [dimension.name for dimension in existing]
     replaced = None
@@ -169,7 +167,7 @@ def _with_results(header: LasHeader, *, keep_class: bool) -> LasHeader:
 
 
 def _has_classes(path: Path, header: LasHeader, n_threads: int) -> bool:
-    """Tell whether a class other than 0 occurs; as a rule the first points answer."""
+    """Return whether a class other than 0 occurs; a short range is read first, since most files have classes there."""
     field, mask = ("raw_classification", 0x1F) if header.point_format < 6 else (CLASS, 0xFF)
     with RecordReader(path, header, n_threads=n_threads, select=CLASS_ONLY) as reader:
         size = 50_000
@@ -197,7 +195,7 @@ def _other_source(path: Path, form: PointFormat, options: ReadOptions) -> _Sourc
 
 
 def _renamed(cloud: PointCloud) -> PointCloud:
-    """Move columns aside whose names the result needs."""
+    """Rename columns whose names the result uses."""
     for name, kept in ((CLASS, ORIGINAL_CLASS), (CONFIDENCE, ORIGINAL_CONFIDENCE)):
         if name in cloud and kept not in cloud:
             columns = {kept if key == name else key: values for key, values in cloud.columns.items()}

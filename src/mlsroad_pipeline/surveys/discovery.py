@@ -1,8 +1,8 @@
-"""Finding the files of a survey, and of its splits."""
+"""Search for point cloud files below a folder or by glob."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from glob import glob, has_magic
 from pathlib import Path
 
@@ -10,29 +10,34 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadErro
 from mlsroad_pipeline.formats.registry import format_of_name, known_extensions
 
 
-def find_surveys(root: str | Path, patterns: str | Sequence[str] | None = None) -> list[Path]:
-    """List the point cloud files of a survey.
+def find_point_files(root: str | Path, patterns: Sequence[str] | None = None) -> list[Path]:
+    """Return the point cloud files of a file, a folder or a glob, sorted; hidden files are left out.
 
     Raises
     ------
+    ParameterError
+        If a pattern leads out of the folder.
     ReadError
-        If nothing is found; the message names what was looked for.
+        If there is no file; the message names the root and the patterns.
     """
     path = Path(root)
-    wanted = [patterns] if isinstance(patterns, str) else patterns
     if path.is_file():
         return [path]
     if path.is_dir():
-        found = [p for pattern in (wanted or ["**/*"]) for p in _matching(path, pattern)]
+        matches = [match for pattern in (patterns or ["**/*"]) for match in _matching(path, pattern)]
     elif has_magic(str(root)):
-        found = [Path(p) for p in glob(str(root), recursive=True)]
-        found = [p for entry in found for p in (find_surveys(entry) if entry.is_dir() and _holds(entry) else [entry])]
+        entries = [Path(entry) for entry in glob(str(root), recursive=True)]
+        matches = [
+            match
+            for entry in entries
+            for match in (find_point_files(entry) if entry.is_dir() and _has_point_files(entry) else [entry])
+        ]
     else:
         raise ReadError(f"{root} does not exist")
-    files = sorted({p for p in found if p.is_file() and format_of_name(p) is not None and not _hidden(p, path)})
+    files = sorted({m for m in matches if m.is_file() and format_of_name(m) is not None and not _hidden(m, path)})
     if not files:
-        what = f"{root} with {', '.join(wanted)}" if wanted else str(root)
-        raise ReadError(f"no point cloud found in {what} (extensions: {', '.join(known_extensions())})")
+        searched = f"{root} with {', '.join(patterns)}" if patterns else str(root)
+        raise ReadError(f"no point cloud found in {searched} (extensions: {', '.join(known_extensions())})")
     return files
 
 
@@ -43,7 +48,7 @@ def _matching(folder: Path, pattern: str) -> list[Path]:
     return [p for match in matches for p in (match.rglob("*") if match.is_dir() and pattern != "**/*" else [match])]
 
 
-def _holds(folder: Path) -> bool:
+def _has_point_files(folder: Path) -> bool:
     return any(p.is_file() and format_of_name(p) is not None for p in folder.rglob("*"))
 
 
@@ -52,34 +57,21 @@ def _hidden(path: Path, root: Path) -> bool:
     return any(part.startswith(".") for part in parts)
 
 
-def resolve_splits(root: str | Path, splits: Mapping[str, str | Sequence[str]]) -> dict[str, list[Path]]:
-    """List the files of each split.
+def find_split_files(root: str | Path, split: str, patterns: Sequence[str]) -> list[Path]:
+    """Return the point cloud files of a split.
 
     Raises
     ------
     ParameterError
-        If there is no split, a split without patterns, or a file in two splits.
+        If the split has no patterns, or one leads out of the folder.
     ReadError
-        If the folder does not exist or a split matches nothing.
+        If the root is not a folder or the patterns match no file.
     """
-    folder = Path(root)
-    if not folder.is_dir():
-        raise ReadError(f"{folder} is not a folder")
-    if not splits:
-        raise ParameterError("splits must name at least one split, got none")
-    resolved: dict[str, list[Path]] = {}
-    owner: dict[Path, str] = {}
-    for name, patterns in splits.items():
-        globs = [patterns] if isinstance(patterns, str) else list(patterns)
-        if not globs:
-            raise ParameterError(f"split {name!r} has no patterns")
-        try:
-            files = find_surveys(folder, globs)
-        except ReadError as error:
-            raise ReadError(f"split {name!r} matches nothing: {error}") from error
-        for path in files:
-            if path in owner:
-                raise ParameterError(f"{path} is in two splits: {owner[path]!r} and {name!r}")
-            owner[path] = name
-        resolved[name] = files
-    return resolved
+    if not Path(root).is_dir():
+        raise ReadError(f"{root} is not a folder")
+    if not patterns:
+        raise ParameterError(f"split {split!r} has no patterns")
+    try:
+        return find_point_files(root, patterns)
+    except ReadError as error:
+        raise ReadError(f"split {split!r} matches nothing: {error}") from error

@@ -1,4 +1,4 @@
-"""The files of a survey: which there are, not the points in them."""
+"""Files of a survey and of its splits."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ from itertools import combinations
 from pathlib import Path
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.algorithms.scenes.split_parts import SplitPart
-from mlsroad_pipeline.algorithms.scenes.splits import check_splits_along, check_splits_sectors
+from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, check_splits_along, check_splits_sectors
 from mlsroad_pipeline.formats.registry import format_of_name
-from mlsroad_pipeline.surveys.discovery import find_surveys, resolve_splits
+from mlsroad_pipeline.surveys.discovery import find_point_files, find_split_files
 
 logger = logging.getLogger(__name__)
 
 TABLES = ("text", "Parquet", "NPZ")
-"""Names of the formats whose files may be something else than points."""
+"""Formats whose files may hold something other than points."""
 
 
 @dataclass(frozen=True)
@@ -29,13 +28,13 @@ class SurveyFile:
     Parameters
     ----------
     path : str
-        The file.
+        Path of the file.
     name : str
-        Its path below the survey's root, with forward slashes.
+        Path below the root of the survey, with forward slashes.
     folder : str
-        Its folder below the root; files of one folder are one drive and are cut together.
+        Folder below the root; the files of a folder are one drive and are cut together.
     trajectory : str or None
-        The trajectory beside it.
+        Path of the trajectory beside the file.
     """
 
     path: str
@@ -51,14 +50,14 @@ class Survey:
     Parameters
     ----------
     root : str
-        The root as the user gave it.
+        Path or glob, as configured.
     """
 
     root: str
 
     @property
     def folder(self) -> Path:
-        """Folder that the names of files are relative to."""
+        """Folder that the names of the files are relative to."""
         path = Path(self.root)
         if path.is_dir():
             return path
@@ -67,17 +66,17 @@ class Survey:
         return Path(*parts[:magic])
 
     def files(self, *, trajectory: str | None = None) -> list[SurveyFile]:
-        """List all files.
+        """Return all files of points.
 
-        Tables of text beside files of another format are taken for what surveys are delivered with (trajectories, lists
-        of objects, calibrations): they are left out, and the log names them. A glob or the file itself reads them.
+        Tables (`TABLES`) beside point clouds of another format are left out with a warning, since surveys are delivered
+        with trajectories, lists of objects and calibrations. A glob or the path of such a file includes it.
 
         Raises
         ------
         ReadError
-            If nothing is found.
+            If there is no file.
         """
-        paths = find_surveys(self.root)
+        paths = find_point_files(self.root)
         if Path(self.root).is_dir():
             paths = _without_tables(paths, trajectory)
         return self._described(paths, trajectory)
@@ -85,54 +84,54 @@ class Survey:
     def split_files(
         self, splits: Mapping[str, tuple[Sequence[str], SplitPart]], *, trajectory: str | None = None
     ) -> dict[str, list[SurveyFile]]:
-        """List the files of each split.
+        """Return the files of each split.
 
         Raises
         ------
         ParameterError
-            If there is no split, or if splits share points: a file taken whole by two of them, parts that overlap.
+            If there is no split, or if splits share points: whole files, or overlapping parts of a file.
         ReadError
             If the root is not a folder or a split matches nothing.
         """
         if not splits:
             raise ParameterError("survey.splits must name at least one split, got none")
-        found = {
-            name: self._described(resolve_splits(self.root, {name: globs})[name], trajectory)
+        split_files = {
+            name: self._described(find_split_files(self.root, name, globs), trajectory)
             for name, (globs, _) in splits.items()
         }
-        for (one, files), (other, others) in combinations(found.items(), 2):
+        for (one, files), (other, others) in combinations(split_files.items(), 2):
             shared = sorted({file.name for file in files} & {file.name for file in others})
             if shared:
-                _check_apart(shared[0], {one: splits[one][1], other: splits[other][1]})
-        return found
+                _check_disjoint(shared[0], {one: splits[one][1], other: splits[other][1]})
+        return split_files
 
     def _described(self, paths: Sequence[Path], trajectory: str | None) -> list[SurveyFile]:
         files = []
         for path in paths:
             if trajectory is not None and path.name == trajectory:
                 continue
-            beside = None if trajectory is None else path.parent / trajectory
             name = path.relative_to(self.folder)
-            found = str(beside) if beside is not None and beside.is_file() else None
-            files.append(SurveyFile(str(path), name.as_posix(), name.parent.as_posix(), found))
+            beside = None if trajectory is None else path.parent / trajectory
+            existing = str(beside) if beside is not None and beside.is_file() else None
+            files.append(SurveyFile(str(path), name.as_posix(), name.parent.as_posix(), existing))
         if not files:
-            raise ReadError(f"{self.root} holds no points, only {trajectory}")
+            raise ReadError(f"{self.root} holds no point cloud, only the trajectory {trajectory}")
         return files
 
 
 def _without_tables(paths: Sequence[Path], trajectory: str | None) -> list[Path]:
-    """Leave out tables that lie in a folder with files of another format."""
+    """Leave out tables in folders that hold point clouds of another format."""
     tables = {path for path in paths if getattr(format_of_name(path), "name", None) in TABLES}
     clouds = {path.parent for path in paths if path not in tables}
     beside = [path for path in paths if path in tables and path.parent in clouds]
     named = [str(path) for path in beside if path.name != trajectory]
     if named:
-        logger.warning("Left out, for they lie beside point clouds of another format: %s", ", ".join(named))
+        logger.warning("Skipped tables beside point clouds of another format: %s", ", ".join(named))
     return [path for path in paths if path not in beside]
 
 
-def _check_apart(file: str, parts: Mapping[str, SplitPart]) -> None:
-    """Make sure that two splits take different points of a file."""
+def _check_disjoint(file: str, parts: Mapping[str, SplitPart]) -> None:
+    """Check that two splits share no point of a file."""
     names = " and ".join(repr(name) for name in parts)
     if all(part.sectors is not None for part in parts.values()):
         check_splits_sectors({name: part.sectors or () for name, part in parts.items()})
@@ -147,16 +146,14 @@ def _check_apart(file: str, parts: Mapping[str, SplitPart]) -> None:
 
 
 def files_to_label(survey: Survey, output: str, *, trajectory: str | None = None) -> list[SurveyFile]:
-    """List the files of a survey whose results go to a folder.
-
-    The folder may lie inside the survey's: what an earlier run has written there is no part of the survey.
+    """Return the files of a survey to label; results of an earlier run in the output folder are left out.
 
     Raises
     ------
     ParameterError
-        If the folder is empty, cannot be written, or is a folder of the survey.
+        If the output is empty, cannot be written, or is a folder of the survey.
     ReadError
-        If nothing is found.
+        If there is no file.
     """
     if not output:
         raise ParameterError("label.output must name a folder, got ''")
@@ -175,20 +172,20 @@ def files_to_label(survey: Survey, output: str, *, trajectory: str | None = None
 
 
 def _check_writable(folder: Path) -> None:
-    """Refuse a folder that cannot be made or written before hours of work go by; make nothing."""
-    there = next(path for path in (folder, *folder.parents) if path.exists())
+    """Check before the labelling that the folder can be created and written; create nothing."""
+    existing = next(path for path in (folder, *folder.parents) if path.exists())
     try:
-        with tempfile.TemporaryFile(dir=there):
+        with tempfile.TemporaryFile(dir=existing):
             pass
     except OSError as error:
-        raise ParameterError(f"label.output: {folder} cannot be written: {there}: {error.strerror}") from error
+        raise ParameterError(f"label.output: {folder} cannot be written: {existing}: {error.strerror}") from error
 
 
 def _is_result(name: str, stems: set[str]) -> bool:
-    """Tell whether a file is one that `label` writes for files with these stems, its copies and tables included."""
+    """Return whether `label` writes a file of this name for surveys with these stems, copies and tables included."""
     return name == "inventory.parquet" or _stem(re.sub(r"(\.copc(?=\.laz$)|_classes(?=\.ply$))", "", name)) in stems
 
 
 def _stem(name: str) -> str:
-    """Return a file's name without its extension; a result is called like what it was made of."""
+    """Return a file's name without its extension, which results share with their source."""
     return re.sub(r"\.[^./]+(\.gz)?$", "", name, flags=re.IGNORECASE)

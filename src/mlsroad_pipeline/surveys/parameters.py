@@ -1,4 +1,4 @@
-"""What a run is told of its survey: the one that methods are compared on, or the one that is labelled."""
+"""Parameters of the survey of a comparison and of a survey to label."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ class SurveyParameters:
     Parameters
     ----------
     root : str
-        Its folder.
+        Folder of the survey.
     splits : mapping
-        Split name to a glob, a list of globs, or ``{files, along, sectors, gap}``; None leaves out a split that the
-        base configuration has.
+        Split name to a glob, a list of globs, or ``{files, along, sectors, gap}``; None removes a split of the base
+        configuration.
     scheme : str
-        Class scheme that methods are trained on.
+        Class scheme of the training.
     evaluation_scheme : str, optional
-        Coarser class scheme that they are scored on; None takes `scheme`.
+        Coarser class scheme of the scores; None takes `scheme`.
     coding : str, default "taxonomy"
-        What the label codes of the files mean.
+        Meaning of the label codes: a coding of ``parameters_classes.yml``.
     trajectory : str, optional
-        Name of the trajectory's file in the folder of the points.
+        Name of the trajectory file beside the points.
     read : mapping
         Arguments of `ReadOptions`.
     source : str, optional
-        Where the survey is to be had, which is said where `root` is no folder.
+        Where the survey can be obtained, for the message when `root` is not a folder.
 
     Raises
     ------
     ParameterError
-        If the name of a split is not made of letters, digits, `_` and `-`.
+        If the name of a split has characters other than letters, digits, `_` and `-`.
     """
 
     root: str
@@ -55,22 +55,22 @@ class SurveyParameters:
     def __post_init__(self) -> None:
         for name in self.splits:
             if re.fullmatch(r"[A-Za-z0-9_-]+", str(name)) is None:
-                raise ParameterError(f"a split is named by letters, digits, '_' and '-', got {name!r}")
+                raise ParameterError(f"the name of a split has only letters, digits, '_' and '-', got {name!r}")
 
     def check_root(self) -> None:
-        """Make sure that the survey is there.
+        """Check that the root is a folder.
 
         Raises
         ------
         ReadError
-            If its root is not a folder; the message says where the survey is to be had, where that is known.
+            If it is not; the message names `source`.
         """
         if not Path(str(self.root)).is_dir():
-            where = f"; it is to be had from {self.source}" if self.source else ""
+            where = f"; the data are available from {self.source}" if self.source else ""
             raise ReadError(f"{self.root} is not a folder (survey.root){where}")
 
     def options(self, codings: Mapping[str, Mapping[int, str] | None]) -> ReadOptions:
-        """Return how the files are read.
+        """Return the options of the readers.
 
         Raises
         ------
@@ -86,38 +86,38 @@ class SurveyParameters:
 
 @dataclass(frozen=True)
 class LabelParameters:
-    """A survey to label, and what becomes of it.
+    """A survey to label, the model and the outputs.
 
     Parameters
     ----------
     survey : str
-        A file, a folder or a glob.
+        File, folder or glob.
     output : str
-        The folder for the results; not a folder of the survey.
+        Folder for the results; not a folder of the survey.
     method : str, default "detrended_forest"
-        The slug of the method whose model is used.
+        Slug of the method.
     model : int or str, optional
-        A version of the model; None takes the highest.
+        Version of the registered model; None takes the highest.
     scheme : str, default "asprs"
-        Codes that are written: ``"asprs"``, or a class scheme that the model's classes nest in, as codes from 64.
+        Codes to write: ``"asprs"``, or a class scheme that the model's classes nest in, as codes from 64.
     trajectory : str, optional
-        Name of the trajectory's file in the folder of the points.
+        Name of the trajectory file beside the points.
     read : mapping
         Arguments of `ReadOptions`.
     inventory : mapping
-        Changes of the rules that make objects, by kind or class.
+        Changes of the object rules, by kind or class.
     copc : bool, default False
-        Whether a cloud-optimised copy (``.copc.laz``), which web viewers and QGIS stream, is written beside each LAZ.
+        Whether to write a cloud-optimised copy (``.copc.laz``) beside each LAZ, for web viewers and QGIS.
     coloured_ply : bool, default False
-        Whether a PLY in the colours of the classes, for viewers that know none, is written beside each LAZ.
+        Whether to write a PLY with class colours beside each LAZ, for viewers without classification colours.
     images : str or None, default "calibration.json"
-        Name of the file of cameras in the folder of the points, or its path, for methods that look at images; see
+        Name of the camera file beside the points, or its path, for methods that use images; see
         `camera_files.read_images`. None means a survey without images.
 
     Raises
     ------
     ParameterError
-        If `model` is no version.
+        If `model` is not a version number.
     """
 
     survey: str

@@ -1,4 +1,4 @@
-"""Which files a run reads, how, and what each of them is called in the stores."""
+"""Plan of a run: files to read, read options, keys in the stores."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.scene_key import TRAIN, SceneKey
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
-from mlsroad_pipeline.algorithms.scenes.split_parts import SplitPart, split_config
+from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, split_config
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.surveys.files import Survey, SurveyFile, files_to_label
 from mlsroad_pipeline.surveys.parameters import LabelParameters, SurveyParameters
@@ -19,22 +19,22 @@ from mlsroad_pipeline.surveys.parameters import LabelParameters, SurveyParameter
 
 @dataclass(frozen=True)
 class PlannedFile:
-    """A file's place in a run.
+    """A file with its split, its drive and its key.
 
     Parameters
     ----------
     key : str
-        Its name in the stores.
+        Key of the file in the stores (`SceneKey`).
     split : str
-        Its split.
+        Name of its split.
     number : int
-        Its number among the files of its drive.
+        Index among the files of its drive.
     drive : str
-        The files that are cut together, as a name in the stores; it begins with the split.
+        Key of the drive, whose files are cut together.
     source : SurveyFile
         The file.
     part : SplitPart
-        The part of it that the split takes.
+        Part of the file that belongs to the split.
     """
 
     key: str
@@ -47,16 +47,16 @@ class PlannedFile:
 
 @dataclass(frozen=True)
 class SurveyPlan:
-    """All files of a run.
+    """All files of a run, and how they are read.
 
     Parameters
     ----------
     files : tuple of PlannedFile
-        In the order of split and name.
+        Files, ordered by split and name.
     options : ReadOptions
-        How they are read.
+        Options of the readers.
     labels : bool
-        Whether their labels are read.
+        Whether labels are read.
     """
 
     files: tuple[PlannedFile, ...]
@@ -64,7 +64,7 @@ class SurveyPlan:
     labels: bool
 
     def drives(self) -> dict[str, list[PlannedFile]]:
-        """Return the files of each drive."""
+        """Return the files of each drive by its key."""
         drives: dict[str, list[PlannedFile]] = {}
         for file in self.files:
             drives.setdefault(file.drive, []).append(file)
@@ -72,19 +72,20 @@ class SurveyPlan:
 
 
 def trajectory_beside(files: Sequence[PlannedFile]) -> str | None:
-    """Return the trajectory's file of a drive, None where there is none."""
+    """Return the path of the trajectory of a drive, or None."""
     return next((file.source.trajectory for file in files if file.source.trajectory), None)
 
 
 def estimated_drives(plan: SurveyPlan, ingest: IngestParameters) -> set[str]:
-    """Name the drives whose path is to be estimated from the points."""
+    """Return the keys of the drives whose trajectory is estimated from the points."""
     if ingest.cut != "along" or not ingest.estimate_trajectory:
         return set()
     return {drive for drive, files in plan.drives().items() if trajectory_beside(files) is None}
 
 
-def _store_name(*parts: str) -> str:
-    """Return a name that stores accept; what is not a letter, digit, `_` or `-` becomes a number in hexadecimal."""
+def _store_key(split: str, source: str) -> str:
+    """Return the key of a file or folder; characters that stores do not accept are replaced by `_` or their code."""
+    parts = (split, source)
     safe = (re.sub(r"[^A-Za-z0-9-]", lambda m: "_" if m[0] in "_/ ." else f"_{ord(m[0]):x}_", p) for p in parts)
     return str(SceneKey(*safe))
 
@@ -97,31 +98,31 @@ def plan_survey(
     labels: bool,
     ingest: IngestParameters,
 ) -> SurveyPlan:
-    """Name the files of a run.
+    """Plan a run on the files of some splits.
 
     Raises
     ------
     ParameterError
-        If two files get the same name in the stores.
+        If two files get the same key in the stores.
     """
     planned: list[PlannedFile] = []
     count: dict[str, int] = {}
     for split, files in splits.items():
         for source in files:
-            key = _store_name(split, source.name)
-            drive = key if ingest.cut == "file" else _store_name(split, source.folder)
+            key = _store_key(split, source.name)
+            drive = key if ingest.cut == "file" else _store_key(split, source.folder)
             number = count.get(drive, 0)
             count[drive] = number + 1
             planned.append(PlannedFile(key, split, number, drive, source, parts.get(split, SplitPart())))
     for key, n_files in Counter(file.key for file in planned).items():
         if n_files > 1:
             same = ", ".join(file.source.name for file in planned if file.key == key)
-            raise ParameterError(f"these files get the same name in the stores, rename one: {same}")
+            raise ParameterError(f"these files get the same key {key} in the stores, rename one: {same}")
     return SurveyPlan(tuple(planned), options, labels)
 
 
 def plan_comparison(parameters: SurveyParameters, ingest: IngestParameters, codings: Any) -> SurveyPlan:
-    """Name the files of a comparison, by split.
+    """Plan a comparison.
 
     Raises
     ------
@@ -138,14 +139,14 @@ def plan_comparison(parameters: SurveyParameters, ingest: IngestParameters, codi
 
 
 def plan_labelling(parameters: LabelParameters, ingest: IngestParameters) -> SurveyPlan:
-    """Name the files of a survey to label.
+    """Plan the labelling of a survey.
 
     Raises
     ------
     ParameterError
-        If no survey or no output is named, or the output is a folder of the survey.
+        If the survey or the output is not set, or the output is a folder of the survey.
     ReadError
-        If nothing is found.
+        If the survey has no file.
     """
     for name in ("survey", "output"):
         if not getattr(parameters, name):
@@ -157,18 +158,18 @@ def plan_labelling(parameters: LabelParameters, ingest: IngestParameters) -> Sur
 
 
 def training_keys(keys: Iterable[str]) -> list[str]:
-    """Return the names of the scenes or drives that models are trained on: those of the split ``train``."""
+    """Return the keys of the split ``train``."""
     return [key for key in keys if SceneKey.parse(key).split == TRAIN]
 
 
 def held_out_keys(keys: Iterable[str]) -> list[str]:
-    """Return the names of the scenes or drives of all other splits."""
+    """Return the keys of all splits but ``train``."""
     return [key for key in keys if SceneKey.parse(key).split != TRAIN]
 
 
 def middle_scenes(keys: Sequence[str], *, n_scenes: int = 3) -> list[str]:
-    """Choose neighbouring scenes for a picture."""
+    """Return neighbouring scenes from the middle of the last drive."""
     drive = SceneKey.parse(keys[-1]).parent
-    mine = [key for key in keys if SceneKey.parse(key).parent == drive]
-    first = max(0, (len(mine) - n_scenes) // 2)
-    return mine[first : first + n_scenes]
+    scenes = [key for key in keys if SceneKey.parse(key).parent == drive]
+    first = max(0, (len(scenes) - n_scenes) // 2)
+    return scenes[first : first + n_scenes]

@@ -20,7 +20,7 @@ from mlsroad_pipeline.algorithms.scenes.cutting import (
     corridor_to_arrays,
     cut_points,
 )
-from mlsroad_pipeline.algorithms.scenes.split_parts import SplitPart
+from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
 from mlsroad_pipeline.algorithms.scenes.trajectory_estimation import trajectory_from_windows
 from mlsroad_pipeline.formats.files import spread_starts
 from mlsroad_pipeline.formats.options import ReadOptions

@@ -1,4 +1,4 @@
-"""How the files of a survey are divided into ranges of rows, and how scenes are put together from them."""
+"""Plan of the ranges of rows that files are read in, and of the scenes that are joined from them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan, plan_scenes
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
 
 MESSAGE_FILES = 3
-"""The most files that messages name of a scene that is put together from several."""
+"""Largest number of files that a message names for a scene."""
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,11 @@ class RangeOfRows:
     file : PlannedFile
         The file.
     start, stop : int
-        The rows.
+        First row and the row after the last one.
     n_total : int
-        Points of the whole file.
+        Number of points of the whole file.
     constant : tuple of str
-        Columns that have one value in all of it.
+        Columns with a single value in the whole file; they are not read.
     """
 
     file: PlannedFile
@@ -42,11 +42,11 @@ class RangeOfRows:
 
     @property
     def key(self) -> str:
-        """Name of the range in the stores."""
+        """Key of the range in the stores."""
         return str(SceneKey.parse(self.file.key)._replace(part=f"{self.start:012d}"))
 
     def parameters(self, plan: SurveyPlan, ingest: IngestParameters) -> dict[str, Any]:
-        """Return the parameters of `ingest_work.read_and_cut`."""
+        """Return the parameters of `reading.read_and_cut`."""
         return {
             "options": plan.options,
             "labels": plan.labels,
@@ -82,13 +82,13 @@ class PlannedScene:
     Parameters
     ----------
     key : str
-        Its name in the stores.
+        Key of the scene in the stores.
     span : SceneSpan
-        Its bins.
+        Bins of core and buffers.
     pieces : tuple of str
-        The ranges that hold points of its core or its buffers.
+        Keys of the ranges with points in its core or its buffers.
     source : str
-        What messages call it: its name, and the files that its points come from.
+        Name in messages: the files that its points come from, and the name of the span.
     """
 
     key: str
@@ -102,9 +102,9 @@ def plan_drive(
 ) -> list[PlannedScene]:
     """Plan the scenes of a drive from the bins of its ranges."""
     files = {file.key: file.source.name for file in plan.files if file.drive == drive}
-    mine = {key: part for key, part in bins.items() if SceneKey.parse(key).parent in files}
+    own = {key: part for key, part in bins.items() if SceneKey.parse(key).parent in files}
     histogram: dict[int, int] = {}
-    for part in mine.values():
+    for part in own.values():
         for number, count in zip(part["bins"].tolist(), part["counts"].tolist(), strict=True):
             histogram[number] = histogram.get(number, 0) + count
     whole = ingest.cut == "file"
@@ -115,10 +115,11 @@ def plan_drive(
         bin_length=ingest.bin_length,
         max_points=ingest.max_points,
     )
-    return [
-        _planned(f"{drive}.{span.id}", span, pieces_between(span.buffer_first, span.buffer_stop, mine), files)
-        for span in spans
-    ]
+    scenes = []
+    for span in spans:
+        key = str(SceneKey.parse(drive)._replace(part=span.id))
+        scenes.append(_planned(key, span, pieces_between(span.buffer_first, span.buffer_stop, own), files))
+    return scenes
 
 
 def _planned(key: str, span: SceneSpan, pieces: tuple[str, ...], files: Mapping[str, str]) -> PlannedScene:
@@ -128,7 +129,7 @@ def _planned(key: str, span: SceneSpan, pieces: tuple[str, ...], files: Mapping[
 
 
 def pieces_between(first: int, stop: int, bins: Mapping[str, Mapping[str, NDArray]]) -> tuple[str, ...]:
-    """Name the ranges that hold points of some bins."""
+    """Return the keys of the ranges with points in the bins `first` to `stop`."""
 
     def holds(numbers: NDArray) -> bool:
         low, high = np.searchsorted(numbers, [first, stop])

@@ -14,7 +14,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 from mlsroad_pipeline.algorithms.geometry.outliers import keep_inliers
 from mlsroad_pipeline.algorithms.scenes.corridor import Corridor, MainAxis, main_axis
-from mlsroad_pipeline.algorithms.scenes.split_parts import SplitPart
+from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
 from mlsroad_pipeline.algorithms.scenes.tiling import PiecedCloud, SceneSpan, assemble_scene, cut_range
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 

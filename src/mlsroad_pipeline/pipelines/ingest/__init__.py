@@ -1,4 +1,4 @@
-"""A survey read, inspected, split and cut into scenes."""
+"""Pipeline that reads a survey and cuts it into scenes."""
 
 from mlsroad_pipeline.pipelines.ingest.pipeline import create_pipeline
 

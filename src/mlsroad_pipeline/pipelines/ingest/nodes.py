@@ -1,4 +1,4 @@
-"""A survey's files described, cut and assembled into scenes."""
+"""Nodes of the ingest: describe, cut and join the files of a survey."""
 
 from __future__ import annotations
 
@@ -21,15 +21,17 @@ logger = logging.getLogger(__name__)
 
 
 def plan_files(
-    parameters: SurveyParameters, ingest: IngestParameters, classes: Mapping[str, Any], ready: Any
+    parameters: SurveyParameters, ingest: IngestParameters, classes: Mapping[str, Any], simulated: SceneCollection
 ) -> SurveyPlan:
-    """Name the files of each split."""
-    del ready
+    """List the files of each split, those of simulated surveys included."""
+    if len(simulated):
+        n_points = sum(int(survey["n_points"]) for survey in simulated.load_all().values())
+        logger.info("%s: %d simulated surveys of %d points together", parameters.root, len(simulated), n_points)
     return plan_comparison(parameters, ingest, classes["codings"])
 
 
 def describe_files(plan: SurveyPlan, ingest: IngestParameters) -> dict[str, SceneTask]:
-    """Name the work that counts and samples each file's points."""
+    """Create one task per file, which counts its points and takes a sample."""
     estimated = estimated_drives(plan, ingest)
     return {
         f.key: SceneTask(
@@ -42,7 +44,7 @@ def describe_files(plan: SurveyPlan, ingest: IngestParameters) -> dict[str, Scen
 
 
 def find_corridors(plan: SurveyPlan, files: SceneCollection, ingest: IngestParameters) -> dict[str, SceneTask]:
-    """Name the work that finds what each drive is cut along."""
+    """Create one task per drive, which finds the corridor that it is cut along."""
     samples, windows = files.part("sample"), files.part("windows")
     tasks = {}
     for drive, members in plan.drives().items():
@@ -59,7 +61,7 @@ def find_corridors(plan: SurveyPlan, files: SceneCollection, ingest: IngestParam
 def cut_files(
     plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, ingest: IngestParameters
 ) -> dict[str, SceneTask]:
-    """Name the work that reads each range of rows and sorts it into bins."""
+    """Create one task per range of rows, which reads it and sorts it into bins of the corridor."""
     for drive, corridor in corridors.load_all().items():
         if "note" in corridor:
             logger.info("%s: %s", drive, corridor["note"])
@@ -78,7 +80,7 @@ def cut_files(
 
 
 def assemble_scenes(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestParameters) -> dict[str, SceneTask]:
-    """Name the work that joins pieces into scenes."""
+    """Create one task per scene, which joins its pieces."""
     bins, points = pieces.load_all("bins"), pieces.part("points", mapped=True)
     return {
         scene.key: SceneTask(
@@ -92,5 +94,5 @@ def assemble_scenes(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestPar
 
 
 def report_quality(plan: SurveyPlan, pieces: SceneCollection) -> pd.DataFrame:
-    """Report the quality of each file."""
+    """Return the quality of each file."""
     return quality_table({f.source.name: f.key for f in plan.files}, pieces.load_all("quality"))

@@ -1,4 +1,4 @@
-"""The quality of a survey, before anything is done with it."""
+"""Pipeline that reports the quality of a survey."""
 
 from mlsroad_pipeline.pipelines.inspect.pipeline import create_pipeline
 

@@ -1,4 +1,4 @@
-"""A survey looked at before anything is done with it."""
+"""Node of `inspect`: report the quality of a survey."""
 
 import logging
 from typing import Any
@@ -13,7 +13,7 @@ logger = logging.getLogger(__name__)
 
 
 def inspect_files(parameters: InspectParameters, survey: SurveyParameters) -> tuple[dict[str, Any], str, pd.DataFrame]:
-    """Look through the files of a survey, log what is wrong with each, and report."""
+    """Inspect the files of a survey, log the warnings, and return facts, report page and warnings."""
     root = parameters.survey or str(survey.root)
     files, unread = inspect_survey(parameters, root=root, read=parameters.read if parameters.survey else survey.read)
     warnings = survey_warnings(files, unread)

@@ -1,4 +1,4 @@
-"""Wiring of the inspection."""
+"""Pipeline of the inspection."""
 
 from kedro.pipeline import Node, Pipeline
 
@@ -6,7 +6,7 @@ from mlsroad_pipeline.pipelines.inspect.nodes import inspect_files
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: a survey's files to a report on their quality, and to warnings."""
+    """Return the pipeline from the files of a survey to a quality report and warnings."""
     return Pipeline(
         [
             Node(

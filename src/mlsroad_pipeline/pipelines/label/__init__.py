@@ -1,4 +1,4 @@
-"""A survey in; a labelled survey, an inventory of objects and a report out."""
+"""Pipeline that labels a survey, with an inventory of objects and a report."""
 
 from mlsroad_pipeline.pipelines.label.pipeline import create_pipeline
 

@@ -1,4 +1,4 @@
-"""A new survey labelled by a registered model."""
+"""Nodes of `label`: label a new survey with a registered model."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.quality.tables import quality_table
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
@@ -19,34 +18,26 @@ from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.label.images import LabelImages, images_to_label
 from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, objects_task, survey_crs
 from mlsroad_pipeline.label.outputs import attribute_warnings, label_report_sections, planned_outputs
-from mlsroad_pipeline.label.scene import object_rules, output_codes
+from mlsroad_pipeline.label.scene import LabelSettings, object_rules, output_codes
 from mlsroad_pipeline.label.tasks import label_tasks
 from mlsroad_pipeline.label.work import write_file
 from mlsroad_pipeline.reporting.html.report import build_report
 from mlsroad_pipeline.surveys.parameters import LabelParameters
-from mlsroad_pipeline.surveys.plan import SurveyPlan, plan_labelling
+from mlsroad_pipeline.surveys.plan import SurveyPlan
 
 logger = logging.getLogger(__name__)
 
 
-def plan_label_files(parameters: LabelParameters, ingest: IngestParameters) -> SurveyPlan:
-    """List the files of the survey."""
-    return plan_labelling(parameters, ingest)
-
-
 def take_model(registered: ModelBundle) -> ModelBundle:
-    """Take the registered model and say what it was trained on."""
-    told = registered.metadata
-    logger.info("Labelling with %s, trained on %s", told.get("registered", registered.slug), told.get("trained_on"))
+    """Log the registered model and its training data, and store a copy for the workers."""
+    metadata = registered.metadata
+    name = metadata.get("registered", registered.slug)
+    logger.info("Labelling with %s, trained on %s", name, metadata.get("trained_on"))
     return registered
 
 
-def _quality(plan: SurveyPlan, pieces: SceneCollection) -> pd.DataFrame:
-    return quality_table({f.source.name: f.key for f in plan.files}, pieces.load_all("quality"))
-
-
 def find_label_images(plan: SurveyPlan, model: ModelFile, parameters: LabelParameters) -> LabelImages:
-    """Find the images of the survey, where the model looks at any."""
+    """Return the images of the survey for a model that uses images."""
     return images_to_label(plan, model.load(), parameters.images)
 
 
@@ -54,6 +45,7 @@ def label_new_scenes(
     plan: SurveyPlan,
     pieces: SceneCollection,
     corridors: SceneCollection,
+    quality: pd.DataFrame,
     model: ModelFile,
     images: LabelImages,
     parameters: LabelParameters,
@@ -61,17 +53,13 @@ def label_new_scenes(
     ground: GroundParameters,
     classes: Mapping[str, Any],
 ) -> dict[str, SceneTask]:
-    """Name the work that labels each scene."""
+    """Create one task per scene, which labels its points, and warn of attributes that the survey lacks."""
     bundle = model.load()
-    for warning in attribute_warnings(bundle, _quality(plan, pieces)):
+    for warning in attribute_warnings(bundle, quality):
         logger.warning(warning)
-    fixed = {
-        "outliers": ingest.outliers,
-        "codes": output_codes(bundle, parameters.scheme, classes["schemes"]),
-        "rules": object_rules(bundle, parameters.inventory),
-        "ground": ground,
-    }
-    return label_tasks(plan, pieces, corridors, model, images, ingest, fixed)
+    codes = output_codes(bundle, parameters.scheme, classes["schemes"])
+    settings = LabelSettings(codes, object_rules(bundle, parameters.inventory), ground, ingest.outliers)
+    return label_tasks(plan, pieces, corridors, model, images, ingest, settings)
 
 
 def write_labelled_files(
@@ -83,8 +71,8 @@ def write_labelled_files(
     model: ModelFile,
     parameters: LabelParameters,
 ) -> dict[str, SceneTask]:
-    """Name the work that writes each file with its labels, and the work that joins the objects meanwhile."""
-    survey_crs(plan, files)  # an inventory needs a single one: that is better known before hours of writing
+    """Create one task per file, which writes it with its labels, and one that joins the objects."""
+    survey_crs(plan, files)  # the inventory needs a single system: fail before the writing
     bundle = model.load()
     rules = object_rules(bundle, parameters.inventory)
     copies = {"copc": parameters.copc, "coloured_ply": parameters.coloured_ply}
@@ -103,22 +91,20 @@ def write_labelled_files(
 def make_inventory(
     plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, written: SceneCollection
 ) -> tuple[RoadInventory, RoadInventory]:
-    """Put the objects on the map."""
-    found = inventory_of(plan, files, corridors, written)
-    return found, found
+    """Return the inventory, once per output format."""
+    inventory = inventory_of(plan, files, corridors, written)
+    return inventory, inventory
 
 
 def write_report(
-    plan: SurveyPlan,
-    pieces: SceneCollection,
+    quality: pd.DataFrame,
     results: SceneCollection,
     written: SceneCollection,
     inventory: RoadInventory,
     model: ModelFile,
     parameters: LabelParameters,
 ) -> str:
-    """Put what was found on one page."""
-    quality = _quality(plan, pieces)
+    """Return the report of the labelled survey as HTML."""
     sections = label_report_sections(
         model.load(), parameters, quality, results.load_all("counts"), written.load_all(), inventory.objects
     )

@@ -1,41 +1,34 @@
-"""Wiring of `label`: the ingest of a comparison on a new survey, then a registered model."""
+"""Pipeline of `label`: the ingest in a namespace, then a registered model."""
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.pipelines.ingest.nodes import cut_files, describe_files, find_corridors
+from mlsroad_pipeline.pipelines.ingest.pipeline import cut_survey
 from mlsroad_pipeline.pipelines.label.nodes import (
     find_label_images,
     label_new_scenes,
     make_inventory,
-    plan_label_files,
     take_model,
     write_labelled_files,
     write_report,
 )
+from mlsroad_pipeline.surveys.plan import plan_labelling
 
 
-def _ingest() -> list[Node]:
-    return [
-        Node(plan_label_files, inputs=["params:label", "params:ingest"], outputs="label_plan", name="plan_label_files"),
-        Node(
-            describe_files,
-            inputs=["label_plan", "params:ingest"],
-            outputs="label_files_store",
-            name="describe_label_files",
-        ),
-        Node(
-            find_corridors,
-            inputs=["label_plan", "label_files_store", "params:ingest"],
-            outputs="label_corridors_store",
-            name="find_label_corridors",
-        ),
-        Node(
-            cut_files,
-            inputs=["label_plan", "label_files_store", "label_corridors_store", "params:ingest"],
-            outputs="label_pieces_store",
-            name="cut_label_files",
-        ),
-    ]
+def _ingest() -> Pipeline:
+    plan = Node(plan_labelling, inputs=["params:label", "params:ingest"], outputs="label_plan", name="plan_label_files")
+    cut = Pipeline(
+        cut_survey(),
+        namespace="label",
+        inputs={"survey_plan": "label_plan"},
+        outputs={
+            "survey_files": "label_files_store",
+            "corridors": "label_corridors_store",
+            "pieces": "label_pieces_store",
+            "survey_quality": "label_quality",
+        },
+        parameters={"params:ingest"},
+    )
+    return Pipeline([plan, cut])
 
 
 def _labelling() -> list[Node]:
@@ -53,6 +46,7 @@ def _labelling() -> list[Node]:
                 "label_plan",
                 "label_pieces_store",
                 "label_corridors_store",
+                "label_quality",
                 "label_model",
                 "label_images",
                 "params:label",
@@ -91,8 +85,7 @@ def _reporting() -> list[Node]:
         Node(
             write_report,
             inputs=[
-                "label_plan",
-                "label_pieces_store",
+                "label_quality",
                 "label_results_store",
                 "label_written_store",
                 "label_inventory",
@@ -106,5 +99,5 @@ def _reporting() -> list[Node]:
 
 
 def create_pipeline(**_: object) -> Pipeline:
-    """Return the pipeline: a survey to a labelled survey, an inventory and a report."""
-    return Pipeline([*_ingest(), *_labelling(), *_reporting()])
+    """Return the pipeline from a survey to a labelled survey, an inventory and a report."""
+    return Pipeline([_ingest(), *_labelling(), *_reporting()])
