@@ -133,7 +133,7 @@ def test_coordinates_in_feet_become_metres_in_the_same_place(tmp_path, rng, vers
     np.testing.assert_allclose(plain.world_xyz(), feet, rtol=0, atol=1e-6)  # as the file has them, never guessed
     assert pyproj.CRS(plain.crs).axis_info[0].unit_name == "US survey foot"
     told = inspect_file(str(path), "feet.las", options=DEFAULT, max_gap=1.0).warnings
-    assert any("counts in US survey foot, and the coordinates are taken for metres; set units" in w for w in told)
+    assert any("has the unit US survey foot, but coordinates are read as metres; set units" in w for w in told)
     told = inspect_file(str(path), "feet.las", options=options, max_gap=1.0).warnings
     assert not any("set units" in w for w in told)
 

@@ -109,7 +109,7 @@ def test_pictures_and_cameras_that_do_not_fit_are_named_before_any_work(survey, 
     with pytest.raises(ReadError, match=r"i3(\.png)?: no such picture \(image 'i3'\)"):
         images_to_label(plan, network, "calibration.json")
     Picture.new("RGB", (21, 16)).save(path)
-    with pytest.raises(ReadError, match=r"i3\.png: the picture has 21 x 16 pixels, its camera is .* 20 x 16"):
+    with pytest.raises(ReadError, match=r"i3\.png: the picture has 21 x 16 pixels, the calibration is for 20 x 16"):
         images_to_label(plan, fusion, "calibration.json")
     path.write_bytes(b"no picture")
     with pytest.raises(ReadError, match=r"i3\.png: cannot be read as a picture"):
@@ -120,7 +120,9 @@ def test_pictures_and_cameras_that_do_not_fit_are_named_before_any_work(survey, 
     told["images"][4]["camera"] = "side"
     calibration.write_text(json.dumps(told))
     assert images_to_label(plan, network, "calibration.json").cameras == ("back", "front", "side")
-    with pytest.raises(DataError, match="has a camera 'side'; model 'fusion' has learned .* front, back: rename it"):
+    with pytest.raises(
+        DataError, match="has a camera 'side'; model 'fusion' was trained with .* front, back: rename it"
+    ):
         images_to_label(plan, fusion, "calibration.json")
     del told["images"][4]["K"]
     calibration.write_text(json.dumps(told))
@@ -136,7 +138,7 @@ def test_cameras_on_the_vehicle_take_its_poses_where_they_cover_the_images(surve
     told["cameras"] = {key: {**mounted, "t": (-np.array(AXES) @ [0.0, 0, 2]).tolist()} for key in CAMERAS}
     told["images"] = [{key: row[key] for key in ("name", "camera", "gps_time")} for row in told["images"]]
     calibration.write_text(json.dumps(told))
-    with pytest.raises(ReadError, match="image 'i0' has no pose, and no trajectory with poses is given"):
+    with pytest.raises(ReadError, match="image 'i0' has no pose, and there is no trajectory with poses"):
         images_to_label(plan_of(survey, "north"), network, "calibration.json")
     rows = "".join(f"{k},{500 + 10 * k},0,0,0,0,0\n" for k in range(10))
     track.write_text("gps_time,x,y,z,roll,pitch,heading\n" + rows)

@@ -113,7 +113,7 @@ def test_images_without_poses_need_those_of_the_vehicle_at_their_time(tmp_path):
 
 def test_a_picture_of_another_size_is_named(tmp_path):
     path, _ = written(tmp_path, calibration(width=400))
-    with pytest.raises(ReadError, match=r"200 x 150 pixels, its camera is calibrated for 400 x 150"):
+    with pytest.raises(ReadError, match=r"200 x 150 pixels, the calibration is for 400 x 150"):
         read_images(path)[0].load()
     (tmp_path / "images" / "00001_front.png").write_bytes(b"no picture")
     with pytest.raises(ReadError, match="cannot be read as a picture"):
@@ -123,7 +123,7 @@ def test_a_picture_of_another_size_is_named(tmp_path):
 def test_a_survey_without_images_is_empty_where_that_is_allowed(tmp_path):
     path = str(tmp_path / "calibration.json")
     assert len(SurveyImagesDataset(filepath=path, optional=True).load()) == 0
-    with pytest.raises(ReadError, match=r"calibration.json: no such calibration"):
+    with pytest.raises(ReadError, match=r"calibration.json: no such camera calibration"):
         read_images(path)
 
 

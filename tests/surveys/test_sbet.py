@@ -34,10 +34,10 @@ def test_positions_in_the_system_of_the_survey(tmp_path):
     np.testing.assert_allclose(trajectory.xyz[:, :2], np.transpose(expected), rtol=0, atol=1e-6)
     np.testing.assert_allclose(trajectory.xyz[:, 2], records[:, 3])
     np.testing.assert_array_equal(trajectory.time, records[:, 0])
-    with pytest.raises(ReadError, match=r"sbet\.out gives longitudes and latitudes, .* set read\.crs"):
+    with pytest.raises(ReadError, match=r"sbet\.out has longitudes and latitudes, .* set read\.crs"):
         read_trajectory(path)
     path.write_bytes(path.read_bytes()[:-5])
-    with pytest.raises(ReadError, match=r"sbet\.out is truncated: 27195 bytes, no multiple of the 136"):
+    with pytest.raises(ReadError, match=r"sbet\.out is truncated: 27195 bytes is not a multiple of the 136"):
         read_trajectory(path, crs=UTM32)
 
 

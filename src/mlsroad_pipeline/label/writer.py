@@ -77,7 +77,7 @@ def write_labelled(
     check_at_least(chunk_size, 1, "chunk_size")
     form = get_format(source)
     if target.exists() and target.samefile(source):
-        raise DataError(f"{target} is a file of the survey and would be overwritten; choose another folder")
+        raise DataError(f"{target} is the survey itself and would be overwritten; choose another folder")
     own = native_path(source, target.parent, form) if native else None
     with ExitStack() as stack:
         stream = stack.enter_context(atomic_file(target))

@@ -1,4 +1,4 @@
-"""Calibrations and poses of cameras from JSON, KITTI's files and tables."""
+"""Reader of camera calibrations and poses: JSON, CSV tables and KITTI files."""
 
 from __future__ import annotations
 
@@ -25,31 +25,31 @@ _POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 def read_images(
     path: str | Path, *, images: str | Path | None = None, trajectory: str | Path | None = None
 ) -> SurveyImages:
-    """Read which images a survey has, and where each was taken.
+    """Read the images of a survey with calibrations and poses.
 
-    Three forms are known; integer pixel coordinates are pixel centres in all of them.
+    Integer pixel coordinates are pixel centres in all three formats.
 
-    - ``*.json``: ``images``, a list of ``{name, camera, gps_time}`` with calibration and pose ``K``, ``distortion``,
-      ``R``, ``t``, ``width`` and ``height`` each (p_cam = R (p - ``origin``) + t), as simulated surveys have it; or the
-      same six under ``cameras``, by the camera's name, their R and t then from the vehicle's axes (x forward, y left,
-      z up) to the camera's, and the vehicle's poses in `trajectory`.
-    - ``*.csv``: one row per image, columns ``name, camera, gps_time, fx, fy, cx, cy, width, height``, ``k1, k2, p1, p2,
-      k3`` where the lens distorts, and ``x, y, z`` (world metres of the camera) and ``qw, qx, qy, qz`` (rotation from
-      the camera's axes to the world's). Without the last seven the columns ``mount_x`` to ``mount_qz`` hold the same
-      for the vehicle's axes, and `trajectory` its poses.
-    - a folder or its ``calib.txt`` in KITTI's forms, see `read_kitti`.
+    - ``*.json``: ``images``, a list of ``{name, camera, gps_time}`` with ``K``, ``distortion``, ``R``, ``t``, ``width``
+      and ``height`` each (p_cam = R (p - ``origin``) + t), as in simulated surveys; or the same six by camera name
+      under ``cameras``, with R and t from the axes of the vehicle (x forward, y left, z up) to those of the camera, and
+      the poses of the vehicle in `trajectory`.
+    - ``*.csv``: one row per image with the columns ``name, camera, gps_time, fx, fy, cx, cy, width, height``,
+      optionally ``k1, k2, p1, p2, k3`` (lens distortion), and ``x, y, z`` (camera position in the world, metres) and
+      ``qw, qx, qy, qz`` (rotation from camera to world axes). Instead of the last seven, ``mount_x`` to ``mount_qz``
+      give the pose relative to the vehicle, and `trajectory` the poses of the vehicle.
+    - a KITTI folder or its ``calib.txt``, see `read_kitti`.
 
     Raises
     ------
     ReadError
-        If a file is missing or of another form, a camera has no calibration, a name occurs twice, a calibration is
-        none, or poses are needed and not given; the message names file and image.
+        If a file is missing or malformed, a calibration is missing or invalid, a name occurs twice, or poses are
+        missing; the message names file and image.
     DataError
         If the poses do not cover the times of the images.
     """
     source = Path(path)
     if not source.exists():
-        raise ReadError(f"{source}: no such calibration of cameras")
+        raise ReadError(f"{source}: no such camera calibration")
     folder = Path(images) if images is not None else (source if source.is_dir() else source.parent) / "images"
     if source.is_dir() or source.suffix == ".txt":
         return read_kitti(source if source.is_dir() else source.parent)
@@ -60,12 +60,12 @@ def read_images(
         rows, origin, make = _table_rows(source), np.zeros(3), _camera_of_row
     else:
         raise ReadError(f"{source}: cameras are read from .json, .csv or KITTI's calib.txt, not {source.suffix!r}")
-    found = [_posed(source, row, make, folder) for row in rows]
-    names = [image.name for image, _ in found]
-    twice = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
-    if twice:
-        raise ReadError(f"{source}: image {twice[0]!r} occurs more than once")
-    return SurveyImages(_in_order(_carried(found, trajectory, source, origin)), origin, str(source))
+    images_read = [_posed(source, row, make, folder) for row in rows]
+    names = [image.name for image, _ in images_read]
+    repeated = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
+    if repeated:
+        raise ReadError(f"{source}: image {repeated[0]!r} occurs more than once")
+    return SurveyImages(_in_order(_georeferenced(images_read, trajectory, source, origin)), origin, str(source))
 
 
 def read_poses(path: str | Path, *, max_gap: float = 1.0) -> PoseTrack:
@@ -74,7 +74,7 @@ def read_poses(path: str | Path, *, max_gap: float = 1.0) -> PoseTrack:
     Raises
     ------
     ReadError
-        If the file is missing or a column lacks.
+        If the file or a column is missing.
     DataError
         If a value is not finite.
     """
@@ -95,7 +95,7 @@ def read_kitti(folder: str | Path, *, camera: int = 2) -> SurveyImages:
     Raises
     ------
     ReadError
-        If a file or a matrix is missing, or the number of poses or times is not that of the images.
+        If a file or a matrix is missing, or the numbers of poses, times and images differ.
     """
     root = Path(folder)
     matrices = _kitti_matrices(root / "calib.txt")
@@ -128,17 +128,17 @@ def read_kitti(folder: str | Path, *, camera: int = 2) -> SurveyImages:
 
 def _json_rows(source: Path) -> tuple[list[dict[str, Any]], NDArray[np.float64]]:
     try:
-        given = json.loads(source.read_text(encoding="utf-8"))
+        document = json.loads(source.read_text(encoding="utf-8"))
     except (ValueError, UnicodeDecodeError) as error:
         raise ReadError(f"{source}: not JSON: {error}") from error
-    if not isinstance(given, dict) or not isinstance(given.get("images"), list):
+    if not isinstance(document, dict) or not isinstance(document.get("images"), list):
         raise ReadError(f"{source}: has no list 'images'")
-    cameras = given.get("cameras", {})
+    cameras = document.get("cameras", {})
     rows = []
-    for row in given["images"]:
+    for row in document["images"]:
         shared = cameras.get(row.get("camera"), {})
         rows.append({**shared, **row, "mounted": "R" not in row})
-    return rows, np.asarray(given.get("origin", (0.0, 0.0, 0.0)), dtype=np.float64)
+    return rows, np.asarray(document.get("origin", (0.0, 0.0, 0.0)), dtype=np.float64)
 
 
 def _camera_of_json(row: Mapping[str, Any]) -> tuple[Camera, bool]:
@@ -198,14 +198,14 @@ def _posed(
     return PosedImage(name, group, float(row.get("gps_time", np.nan)), camera, path), mounted
 
 
-def _carried(
-    found: list[tuple[PosedImage, bool]], trajectory: str | Path | None, source: Path, origin: NDArray[np.float64]
+def _georeferenced(
+    images: list[tuple[PosedImage, bool]], trajectory: str | Path | None, source: Path, origin: NDArray[np.float64]
 ) -> list[PosedImage]:
-    """Return the images with cameras in the world: those mounted on the vehicle are carried along its track."""
-    mounted = [image for image, on_vehicle in found if on_vehicle]
+    """Return the images with world poses; the poses of mounted cameras follow from the trajectory."""
+    mounted = [image for image, on_vehicle in images if on_vehicle]
     if mounted and trajectory is None:
-        raise ReadError(f"{source}: image {mounted[0].name!r} has no pose, and no trajectory with poses is given")
-    fixed = [image for image, on_vehicle in found if not on_vehicle]
+        raise ReadError(f"{source}: image {mounted[0].name!r} has no pose, and there is no trajectory with poses")
+    fixed = [image for image, on_vehicle in images if not on_vehicle]
     if not mounted or trajectory is None:
         return fixed
     rotations, places = read_poses(trajectory).at([image.time for image in mounted])
@@ -220,7 +220,7 @@ def _in_order(images: list[PosedImage]) -> tuple[PosedImage, ...]:
 
 def _kitti_matrices(path: Path) -> dict[str, list[float]]:
     if not path.is_file():
-        raise ReadError(f"{path}: no such calibration of cameras")
+        raise ReadError(f"{path}: no such camera calibration")
     matrices = {}
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         name, _, values = line.partition(":")

@@ -1,4 +1,4 @@
-"""The images of a survey with their cameras, read when they are asked for."""
+"""Images of a survey with their cameras; pictures are loaded on demand."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from mlsroad_pipeline.algorithms.image_labels.camera import Camera
 
 @dataclass(frozen=True)
 class PosedImage:
-    """An image that lies in a file, and its camera.
+    """Image file with camera calibration and pose.
 
     Parameters
     ----------
     name : str
         Unique in the survey.
     group : str
-        Which of the survey's cameras took it, such as ``front_left``.
+        Name of the camera, such as ``front_left``.
     time : float
-        GPS seconds; NaN where it is not known.
+        GPS seconds; NaN if unknown.
     camera : Camera
         Calibration and pose, for points in world coordinates less `SurveyImages.origin`.
     path : Path
-        The picture.
+        Picture file.
     """
 
     name: str
@@ -42,17 +42,17 @@ class PosedImage:
     path: Path
 
     def load(self) -> NDArray[np.uint8]:
-        """Read the picture.
+        """Return the picture.
 
         Raises
         ------
         ReadError
-            If the file is missing, no picture, or of another size than the camera's images.
+            If the file is missing, not a picture, or of another size than the calibration.
         """
         return read_picture(self.path, self.camera, self.name)
 
     def check(self) -> None:
-        """Look whether the picture is there and of the right size, without reading its pixels.
+        """Check that the picture exists and has the calibrated size, without loading its pixels.
 
         Raises
         ------
@@ -63,7 +63,7 @@ class PosedImage:
             pass
 
     def load_labels(self, folder: str) -> NDArray[np.uint8]:
-        """Read the label image that lies beside the pictures.
+        """Return the label image from a folder beside the pictures.
 
         Raises
         ------
@@ -77,12 +77,12 @@ class PosedImage:
 
 
 def read_picture(path: str | Path, camera: Camera, name: str) -> NDArray[np.uint8]:
-    """Read a picture.
+    """Return a picture as RGB.
 
     Raises
     ------
     ReadError
-        If the file is missing, no picture, or of another size than the camera's images.
+        If the file is missing, not a picture, or of another size than the calibration.
     """
     with _opened(Path(path), camera, name) as picture:
         return np.asarray(picture.convert("RGB"), dtype=np.uint8)
@@ -90,7 +90,7 @@ def read_picture(path: str | Path, camera: Camera, name: str) -> NDArray[np.uint
 
 @contextmanager
 def _opened(path: Path, camera: Camera, name: str) -> Iterator[Picture.Image]:
-    """Open a picture of the camera's size; its pixels are read where they are asked for."""
+    """Open a picture and check its size; pixels are loaded on access."""
     if not path.is_file():
         raise ReadError(f"{path}: no such picture (image {name!r})")
     try:
@@ -98,7 +98,7 @@ def _opened(path: Path, camera: Camera, name: str) -> Iterator[Picture.Image]:
             if picture.size != (camera.width, camera.height):
                 wide, high = picture.size
                 raise ReadError(
-                    f"{path}: the picture has {wide} x {high} pixels, its camera is calibrated for "
+                    f"{path}: the picture has {wide} x {high} pixels, the calibration is for "
                     f"{camera.width} x {camera.height}"
                 )
             yield picture
@@ -108,16 +108,16 @@ def _opened(path: Path, camera: Camera, name: str) -> Iterator[Picture.Image]:
 
 @dataclass(frozen=True)
 class SurveyImages(Sequence[PosedImage]):
-    """All images of a survey, in the order of time.
+    """Images of a survey in the order of time.
 
     Parameters
     ----------
     images : tuple of PosedImage
-        Empty where the survey has no images.
+        Images; empty for a survey without images.
     origin : ndarray of shape (3,), float64
         World coordinates that the cameras' poses are relative to, metres.
     source : str
-        The file that describes them.
+        File with the calibration.
     """
 
     images: tuple[PosedImage, ...]
@@ -138,11 +138,11 @@ class SurveyImages(Sequence[PosedImage]):
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Names of the cameras, in the order of the alphabet."""
+        """Names of the cameras, sorted."""
         return tuple(sorted({image.group for image in self.images}))
 
     def relative_to(self, origin: ArrayLike) -> SurveyImages:
-        """Return the images with cameras for points relative to another origin."""
+        """Return the images with camera poses relative to another origin."""
         zero = np.asarray(origin, dtype=np.float64)
         moved = tuple(
             PosedImage(i.name, i.group, i.time, i.camera.shifted(zero - self.origin), i.path) for i in self.images

@@ -1,4 +1,4 @@
-"""Looking through the files of a survey, range by range, in bounded memory."""
+"""Inspection of the files of a survey in bounded memory."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ logger = logging.getLogger(__name__)
 CHUNK = 500_000
 SAMPLE_RUNS, SAMPLE_SIZE = 16, 64
 MARGIN = 0.05
-"""Share by which the extent of a sample is widened for the map, where a file does not state its bounds."""
+"""Relative margin around the extent of a sample, for the map of a file without stated bounds."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,11 @@ class InspectParameters:
     Parameters
     ----------
     survey : str, default ""
-        A file, a folder or a glob; empty takes the survey of the comparison.
+        File, folder or glob; empty takes the survey of the comparison.
     trajectory : str, optional
-        Name of the trajectory's file in the folder of the points.
+        Name of the trajectory file beside the points.
     max_gap : float, default 1.0
-        The longest step in time that is no gap, seconds.
+        Largest step in time that is not a gap, seconds.
     read : mapping
         Arguments of `ReadOptions`.
 
@@ -70,20 +70,20 @@ class InspectParameters:
 
 @dataclass
 class FileInspection:
-    """What was found in one file.
+    """Result of the inspection of one file.
 
     Attributes
     ----------
     name : str
-        The file below the survey's root.
+        Path below the root of the survey.
     info : FileInfo
-        What it says about itself.
+        Content of the header.
     picture : SurveyMap
-        Its points from above.
+        Map of the point density.
     facts : dict
-        All figures as plain data.
+        Figures as plain data for JSON.
     warnings : list of str
-        What a user should know, in sentences.
+        One sentence per problem.
     """
 
     name: str
@@ -96,7 +96,7 @@ class FileInspection:
 def inspect_survey(
     parameters: InspectParameters, *, root: str, read: Mapping[str, Any]
 ) -> tuple[list[FileInspection], dict[str, str]]:
-    """Look through all files of a survey; one that cannot be read does not hide the others.
+    """Inspect all files of a survey; return the results, and the error of each file that cannot be read.
 
     Raises
     ------
@@ -106,22 +106,22 @@ def inspect_survey(
     options = ReadOptions.from_config(read)
     files, unread = [], {}
     for file in Survey(root).files(trajectory=parameters.trajectory):
-        logger.info("Looking through %s", file.name)
+        logger.info("Inspecting %s", file.name)
         try:
-            found = inspect_file(
+            inspected = inspect_file(
                 *(file.path, file.name), options=options, max_gap=parameters.max_gap, trajectory=file.trajectory
             )
         except DataError as error:
             unread[file.name] = str(error)
         else:
-            files.append(found)
+            files.append(inspected)
     return files, unread
 
 
 def inspect_file(
     path: str, name: str, *, options: ReadOptions, max_gap: float, trajectory: str | None = None
 ) -> FileInspection:
-    """Look through one file.
+    """Inspect one file.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def inspect_file(
     columns: dict[str, ColumnSummary] = {}
     lines, chunks = ScanLines(), []
     picture = _empty_map(form, info, options)
-    with ThreadPoolExecutor(max_workers=1) as pool:  # the next range is read while this one is looked at
+    with ThreadPoolExecutor(max_workers=1) as pool:  # prefetches the next range
         ahead = pool.submit(form.read, Path(path), options, start=0, stop=CHUNK)
         for start in range(0, max(info.n_points, 1), CHUNK):
             cloud = ahead.result()
@@ -144,12 +144,12 @@ def inspect_file(
             summarise(cloud, columns)
             lines.add(cloud)
             picture.add(cloud)
-    found = FileInspection(name, info, picture)
-    _report(found, chunks, columns, lines)
-    found.warnings += _unit_warnings(form, info, options)
+    result = FileInspection(name, info, picture)
+    _report(result, chunks, columns, lines)
+    result.warnings += _unit_warnings(form, info, options)
     if trajectory is not None:
-        found.warnings += _trajectory_warnings(trajectory, found.facts["time"], info.crs)
-    return found
+        result.warnings += _trajectory_warnings(trajectory, result.facts["time"], info.crs)
+    return result
 
 
 def _unit_warnings(form: PointFormat, info: FileInfo, options: ReadOptions) -> list[str]:
@@ -158,7 +158,7 @@ def _unit_warnings(form: PointFormat, info: FileInfo, options: ReadOptions) -> l
     unit = None if info.crs is None else crs_unit(info.crs)
     if unit is not None and abs(unit[1] - 1.0) > SAME_UNIT:
         return [
-            f"its coordinate reference system counts in {unit[0]}, and the coordinates are taken for metres; set units"
+            f"its coordinate reference system has the unit {unit[0]}, but coordinates are read as metres; set units"
         ]
     units = form.read(info.path, replace(options, only=(), coding=None), stop=SAMPLE_RUNS * SAMPLE_SIZE).world_xyz()
     if len(units) < SAMPLE_SIZE or np.abs(units - np.rint(units)).max() > 1e-6:
@@ -181,13 +181,13 @@ def _empty_map(form: PointFormat, info: FileInfo, options: ReadOptions) -> Surve
 
 
 def _report(
-    found: FileInspection, chunks: list[ChunkQuality], columns: dict[str, ColumnSummary], lines: ScanLines
+    result: FileInspection, chunks: list[ChunkQuality], columns: dict[str, ColumnSummary], lines: ScanLines
 ) -> None:
-    info, quality = found.info, merge(chunks)
+    info, quality = result.info, merge(chunks)
     low, high = np.array(quality.low), np.array(quality.high)
     seconds = quality.time_end - quality.time_start
-    found.facts = {
-        **{"file": found.name, "bytes": info.path.stat().st_size, "format": info.format},
+    result.facts = {
+        **{"file": result.name, "bytes": info.path.stat().st_size, "format": info.format},
         "details": {key: _plain(value) for key, value in info.details.items()},
         **{"n_points": quality.n_points, "low": _plain(low), "high": _plain(high), "crs": info.crs},
         **{"crs_name": _crs_name(info.crs), "density": _plain(quality.density)},
@@ -204,11 +204,11 @@ def _report(
             "lines_per_second": _plain(lines.n_jumps / seconds) if seconds > 0 else None,
         },
     }
-    skipped = "label codes outside the taxonomy"  # without a coding they mean nothing of that kind
-    prefix = f"{found.name}: "
-    found.warnings = [w.removeprefix(prefix) for w in quality.warnings() if skipped not in w]
-    found.warnings += column_warnings(columns, low, high, info.crs)
-    found.warnings += _header_warnings(info, low, high)
+    skipped = "label codes outside the taxonomy"  # not applicable without a coding
+    prefix = f"{result.name}: "
+    result.warnings = [w.removeprefix(prefix) for w in quality.warnings() if skipped not in w]
+    result.warnings += column_warnings(columns, low, high, info.crs)
+    result.warnings += _header_warnings(info, low, high)
 
 
 def _header_warnings(info: FileInfo, low: np.ndarray, high: np.ndarray) -> list[str]:
@@ -249,7 +249,7 @@ def _crs_name(crs: str | None) -> str | None:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as JSON can hold it; what is undefined becomes None."""
+    """Return a value in types of JSON, with None for NaN and infinity."""
     if isinstance(value, np.ndarray | list | tuple):
         return [_plain(item) for item in (value.tolist() if isinstance(value, np.ndarray) else value)]
     if isinstance(value, dict):

@@ -1,11 +1,11 @@
-"""What workers do with the files of a survey: describe one, find its corridor, read and cut a range of rows."""
+"""Tasks of the ingest: describe a file, find the corridor of a drive, read and cut a range of rows."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,50 +30,62 @@ from mlsroad_pipeline.surveys.time_windows import read_time_windows
 from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
 
 SAMPLE_RUNS, SAMPLE_SIZE = 16, 256
-"""A file's sample: this many runs of this many points, evenly spread."""
+"""Number and length of the evenly spaced runs of points that make a sample of a file."""
 
 SCENE_COLUMNS = ("rgb", "intensity", "gps_time", "scanner", "label", "instance")
-"""What scenes keep of a file's attributes; the rest is read again where it is written."""
-
+"""Attributes of a file that scenes keep; the others are read again by the writer."""
 
 CLASS = "classification"
 
 UNUSED_COLUMNS = ("gps_time", "scanner")
-"""What is looked at for the quality report and then dropped where no method is trained."""
+"""Columns that only the quality report and the training need; `label` drops them."""
 
-
-TELLING_COLUMNS = ("rgb", "intensity")
-"""Columns that methods learn from; where all points have one value, as in files that were exported without, the file
-is taken not to have the column."""
+FEATURE_COLUMNS = ("rgb", "intensity")
+"""Columns with features; a column with a single value, as in files exported without it, counts as missing."""
 
 
 def _scene_options(path: str, options: ReadOptions, *, labels: bool, constant: Sequence[str] = ()) -> ReadOptions:
-    """Ask for the columns that scenes keep, as far as the file has them, and where it is labelled for its class."""
+    """Return options to read the scene columns of a file, and the classification of LAS files to label."""
     form = get_format(path)
-    have = form.info(Path(path), replace(options, coding=options.coding if labels else None)).columns
-    barred = {*constant, *(() if labels else ("label", "instance"))}
-    wanted = [name for name in SCENE_COLUMNS if name in have and name not in barred]
-    if not labels and form.name == "LAS" and CLASS in have:
-        wanted.append(CLASS)
-    return replace(options, only=tuple(wanted), coding=options.coding if "label" in wanted else None)
+    columns = form.info(Path(path), replace(options, coding=options.coding if labels else None)).columns
+    skipped = {*constant, *(() if labels else ("label", "instance"))}
+    selected = [name for name in SCENE_COLUMNS if name in columns and name not in skipped]
+    if not labels and form.name == "LAS" and CLASS in columns:
+        selected.append(CLASS)
+    return replace(options, only=tuple(selected), coding=options.coding if "label" in selected else None)
 
 
 def constant_columns(sample: PointCloud) -> list[str]:
-    """Find the columns of a sample that tell nothing."""
+    """Return the feature columns with a single value in the sample."""
     return [
         name
-        for name in TELLING_COLUMNS
+        for name in FEATURE_COLUMNS
         if name in sample and len(sample) > 1 and bool((sample[name] == sample[name][0]).all())
     ]
 
 
-def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: bool) -> dict[str, Any]:
-    """Count a file's points and take a sample of them.
+class FileFacts(TypedDict):
+    """Number of points, shape (1,), and names of the feature columns with a single value."""
+
+    n_points: NDArray[np.int64]
+    constant: NDArray[np.str_]
+
+
+class FileDescription(TypedDict):
+    """Stored parts of a described file; `windows` is empty if the trajectory is not estimated."""
+
+    info: FileFacts
+    sample: PointCloud
+    windows: PointCloud
+
+
+def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: bool) -> FileDescription:
+    """Return the number of points of a file, a sample, and time windows for the estimation of the trajectory.
 
     Raises
     ------
     ReadError
-        If the file is empty, damaged or of another format than its name says.
+        If the file is empty, damaged or of another format than its name.
     """
     form = get_format(path)
     chosen = _scene_options(path, options, labels=labels)
@@ -83,18 +95,18 @@ def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: boo
     starts = spread_starts(n_points, SAMPLE_RUNS, SAMPLE_SIZE)
     runs = [form.read(Path(path), chosen, start=start, stop=start + SAMPLE_SIZE) for start in starts]
     sample = concatenate(runs)
-    stretches = read_time_windows(form, path, chosen, sample=sample, n_points=n_points) if windows else None
+    time_windows = read_time_windows(form, path, chosen, sample=sample, n_points=n_points) if windows else None
     return {
         "info": {"n_points": np.array([n_points]), "constant": np.array(constant_columns(sample), dtype=np.str_)},
         "sample": sample,
-        "windows": sample.select(np.zeros(0, dtype=np.int64)) if stretches is None else stretches,
+        "windows": sample.select(np.zeros(0, dtype=np.int64)) if time_windows is None else time_windows,
     }
 
 
 def find_corridor(
     samples: Sequence[PointCloud], windows: Sequence[PointCloud], *, trajectory: str | None, along: bool
 ) -> dict[str, NDArray]:
-    """Find what the files of one drive are cut along.
+    """Return the corridor of a drive as arrays, with a note for the log.
 
     Raises
     ------
@@ -108,7 +120,7 @@ def find_corridor(
     if other is not None:
         raise DataError(
             f"{samples[0].source} and {other.source} have different coordinate reference systems; "
-            "set read.reproject, or take them apart"
+            "set read.reproject, or separate them"
         )
     if trajectory is not None:
         path = read_trajectory(trajectory, crs=samples[0].crs if samples else None)
@@ -118,15 +130,16 @@ def find_corridor(
         return {**corridor_to_arrays(path), **({"note": np.array(note)} if note else {})}
     if not along:
         return corridor_to_arrays(None)
-    stretches = [part for part in windows if len(part)]
-    if not stretches:
+    filled = [part for part in windows if len(part)]
+    if not filled:
         return corridor_to_arrays(axis_of_samples(samples))
     try:
-        found = trajectory_from_windows(stretches)
+        estimated = trajectory_from_windows(filled)
     except DataError as error:
         note = f"{error}; cut along the main axis of the points"
         return {**corridor_to_arrays(axis_of_samples(samples)), "note": np.array(note)}
-    return {**corridor_to_arrays(found), "note": np.array(f"{found.source}: {found.length:.0f} m of trajectory")}
+    note = f"{estimated.source}: {estimated.length:.0f} m of trajectory"
+    return {**corridor_to_arrays(estimated), "note": np.array(note)}
 
 
 def _times_of(samples: Sequence[PointCloud]) -> tuple[float, float]:
@@ -151,14 +164,14 @@ def read_and_cut(
     time_gap: float,
     constant: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Read a range of a file's rows, look at their quality and sort them into the corridor's bins.
+    """Read a range of rows, inspect its quality and sort it into bins of the corridor.
 
     Raises
     ------
     ReadError
         If the file is damaged.
     DataError
-        If a value cannot be used.
+        If a value is invalid.
     """
     chosen = _scene_options(path, options, labels=labels, constant=constant)
     cloud = get_format(path).read(Path(path), chosen, start=start, stop=stop)

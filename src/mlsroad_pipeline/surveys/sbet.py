@@ -1,4 +1,4 @@
-"""Trajectories as Applanix's software exports them: SBET, 17 numbers of eight bytes a record."""
+"""Reader of SBET trajectories (Applanix): records of 17 float64 values."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PROBED = 64
 
 
 def is_sbet(path: Path) -> bool:
-    """Tell whether a file holds SBET records: plausible times, latitudes and longitudes in radians."""
+    """Return whether a file holds SBET records: plausible times, and latitudes and longitudes in radians."""
     if path.stat().st_size < RECORD:
         return False
     records = np.fromfile(path, dtype="<f8", count=PROBED * FIELDS)
@@ -27,7 +27,7 @@ def is_sbet(path: Path) -> bool:
     with np.errstate(invalid="ignore"):
         time, latitude, longitude, height = records[:, :4].T
         sound = (np.abs(latitude) <= np.pi / 2) & (np.abs(longitude) <= np.pi) & (np.abs(height) < 2e4)
-        # Eight letters make a number like 1e-57 or 1e+165 rather than an angle and a time.
+        # Eight letters of a text file decode to a number like 1e-57 or 1e+165, not to an angle or a time.
         return bool((sound & (time >= 0) & (time < 1e10) & (np.abs(latitude) > 1e-9)).all())
 
 
@@ -37,17 +37,17 @@ def read_sbet(path: Path, *, crs: str | None) -> Trajectory:
     Raises
     ------
     ReadError
-        If the file is truncated, or the survey states no CRS.
+        If the file is truncated, or the survey has no CRS.
     DataError
-        If a position cannot be turned into the survey's system, or the vehicle does not move.
+        If a position cannot be transformed to the CRS of the survey, or the vehicle does not move.
     """
     size = path.stat().st_size
     if size % RECORD:
-        raise ReadError(f"{path} is truncated: {size} bytes, no multiple of the {RECORD} of an SBET record")
+        raise ReadError(f"{path} is truncated: {size} bytes is not a multiple of the {RECORD} bytes of an SBET record")
     if crs is None:
         raise ReadError(
-            f"{path} gives longitudes and latitudes, and the survey states no coordinate reference system to place "
-            "them in; set read.crs"
+            f"{path} has longitudes and latitudes, and the survey has no coordinate reference system to project them "
+            "to; set read.crs"
         )
     records: NDArray[np.float64] = np.fromfile(path, dtype="<f8").reshape(-1, FIELDS)
     degrees = np.column_stack([np.degrees(records[:, 2]), np.degrees(records[:, 1]), records[:, 3]])
@@ -56,7 +56,7 @@ def read_sbet(path: Path, *, crs: str | None) -> Trajectory:
 
 
 def in_weeks_of(trajectory: Trajectory, first: float, last: float) -> Trajectory:
-    """Shift a trajectory by whole GPS weeks, so that it covers times that count from elsewhere."""
+    """Return a trajectory shifted by whole GPS weeks so that it covers the times of the points."""
     time = trajectory.time
     if time is None or not np.isfinite([first, last]).all() or last <= WEEK or time[-1] > 2 * WEEK:
         return trajectory
@@ -67,7 +67,7 @@ def in_weeks_of(trajectory: Trajectory, first: float, last: float) -> Trajectory
 
 
 def coverage_note(trajectory: Trajectory, first: float, last: float) -> str:
-    """Say in a sentence that a trajectory does not cover the times of the points."""
+    """Return a warning if a trajectory does not cover the times of the points, else an empty string."""
     time = trajectory.time
     if time is None or not np.isfinite([first, last]).all() or (time[0] <= first and last <= time[-1]):
         return ""

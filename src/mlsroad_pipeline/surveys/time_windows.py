@@ -1,4 +1,4 @@
-"""Short stretches of a file's points, evenly spread over its time, from which the vehicle's path is estimated."""
+"""Short time windows of a file, for the estimation of the trajectory."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from mlsroad_pipeline.formats.base import PointFormat
 from mlsroad_pipeline.formats.options import ReadOptions
 
 WINDOW_LENGTH = 0.1
-"""Seconds of points per window: twenty turns of a scanner with 200 lines per second, four of one with 40."""
+"""Length of a window, seconds: 20 rotations at 200 lines per second, 4 at 40."""
 
 WINDOW_INTERVAL = 1.0
-"""Seconds between windows; between them the path is taken for straight."""
+"""Interval of the windows, seconds; the trajectory is interpolated linearly between them."""
 
 MAX_WINDOWS = 1000
-"""The most windows of a file; longer files have them farther apart."""
+"""Largest number of windows of a file; longer files have a larger interval."""
 
 WINDOW_POINTS = 12_000
-"""The most points that are kept of a window."""
+"""Largest number of points per window; longer windows are thinned."""
 
 
 def read_time_windows(
     form: PointFormat, path: str, options: ReadOptions, *, sample: PointCloud, n_points: int
 ) -> PointCloud | None:
-    """Read windows of a file whose points are stored in the order of their times.
+    """Return evenly spaced windows of a file stored in the order of time, or None without times.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Trajectories in CSV, whitespace-separated text and SBET files."""
+"""Reader and writer of trajectories: CSV, whitespace-separated text, SBET (read only)."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ _COMMENTS = ("#", "%", "//")
 
 
 def read_trajectory(path: str | Path, *, columns: Sequence[str] | None = None, crs: str | None = None) -> Trajectory:
-    """Read the path of a survey vehicle from a text file, or from SBET, which is known by its content.
+    """Read a trajectory from a text file or from SBET, which is recognised by its content.
 
     Values are separated by commas, semicolons, tabs or blanks. Lines that begin with ``#``, ``%`` or ``//`` are
-    comments. A first line of names is recognised, in any case and with units in brackets or after the name
-    (``Easting[m]``); without one the columns are ``time x y z``, and roll, pitch, heading or anything else may follow.
+    comments. A header line is recognised, in any case and with units in brackets or after the name (``Easting[m]``).
+    Without a header the columns are ``time x y z``, and further columns are ignored.
 
     Raises
     ------
     ReadError
-        If the file is missing or empty, a value is not a number (the message gives the line), a line has too few
-        values, or x, y or z cannot be found among the columns.
+        If the file is missing or empty, a value is not a number, a line has too few values, or there is no column x, y
+        or z; the message names the line.
     DataError
         If a value is NaN or infinite, or the vehicle does not move; the message names the file.
     """
@@ -61,12 +61,12 @@ def read_trajectory(path: str | Path, *, columns: Sequence[str] | None = None, c
         raise ReadError(
             f"{source}: no column {missing[0]!r} among {list(columns or rows[0][1])}; name them with `columns`"
         )
-    wanted = {name: names.index(name) for name in _NAMES if name in names}
+    columns_of = {name: names.index(name) for name in _NAMES if name in names}
     body = rows[1:] if has_names else rows
     if not body:
         raise ReadError(f"{source}: no positions in the file")
-    values = np.array([_numbers(source, number, words, wanted) for number, words in body])
-    table = dict(zip(wanted, values.T, strict=True))
+    values = np.array([_numbers(source, number, words, columns_of) for number, words in body])
+    table = dict(zip(columns_of, values.T, strict=True))
     xyz = np.column_stack([table["x"], table["y"], table["z"]])
     return Trajectory.from_positions(xyz, table.get("time"), source=str(source))
 
@@ -90,17 +90,17 @@ def _meaning(name: str) -> str:
     return next((meaning for meaning, names in _NAMES.items() if plain in names), plain)
 
 
-def _numbers(source: Path, number: int, words: Sequence[str], wanted: dict[str, int]) -> list[float]:
-    if len(words) <= max(wanted.values()):
-        raise ReadError(f"{source}: line {number} has {len(words)} values, {max(wanted.values()) + 1} are needed")
-    for name, column in wanted.items():
+def _numbers(source: Path, number: int, words: Sequence[str], columns_of: dict[str, int]) -> list[float]:
+    if len(words) <= max(columns_of.values()):
+        raise ReadError(f"{source}: line {number} has {len(words)} values, {max(columns_of.values()) + 1} are needed")
+    for name, column in columns_of.items():
         if not _is_number(words[column]):
             raise ReadError(f"{source}: line {number}: {name} is {words[column]!r}, not a number")
-    return [float(words[column]) for column in wanted.values()]
+    return [float(words[column]) for column in columns_of.values()]
 
 
 def write_trajectory(trajectory: Trajectory, path: str | Path) -> None:
-    """Write a trajectory as CSV that `read_trajectory` reads back to the millimetre and the microsecond."""
+    """Write a trajectory as CSV with positions to 0.1 mm and times to 0.1 microseconds."""
     table = pd.DataFrame(trajectory.xyz, columns=["x", "y", "z"]).round(4)
     if trajectory.time is not None:
         table.insert(0, "time", np.round(trajectory.time, 7))

@@ -46,7 +46,7 @@ def test_gap_keeps_sectors_apart(rng):
 
 def test_overlaps_are_errors():
     check_splits_along({"train": [0, 0.6], "test": [0.6, 1]}, length=50)
-    with pytest.raises(ParameterError, match="'train' and 'test' share the way from 25 m to 30 m"):
+    with pytest.raises(ParameterError, match="'train' and 'test' share the trajectory from 25 m to 30 m"):
         check_splits_along({"test": [0.5, 1], "train": [0, 30]}, length=50)
     check_splits_sectors({"train": [[0, 180], [200, 220]], "test": [[180, 200], [220, 360]]})
     for overlapping in ([[350, 10]], [[100, 120]], [[-90, 270]]):

@@ -210,7 +210,7 @@ def test_bad_ranges(files, path):
 def test_bad_scenes(files, path):
     pieces = cut_all(files, path, 10_000)
     span = plan_scenes(histogram(pieces), **PLAN)[0]
-    with pytest.raises(DataError, match=r"scene_00000: row .* arrived twice"):
+    with pytest.raises(DataError, match=r"scene_00000: row .* occurs in two pieces"):
         assemble_scene([*pieces, pieces[0]], span)
     with pytest.raises(DataError, match="scene_00000: none of 0 pieces"):
         assemble_scene([], span)

@@ -63,7 +63,7 @@ def test_two_scanners_without_a_column_are_refused(rng):
 
 def test_flat_ground_alone_is_refused(rng):
     xyz, time, _ = scanned_street(rng, seconds=1.0, walls=False)
-    with pytest.raises(DataError, match="do not make out one plane: flat ground alone"):
+    with pytest.raises(DataError, match="do not determine one scan plane: flat ground alone"):
         estimate_trajectory(xyz, time)
 
 

@@ -1,4 +1,4 @@
-"""What a file of a survey holds and what is wrong with it, gathered chunk by chunk in bounded memory."""
+"""Quality of a file, collected chunk by chunk in bounded memory."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ DENSITY_CELL = 1.0
 
 
 class TimeRow(TypedDict):
-    """The fields of a report that times give."""
+    """Fields of a report that are computed from times."""
 
     time_start: float
     time_end: float
@@ -41,18 +41,18 @@ class TimeRow(TypedDict):
 
 @dataclass(frozen=True)
 class TimeQuality:
-    """Times of a chunk: what its gaps and its order need.
+    """Times of a chunk, for the gaps and the order.
 
     Attributes
     ----------
     bins : ndarray of shape (m,), int64
         Occupied bins of `gap` seconds, ascending.
     earliest, latest : ndarray of shape (m,), float64
-        First and last time in each bin. A gap longer than a bin lies between neighbouring occupied bins.
+        First and last time in each bin. A gap longer than a bin lies between consecutive occupied bins.
     first, last : float
-        Times of the first and the last point as stored.
+        Times of the first and the last stored point.
     n_backward : int
-        Steps from a point to the next as stored that go back in time.
+        Number of stored points with a smaller time than their predecessor.
     """
 
     bins: NDArray[np.int64]
@@ -65,16 +65,16 @@ class TimeQuality:
 
 @dataclass(frozen=True)
 class ChunkQuality:
-    """What one chunk of a file adds to the file's report; made by `inspect_chunk`, joined by `merge`.
+    """Contribution of a chunk to the report of its file; `merge` joins them.
 
     Attributes
     ----------
     source : str
         The file.
     n_points, n_not_finite, n_duplicates : int
-        Points; points with a NaN or infinite coordinate; points that repeat an earlier one of this chunk exactly.
+        Numbers of points, of points with a NaN or infinite coordinate, of exact duplicates within the chunk.
     low, high : ndarray of shape (3,), float64
-        World extent of the finite points, metres; infinite where there are none.
+        World extent of the finite points, metres; infinite without finite points.
     cells : ndarray of shape (m,), int64
         Keys of the occupied cells of 1 m.
     sketch : DuplicateSketch
@@ -82,15 +82,15 @@ class ChunkQuality:
     columns : frozenset of str
         Column names.
     classes : mapping of int to int
-        Points per label code; empty without labels.
+        Number of points per label code; empty without labels.
     time : TimeQuality or None
-        Times, None without `gps_time` or finite times.
+        Times; None without `gps_time` or finite times.
     n_times_not_finite : int
-        Times that are NaN or infinite.
+        Number of NaN or infinite times.
     intensity : tuple of float or None
         Smallest and largest finite intensity.
     max_gap : float
-        The longest step in time that is no gap, seconds.
+        Largest step in time that is not a gap, seconds.
     """
 
     source: str
@@ -110,22 +110,22 @@ class ChunkQuality:
 
 
 def inspect_chunk(cloud: PointCloud, *, max_gap: float = 1.0, n_total: int | None = None) -> ChunkQuality:
-    """Look at one chunk of a file, which may hold NaN coordinates.
+    """Inspect one chunk of a file, which may have NaN coordinates.
 
     Parameters
     ----------
     cloud : PointCloud
-        Consecutive points of the file; all its chunks with one origin.
+        Consecutive points of the file; all chunks of a file have the same origin.
     max_gap : float, default 1.0
-        The longest step in time that is no gap, seconds. The same for all chunks of a file.
+        Largest step in time that is not a gap, seconds; the same for all chunks of a file.
     n_total : int, optional
-        Points of the whole file, where the chunk is not all of it. The same for all chunks of a file.
+        Number of points of the whole file if the chunk is a part of it; the same for all chunks of a file.
 
     Returns
     -------
     ChunkQuality
-        What `merge` needs, a few bytes per occupied square metre and second and at most 4 MiB for duplicates; with
-        `n_total` all chunks of a file together have about 8 MiB for duplicates.
+        Input of `merge`: a few bytes per occupied square metre and second, and at most 4 MiB for duplicates; with
+        `n_total`, about 8 MiB for the duplicates of all chunks of a file together.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def inspect_chunk(cloud: PointCloud, *, max_gap: float = 1.0, n_total: int | Non
     """
     check_positive(max_gap, "max_gap")
     world = cloud.world_xyz()
-    if not np.isfinite(world.sum()):  # one read where, as almost always, all is well
+    if not np.isfinite(world.sum()):  # one pass in the usual case of finite coordinates
         world = world[np.isfinite(world).all(axis=1)]
     hashes = hash_points(world)
     time, n_times_not_finite = _inspect_time(cloud.get("gps_time"), max_gap)
@@ -157,8 +157,8 @@ def inspect_chunk(cloud: PointCloud, *, max_gap: float = 1.0, n_total: int | Non
 
 
 def _occupied_cells(world: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return sorted keys of the cells that hold points; runs of points in one cell are cut before sorting."""
-    with np.errstate(invalid="ignore"):  # damaged files have coordinates beyond any integer
+    """Return sorted keys of the occupied cells; repeated keys of consecutive points are dropped before sorting."""
+    with np.errstate(invalid="ignore"):  # damaged files have coordinates outside the range of int64
         cells = np.floor(world[:, :2] / DENSITY_CELL).astype(np.int64)
     keys = (cells[:, 0] << 32) + cells[:, 1]
     return np.unique(keys[np.diff(keys, prepend=keys[:1] - 1) != 0])
@@ -188,7 +188,7 @@ def _inspect_time(times: NDArray | None, max_gap: float) -> tuple[TimeQuality | 
     if len(finite) == 0:
         return None, len(times)
     bins = np.floor(finite / max_gap).astype(np.int64)
-    starts = np.flatnonzero(np.diff(bins, prepend=bins[0] - 1))  # runs in one bin; few where times ascend
+    starts = np.flatnonzero(np.diff(bins, prepend=bins[0] - 1))  # runs within a bin; few if times ascend
     earliest, latest = np.minimum.reduceat(finite, starts), np.maximum.reduceat(finite, starts)
     n_backward = int(np.count_nonzero(np.diff(finite) < 0))
     time = TimeQuality(*_join_bins(bins[starts], earliest, latest), float(finite[0]), float(finite[-1]), n_backward)
@@ -201,17 +201,17 @@ def merge(chunks: Sequence[ChunkQuality]) -> QualityReport:
     Parameters
     ----------
     chunks : sequence of ChunkQuality
-        The chunks in the order of the file. The order matters to `n_backward` alone.
+        Chunks in file order; only `n_backward` depends on the order.
 
     Returns
     -------
     QualityReport
-        The report, the same for any cutting into chunks as long as duplicates are counted and not estimated.
+        Report, independent of the chunk size unless duplicates are estimated.
 
     Raises
     ------
     DataError
-        If there is no chunk, or if chunks were inspected with different `max_gap`.
+        If there is no chunk, or chunks were inspected with different `max_gap`.
     """
     if not chunks:
         raise DataError("no chunks to merge")
@@ -250,7 +250,7 @@ def merge(chunks: Sequence[ChunkQuality]) -> QualityReport:
 def _join_bins(
     bins: NDArray[np.int64], earliest: NDArray[np.float64], latest: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return ascending distinct bins with the first and the last time in each."""
+    """Return the distinct bins, ascending, with the first and the last time in each."""
     distinct, inverse = np.unique(bins, return_inverse=True)
     first, last = np.full(len(distinct), np.inf), np.full(len(distinct), -np.inf)
     np.minimum.at(first, inverse, earliest)

@@ -1,4 +1,4 @@
-"""Exact duplicates of points: counted exactly in one array, and across arrays in bounded memory."""
+"""Exact duplicates of points: exact count within an array, sketch across arrays in bounded memory."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from numba import njit
 from numpy.typing import NDArray
 
 SKETCH_SIZE = 262_144
-"""Distinct points that a sketch remembers, 4 MiB. The error of an estimated count falls with its square root."""
+"""Distinct points per sketch, 4 MiB. The error of an estimated count falls with the square root of this size."""
 
 
 @dataclass(frozen=True)
 class DuplicateSketch:
-    """The distinct points with the smallest hashes, and how often each occurred.
+    """Counts of the distinct points with the smallest hashes (bottom-k sketch).
 
-    Which points a sketch remembers depends on their coordinates alone, so all copies of a point are remembered or none,
-    in whichever chunk they lie, and the merged sketch of two chunks is that of the chunks read as one.
+    The selection depends on coordinates only: a sketch has all copies of a point or none, in any chunk, and the merged
+    sketch of two chunks equals the sketch of their concatenation.
 
     Attributes
     ----------
     hashes : ndarray of shape (m,), uint64
         Smallest hashes, ascending, at most `SKETCH_SIZE`.
     counts : ndarray of shape (m,), int64
-        Occurrences of each.
+        Number of occurrences of each hash.
     complete : bool
-        Whether all points are remembered, and not a sample of them.
+        Whether the sketch covers all points.
     share : float, default 1.0
-        Share of all hashes that the sketch looked at, from the smallest on.
+        Share of the range of hashes that the sketch covers, from 0.
     """
 
     hashes: NDArray[np.uint64]
@@ -38,7 +38,7 @@ class DuplicateSketch:
     share: float = 1.0
 
     def n_duplicates(self) -> int:
-        """Return how many points repeat another: counted where the sketch is complete, else estimated from it."""
+        """Return the number of duplicates: exact if the sketch is complete, estimated otherwise."""
         repeats = int((self.counts - 1).sum())
         if self.complete or repeats == 0:
             return repeats
@@ -47,33 +47,33 @@ class DuplicateSketch:
 
 
 def sketch_of(hashes: NDArray[np.uint64], *, n_total: int | None = None) -> DuplicateSketch:
-    """Sketch the points of one array.
+    """Return the sketch of one array of points.
 
     Parameters
     ----------
     hashes : ndarray of shape (n,), uint64
         Hashes of the points from `hash_points`.
     n_total : int, optional
-        Points of the file that the array is a chunk of. Where it is given, the sketch leaves out hashes that will not
-        be among the smallest of the file, so that the sketches of all its chunks together stay small.
+        Number of points of the whole file. If given, the sketch omits hashes that cannot be among the smallest of the
+        file, which keeps the sketches of all chunks together small.
 
     Returns
     -------
     DuplicateSketch
         The sketch.
     """
-    # Hashes are spread evenly, so twice the share that a sketch remembers is enough unless most points are copies.
+    # Hashes are uniform, so twice the share of a full sketch is enough unless most points are duplicates.
     if n_total is not None and n_total > 2 * SKETCH_SIZE:
         share = 2 * SKETCH_SIZE / n_total
         distinct, counts = np.unique(hashes[hashes < np.uint64(2.0**64 * share)], return_counts=True)
         return DuplicateSketch(distinct[:SKETCH_SIZE], counts[:SKETCH_SIZE].astype(np.int64), False, share)
-    # Selecting before sorting: twice the size leaves room for duplicates, and more is made where that was too little.
+    # Select before sorting: start with room for as many duplicates as distinct points, and enlarge if needed.
     room = 2 * SKETCH_SIZE
     while True:
         few = len(hashes) <= room
         chosen = hashes if few else np.partition(hashes, room)[: room + 1]
         if not few:
-            chosen = chosen[chosen < chosen.max()]  # all copies of what is below the cut, none of what is at it
+            chosen = chosen[chosen < chosen.max()]  # all copies below the cut, none at the cut
         distinct, counts = np.unique(chosen, return_counts=True)
         if few or len(distinct) >= SKETCH_SIZE:
             break
@@ -83,17 +83,17 @@ def sketch_of(hashes: NDArray[np.uint64], *, n_total: int | None = None) -> Dupl
 
 
 def merge_sketches(sketches: Sequence[DuplicateSketch]) -> DuplicateSketch:
-    """Merge the sketches of chunks into that of all their points.
+    """Return the sketch of the concatenated chunks.
 
     Parameters
     ----------
     sketches : sequence of DuplicateSketch
-        At least one.
+        At least one sketch.
 
     Returns
     -------
     DuplicateSketch
-        The sketch of the chunks read as one.
+        Merged sketch.
     """
     distinct, inverse = np.unique(np.concatenate([s.hashes for s in sketches]), return_inverse=True)
     counts = np.zeros(len(distinct), dtype=np.int64)
@@ -104,7 +104,7 @@ def merge_sketches(sketches: Sequence[DuplicateSketch]) -> DuplicateSketch:
 
 @njit(cache=True)
 def _mix(value: np.uint64) -> np.uint64:
-    """Return 64 well-mixed bits of 64 bits (the finaliser of splitmix64)."""
+    """Return the finaliser of splitmix64."""
     value ^= value >> np.uint64(30)
     value *= np.uint64(0xBF58476D1CE4E5B9)
     value ^= value >> np.uint64(27)
@@ -114,7 +114,7 @@ def _mix(value: np.uint64) -> np.uint64:
 
 @njit(cache=True)
 def hash_points(xyz: NDArray[np.float64]) -> NDArray[np.uint64]:
-    """Return a 64-bit hash of each row of (n, 3) coordinates; 0.0 and -0.0 are the same place.
+    """Return a 64-bit hash of each row of (n, 3) coordinates; 0.0 and -0.0 are equal.
 
     Parameters
     ----------
@@ -140,19 +140,19 @@ def hash_points(xyz: NDArray[np.float64]) -> NDArray[np.uint64]:
 
 @njit(cache=True)
 def count_duplicates(xyz: NDArray[np.float64], hashes: NDArray[np.uint64]) -> int:
-    """Return how many rows repeat an earlier one exactly; coordinates are compared, hashes only lead to them.
+    """Return the number of rows that equal an earlier row; hashes select the candidates, coordinates are compared.
 
     Parameters
     ----------
     xyz : ndarray of shape (n, 3), float64
         Finite coordinates.
     hashes : ndarray of shape (n,), uint64
-        Their hashes.
+        Hashes of the rows.
 
     Returns
     -------
     int
-        Number of repeats.
+        Number of duplicates.
     """
     size = 16
     while size < 2 * len(xyz):

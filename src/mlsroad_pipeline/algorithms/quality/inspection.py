@@ -1,4 +1,4 @@
-"""What a survey's files hold beyond their quality: columns and their ranges, codes, scan lines, a map from above."""
+"""Contents of files: ranges of columns, codes, scan lines, map of point density."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_positive
 
 CODED = ("classification", "raw_classification", "label", "return_number", "point_source_id", "scanner_channel")
-"""Columns whose values are counted; `scanner` and `ring` are, too."""
+"""Columns of codes, which are counted like `scanner` and `ring`."""
 
 COUNTED = (*CODED, "scanner", "ring")
 ANGLES = ("scan_angle", "scan_angle_rank")
-MOST_CODES = 256
-"""Codes of a column that are counted; a column with more is told by its range."""
+MAX_CODES = 256
+"""Largest number of distinct codes that are counted; other columns are summarised by minimum and maximum."""
 
 
 @dataclass
 class ColumnSummary:
-    """The values of a column as far as they have been seen.
+    """Summary of the values of a column, updated chunk by chunk.
 
     Attributes
     ----------
     dtype : str
-        Its type, with the number of values per point where there are several.
+        Type, with the number of values per point if it is not 1.
     minimum, maximum : float
-        Least and greatest value that is a number; NaN where there is none.
+        Smallest and largest finite value; NaN without finite values.
     n_missing : int
-        Values that are NaN or infinite.
+        Number of NaN or infinite values.
     counts : dict of int to int or None
-        Points per code, for columns of codes; None where there are too many.
+        Number of points per code, for columns of codes; None with more than `MAX_CODES` codes.
     """
 
     dtype: str
@@ -44,14 +44,14 @@ class ColumnSummary:
     counts: dict[int, int] | None = None
 
     def add(self, values: NDArray, *, count: bool) -> None:
-        """Take more values in.
+        """Add values to the summary.
 
         Parameters
         ----------
         values : ndarray of shape (n,) or (n, width)
             The values.
         count : bool
-            Whether they are codes to be counted.
+            Whether to count them as codes.
         """
         if not values.size:
             return
@@ -68,25 +68,25 @@ class ColumnSummary:
 def _with_codes(counts: dict[int, int], values: NDArray) -> dict[int, int] | None:
     if values.dtype.itemsize == 1 or 0 <= values.min() <= values.max() < 1 << 16:
         low = int(values.min())
-        found = np.bincount(values.astype(np.int64) - low)
-        codes = np.flatnonzero(found)
-        numbers, codes = found[codes], codes + low
+        histogram = np.bincount(values.astype(np.int64) - low)
+        codes = np.flatnonzero(histogram)
+        numbers, codes = histogram[codes], codes + low
     else:
         codes, numbers = np.unique(values, return_counts=True)
     joined = dict(counts)
     for code, number in zip(codes.tolist(), numbers.tolist(), strict=True):
         joined[code] = joined.get(code, 0) + number
-    return dict(sorted(joined.items())) if len(joined) <= MOST_CODES else None
+    return dict(sorted(joined.items())) if len(joined) <= MAX_CODES else None
 
 
 @dataclass
 class SurveyMap:
-    """Points per cell, seen from above.
+    """Number of points per cell in plan.
 
     Parameters
     ----------
     low : ndarray of shape (2,)
-        World coordinates of the map's south-west corner, metres.
+        World coordinates of the south-western corner, metres.
     cell : float
         Side of a cell, metres.
     shape : tuple of int
@@ -127,7 +127,7 @@ class SurveyMap:
         return cls(np.nan_to_num(low[:2]) - cell / 2, cell, (rows, columns))  # so that rounding loses no border
 
     def add(self, cloud: PointCloud) -> None:
-        """Count points; those outside the map are counted apart.
+        """Count points per cell, and the points outside the map.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class SurveyMap:
         self.n_outside += _count(cloud.xyz.astype(np.float64, copy=False), corner, self.cell, self.counts, self.top)
 
     def density(self) -> NDArray[np.float64]:
-        """Return points per square metre, NaN in empty cells; row 0 is the south."""
+        """Return points per square metre, NaN in empty cells; row 0 is in the south."""
         return np.where(self.counts > 0, self.counts / self.cell**2, np.nan)
 
 
@@ -163,21 +163,21 @@ def _count(
 
 @dataclass
 class ScanLines:
-    """Turns of the scanner's mirror, counted where its angle jumps back.
+    """Number of scan lines, from jumps of the scan angle.
 
     Attributes
     ----------
     n_jumps : int
-        Jumps of the scan angle by more than half of its range so far.
+        Number of jumps of the scan angle by more than half of its range in the chunk.
     n_edges : int
-        Points flagged as the edge of a line.
+        Number of points flagged as the edge of a line.
     """
 
     n_jumps: int = 0
     n_edges: int = 0
 
     def add(self, cloud: PointCloud) -> None:
-        """Take more points in.
+        """Add points.
 
         Parameters
         ----------
@@ -195,14 +195,14 @@ class ScanLines:
 
 
 def summarise(cloud: PointCloud, columns: dict[str, ColumnSummary]) -> None:
-    """Take the columns of more points of a file in.
+    """Add points of a file to the summaries of its columns.
 
     Parameters
     ----------
     cloud : PointCloud
         The points.
     columns : dict of str to ColumnSummary
-        What was seen so far; changed in place.
+        Summaries by column name; changed in place.
     """
     for name, values in cloud.columns.items():
         if name not in columns:
@@ -212,7 +212,7 @@ def summarise(cloud: PointCloud, columns: dict[str, ColumnSummary]) -> None:
 
 
 def time_base(start: float, end: float) -> str:
-    """Say what times seem to count from, judging by their size.
+    """Return the probable epoch of times, from their magnitude.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def time_base(start: float, end: float) -> str:
     Returns
     -------
     str
-        Plain words; a guess, which nothing depends on.
+        Description for reports.
     """
     if not np.isfinite([start, end]).all():
         return "none"
@@ -234,39 +234,41 @@ def time_base(start: float, end: float) -> str:
 
 
 def column_warnings(columns: Mapping[str, ColumnSummary], low: NDArray, high: NDArray, crs: str | None) -> list[str]:
-    """Say in plain words what is unusual about a file's columns and place.
+    """Return warnings about the columns and the location of a file.
 
     Parameters
     ----------
     columns : mapping of str to ColumnSummary
-        Its columns.
+        Columns of the file.
     low, high : ndarray of shape (3,)
-        Its extent, metres.
+        Extent of the file, metres.
     crs : str or None
-        Its CRS as WKT.
+        CRS of the file as WKT.
 
     Returns
     -------
     list of str
-        One sentence each; empty if all is well.
+        One sentence per warning.
     """
-    found = []
+    warnings = []
     if crs is None:
-        found.append("no coordinate reference system: results cannot be placed on a map; set crs")
+        warnings.append("no coordinate reference system: results have no position on a map; set crs")
     extent = high - low
     if np.isfinite(extent).all():
         if (np.abs([low[:2], high[:2]]) <= [[180, 90], [180, 90]]).all() and extent[:2].max() < 1e-2 and extent[2] > 1:
-            found.append("coordinates look like degrees, not metres; reproject the file first")
+            warnings.append("coordinates look like degrees, not metres; reproject the file first")
         if extent.max() > 1e5:
-            found.append(
+            warnings.append(
                 f"the points extend over {extent.max() / 1000:,.6g} km: stray points, or units other than metres"
             )
     for name, summary in columns.items():
         if summary.n_missing:
-            found.append(f"column {name} has {summary.n_missing} values that are no numbers")
+            warnings.append(f"column {name} has {summary.n_missing} NaN or infinite values")
         if name in ("rgb", "intensity", "gps_time") and summary.minimum == summary.maximum:
-            found.append(f"column {name} is {summary.minimum:g} for every point and tells nothing")
+            warnings.append(f"column {name} is {summary.minimum:g} for all points and carries no information")
     codes = columns["classification"].counts if "classification" in columns else None
     if codes and max(codes) > 31:
-        found.append("classification has codes above 31, which LAS point formats 0 to 5 and old viewers do not know")
-    return found
+        warnings.append(
+            "classification has codes above 31, which LAS point formats 0 to 5 and old viewers do not support"
+        )
+    return warnings

@@ -1,50 +1,49 @@
-"""The report on a file: its figures, as a row of a table and as warnings."""
+"""Quality report of a file, as a table row and as warnings."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 STANDARD_COLUMNS = ("rgb", "intensity", "gps_time", "scanner", "label", "instance")
-"""Columns that a report tells present or missing."""
+"""Columns that a report lists as present or missing."""
 
 
 @dataclass(frozen=True)
 class QualityReport:
-    """What a file holds and what is wrong with it.
+    """Quality report of a file.
 
     Attributes
     ----------
     source : str
         The file.
     n_points, n_not_finite : int
-        Points; points with a NaN or infinite coordinate.
+        Numbers of points and of points with a NaN or infinite coordinate.
     n_duplicates : int
-        Points that repeat another exactly; an estimate where `duplicates_exact` is False, never below the number
-        counted within chunks.
+        Number of exact duplicates; an estimate if `duplicates_exact` is False, at least the number within chunks.
     duplicates_exact : bool
-        Whether `n_duplicates` is counted: the file was one chunk, or small enough for the sketch.
+        Whether `n_duplicates` is exact: the file is one chunk or fits into the sketch.
     low, high : tuple of float
         World extent, metres; NaN without finite points.
     density : float
-        Points per square metre over the occupied cells of 1 m; NaN without finite points.
+        Points per square metre in occupied cells of 1 m; NaN without finite points.
     present, missing : tuple of str
-        `STANDARD_COLUMNS` that the file has and lacks; a column counts only if all chunks have it.
+        `STANDARD_COLUMNS` that all chunks have, and the others.
     classes : mapping of str to int
-        Points per taxonomy class, ``unknown_<code>`` for codes outside the taxonomy; empty without labels.
+        Number of points per taxonomy class, ``unknown_<code>`` for other codes; empty without labels.
     time_start, time_end : float
-        First and last gps_time, seconds; NaN without.
+        First and last gps_time, seconds; NaN without times.
     n_gaps : int
-        Gaps in time longer than `max_gap`, whatever the order of the points.
+        Number of gaps in time longer than `max_gap`, independent of the order of the points.
     longest_gap : float
-        The longest of them, seconds; 0 if there is none, NaN without times.
+        Longest gap, seconds; 0 without gaps, NaN without times.
     n_backward : int
-        Steps back in time from a point to the next as stored.
+        Number of stored points with a smaller time than their predecessor.
     n_times_not_finite : int
-        Times that are NaN or infinite.
+        Number of NaN or infinite times.
     intensity_min, intensity_max : float
-        Range of the intensity; NaN without.
+        Range of the intensity; NaN without intensity.
     max_gap : float
-        The longest step in time that is no gap, seconds.
+        Largest step in time that is not a gap, seconds.
     """
 
     source: str
@@ -69,7 +68,7 @@ class QualityReport:
     max_gap: float
 
     def as_row(self) -> dict[str, str | int | float | bool]:
-        """Return the report as one flat row, with ``min_x`` to ``max_z``, ``has_<column>`` and ``class_<name>``."""
+        """Return the report as a flat row with ``min_x`` to ``max_z``, ``has_<column>`` and ``class_<name>``."""
         row: dict[str, str | int | float | bool] = {
             name: getattr(self, name)
             for name in ("source", "n_points", "n_not_finite", "n_duplicates", "duplicates_exact", "density")
@@ -87,12 +86,12 @@ class QualityReport:
         return row | {f"class_{name}": count for name, count in self.classes.items()}
 
     def warnings(self) -> list[str]:
-        """Return one sentence for each thing a user should know before using the file; empty if all is well."""
+        """Return one sentence per problem of the file."""
         about = "" if self.duplicates_exact else "about "
         unknown = sorted(name for name in self.classes if name.startswith("unknown_"))
-        found = (
+        problems = (
             (self.n_points == 0, "no points"),
-            (bool(self.missing), f"no column {', '.join(self.missing)}: what needs it is left out"),
+            (bool(self.missing), f"no column {', '.join(self.missing)}: features that need them are not computed"),
             (self.n_not_finite > 0, f"{self.n_not_finite} points with NaN or infinite coordinates"),
             (self.n_duplicates > 0, f"{about}{self.n_duplicates} points repeat another exactly"),
             (
@@ -103,4 +102,4 @@ class QualityReport:
             (self.n_times_not_finite > 0, f"{self.n_times_not_finite} points with NaN or infinite gps_time"),
             (bool(unknown), f"label codes outside the taxonomy: {', '.join(unknown)}"),
         )
-        return [f"{self.source}: {text}" for applies, text in found if applies]
+        return [f"{self.source}: {text}" for applies, text in problems if applies]

@@ -1,4 +1,4 @@
-"""What chunks know of a file's quality as plain arrays, and the table of all files."""
+"""Storage of chunk qualities as arrays, and the table of all files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _COUNTS = ("n_points", "n_not_finite", "n_duplicates", "n_times_not_finite")
 
 
 def chunk_to_arrays(chunk: ChunkQuality) -> dict[str, NDArray]:
-    """Turn what a chunk adds to the report into named arrays.
+    """Return the quality of a chunk as named arrays.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def chunk_to_arrays(chunk: ChunkQuality) -> dict[str, NDArray]:
     Returns
     -------
     dict of str to ndarray
-        Arrays from which `chunk_from_arrays` builds it again.
+        Arrays for `chunk_from_arrays`.
     """
     arrays = {
         "source": np.array(chunk.source),
@@ -52,12 +52,12 @@ def chunk_to_arrays(chunk: ChunkQuality) -> dict[str, NDArray]:
 
 
 def chunk_from_arrays(arrays: Mapping[str, NDArray]) -> ChunkQuality:
-    """Build what a chunk adds to the report from what `chunk_to_arrays` gave.
+    """Return the quality of a chunk from stored arrays.
 
     Parameters
     ----------
     arrays : mapping of str to ndarray
-        The arrays.
+        Arrays of `chunk_to_arrays`.
 
     Returns
     -------
@@ -89,29 +89,29 @@ def chunk_from_arrays(arrays: Mapping[str, NDArray]) -> ChunkQuality:
 
 
 def quality_reports(files: Mapping[str, str], chunks: Mapping[str, Mapping[str, NDArray]]) -> dict[str, QualityReport]:
-    """Join the chunks of each file.
+    """Return the quality report of each file.
 
     Parameters
     ----------
     files : mapping of str to str
-        The files' names in the table, and in front of the first row in the keys of `chunks`.
+        Name of each file in the table to its key in the stores.
     chunks : mapping of str to mapping
-        ``<file>.<first row>`` to stored arrays.
+        Key of a range of rows (`SceneKey`) to its stored arrays.
 
     Returns
     -------
     dict of str to QualityReport
-        The reports, by the files' names in the table.
+        Name of each file to its report.
     """
     reports = {}
     for name, file in files.items():
-        mine = [chunk_from_arrays(chunks[key]) for key in sorted(chunks) if SceneKey.parse(key).parent == file]
-        reports[name] = merge(mine)
+        ranges = [chunk_from_arrays(chunks[key]) for key in sorted(chunks) if SceneKey.parse(key).parent == file]
+        reports[name] = merge(ranges)
     return reports
 
 
 def quality_table(files: Mapping[str, str], chunks: Mapping[str, Mapping[str, NDArray]]) -> pd.DataFrame:
-    """Put the quality of each file in a row.
+    """Return the table of the quality of all files.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def quality_table(files: Mapping[str, str], chunks: Mapping[str, Mapping[str, ND
     Returns
     -------
     DataFrame
-        One row per file, its name in the column ``source``.
+        One row per file, with its name in the column ``source``.
     """
     rows = [{**report.as_row(), "source": name} for name, report in quality_reports(files, chunks).items()]
     table = pd.DataFrame(rows)

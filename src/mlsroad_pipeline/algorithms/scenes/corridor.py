@@ -1,4 +1,4 @@
-"""What a survey is cut along: its trajectory, the main axis of its points, or nothing."""
+"""Corridor that a survey is cut along: its trajectory or the main axis of its points."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class MainAxis:
-    """A straight corridor, for surveys without a trajectory.
+    """Straight corridor, for surveys without a trajectory.
 
     Parameters
     ----------
     centre : ndarray of float64, shape (2,)
-        A point on the axis, world coordinates, metres.
+        Point on the axis, world coordinates, metres.
     direction : ndarray of float64, shape (2,)
         Unit vector along the axis.
     """
@@ -31,19 +31,19 @@ class MainAxis:
     def locate(
         self, xyz: ArrayLike, *, origin: ArrayLike = (0.0, 0.0, 0.0)
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Find where points are along the axis.
+        """Return station and offset of points relative to the axis.
 
         Parameters
         ----------
         xyz : array-like of shape (n, 3)
             Coordinates, metres.
         origin : array-like of shape (3,), default zeros
-            World coordinates of the zero of `xyz`.
+            World coordinates of the origin of `xyz`.
 
         Returns
         -------
         station, offset : ndarray of float64, shape (n,)
-            Metres along the axis from its centre, and metres to the right of it.
+            Metres along the axis from its centre, and metres to its right.
 
         Raises
         ------
@@ -58,11 +58,11 @@ class MainAxis:
 
 
 Corridor: TypeAlias = Trajectory | MainAxis | None
-"""What a survey is cut along; None makes each file one bin."""
+"""Corridor of a survey; without one (None) each file is one bin."""
 
 
 def main_axis(xyz: ArrayLike) -> MainAxis:
-    """Find the direction in plan in which points extend most.
+    """Return the first principal axis of points in plan.
 
     Parameters
     ----------
@@ -72,19 +72,19 @@ def main_axis(xyz: ArrayLike) -> MainAxis:
     Returns
     -------
     MainAxis
-        Axis through the mean, first principal direction, pointing east (or north where it has no eastward part).
+        Axis through the mean; it points east, or north if it has no eastward component.
 
     Raises
     ------
     DataError
-        If there are fewer than two points, all at one place in plan, or a coordinate is NaN or infinite.
+        If there are fewer than two points, all points coincide in plan, or a coordinate is NaN or infinite.
     """
     points = check_xyz(xyz, minimum=2)[:, :2].astype(np.float64)
     centre = points.mean(axis=0)
     moved = points - centre
     values, vectors = np.linalg.eigh(moved.T @ moved / len(moved))
     if values[1] <= 0.0:
-        raise DataError(f"{len(points)} points at one place in plan ({centre.tolist()}) have no main axis")
+        raise DataError(f"{len(points)} points coincide in plan ({centre.tolist()}): they have no main axis")
     direction = vectors[:, 1]
     sign = 1.0 if (direction[0], direction[1]) > (0.0, 0.0) else -1.0
     return MainAxis(centre, direction * sign)

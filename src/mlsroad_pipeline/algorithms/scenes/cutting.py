@@ -1,4 +1,4 @@
-"""How a survey is read and cut: parameters, and what becomes of a range of rows and of a scene's pieces."""
+"""Parameters of the ingest, cutting of a range of rows, and joining of a scene."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class OutlierParameters:
-    """The statistical outlier filter, which comes before anything else (Tomic et al. 2019, figure 6).
+    """Parameters of the statistical outlier filter, the first step of a method (Tomic et al. 2019, figure 6).
 
     Parameters
     ----------
     enabled : bool, default False
-        Whether points are looked at; those taken for outliers keep their place and get no class.
+        Whether the filter is applied; outliers stay in the cloud and get no class.
     k : int, default 12
-        Nearest points, the point itself among them, whose mean distance is looked at. More smooths over small groups
-        of stray points.
+        Number of nearest points, including the point itself, in the mean distance. Larger values also detect
+        small groups of outliers.
     ratio : float, default 4.0
-        Standard deviations above the mean that make an outlier. Larger removes fewer points.
+        Threshold in standard deviations above the mean. Larger values remove fewer points.
 
     Raises
     ------
@@ -50,37 +50,38 @@ class OutlierParameters:
 
 @dataclass(frozen=True)
 class IngestParameters:
-    """How a survey is cut into scenes.
+    """Parameters of the cutting of a survey into scenes.
 
     Parameters
     ----------
     cut : {"along", "file"}, default "along"
-        ``"along"``: along the trajectory where there is one, else along the main axis of the points; ``"file"``:
-        each file is a scene, as suits blocks that come cut and single scans.
+        ``"along"``: along the trajectory, or along the main axis of the points without one; ``"file"``: each file is a
+        scene, for delivered blocks and single scans.
     scene_length : float, default 30.0
-        Length of a scene's core, metres. Longer scenes read fewer points twice and take more memory (luo2016: 10 m;
-        yu2016: 50 m).
+        Length of the core of a scene, metres. Longer scenes read fewer points twice and take more memory (luo2016:
+        10 m; yu2016: 50 m).
     buffer : float, default 5.0
-        Context on both sides, metres: what neighbourhoods and whole objects need.
+        Context on both sides of the core, metres, for neighbourhoods and objects across the border.
     bin_length : float, default 1.0
         Granularity of the cuts, metres.
     max_points : int, default 1_500_000
-        The most points of a core: bounds the memory of a worker (about 250 bytes a point of core and buffers). In dense
-        surveys a smaller value makes scenes short beside their buffers, and more points are labelled twice.
+        Largest number of points of a core. It bounds the memory of a worker (about 250 bytes per point of core and
+        buffers). In dense surveys a smaller value shortens scenes relative to their buffers: more points are labelled
+        twice.
     range_points : int, default 500_000
-        Points that a worker reads at a time.
+        Number of points that a worker reads at a time.
     time_gap : float, default 1.0
-        Seconds without a point that the quality report calls a gap.
+        Shortest gap in time that the quality report counts, seconds.
     estimate_trajectory : bool, default True
-        Whether the path is estimated from the points where no trajectory lies beside them and they have times per
-        pulse; where that cannot be done the survey is cut along its main axis, and the log says why.
+        Whether to estimate the trajectory from points with times per pulse if there is no trajectory file. If the
+        estimation fails, the survey is cut along its main axis, and the reason is logged.
     outliers : OutlierParameters or mapping
-        The statistical outlier filter.
+        Parameters of the statistical outlier filter.
 
     Raises
     ------
     ParameterError
-        If a value is outside its domain.
+        If a value is out of range.
     """
 
     cut: Literal["along", "file"] = "along"
@@ -105,7 +106,7 @@ class IngestParameters:
 
 
 def corridor_to_arrays(corridor: Corridor) -> dict[str, NDArray]:
-    """Turn a corridor into named arrays for storage.
+    """Return a corridor as named arrays for storage.
 
     Parameters
     ----------
@@ -115,7 +116,7 @@ def corridor_to_arrays(corridor: Corridor) -> dict[str, NDArray]:
     Returns
     -------
     dict of str to ndarray
-        Arrays from which `corridor_from_arrays` builds it again.
+        Arrays for `corridor_from_arrays`.
     """
     if isinstance(corridor, Trajectory):
         times = np.zeros(0) if corridor.time is None else corridor.time
@@ -126,12 +127,12 @@ def corridor_to_arrays(corridor: Corridor) -> dict[str, NDArray]:
 
 
 def corridor_from_arrays(arrays: Mapping[str, NDArray]) -> Corridor:
-    """Build a corridor from what `corridor_to_arrays` gave.
+    """Return the corridor of stored arrays.
 
     Parameters
     ----------
     arrays : mapping of str to ndarray
-        The arrays.
+        Arrays of `corridor_to_arrays`.
 
     Returns
     -------
@@ -147,17 +148,17 @@ def corridor_from_arrays(arrays: Mapping[str, NDArray]) -> Corridor:
 
 
 def axis_of_samples(samples: Sequence[PointCloud]) -> MainAxis | None:
-    """Find the main axis of a survey from samples of its files.
+    """Return the main axis of a survey from samples of its files.
 
     Parameters
     ----------
     samples : sequence of PointCloud
-        Some points of each file.
+        Sample of each file.
 
     Returns
     -------
     MainAxis or None
-        The axis; None where all points stand at one place in plan, which then is one scene.
+        The axis; None if all points coincide in plan.
     """
     points = np.concatenate([sample.world_xyz() for sample in samples])
     if len(points) < 2 or np.ptp(points[:, :2], axis=0).max() == 0.0:
@@ -175,18 +176,18 @@ def cut_points(
     first_row: int,
     file: int,
 ) -> dict[str, dict[str, NDArray]]:
-    """Sort a range of rows into bins, for the parts of a result that are stored.
+    """Return the stored parts of a range of rows: its points sorted into bins, and their counts.
 
     Parameters
     ----------
     cloud : PointCloud
         Consecutive points of one file.
     corridor : Trajectory, MainAxis or None
-        What the survey is cut along.
+        Corridor of the survey.
     part : SplitPart
-        The part of the file that the split takes.
+        Part of the file that belongs to the split.
     along : bool
-        True cuts along the corridor, False makes each file one bin.
+        Whether to cut along the corridor; otherwise each file is one bin.
     bin_length : float
         Length of a bin, metres.
     first_row : int
@@ -197,12 +198,12 @@ def cut_points(
     Returns
     -------
     dict of str to dict
-        ``points``: a `PiecedCloud` as arrays; ``bins``: occupied bins and their number of points.
+        ``points``: arrays of a `PiecedCloud`; ``bins``: occupied bins and their number of points.
 
     Raises
     ------
     DataError
-        If a column has a name that is reserved, or the part cannot be taken.
+        If a column has a reserved name, or the part needs a trajectory and there is none.
     """
     piece = cut_range(cloud, corridor if along else None, bin_length=bin_length, first_row=first_row, file=file)
     if not part.is_whole:
@@ -216,29 +217,29 @@ def cut_points(
 def join_pieces(
     pieces: Sequence[Mapping[str, NDArray]], span: SceneSpan, outliers: OutlierParameters, source: str
 ) -> PointCloud:
-    """Assemble a scene from stored pieces.
+    """Join a scene from stored pieces.
 
     Parameters
     ----------
     pieces : sequence of mapping
-        Stored pieces that hold bins of the scene.
+        Stored pieces with bins of the scene.
     span : SceneSpan
-        The scene's bins.
+        Bins of the scene.
     outliers : OutlierParameters
-        The statistical outlier filter.
+        Parameters of the statistical outlier filter.
     source : str
-        What messages call the scene; it names the files that its points come from.
+        Name of the scene in messages, with the files that its points come from.
 
     Returns
     -------
     PointCloud
-        Core and buffers, float32 relative to an origin at the scene's south-western corner, with the columns `core`
-        and, where the filter is on, `outlier`.
+        Core and buffers, float32 relative to an origin at the south-western corner of the scene, with the column `core`
+        and, with the filter, `outlier`.
 
     Raises
     ------
     DataError
-        If the pieces do not fit together.
+        If the pieces have no point of the scene, repeat a point or have different coordinate systems.
     """
     parts = [PiecedCloud.from_arrays(piece).between(span.buffer_first, span.buffer_stop) for piece in pieces]
     filled = [part for part in parts if len(part)]
@@ -252,7 +253,7 @@ def join_pieces(
 
 
 def _single_precision(piece: PiecedCloud, origin: NDArray[np.float64]) -> PiecedCloud:
-    """Return a piece relative to an origin near it, in half the memory."""
+    """Return a piece in float32, relative to another origin."""
     xyz = np.empty(piece.cloud.xyz.shape, dtype=np.float32)
     for axis in range(3):
         xyz[:, axis] = piece.cloud.xyz[:, axis] + (piece.cloud.origin[axis] - origin[axis])

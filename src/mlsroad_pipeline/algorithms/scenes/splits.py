@@ -1,4 +1,4 @@
-"""Splits of one recording: parts along the way, or sectors of azimuth around a single scan."""
+"""Splits of one recording: sections of the trajectory, or sectors of azimuth around a single scan."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class SplitPart:
-    """The part of its files that a split takes.
+    """Part of its files that belongs to a split.
 
     Parameters
     ----------
     along : tuple of two floats, optional
-        From and to along the way: fractions where both are at most 1, metres otherwise.
+        Start and end along the trajectory: fractions if both are at most 1, metres otherwise.
     sectors : tuple of (from, to), optional
-        Azimuths of a single scan, degrees counterclockwise from the x axis.
+        Sectors of azimuth of a single scan, degrees counterclockwise from the x axis.
     gap : float, default 5.0
-        What is left out between neighbouring splits: metres along the way, degrees between sectors.
+        Gap between neighbouring splits that belongs to neither: metres along the trajectory, degrees between sectors.
     """
 
     along: tuple[float, float] | None = None
@@ -41,33 +41,33 @@ class SplitPart:
 
     @property
     def is_whole(self) -> bool:
-        """Whether the split takes its files whole."""
+        """Whether whole files belong to the split."""
         return self.along is None and self.sectors is None
 
     def mask(self, cloud: PointCloud, corridor: Corridor) -> NDArray[np.bool_]:
-        """Tell which points belong to this part.
+        """Return which points belong to the part.
 
         Parameters
         ----------
         cloud : PointCloud
-            Points of one of the split's files.
+            Points of a file of the split.
         corridor : Trajectory, MainAxis or None
-            What the survey is cut along.
+            Corridor of the survey.
 
         Returns
         -------
         ndarray of bool, shape (n,)
-            True in the part.
+            True for points of the part.
 
         Raises
         ------
         DataError
-            If a part along the way is asked for of a survey without a trajectory.
+            If `along` is set and the corridor is not a trajectory.
         """
         keep = np.ones(len(cloud), dtype=np.bool_)
         if self.along is not None:
             if not isinstance(corridor, Trajectory):
-                raise DataError(f"{cloud.source}: a split along the way needs a trajectory beside the points")
+                raise DataError(f"{cloud.source}: survey.splits with `along` need a trajectory beside the points")
             station, _ = corridor.locate(cloud.xyz, origin=cloud.origin)
             keep &= select_along(station, length=corridor.length, along=self.along, gap=self.gap)
         if self.sectors is not None:
@@ -76,7 +76,7 @@ class SplitPart:
 
 
 def split_config(value: Any) -> tuple[list[str], SplitPart]:
-    """Read a split from configuration.
+    """Return the file patterns and the part of a configured split.
 
     Parameters
     ----------
@@ -86,19 +86,19 @@ def split_config(value: Any) -> tuple[list[str], SplitPart]:
     Returns
     -------
     globs : list of str
-        Globs below the survey's root.
+        Globs below the root of the survey.
     part : SplitPart
-        The part of those files.
+        Part of those files.
 
     Raises
     ------
     ParameterError
-        If a key is unknown, or the value is none of these.
+        If a key is unknown, or the value has another type.
     """
     if isinstance(value, str):
         return [value], SplitPart()
     if not isinstance(value, Mapping | Sequence):
-        raise ParameterError(f"a split is a glob, a list of globs or a mapping with files, got {value!r}")
+        raise ParameterError(f"a split must be a glob, a list of globs or a mapping with files, got {value!r}")
     if not isinstance(value, Mapping):
         return [str(pattern) for pattern in value], SplitPart()
     unknown = sorted(set(value) - {"files", "along", "sectors", "gap"})
@@ -115,24 +115,24 @@ def split_config(value: Any) -> tuple[list[str], SplitPart]:
 
 
 def select_along(station: ArrayLike, *, length: float, along: Sequence[float], gap: float = 0.0) -> NDArray[np.bool_]:
-    """Choose the points on a part of the way.
+    """Select the points of a section of the trajectory.
 
     Parameters
     ----------
     station : array-like of shape (n,)
-        Running lengths, metres, as `Trajectory.locate` gives them.
+        Stations of the points, metres, from `Trajectory.locate`.
     length : float
-        Length of the whole way, metres.
+        Length of the trajectory, metres.
     along : sequence of two floats
-        From and to: fractions of the way where both are at most 1, metres otherwise.
+        Start and end: fractions of the length if both are at most 1, metres otherwise.
     gap : float, default 0.0
-        Metres left out between neighbouring parts, half on each side of a border. The ends of the way are no borders: a
-        part that begins at 0 or ends at the way's end takes in what lies beyond.
+        Metres between neighbouring sections that belong to neither, half on each side. There is no gap at the ends of
+        the trajectory: a section that starts at 0 or ends at `length` includes the points beyond.
 
     Returns
     -------
     ndarray of bool, shape (n,)
-        True in the part.
+        True for points of the section.
 
     Raises
     ------
@@ -154,23 +154,23 @@ def select_sectors(
     gap_degrees: float = 0.0,
     centre: ArrayLike = (0.0, 0.0, 0.0),
 ) -> NDArray[np.bool_]:
-    """Choose the points of a single scan in sectors of azimuth.
+    """Select the points of a single scan in sectors of azimuth.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
         Coordinates, metres.
     sectors : sequence of [from, to]
-        Degrees, counterclockwise from the x axis; ``[300, 60]`` goes through 0, ``[0, 360]`` is everything.
+        Degrees, counterclockwise from the x axis; ``[300, 60]`` crosses 0, ``[0, 360]`` is the full circle.
     gap_degrees : float, default 0.0
-        Degrees left out between neighbouring sectors, half on each side of a border.
+        Degrees between neighbouring sectors that belong to neither, half on each side.
     centre : array-like of shape (3,), default zeros
-        Where the scanner stood, in the coordinates of `xyz`.
+        Position of the scanner, in the coordinates of `xyz`.
 
     Returns
     -------
     ndarray of bool, shape (n,)
-        True in one of the sectors.
+        True for points in one of the sectors.
 
     Raises
     ------
@@ -183,49 +183,49 @@ def select_sectors(
     _check_gap(gap_degrees, "gap_degrees")
     middle = np.asarray(centre, dtype=np.float64)
     azimuth = np.degrees(np.arctan2(points[:, 1] - middle[1], points[:, 0] - middle[0]))
-    chosen = np.zeros(len(points), dtype=bool)
+    selected = np.zeros(len(points), dtype=bool)
     for sector in sectors:
         start, width = _sector(sector)
         if width == 360.0:
             return np.ones(len(points), dtype=bool)
         turn = (azimuth - start) % 360.0
-        chosen |= (turn >= gap_degrees / 2) & (turn < width - gap_degrees / 2)
-    return chosen
+        selected |= (turn >= gap_degrees / 2) & (turn < width - gap_degrees / 2)
+    return selected
 
 
 def check_splits_along(splits: Mapping[str, Sequence[float]], *, length: float) -> None:
-    """Make sure that no two parts of the way overlap.
+    """Check that sections of the trajectory do not overlap.
 
     Parameters
     ----------
     splits : mapping of str to [from, to]
-        Parts by split name, as `select_along` takes them.
+        Section of each split, as in `select_along`.
     length : float
-        Length of the whole way, metres.
+        Length of the trajectory, metres.
 
     Raises
     ------
     ParameterError
-        If a part is malformed or two of them overlap; the message names both.
+        If a section is malformed or two sections overlap; the message names their splits.
     """
     parts = sorted((*_along_metres(along, length), name) for name, along in splits.items())
     for (_, last, one), (first, _, other) in pairwise(parts):
         if first < last:
-            raise ParameterError(f"splits {one!r} and {other!r} share the way from {first:g} m to {last:g} m")
+            raise ParameterError(f"splits {one!r} and {other!r} share the trajectory from {first:g} m to {last:g} m")
 
 
 def check_splits_sectors(splits: Mapping[str, Sequence[Sequence[float]]]) -> None:
-    """Make sure that no two sectors overlap.
+    """Check that sectors do not overlap.
 
     Parameters
     ----------
     splits : mapping of str to sequence of [from, to]
-        Sectors by split name, degrees, as `select_sectors` takes them.
+        Sectors of each split, degrees, as in `select_sectors`.
 
     Raises
     ------
     ParameterError
-        If a sector is malformed or two of them overlap; the message names their splits.
+        If a sector is malformed or two sectors overlap; the message names their splits.
     """
     sectors = [(*_sector(sector), name) for name, group in splits.items() for sector in group]
     for i, (start, width, one) in enumerate(sectors):

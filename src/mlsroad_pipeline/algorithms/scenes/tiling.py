@@ -1,8 +1,8 @@
-"""Cutting a survey into scenes along its trajectory, without ever holding it.
+"""Cutting of a survey into scenes along its trajectory in bounded memory.
 
-A survey is read in ranges of rows. Each range is sorted into *bins* of the corridor (`cut_range`) and stored; from the
-bins' counts the scenes are planned (`plan_scenes`); each scene is assembled from the slices of the ranges that it
-covers (`assemble_scene`). The result does not depend on how the files were cut into ranges.
+A survey is read in ranges of rows. `cut_range` sorts each range into *bins* of the corridor, `plan_scenes` plans the
+scenes from the counts of the bins, and `assemble_scene` joins each scene from slices of the ranges. The result does not
+depend on the size of the ranges.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from mlsroad_pipeline.algorithms.scenes.corridor import Corridor
 
 @dataclass(frozen=True)
 class PiecedCloud:
-    """Points of a range of one file, sorted by the corridor's bins.
+    """Points of a range of one file, sorted by bins of the corridor.
 
     Parameters
     ----------
     cloud : PointCloud
-        The points, with the columns `row` (int64, index in the file) and `file` (int16, index of the file); within a
-        bin in the file's order.
+        The points, with the columns `row` (int64, index in the file) and `file` (int16, index of the file); in file
+        order within a bin.
     bins : ndarray of int32, shape (b,)
-        The occupied bins, ascending.
+        Occupied bins, ascending.
     indptr : ndarray of int64, shape (b + 1,)
         Points of bin ``bins[i]`` are rows ``indptr[i]`` to ``indptr[i + 1]`` of `cloud`.
     """
@@ -53,12 +53,12 @@ class PiecedCloud:
         Parameters
         ----------
         first, stop : int
-            The first bin, and the one after the last.
+            First bin, and the bin after the last.
 
         Returns
         -------
         PiecedCloud
-            Their points; none where the range has no point in them.
+            Their points, possibly none.
         """
         low, high = np.searchsorted(self.bins, [first, stop])
         rows = slice(self.indptr[low], self.indptr[high])
@@ -67,7 +67,7 @@ class PiecedCloud:
         return PiecedCloud(cloud, self.bins[low:high], self.indptr[low : high + 1] - self.indptr[low])
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return everything as named arrays, for an NPZ file."""
+        """Return named arrays for an NPZ file."""
         text = {"crs": np.array(self.cloud.crs or ""), "source": np.array(self.cloud.source)}
         columns = {f"column.{name}": values for name, values in self.cloud.columns.items()}
         core = {"xyz": self.cloud.xyz, "origin": self.cloud.origin, "bins": self.bins, "indptr": self.indptr}
@@ -75,7 +75,7 @@ class PiecedCloud:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Any]) -> PiecedCloud:
-        """Build the pieces from what `to_arrays` gave; `arrays` may be an open NPZ file."""
+        """Return the points of arrays of `to_arrays`, or of an open NPZ file."""
         columns = {name.removeprefix("column."): arrays[name] for name in arrays if name.startswith("column.")}
         crs = str(arrays["crs"]) or None
         cloud = PointCloud(arrays["xyz"], columns, arrays["origin"], crs, str(arrays["source"]))
@@ -85,22 +85,22 @@ class PiecedCloud:
 def cut_range(
     cloud: PointCloud, corridor: Corridor, *, bin_length: float, first_row: int, file: int = 0
 ) -> PiecedCloud:
-    """Sort a range of a file's points stably into the corridor's bins.
+    """Sort a range of rows of a file into bins of the corridor, stably.
 
     Parameters
     ----------
     cloud : PointCloud
         Consecutive points of one file.
     corridor : Trajectory, MainAxis or None
-        What the survey is cut along; None puts every point into the bin with the file's number.
+        Corridor of the survey; None assigns all points to the bin with the number of the file.
     bin_length : float
-        Length of a bin along the corridor, metres; bin b holds stations from b to b + 1 times this. Smaller bins let
-        scenes follow dense places more closely and cost a table entry each; 1 to 5 m suit streets. Without a corridor
-        it is not used.
+        Length of a bin along the corridor, metres; bin b holds the stations from b to b + 1 times this length. Smaller
+        bins adapt scenes more closely to dense places and cost a table entry each; 1 to 5 m for streets. Unused without
+        a corridor.
     first_row : int
         Index of the first point in its file.
     file : int, default 0
-        Index of the file in the sorted list of the survey's files.
+        Index of the file in the sorted list of files.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def cut_range(
     Raises
     ------
     DataError
-        If the cloud has a column `row`, `file` or `core` already, or NaN or infinite coordinates.
+        If the cloud has a column `row`, `file` or `core`, or NaN or infinite coordinates.
     ParameterError
         If `bin_length` is not above zero, `first_row` is negative, or `file` is outside 0 to 32767.
     """
@@ -121,7 +121,7 @@ def cut_range(
         raise ParameterError(f"file must be in 0..32767 (the files of one survey), got {file}")
     for name in ("row", "file", "core"):
         if name in cloud:
-            raise DataError(f"{cloud.source} has a column {name!r}: the name is reserved for scenes")
+            raise DataError(f"{cloud.source} has a column {name!r}, a name reserved for scenes: rename it")
     if corridor is None:
         numbers = np.full(len(cloud), file, dtype=np.int32)
     else:
@@ -129,7 +129,7 @@ def cut_range(
         numbers = np.floor(station / bin_length).astype(np.int32)
     relative = numbers - (numbers.min() if len(numbers) else 0)
     if relative.max(initial=0) < np.iinfo(np.int16).max:
-        relative = relative.astype(np.int16)  # 16-bit keys: NumPy sorts them by radix, in linear time
+        relative = relative.astype(np.int16)  # NumPy sorts 16-bit keys by radix sort, in linear time
     order = np.argsort(relative, kind="stable")
     bins, starts = np.unique(numbers[order], return_index=True)
     row = np.arange(first_row, first_row + len(cloud), dtype=np.int64)
@@ -140,18 +140,18 @@ def cut_range(
 
 @dataclass(frozen=True)
 class SceneSpan:
-    """The bins of one scene, as half-open ranges.
+    """Bins of one scene, as half-open ranges.
 
     Parameters
     ----------
     id : str
-        The scene's name, such as ``"scene_00012"``, in the order of the corridor.
+        Name of the scene, such as ``"scene_00012"``, numbered along the corridor.
     first, stop : int
         Bins of the core.
     buffer_first, buffer_stop : int
         Bins of the core and its buffers.
     n_core, n_points : int
-        Points in the core, and in core and buffers.
+        Number of points in the core, and in core and buffers.
     """
 
     id: str
@@ -164,7 +164,7 @@ class SceneSpan:
 
 
 def _cores(bins: Sequence[int], count: Mapping[int, int], n_bins: int, max_points: int) -> list[tuple[int, int]]:
-    """Cut ascending bins greedily into half-open cores of at most n_bins bins and max_points points."""
+    """Divide ascending bins greedily into half-open cores of at most `n_bins` bins and `max_points` points."""
     cores: list[tuple[int, int]] = []
     points = 0
     for number in bins:
@@ -180,31 +180,31 @@ def _cores(bins: Sequence[int], count: Mapping[int, int], n_bins: int, max_point
 def plan_scenes(
     histogram: Mapping[int, int], *, scene_length: float, buffer: float, bin_length: float, max_points: int
 ) -> list[SceneSpan]:
-    """Cut a corridor into scenes of consecutive bins.
+    """Divide a corridor into scenes of consecutive bins.
 
-    A core begins at the first bin that no core has yet and grows until it is `scene_length` long or the next bin would
-    bring it above `max_points`; a bin that alone has more is a scene of its own. Empty stretches between cores belong
-    to no scene. The last core of a stretch without gaps joins the one before it where it is shorter than a quarter of
-    `scene_length` and both together stay within `max_points`.
+    A core starts at the first bin without a core and grows until it is `scene_length` long or the next bin would exceed
+    `max_points`; a single bin above `max_points` is a scene of its own. Empty stretches between cores belong to no
+    scene. The last core of a stretch without gaps is merged with the previous one if it is shorter than a quarter of
+    `scene_length` and both together have at most `max_points`.
 
     Parameters
     ----------
     histogram : mapping of int to int
-        Points per bin, summed over all ranges; bins without points may be left out.
+        Points per bin, summed over all ranges; empty bins may be omitted.
     scene_length : float
-        Length of a core, metres. Larger scenes read fewer buffer points twice and take more memory; 20 to 100 m.
+        Length of a core, metres. Longer scenes read fewer buffer points twice and take more memory; 20 to 100 m.
     buffer : float
-        Context on both sides of the core, metres, rounded up to whole bins: what neighbourhoods need and, so
-        that objects are seen whole, the length of most objects; 5 to 10 m.
+        Context on both sides of the core, metres, rounded up to whole bins: at least the radius of neighbourhoods and
+        the length of most objects; 5 to 10 m.
     bin_length : float
-        The bins' length, metres, as in `cut_range`.
+        Length of a bin, metres, as in `cut_range`.
     max_points : int
-        The most points of a core, where bins allow: with the buffers it bounds the memory of a scene.
+        Largest number of points of a core with several bins; with the buffers it bounds the memory of a scene.
 
     Returns
     -------
     list of SceneSpan
-        In the order of the corridor; every bin with points is in exactly one core.
+        Scenes in the order of the corridor; each bin with points is in exactly one core.
 
     Raises
     ------
@@ -242,25 +242,25 @@ def plan_scenes(
 
 
 def assemble_scene(pieces: Sequence[PiecedCloud], span: SceneSpan) -> PointCloud:
-    """Join the slices of a survey's ranges that a scene covers.
+    """Join a scene from ranges of rows.
 
     Parameters
     ----------
     pieces : sequence of PiecedCloud
-        Ranges that hold the scene's bins, whole or cut to them, in any order.
+        Ranges with bins of the scene, in any order.
     span : SceneSpan
-        The scene's bins.
+        Bins of the scene.
 
     Returns
     -------
     PointCloud
-        The points of core and buffers, ordered by (file, row), with the bool column `core`; relative to the origin
-        of the first of them. Columns that only some files have are left out.
+        Points of core and buffers, ordered by (file, row), with the bool column `core`, relative to the origin of the
+        first piece. Columns that some files lack are left out.
 
     Raises
     ------
     DataError
-        If no piece has a point in the scene, a point arrives twice, or files have different coordinate systems.
+        If no piece has a point in the scene, a point occurs twice, or files have different coordinate systems.
     """
     parts, cores = [], []
     for piece in pieces:
@@ -271,7 +271,7 @@ def assemble_scene(pieces: Sequence[PiecedCloud], span: SceneSpan) -> PointCloud
             cores.append(np.repeat(inside, np.diff(part.indptr)))
     if not parts:
         raise DataError(f"{span.id}: none of {len(pieces)} pieces has points in bins {span.first} to {span.stop - 1}")
-    # The origin and the column order come from the first piece: that must not depend on the order of arrival.
+    # Origin and column order are those of the first piece, so pieces are sorted first.
     rank = sorted(range(len(parts)), key=lambda i: (int(parts[i]["file"][0]), int(parts[i]["row"].min())))
     scene = concatenate([parts[i] for i in rank])
     scene = scene.with_columns(core=np.concatenate([cores[i] for i in rank]))
@@ -279,5 +279,5 @@ def assemble_scene(pieces: Sequence[PiecedCloud], span: SceneSpan) -> PointCloud
     file, row = scene["file"][order], scene["row"][order]
     twice = np.flatnonzero((np.diff(file) == 0) & (np.diff(row) == 0))
     if len(twice):
-        raise DataError(f"{span.id}: row {row[twice[0]]} of file {file[twice[0]]} arrived twice")
+        raise DataError(f"{span.id}: row {row[twice[0]]} of file {file[twice[0]]} occurs in two pieces")
     return replace(scene.select(order), source=span.id)

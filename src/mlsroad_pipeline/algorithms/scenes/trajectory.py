@@ -1,4 +1,4 @@
-"""The path of the survey vehicle, and places along it."""
+"""Trajectory of the survey vehicle, and stations along it."""
 
 from __future__ import annotations
 
@@ -17,19 +17,18 @@ _CHUNK = 1 << 20
 
 @dataclass(frozen=True)
 class Trajectory:
-    """The path of the survey vehicle in the world. Build it with `from_positions`, which cleans it.
+    """Trajectory of the survey vehicle in world coordinates. `from_positions` builds it from recorded positions.
 
     Parameters
     ----------
     time : ndarray of float64, shape (m,), or None
-        Seconds, strictly increasing; None where the positions have no times.
+        Seconds, strictly increasing; None for positions without times.
     xyz : ndarray of float64, shape (m, 3)
         World coordinates, metres, in the order of travel.
     station : ndarray of float64, shape (m,)
-        Running length in plan, metres, as roads are chained: 0 at the first position, equal for positions where the
-        vehicle stood still.
+        Station: length travelled in plan, metres; 0 at the first position, constant while the vehicle stands still.
     source : str
-        What messages call the trajectory, as a rule the file's path.
+        Name in messages, usually the path of the file.
     """
 
     time: NDArray[np.float64] | None
@@ -43,9 +42,9 @@ class Trajectory:
     ) -> Trajectory:
         """Build a trajectory from recorded positions.
 
-        Positions are sorted by time; of those with one time the first is kept. While the vehicle moves less than
-        `minimum_step` in plan since the last kept position, it stands: the station does not grow, so that the jitter of
-        a waiting vehicle adds no length.
+        Positions are sorted by time; the first of several positions with the same time is kept. Movements of less than
+        `minimum_step` in plan since the last kept position do not increase the station, so that the jitter of a
+        standing vehicle adds no length.
 
         Parameters
         ----------
@@ -54,9 +53,9 @@ class Trajectory:
         time : array-like of shape (m,), optional
             Seconds, in any order.
         minimum_step : float, default 0.01
-            What counts as movement, metres. Larger values smooth more jitter and cut corners by up to this much.
+            Smallest movement, metres. Larger values suppress more jitter and cut corners by up to this distance.
         source : str, default "trajectory"
-            What messages call the positions, as a rule the file's path.
+            Name in messages, usually the path of the file.
 
         Returns
         -------
@@ -80,40 +79,42 @@ class Trajectory:
             positions = positions[first]
         station = _stations(positions[:, :2], minimum_step)
         if len(station) == 0 or station[-1] == 0.0:
-            raise DataError(f"{source}: the {len(positions)} positions are less than {minimum_step} m apart: no path")
+            raise DataError(
+                f"{source}: the {len(positions)} positions are less than {minimum_step} m apart: there is no movement"
+            )
         return cls(seconds, positions, station, source)
 
     @property
     def length(self) -> float:
-        """Length of the path in plan, metres."""
+        """Length in plan, metres."""
         return float(self.station[-1])
 
     @cached_property
     def _polyline(self) -> tuple[NDArray, NDArray, NDArray, NDArray]:
         moving = np.concatenate([[True], np.diff(self.station) > 0])
-        centre = np.floor(self.xyz[:, :2].mean(axis=0))  # shorter numbers: UTM coordinates squared lose the millimetres
+        centre = np.floor(self.xyz[:, :2].mean(axis=0))  # squares of UTM coordinates lose the millimetres
         vertices = np.ascontiguousarray(self.xyz[moving, :2] - centre)
         return vertices, self.station[moving], polyline.build_boxes(vertices), centre
 
     def locate(
         self, xyz: ArrayLike, *, origin: ArrayLike = (0.0, 0.0, 0.0)
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Find where points are along the path.
+        """Return station and offset of points relative to the trajectory.
 
         Parameters
         ----------
         xyz : array-like of shape (n, 3)
             Coordinates, metres.
         origin : array-like of shape (3,), default zeros
-            World coordinates of the zero of `xyz`, so that local points need no copy in world coordinates.
+            World coordinates of the origin of `xyz`, so that local points need no copy in world coordinates.
 
         Returns
         -------
         station : ndarray of float64, shape (n,)
-            Running length in plan of the nearest place on the path, metres. Points before the first or after the last
-            position are measured along the end segments extended straight: stations below 0 or above `length`.
+            Station of the nearest point of the trajectory, metres. The end segments are extended straight: points
+            before the first or after the last position have stations below 0 or above `length`.
         offset : ndarray of float64, shape (n,)
-            Distance to that place in plan, metres, positive on the right of travel.
+            Distance to the nearest point in plan, metres, positive to the right of the direction of travel.
 
         Raises
         ------
@@ -132,7 +133,7 @@ class Trajectory:
 
 
 def _stations(xy: NDArray[np.float64], minimum_step: float) -> NDArray[np.float64]:
-    """Running length over the positions that lie at least minimum_step beyond the last that counted."""
+    """Return the length travelled over positions at least `minimum_step` from the last kept one."""
     station = np.zeros(len(xy))
     last = 0
     for i in range(1, len(xy)):

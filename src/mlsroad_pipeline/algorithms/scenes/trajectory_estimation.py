@@ -1,13 +1,13 @@
-"""The path of the survey vehicle from the points alone, where line scanners and per-pulse times allow it.
+"""Estimation of the trajectory from points of line scanners with times per pulse.
 
-A line scanner turns its beam at a constant rate in a plane fixed to the vehicle. In a window of a few turns the vehicle
-moves straight, so a point measured at time t is ``p = c + v t + r (A cos wt + B sin wt)``: centre c, velocity v, rate
-w, orthogonal unit vectors A and B, range r. Two linear problems give the centre. Across the plane, ``n . p = n . c + (n
-. v) t`` holds for its normal n: the direction in which the points vary least once their mean and their drift with time
-are taken out. In the plane, a point seen from the centre has the direction of the beam, so their cross product
-vanishes; that is linear and homogeneous in the phase and in phase times centre and velocity, and the least eigenvector
-of its normal matrix solves it. Ranges drop out: neither their noise nor mixed pixels matter. Something besides flat
-ground must be seen, for the normal.
+A line scanner rotates its beam at a constant rate in a plane fixed to the vehicle. In a window of a few rotations the
+vehicle moves straight. A point measured at time t is ``p = c + v t + r (A cos wt + B sin wt)`` with centre c, velocity
+v, rate w, orthogonal unit vectors A and B and range r. The centre follows from two linear problems. Across the plane,
+``n . p = n . c + (n . v) t`` holds for its normal n, the direction of least variance after removal of mean and linear
+drift. In the plane, the vector from the centre to a point is parallel to the beam, so their cross product is zero. This
+equation is linear and homogeneous in the phase and in phase times centre and velocity; the eigenvector of the smallest
+eigenvalue of its normal matrix solves it. Ranges cancel: their noise and mixed pixels have no effect. The normal needs
+surfaces other than flat ground.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_positive, check_xyz
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
-_TURNS = 4  # turns per window: more average more noise and ask the vehicle to move straight for longer
+_TURNS = 4  # rotations per window: more average more noise but need straight motion for longer
 _MIN_POINTS = 200
-_MAX_SPREAD = 0.02  # radians, root mean square between a beam's direction and its point
-_MIN_DEPTH = 50.0  # over flat ground alone a profile is a line, and any plane through it fits
-_RATES = (4.0, 450.0)  # turns per second that line scanners make
-_PROBES = 12  # windows that the turning rate is found from
+_MAX_SPREAD = 0.02  # radians, root mean square angle between beam and point
+_MIN_DEPTH = 50.0  # on flat ground a profile is a line, and the plane is undetermined
+_RATES = (4.0, 450.0)  # rotations per second of line scanners
+_PROBES = 12  # windows for the estimation of the rotation rate
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class _Fit:
     centre: NDArray[np.float64]
     spread: float
     forward: float
-    depth: float  # how much farther points vary within the plane than across it, as a ratio of variances
+    depth: float  # ratio of the smaller variance within the plane to the variance across it
 
     @property
     def good(self) -> bool:
@@ -45,7 +45,7 @@ class _Fit:
 
 
 def _plane(points: NDArray[np.float64], time: NDArray[np.float64]) -> tuple[NDArray, NDArray, float, float]:
-    """Return normal, basis (2, 3) and offset of the scan plane at time 0, and how well it is determined."""
+    """Return normal, basis (2, 3) and offset of the scan plane at time 0, and the ratio of variances (`_Fit.depth`)."""
     design = np.column_stack([np.ones(len(time)), time / np.abs(time).max()])
     drift, *_ = np.linalg.lstsq(design, points, rcond=None)
     rest = points - design @ drift
@@ -57,14 +57,14 @@ def _plane(points: NDArray[np.float64], time: NDArray[np.float64]) -> tuple[NDAr
 def _centre(
     xy: NDArray[np.float64], time: NDArray[np.float64], rate: float, sense: float
 ) -> tuple[NDArray, float, float]:
-    """Return the centre at time 0 in the plane, the angular spread, and the share of points ahead of the scanner."""
+    """Return the centre at time 0 in the plane, the angular spread, and the share of points on the side of the beam."""
     angle = sense * 2.0 * np.pi * rate * time
     c, s = np.cos(angle), np.sin(angle)
     span = np.abs(time).max()
     x, y, t = xy[:, 0], xy[:, 1], time / span
     rows = np.column_stack([x * s - y * c, x * c + y * s, s, c, t * s, t * c])
     weight = np.ones(len(t))
-    for _ in range(2):  # the second time residuals are divided by ranges: angles, not metres
+    for _ in range(2):  # the second iteration divides residuals by ranges: angles instead of metres
         weighted = rows * weight[:, None]
         _, vectors = np.linalg.eigh(weighted.T @ weighted)
         a, b, e, f, e_drift, f_drift = vectors[:, 0] / np.hypot(vectors[0, 0], vectors[1, 0])
@@ -80,7 +80,7 @@ def _centre(
 
 
 def _fit(points: NDArray[np.float64], time: NDArray[np.float64], rate: float) -> _Fit:
-    """Fit a window, its times around 0; of the two senses of rotation the one that fits is taken."""
+    """Fit a window, with times centred on 0, for the sense of rotation with the smaller spread."""
     middle = points.mean(axis=0)
     normal, basis, offset, depth = _plane(points - middle, time)
     xy = (points - middle) @ basis.T
@@ -90,7 +90,7 @@ def _fit(points: NDArray[np.float64], time: NDArray[np.float64], rate: float) ->
 
 
 def _rate(points: NDArray[np.float64], time: NDArray[np.float64], windows: list[slice]) -> float:
-    """Find the turning rate: after one turn the beam is nearly where it was."""
+    """Return the rotation rate, from the shortest lag after which points recur at nearly the same place."""
     lags = 1.0 / np.geomspace(_RATES[1], _RATES[0], 1400)
     step = np.median([np.median(np.diff(time[w])) for w in windows])
     base = np.unique(np.concatenate([np.linspace(w.start, w.stop - 1, 150).astype(np.int64) for w in windows]))
@@ -101,7 +101,7 @@ def _rate(points: NDArray[np.float64], time: NDArray[np.float64], windows: list[
         if hit.sum() >= 50:
             jump[i] = np.median(np.linalg.norm(points[later[hit]] - points[base[hit]], axis=1))
     if not np.isfinite(jump).any():
-        raise DataError("the points are too thinly spread over time to see turns of the scanner")
+        raise DataError("the points are too sparse in time to detect rotations of the scanner")
     low = 1.3 * jump.min() + 0.02
     first = int(np.argmax(jump <= low))
     last = first
@@ -117,10 +117,10 @@ def _refined(points: NDArray, time: NDArray, middles: NDArray[np.float64], rate:
 
     trials = rate * (1.0 + np.linspace(-0.012, 0.012, 25))
     start = trials[int(np.argmin([misfit(trial) for trial in trials]))]
-    found = minimize_scalar(
+    refined = minimize_scalar(
         misfit, bounds=(start * 0.999, start * 1.001), method="bounded", options={"xatol": start * 1e-6}
     )
-    return float(found.x)
+    return float(refined.x)
 
 
 def _window_fit(points: NDArray, time: NDArray, middle: float, rate: float, nominal: float) -> _Fit | None:
@@ -135,7 +135,7 @@ def _window_fit(points: NDArray, time: NDArray, middle: float, rate: float, nomi
 def _track(
     points: NDArray[np.float64], time: NDArray[np.float64], middles: NDArray[np.float64], rotation_rate: float | None
 ) -> NDArray[np.float64]:
-    """Return the scanner's centre at given times, NaN where the window does not give one."""
+    """Return the centre of the scanner at given times, NaN where the fit of the window is poor."""
     pulses = np.unique(time)
     if len(pulses) < 0.2 * len(time):
         raise DataError(f"{len(time)} points share {len(pulses)} times: times per pulse are needed")
@@ -154,12 +154,12 @@ def _track(
     if sum(good) < max(2, tried / 2):
         if sum(f.depth < _MIN_DEPTH for f in seen) > tried / 2:
             raise DataError(
-                f"in most of {tried} windows the points do not make out one plane: flat ground alone, several scanners "
-                "without a scanner column, or a multi-beam scanner"
+                f"in most of {tried} windows the points do not determine one scan plane: flat ground alone, several "
+                "scanners without a scanner column, or a multi-beam scanner"
             )
         spread = np.median([f.spread for f in seen]) if tried else np.nan
         raise DataError(
-            f"at {rate:.3f} turns per second only {sum(good)} of {tried} windows fit a beam that turns in a plane "
+            f"at {rate:.3f} rotations per second only {sum(good)} of {tried} windows fit a beam in a plane "
             f"(spread {spread:.3f} rad): a multi-beam scanner, several scanners without a "
             "scanner column, or changed times"
         )
@@ -178,41 +178,40 @@ def estimate_trajectory(
     rotation_rate: float | None = None,
     source: str = "points",
 ) -> Trajectory:
-    """Estimate the path of the survey vehicle from points of line scanners.
+    """Estimate the trajectory of the survey vehicle from points of line scanners.
 
-    Every `interval` the centre about which the points of four turns were measured is found from the directions and
-    times of the points alone (see the module). With several scanners the mean of their centres is taken.
+    The centre of four rotations is estimated at every `interval` (see the module). Several scanners give the mean of
+    their centres.
 
     Parameters
     ----------
     xyz : array-like of shape (n, 3)
-        World coordinates, metres, in any order; a thinned survey is fine as long as four turns keep 200 points.
+        World coordinates, metres, in any order; four rotations need at least 200 points.
     gps_time : array-like of shape (n,)
-        Seconds, per pulse, to a microsecond or better.
+        Seconds, per pulse, with a resolution of a microsecond or better.
     scanner : array-like of shape (n,), optional
-        Which scanner measured a point; needed where there are several.
+        Number of the scanner of each point; needed for several scanners.
     at : array-like of shape (m,), optional
-        Times of the positions in increasing order, seconds; None spreads them evenly over all points. For a survey of
-        which windows are at hand only, their middles.
+        Times of the positions in increasing order, seconds, for example the middles of windows; None spaces them evenly
+        over all points.
     interval : float, default 0.25
-        Seconds between positions where `at` is not given. Smaller follows turns and braking more closely and takes
-        longer.
+        Seconds between positions without `at`. Smaller values follow turns and braking more closely and take longer.
     rotation_rate : float, optional
-        Turns per second, to within 1 %; None finds it. Scanners that differ in it must leave it to be found.
+        Rotations per second, to within 1 %; None estimates it per scanner. Scanners of different rates need None.
     source : str, default "points"
-        What messages call the points, as a rule the file's path.
+        Name of the points in messages, usually the path of the file.
 
     Returns
     -------
     Trajectory
-        Positions of the scanner (of the mean of the scanners): the vehicle's path up to a constant lever arm.
+        Positions of the scanner, or of the mean of the scanners: those of the vehicle up to a constant lever arm.
 
     Raises
     ------
     DataError
-        If coordinates or times are NaN or infinite or their numbers differ, if a scanner does not turn in a plane at a
-        constant rate, if times are not per pulse, if most windows show flat ground alone, or if the points are too few
-        or too thin; the message names the source, the scanner and the reason.
+        If coordinates or times are NaN or infinite or their numbers differ, if a scanner does not rotate in a plane at
+        a constant rate, if times are not per pulse, if most windows show flat ground alone, or if the points are too
+        few or too sparse; the message names the source, the scanner and the reason.
     ParameterError
         If `interval` or `rotation_rate` is not above zero.
     """
@@ -234,37 +233,37 @@ def estimate_trajectory(
         middles = np.asarray(at, dtype=np.float64) - start
     tracks = []
     for unit in np.unique(units):
-        mine = np.flatnonzero(units == unit)
-        mine = mine[np.argsort(seconds[mine], kind="stable")]
+        own = np.flatnonzero(units == unit)
+        own = own[np.argsort(seconds[own], kind="stable")]
         try:
-            tracks.append(_track(points[mine] - origin, seconds[mine] - start, middles, rotation_rate))
+            tracks.append(_track(points[own] - origin, seconds[own] - start, middles, rotation_rate))
         except DataError as error:
             raise DataError(f"{source}: no trajectory from scanner {unit}: {error}") from None
-    mean = np.mean(tracks, axis=0)  # NaN where a scanner has no centre: the others alone would jump by their lever arms
+    mean = np.mean(tracks, axis=0)  # NaN where a scanner has no centre: the mean of the others is offset from it
     known = np.isfinite(mean).all(axis=1)
     if known.sum() < 2:
-        raise DataError(f"{source}: the scanners are known together at {known.sum()} times only")
+        raise DataError(f"{source}: all scanners have a centre at {known.sum()} times only, two are needed")
     return Trajectory.from_positions(mean[known] + origin, middles[known] + start, source=f"{source} (estimated)")
 
 
 def trajectory_from_windows(windows: Sequence[PointCloud]) -> Trajectory:
-    """Estimate the path from short stretches of a survey's files.
+    """Estimate the trajectory from short time windows of the files of a survey.
 
     Parameters
     ----------
     windows : sequence of PointCloud
-        Per file, stretches of consecutive points with the columns gps_time and window, the stretch's number, and
-        scanner where there are several.
+        Per file, windows of consecutive points with the columns gps_time and window, the number of the window, and
+        scanner for several scanners.
 
     Returns
     -------
     Trajectory
-        One position per stretch that shows one.
+        One position per window with a good fit.
 
     Raises
     ------
     DataError
-        If the points do not give a path, see `estimate_trajectory`.
+        If the trajectory cannot be estimated, see `estimate_trajectory`.
     """
     times = np.concatenate([part["gps_time"] for part in windows])
     middles = [
