@@ -9,6 +9,8 @@ from kedro.framework.project import configure_project, pipelines
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.config import with_layers
 from mlsroad_pipeline.pipelines.composition import comparison
+from mlsroad_pipeline.pipelines.ingest import create_pipeline as create_ingest
+from mlsroad_pipeline.pipelines.label import create_pipeline as create_label
 
 
 def test_each_node_of_the_default_is_tagged_with_a_pipeline_that_has_it():
@@ -64,3 +66,14 @@ def test_layers_come_from_paths_and_leave_other_entries_alone():
     found = with_layers(entries)
     assert found["a"]["metadata"] == {"kedro-viz": {"layer": "04_feature"}}
     assert all(found[name] == entries[name] for name in "bcd") and found["_anchor"] == "text"
+
+
+def test_label_has_the_ingest_in_a_namespace_with_stores_of_its_own():
+    ingest, new = create_ingest(), create_label()
+    stores = {"describe_files": "files", "find_corridors": "corridors", "cut_files": "pieces"}
+    nodes = {node.name: node for node in new.nodes}
+    for name, store in stores.items():
+        (own,) = (node for node in ingest.nodes if node.name == name)
+        assert nodes[f"label.{name}"].func is own.func
+        assert nodes[f"label.{name}"].outputs == [f"label_{store}_store"]
+    assert not new.datasets() & {"survey_plan", "survey_files", "corridors", "pieces", "survey_quality"}

@@ -1,4 +1,4 @@
-"""Confidences of a labelled survey: counted by scene, judged for the whole."""
+"""Confidences of a labelled survey: table and warnings."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ def counts_of(label, confidence):
     return count_confidences(np.asarray(label, np.int16), np.asarray(confidence, np.float32), len(CLASSES))
 
 
-def test_table_tells_the_medians_and_shares_that_numpy_finds(rng):
+def test_table_has_the_medians_and_shares_of_numpy(rng):
     label, confidence = rng.integers(-1, 3, 20_000), rng.random(20_000).astype(np.float32)
     halves = [counts_of(label[part], confidence[part]) for part in (slice(0, 7000), slice(7000, None))]
     table = confidence_table(np.sum(halves, axis=0), CLASSES)
@@ -46,7 +46,7 @@ def test_a_class_of_low_median_confidence_is_named_unless_it_is_tiny():
     assert found == "Classes with a median confidence below 0.5: tree (0.41)."
 
 
-def test_a_survey_without_labelled_points_has_nothing_to_tell():
+def test_a_survey_without_labelled_points_has_no_warning():
     table = confidence_table(counts_of([-1, -1], [0, 0]), CLASSES)
     assert table["points"].tolist() == [0]
     assert confidence_warnings(table) == []

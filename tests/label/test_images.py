@@ -1,4 +1,4 @@
-"""Which images `label` finds, and what it says of those that it cannot use."""
+"""Images of `label`: discovery, checks and selection."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""A scene labelled by a model of any method: all that is asked of it are an entry point, classes and a scheme."""
+"""Labelling of a scene by a model of any method, which needs an entry point, classes and a scheme alone."""
 
 import sys
 import types

@@ -1,4 +1,4 @@
-"""Surveys that are wrong or odd, through `label` and a comparison: a clear last line, or a documented result."""
+"""Malformed and unusual surveys in `label` and a comparison: a clear error, or a documented result."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""`label` from end to end: a survey that the package has never seen, and what becomes of it."""
+"""`label` from end to end on a new survey."""
 
 import os
 import re
@@ -61,7 +61,7 @@ def test_geoparquet_holds_the_objects_of_the_geopackage(labelled):
     np.testing.assert_array_equal(table["height"], objects["height"])
 
 
-def test_report_tells_points_files_model_and_objects(labelled):
+def test_report_has_points_files_model_and_objects(labelled):
     page = (labelled / "report.html").read_text(encoding="utf-8")
     text = re.sub(r"<[^>]+>", " ", page).replace(",", "").replace("\u202f", "").replace("\u2009", "")
     assert str(N_POINTS) in text.replace(" ", "")
@@ -134,7 +134,7 @@ def test_tables_and_pictures_beside_the_points_are_no_points(shared, label_proje
     assert "trajectory" in set(pyogrio.list_layers(out / "inventory.gpkg")[:, 0])
 
 
-def test_survey_without_colour_gets_the_forest_without_it_and_is_told_so_once(label_project, cloud, tmp_path, caplog):
+def test_survey_without_colour_gets_the_forest_without_it_and_one_warning(label_project, cloud, tmp_path, caplog):
     path = tmp_path / "plain.laz"
     LasFormat().write(path, cloud.without_columns(["rgb"]), WriteOptions(like="none"))
     out = label(label_project, path, tmp_path / "out")

@@ -1,4 +1,4 @@
-"""`label` on every format: what is written has the points and the form of what was read."""
+"""`label` on every format: the result has the points and the layout of the input."""
 
 import gzip
 import re

@@ -51,7 +51,7 @@ def pixels(images):
     return found
 
 
-def test_an_image_is_read_when_it_is_asked_for(tmp_path):
+def test_a_picture_is_loaded_on_demand(tmp_path):
     path, picture = written(tmp_path, calibration())
     images = SurveyImagesDataset(filepath=str(path)).load()
     (image,) = images

@@ -1,4 +1,4 @@
-"""Finding surveys and splits."""
+"""Search for the files of surveys and splits."""
 
 import pytest
 

@@ -87,7 +87,7 @@ def test_a_survey_of_several_files(tmp_path, rng):
     assert survey_page("none", [], pd.DataFrame(columns=["file", "warning"])).startswith("<!DOCTYPE")
 
 
-def test_whole_numbers_are_told(tmp_path, rng):
+def test_whole_numbers_give_a_warning(tmp_path, rng):
     path = tmp_path / "a.txt"
     np.savetxt(path, rng.integers(0, 9000, (100, 3)), fmt="%d")
     assert any("whole numbers" in w for w in inspect_file(str(path), "a", options=ReadOptions(), max_gap=1.0).warnings)
@@ -139,7 +139,7 @@ def test_columns_lines_and_times(rng):
     ]
 
 
-def test_what_is_so_in_many_files_is_told_once(tmp_path, rng):
+def test_a_warning_of_many_files_is_given_once(tmp_path, rng):
     for number in range(13):
         columns = {"level": np.zeros(40, np.uint8)} if number == 2 else {}
         write(tmp_path / f"{number:02}.laz", PointCloud(np.round(rng.random((40, 3)), 3), columns, ORIGIN))

@@ -1,4 +1,4 @@
-"""Folds of object files: the real ones, and what is wrong with others."""
+"""Folds of object files: the Sydney dataset, and malformed lists."""
 
 import numpy as np
 import pytest

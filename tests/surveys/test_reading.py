@@ -1,4 +1,4 @@
-"""What a drive is cut along: a trajectory's file, a path estimated from the points, or their main axis."""
+"""Corridor of a drive: trajectory file, estimated trajectory, or main axis of the points."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def test_windows_are_few_points_of_a_long_file(rng, tmp_path):
 
 
 @pytest.mark.parametrize("times", ["per turn", "shuffled"])
-def test_what_gives_no_path_is_cut_along_its_axis_and_told(rng, tmp_path, times):
+def test_without_an_estimate_the_axis_is_used_and_the_reason_noted(rng, tmp_path, times):
     xyz, time, _ = scanned_street(rng, seconds=3.0)
     time = np.floor(time * 75) / 75 if times == "per turn" else rng.permutation(time)
     corridor, note = corridor_of(written(tmp_path / "a.laz", xyz, gps_time=time))
@@ -64,7 +64,7 @@ def test_what_gives_no_path_is_cut_along_its_axis_and_told(rng, tmp_path, times)
 
 
 @pytest.mark.parametrize("column", [{}, {"gps_time": 1.0}], ids=["without times", "one time"])
-def test_without_times_the_axis_is_taken_without_a_word(rng, tmp_path, column):
+def test_without_times_the_axis_is_used_without_a_note(rng, tmp_path, column):
     xyz, time, _ = scanned_street(rng, seconds=1.0)
     described = written(tmp_path / "a.laz", xyz, **{name: np.full(len(time), v) for name, v in column.items()})
     corridor, note = corridor_of(described)
@@ -82,7 +82,7 @@ def test_a_trajectory_file_is_preferred(rng, tmp_path):
 
 
 @pytest.mark.parametrize("value", [0, 77])
-def test_a_column_with_one_value_tells_nothing_and_is_not_used(rng, tmp_path, value):
+def test_a_column_with_one_value_is_not_used(rng, tmp_path, value):
     n = 3000
     xyz, path = rng.random((n, 3)) * 5, tmp_path / "a.laz"
     spread = rng.integers(0, 256, (n, 3)).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""SBET trajectories: against pyproj, in the week of the points, told from text."""
+"""SBET trajectories: positions against pyproj, GPS weeks, recognition by content."""
 
 import numpy as np
 import pyproj

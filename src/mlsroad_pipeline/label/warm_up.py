@@ -59,7 +59,7 @@ def run_stages() -> None:
     features = describe_supervoxels(scene, ground, supervoxels, FeatureParameters())
     nearest_supervoxels(scene.xyz, features["centroids"])
     rules = {"pole": ObjectRule("pole", (1,), 0.3, split_spacing=1.0)}
-    found = extract_objects(
+    objects = extract_objects(
         scene.xyz,
         np.where(ground["ground"], 0, 1).astype(np.int16),
         np.ones(len(scene), np.float32),
@@ -69,4 +69,4 @@ def run_stages() -> None:
         height_above_ground=np.nan_to_num(ground["height"]),
         scene="small",
     )
-    merge_across_scenes([found], classes=rules, trajectory=drive)
+    merge_across_scenes([objects], classes=rules, trajectory=drive)

@@ -28,7 +28,7 @@ def in_chunks(cloud, size):
     return [inspect_chunk(cloud.select(slice(i, i + size))) for i in range(0, len(cloud), size)]
 
 
-def test_whole_file_tells_what_was_planted(rng):
+def test_report_of_a_whole_file_has_the_planted_faults(rng):
     cloud = survey(rng)
     report = merge([inspect_chunk(cloud)])
     assert (report.n_points, report.n_not_finite, report.n_duplicates, report.duplicates_exact) == (3000, 0, 2, True)
@@ -97,7 +97,7 @@ def test_large_files_estimate_duplicates_across_chunks(rng, monkeypatch):
     assert merge(chunks[::-1]).n_duplicates == report.n_duplicates
 
 
-def test_sketches_of_chunks_that_know_their_file_stay_small_and_estimate_the_same(rng, monkeypatch):
+def test_sketches_with_the_size_of_the_file_stay_small_and_estimate_the_same(rng, monkeypatch):
     monkeypatch.setattr("mlsroad_pipeline.algorithms.quality.duplicates.SKETCH_SIZE", 2000)
     xyz = rng.random((40_000, 3))
     xyz = np.concatenate([xyz, xyz[:10_000]])
@@ -110,7 +110,7 @@ def test_sketches_of_chunks_that_know_their_file_stay_small_and_estimate_the_sam
     assert report.n_duplicates == whole.n_duplicates == pytest.approx(10_000, rel=0.1)
 
 
-def test_estimate_of_a_large_file_full_of_copies_is_that_of_the_share_looked_at(rng, monkeypatch):
+def test_estimate_of_a_large_file_full_of_copies_uses_the_covered_share(rng, monkeypatch):
     monkeypatch.setattr("mlsroad_pipeline.algorithms.quality.duplicates.SKETCH_SIZE", 400)
     part = PointCloud(rng.random((1000, 3)))
     report = merge([inspect_chunk(part, n_total=8000) for _ in range(8)])

@@ -1,4 +1,4 @@
-"""Trajectories: places along a path against closed forms and a search over every segment."""
+"""Trajectories: stations and offsets against closed forms and a search over all segments."""
 
 import numpy as np
 import pytest

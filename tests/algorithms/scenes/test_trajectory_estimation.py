@@ -1,4 +1,4 @@
-"""The path from the points alone, against scanners whose path is known."""
+"""Estimated trajectories against simulated scanners with a known trajectory."""
 
 import numpy as np
 import pytest
