@@ -83,7 +83,7 @@ def test_images_lie_beside_the_points_of_their_drive(survey, fusion, network, ca
     found = images_to_label(plan_of(survey, "north", "south"), fusion, "calibration.json")
     assert list(found.drives) == ["survey.north"] and found.cameras == ("back", "front") and found.reach == 25.0
     assert len(found.drives["survey.north"]) == 10
-    assert "survey.south: the points there have the labels of the features alone" in caplog.text
+    assert "survey.south: its points have the labels of the features alone" in caplog.text
     everywhere = images_to_label(plan_of(survey, "south"), network, str(survey / "north" / "calibration.json"))
     assert list(everywhere.drives) == ["survey.south"]
     forest = bundle("detrended_forest")

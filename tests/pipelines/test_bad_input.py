@@ -229,7 +229,7 @@ def test_test_files_without_a_labelled_point_have_empty_scores(tmp_path, rng):
         ({"train": "train/*.laz", "te st": "test/*.laz"}, r"'te st'"),
         ({"test": "test/*.laz", "train": None}, r"no training scenes: the split 'train' is empty"),
         ({"other": {"files": ["train/*"], "part": 1}}, r"unknown keys of a split: part"),
-        ({"other": 3}, r"a split is a glob, a list of globs or a mapping with files, got 3"),
+        ({"other": 3}, r"a split must be a glob, a list of globs or a mapping with files, got 3"),
     ],
 )
 def test_splits_that_cannot_be_are_named(tmp_path, rng, splits, message):
