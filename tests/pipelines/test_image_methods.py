@@ -211,7 +211,7 @@ def test_fusion_of_a_survey_without_images_falls_back_on_its_features_and_says_s
     assert (out / "survey.laz").read_bytes() == (forest / "survey.laz").read_bytes()
     assert "No images (calibration.json)" in caplog.text
     assert "seen by cameras 0 points" in re.sub(" +", " ", text_of(out))
-    assert "the points there have the labels of the features alone" in text_of(out)
+    assert "its points have the labels of the features alone" in text_of(out)
     with pytest.raises(Exception, match=r"'image_labels' needs images: there is no .*bare/calibration\.json"):
         label(project, tmp_path / "bare", tmp_path / "images", method="image_labels", **LONG)
     assert not (tmp_path / "images").exists()
