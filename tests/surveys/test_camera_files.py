@@ -102,7 +102,7 @@ def test_images_without_poses_need_those_of_the_vehicle_at_their_time(tmp_path):
     shared = {key: calibration()[key] for key in ("K", "R", "t", "width", "height")}
     bare = {"name": "00001_front", "camera": "front", "gps_time": 101.5}
     path, _ = written(tmp_path, bare, cameras={"front": shared})
-    with pytest.raises(ReadError, match="'00001_front' has no pose, and no trajectory"):
+    with pytest.raises(ReadError, match="'00001_front' has no pose, and there is no trajectory"):
         read_images(path)
     with pytest.raises(DataError, match=r"trajectory.csv: 1 of 1 times lie outside .* 100.000 to 101.000 s"):
         read_images(path, trajectory=poses(tmp_path))
