@@ -1,4 +1,4 @@
-"""Objects in files of their own, listed fold by fold, as the Sydney Urban Objects come."""
+"""Objects in one file each, listed by fold, as in the Sydney Urban Objects dataset."""
 
 from __future__ import annotations
 
@@ -16,49 +16,49 @@ from mlsroad_pipeline.formats.sydney import object_class
 
 
 def find_folds(root: str | Path, pattern: str) -> dict[str, Path]:
-    """Find the lists of the folds.
+    """Return the list file of each fold by its name.
 
     Raises
     ------
     ReadError
         If there are fewer than two lists.
     """
-    found = {path.stem: path for path in sorted(Path(root).glob(pattern))}
-    if len(found) < 2:
-        raise ReadError(f"{root} has {len(found)} files {pattern}: at least two folds are needed")
-    return found
+    folds = {path.stem: path for path in sorted(Path(root).glob(pattern))}
+    if len(folds) < 2:
+        raise ReadError(f"{root} has {len(folds)} files {pattern}: at least two folds are needed")
+    return folds
 
 
 def listed_files(path: Path) -> list[Path]:
-    """Return the files that a list names, which lie beside it or in a folder next to the list's.
+    """Return the files of a list, from its folder or a sibling folder.
 
     Raises
     ------
     ReadError
-        If a file is not there, or the list names none.
+        If a file is missing, or the list is empty.
     """
     names = [line.strip() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
     if not names:
         raise ReadError(f"{path} lists no files")
     folders = [path.parent, *sorted(folder for folder in path.parent.parent.iterdir() if folder.is_dir())]
-    found = []
+    files = []
     for name in names:
         place = next((folder / name for folder in folders if (folder / name).is_file()), None)
         if place is None:
             raise ReadError(f"{path} lists {name}, which is not in {', '.join(str(folder) for folder in folders)}")
-        found.append(place)
-    return found
+        files.append(place)
+    return files
 
 
 def read_fold(path: str, files: Sequence[str], *, scheme: ClassScheme) -> ObjectArrays:
-    """Read the objects of a fold; the class of each is the first part of its file's name.
+    """Return the objects of a fold; the class is the first part of a file name.
 
     Raises
     ------
     ReadError
-        If a file is not there or cannot be read.
+        If a file is missing or cannot be read.
     UnknownClassError
-        If a file's class is not in the scheme.
+        If a class is not in the scheme.
     """
     objects, labels, intensities = [], [], []
     for file in map(Path, files):
