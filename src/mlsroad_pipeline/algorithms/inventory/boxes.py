@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -11,6 +13,25 @@ _STRAY = 0.004  # share of points outside each side: aerials, mixed pixels, mirr
 _STRAY_ENDS = 0.0015  # share of points outside each end, which has no mirrors
 # Reach and step of the search over directions, degrees, and the number of points used.
 _STEPS = ((45.0, 2.0, 300), (2.0, 0.2, 600), (0.2, 0.04, 1200))
+
+
+class Box(NamedTuple):
+    """Rectangle in plan.
+
+    Attributes
+    ----------
+    centre : ndarray of float64, shape (2,)
+        Centre, metres.
+    length, width : float
+        Longer and shorter side, metres.
+    azimuth : float
+        Direction of the longer side, degrees clockwise from north, 0 to 180.
+    """
+
+    centre: NDArray[np.float64]
+    length: float
+    width: float
+    azimuth: float
 
 
 def trimmed(values: NDArray[np.float64], share: float) -> tuple[float, float]:
@@ -121,7 +142,7 @@ def polygon_area(corners: NDArray[np.float64]) -> float:
     return float(abs(x[:-1] @ y[1:] - y[:-1] @ x[1:]) / 2)
 
 
-def oriented_box(hull: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float, float]:
+def oriented_box(hull: NDArray[np.float64]) -> Box:
     """Return the rectangle of minimum area around a convex hull; one of its sides lies on a side of the hull.
 
     Parameters
@@ -131,12 +152,8 @@ def oriented_box(hull: NDArray[np.float64]) -> tuple[NDArray[np.float64], float,
 
     Returns
     -------
-    centre : ndarray of float64, shape (2,)
-        Centre of the rectangle.
-    length, width : float
-        Longer and shorter side, metres.
-    azimuth : float
-        Direction of the longer side, degrees clockwise from north, 0 to 180.
+    Box
+        The rectangle.
     """
     middle = hull.mean(axis=0)
     moved = hull - middle
@@ -155,18 +172,16 @@ def _project(xy: NDArray[np.float64], angle: NDArray[np.float64]) -> tuple[NDArr
     return xy @ np.stack([c, s]), xy @ np.stack([-s, c])
 
 
-def _box(
-    middle: NDArray[np.float64], angle: float, limits: tuple[float, float, float, float]
-) -> tuple[NDArray[np.float64], float, float, float]:
+def _box(middle: NDArray[np.float64], angle: float, limits: tuple[float, float, float, float]) -> Box:
     left, right, back, front = (float(value) for value in limits)
     c, s = np.cos(angle), np.sin(angle)
     centre = middle + (left + right) / 2 * np.array([c, s]) + (back + front) / 2 * np.array([-s, c])
     first, second = right - left, front - back
     direction = np.degrees(angle) if first >= second else np.degrees(angle) + 90.0
-    return centre, max(first, second), min(first, second), float((90.0 - direction) % 180.0)
+    return Box(centre, max(first, second), min(first, second), float((90.0 - direction) % 180.0))
 
 
-def vehicle_box(xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float, float]:
+def vehicle_box(xy: NDArray[np.float64]) -> Box:
     """Fit a rectangle to a vehicle with one or two visible sides, by the closeness criterion.
 
     The direction with the largest sum of inverse distances of points to the sides is searched in steps of 2, 0.2 and
@@ -181,12 +196,8 @@ def vehicle_box(xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, fl
 
     Returns
     -------
-    centre : ndarray of float64, shape (2,)
-        Centre of the rectangle.
-    length, width : float
-        Longer and shorter side, metres.
-    azimuth : float
-        Direction of the longer side, degrees clockwise from north, 0 to 180.
+    Box
+        The rectangle.
     """
     middle = xy.mean(axis=0)
     moved = xy - middle

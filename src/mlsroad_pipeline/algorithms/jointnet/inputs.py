@@ -1,4 +1,4 @@
-"""What the network sees of objects: images and measures, and their changes while it is trained."""
+"""Inputs of the network: images and measures of objects, and their augmentation."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mlsroad_pipeline.algorithms.jointnet.parameters import (
 )
 
 _FEW = 8
-"""An object keeps all of its points where fewer than these would be left."""
+"""Minimum number of points after thinning; objects below it keep all points."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class Points:
     xyz : ndarray of float64, shape (n, 3)
         Points, object by object, metres.
     indptr : ndarray of int64, shape (objects + 1,)
-        Where the points of each object begin.
+        Start of the points of each object.
     intensity : ndarray of float64, shape (n,)
-        Intensity of each point; anything where it is not known.
+        Intensity of each point; arbitrary where unknown.
     known : ndarray of bool, shape (objects,)
         Objects whose intensity is known.
     """
@@ -48,7 +48,7 @@ class Points:
         return np.repeat(np.arange(len(self.indptr) - 1), np.diff(self.indptr))
 
     def turned(self, angle: NDArray[np.float64] | float) -> Points:
-        """Turn objects about the vertical.
+        """Rotate objects about z.
 
         Parameters
         ----------
@@ -58,21 +58,21 @@ class Points:
         Returns
         -------
         Points
-            The turned objects.
+            The rotated objects.
         """
         each = np.broadcast_to(angle, (len(self.indptr) - 1,))[self.owner]
-        low = self.xyz[self.indptr[:-1]][self.owner]  # turning about a point of its own keeps the digits
+        low = self.xyz[self.indptr[:-1]][self.owner]  # rotation about a point of the object preserves precision
         x, y, z = (self.xyz - low).T
         cos, sin = np.cos(each), np.sin(each)
         return replace(self, xyz=np.column_stack([x * cos - y * sin, x * sin + y * cos, z]))
 
     def kept(self, keep: NDArray[np.bool_]) -> Points:
-        """Leave points out, but of no object so many that hardly any are left.
+        """Remove points, except from objects that would keep fewer than 8.
 
         Parameters
         ----------
         keep : ndarray of bool, shape (n,)
-            Points that stay.
+            Points to keep.
 
         Returns
         -------
@@ -87,21 +87,21 @@ class Points:
 
 
 def augment(points: Points, parameters: AugmentationParameters, rng: np.random.Generator) -> Points:
-    """Change objects as another scan of another such object might.
+    """Return randomly augmented objects.
 
     Parameters
     ----------
     points : Points
         The objects.
     parameters : AugmentationParameters
-        By how much.
+        Ranges of the changes.
     rng : Generator
-        Source of all draws.
+        Random number generator.
 
     Returns
     -------
     Points
-        The changed objects.
+        The augmented objects.
     """
     p, n = parameters, len(points.indptr) - 1
     if p.rotate:
@@ -111,7 +111,7 @@ def augment(points: Points, parameters: AugmentationParameters, rng: np.random.G
     if p.drop:
         points = points.kept(rng.random(len(points.xyz)) < rng.uniform(1 - p.drop, 1, n)[points.owner])
     if p.occlude:
-        points = points.kept(_seen(points, p.occlude, rng))
+        points = points.kept(_unoccluded(points, p.occlude, rng))
     if p.outliers:
         points = _with_outliers(points, p.outliers, rng)
     low, high = _bounds(points)
@@ -131,8 +131,8 @@ def _bounds(points: Points) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return np.minimum.reduceat(points.xyz, starts), np.maximum.reduceat(points.xyz, starts)
 
 
-def _seen(points: Points, most: float, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Return the points before a plane that cuts off the far end in some direction, of half of the objects."""
+def _unoccluded(points: Points, most: float, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Return the points in front of a random plane that cuts off one end, for half of the objects."""
     n = len(points.indptr) - 1
     direction = rng.normal(size=(n, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -143,7 +143,7 @@ def _seen(points: Points, most: float, rng: np.random.Generator) -> NDArray[np.b
 
 
 def _with_outliers(points: Points, most: float, rng: np.random.Generator) -> Points:
-    """Move some points to anywhere in the bounding box."""
+    """Move some points to random positions in the bounding box."""
     low, high = _bounds(points)
     away = rng.random(len(points.xyz)) < rng.uniform(0, most, len(low))[points.owner]
     anywhere = low[points.owner] + rng.random(points.xyz.shape) * (high - low)[points.owner]
@@ -153,24 +153,24 @@ def _with_outliers(points: Points, most: float, rng: np.random.Generator) -> Poi
 def encode(
     points: Points, parameters: InputParameters, *, measures: NDArray[np.float32] | None = None
 ) -> tuple[dict[str, NDArray[np.float32]], NDArray[np.float32]]:
-    """Turn objects into what the network takes.
+    """Return the images and measures of objects.
 
     Parameters
     ----------
     points : Points
         The objects.
     parameters : InputParameters
-        What is seen of them.
+        Views, channels and sizes.
     measures : ndarray of float32, optional
-        Their measures, where they are known from another heading: they do not turn with the object.
+        Measures to reuse, since they do not depend on the heading.
 
     Returns
     -------
     images : dict of str to ndarray of float32, shape (objects, 5, channels, size, size)
-        View to its images. Counts are shares of the object's points times the number of cells over 4, so that they are
-        of the order of 1 whatever the size, or their square roots.
+        View to images. Counts are shares of the points multiplied by a quarter of the number of cells, which makes them
+        of order 1 for any size, or the square roots of these.
     measures : ndarray of float32, shape (objects, `N_MEASURES` or 0)
-        Sizes in metres.
+        Measures, see `measure_objects`.
     """
     counts = np.diff(points.indptr)
     sizes = (int(parameters.sizes[0]), int(parameters.sizes[1]), int(parameters.sizes[2]))
@@ -190,21 +190,21 @@ def encode(
 
     shares = dict(zip(VIEWS, draw(weight), strict=True))
     value = np.where(points.known[points.owner], points.intensity, 0.0)
-    bright = dict(zip(VIEWS, draw(weight * value), strict=True)) if parameters.intensity else {}
+    brightness = dict(zip(VIEWS, draw(weight * value), strict=True)) if parameters.intensity else {}
     images = {}
     for view in parameters.views:
         share = shares[view] * np.float32(shares[view].shape[-1] ** 2 / 4)
         channels = [np.sqrt(share) if parameters.compress else share]
         if parameters.intensity:
-            channels.append(bright[view] / np.maximum(shares[view], np.float32(1e-9)))
+            channels.append(brightness[view] / np.maximum(shares[view], np.float32(1e-9)))
         images[view] = np.stack(channels, axis=2)
     if measures is not None:
         return images, measures
-    found = np.zeros((len(counts), N_MEASURES if parameters.measures else 0), dtype=np.float32)
+    measured = np.zeros((len(counts), N_MEASURES if parameters.measures else 0), dtype=np.float32)
     if parameters.measures:
-        measure_objects(points.xyz, points.indptr, value, found)
+        measure_objects(points.xyz, points.indptr, value, measured)
         if parameters.intensity:
-            found[:, -1] = points.known
+            measured[:, -1] = points.known
         else:
-            found[:, -N_INTENSITY:] = 0.0
-    return images, found
+            measured[:, -N_INTENSITY:] = 0.0
+    return images, measured

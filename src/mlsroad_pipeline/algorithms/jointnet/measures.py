@@ -1,4 +1,4 @@
-"""Numbers that tell an object's size and build in metres, which its scaled images do not show, and its intensity."""
+"""Measures of the size, shape and intensity of objects, which scaled images do not contain."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 _FLOOR = 0.05
-"""Metres that are added to lengths before their logarithm is taken: what is smaller looks alike."""
+"""Offset of lengths before the logarithm, metres; smaller lengths are hardly distinguished."""
 
 _LAYERS = 4
 
@@ -16,24 +16,24 @@ _LAYERS = 4
 def measure_objects(
     xyz: NDArray[np.float64], indptr: NDArray[np.int64], value: NDArray[np.float64], out: NDArray[np.float32]
 ) -> None:
-    """Measure objects.
+    """Compute the measures of objects.
 
-    Lengths as logarithms of metres; along and across is the horizontal direction in which the object spreads most.
+    Lengths are logarithms of metres. "Along" is the horizontal direction of largest spread, "across" is perpendicular.
 
     Parameters
     ----------
     xyz : ndarray of float64, shape (n, 3)
         Points, object by object.
     indptr : ndarray of int64, shape (objects + 1,)
-        Where the points of each object begin.
+        Start of the points of each object.
     value : ndarray of float64, shape (n,)
         Intensity of each point.
     out : ndarray of float32, shape (objects, N_MEASURES)
-        Is filled, but for its last column: height, extents along and across; standard deviations along, across and in
-        height; quartiles of the height; widths between the twentieths along, across and in height; for each of four
-        layers its share of the points and its deviations along and across; five quantiles of the distance from the
-        vertical axis; linearity, planarity and scattering, and how steep the first and the last axis are; mean,
-        deviation and five quantiles of the intensity.
+        Output, filled except for the last column: height, extents along and across; standard deviations of height,
+        along and across; quartiles of the height; ranges between the 5 % and 95 % quantiles of height, along and
+        across; for each of four layers its share of the points and its deviations along and across; five quantiles of
+        the distance from the vertical axis; linearity, planarity, scattering, and steepness of the last and the first
+        axis; mean, deviation and five quantiles of the intensity.
     """
     for k in range(len(out)):
         first, last = indptr[k], indptr[k + 1]
@@ -49,7 +49,7 @@ def measure_objects(
             row[j] = np.log(axis.max() - axis.min() + 2.0 * _FLOOR)
             row[3 + j] = np.log(axis.std() + _FLOOR)
             ordered = np.sort(axis)
-            # As far from either end, since the axis may point either way.
+            # Symmetric ranks, since the sign of the axis is arbitrary.
             row[9 + j] = np.log(ordered[n - 1 - (n - 1) // 20] - ordered[(n - 1) // 20] + _FLOOR)
             if j == 0:
                 for i in range(3):
@@ -94,7 +94,7 @@ def _layers(
 
 @njit(cache=True, nogil=True)
 def _axes(x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64], out: NDArray[np.float32]) -> None:
-    """Linearity, planarity, scattering of standard deviations; how steep the axes of the least and greatest are."""
+    """Compute linearity, planarity and scattering from standard deviations, and the steepness of the extreme axes."""
     covariance = np.zeros((3, 3))
     parts = (x, y, z)
     for i in range(3):

@@ -1,6 +1,6 @@
-"""The two-stage fusion network: one convolutional module for all images, two fusion modules for each kind of image.
+"""Two-stage fusion network: one convolutional module for all images, two fusion modules per view.
 
-This module imports PyTorch; what need not run a network does not import it.
+Importing this module imports PyTorch.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def _convolution(inputs: int, outputs: int, kernel: int, batch_norm: bool) -> li
 
 
 class Halving(nn.Module):
-    """The greatest value of each 2 x 2 cells; what is left over at an odd edge is a cell of its own."""
+    """Max pooling over 2 x 2 cells; the last row or column of an odd size is pooled alone."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -41,14 +41,14 @@ class Halving(nn.Module):
         """
         if self.training or maps.shape[2] % 2 or maps.shape[3] % 2:
             return nn.functional.max_pool2d(maps, 2, ceil_mode=True)
-        rows = torch.maximum(maps[:, :, ::2], maps[:, :, 1::2])  # the same values in a third of the time on a CPU
+        rows = torch.maximum(maps[:, :, ::2], maps[:, :, 1::2])  # same values in a third of the time on a CPU
         return torch.maximum(rows[..., ::2], rows[..., 1::2])
 
 
 class PyramidPooling(nn.Module):
-    """Spatial pyramid pooling: the greatest value of each channel in the upper half, the lower half and the whole.
+    """Spatial pyramid pooling: maximum of each channel in the upper half, the lower half and the whole image.
 
-    Two levels of 2 x 1 and 1 x 1 cells (Luo et al. 2019, Figure 5), so that images of any size give 3 values a channel.
+    Two levels of 2 x 1 and 1 x 1 cells (Luo et al. 2019, Figure 5): 3 values per channel for images of any size.
     """
 
     def __init__(self) -> None:
@@ -72,16 +72,16 @@ class PyramidPooling(nn.Module):
 
 
 class JointNet(nn.Module):
-    """Scores of an object for each class, from its images.
+    """Network that scores the classes of objects from their images.
 
-    The convolutional module f is the same for all images, as equation 2 writes it; each kind of image has its own two
-    fusion modules, whose scores are summed (equation 10). That agrees with the paper's Table 1: 159 MB for a network of
-    one kind and 223 MB for one of three leave 127 MB for f and 32 MB for each pair of fusion modules.
+    The convolutional module f is shared by all images, as in equation 2; each view has its own two fusion modules,
+    whose scores are summed (equation 10). This agrees with Table 1 of the paper: 159 MB for one view and 223 MB for
+    three views imply 127 MB for f and 32 MB for each pair of fusion modules.
 
     Parameters
     ----------
     parameters : JointNetParameters
-        Its views and layers.
+        Views and layers.
     n_classes : int
         Classes.
     """
@@ -103,7 +103,7 @@ class JointNet(nn.Module):
         self._start(n_classes)
 
     def _start(self, n_classes: int) -> None:
-        """Draw the weights after He et al. 2015: thirteen layers of rectifiers neither fade nor burst."""
+        """Initialise the weights after He et al. 2015, which keeps the variance over thirteen layers of rectifiers."""
         for module in self.modules():
             if isinstance(module, nn.Conv2d | nn.Linear):
                 last = isinstance(module, nn.Linear) and module.out_features == n_classes
@@ -112,20 +112,20 @@ class JointNet(nn.Module):
                     nn.init.zeros_(module.bias)
 
     def forward(self, images: Mapping[str, Tensor], measures: Tensor) -> Tensor:
-        """Score objects.
+        """Return the scores of objects.
 
         Parameters
         ----------
         images : mapping of str to Tensor of shape (batch, 5, channels, size, size)
-            The images of each view of the network.
+            Images of each view.
         measures : Tensor of shape (batch, n_measures)
-            What else is known of the objects; (batch, 0) for the network as printed.
+            Measures of the objects; (batch, 0) for the network as printed.
 
         Returns
         -------
         Tensor of shape (heads, batch, n_classes)
-            Scores. The first head is the sum over the views (equation 10), the second, where there are measures, judges
-            by them alone. The mean of their softmax is the probability.
+            Scores. The first head is the sum over the views (equation 10); the second, with measures, uses only these.
+            The class probability is the mean of the softmax of the heads.
         """
         known = (measures - self.shift) / self.scale
         scores = []
@@ -183,9 +183,9 @@ class CNN3(nn.Module):
     Parameters
     ----------
     p : NetworkParameters
-        The layers.
+        Widths of the layers.
     n_measures : int
-        Numbers that join the values of the convolutions.
+        Measures concatenated with the values of the convolutions.
     n_classes : int
         Classes.
     """
@@ -205,14 +205,14 @@ class CNN3(nn.Module):
         self.scores = nn.Linear(p.n_hidden, n_classes)
 
     def forward(self, maps: Tensor, measures: Tensor) -> Tensor:
-        """Score the maps of one view.
+        """Return the scores of one view.
 
         Parameters
         ----------
         maps : Tensor of shape (batch, channels, rows, columns)
-            What the first fusion module gave.
+            Output of the first fusion module.
         measures : Tensor of shape (batch, n_measures)
-            What else is known of the objects.
+            Measures of the objects.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Parameters of JointNet: what it sees of an object, its layers, and how it is trained."""
+"""Parameters of JointNet: inputs, layers and training."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 
 VIEWS = ("hssi", "vqai", "vaai")
-"""Kinds of images: the three of the paper."""
+"""Views of an object: the three kinds of images of the paper."""
 
 N_MEASURES, N_INTENSITY = 42, 8
-"""Numbers that describe the size of an object and its intensity, see `measures`; the last are of the intensity, and the
-very last is whether it is known."""
+"""Number of measures of an object, see `measures`, and of those of its intensity, which come last; the last one flags
+known intensity."""
 
 
 def _share(value: float, name: str) -> None:
@@ -29,35 +29,34 @@ def _whole(value: int, name: str, least: int = 1) -> None:
 
 @dataclass(frozen=True)
 class InputParameters:
-    """What the network sees of an object.
+    """Inputs of the network.
 
     Parameters
     ----------
     views : sequence of str, default ["hssi", "vqai", "vaai"]
-        Kinds of images; one alone is a sub-network of the paper.
+        Kinds of images; a single one is a sub-network of the paper.
     sizes : sequence of int, default [16, 8, 16]
-        Rows and columns of HSSI, VQAI and VAAI (luo2019: the same). More show finer detail, and more noise.
+        Rows and columns of HSSI, VQAI and VAAI (luo2019: the same). Larger shows finer detail and more noise.
     isotropic : bool, default True
-        Whether proportions are kept when an object is scaled (luo2019: not).
+        Scale all axes of an object by the same factor (luo2019: each axis separately).
     window : sequence of float, optional
-        Half of the width and the height, in metres, of a space that is the same for all objects, so that their size is
-        seen; `isotropic` has no effect then. By default every object fills its space. Luo2019 can be read as either.
+        Half width and height, in metres, of a fixed space for all objects, which preserves their size; `isotropic` has
+        no effect then. None scales every object to fill its space. Luo2019 can be read as either.
     bilinear : bool, default False
-        Whether a point is shared between the four cells around it, as in the spin images of Johnson and Hebert (1999)
-        that HSSI follows; images of few points are steadier then. Luo2019 prints one cell per point, and compares its
-        images with spin images without saying whether they are interpolated alike.
+        Distribute a point over the four cells around it, as in the spin images of Johnson and Hebert (1999) that HSSI
+        follows; images of few points are less noisy then. Luo2019 prints one cell per point.
     compress : bool, default True
-        Whether the square root of the counts is taken, so that few points beside many are seen (luo2019: not).
+        Take the square root of the counts, which emphasises sparse cells (luo2019: no).
     intensity : bool, default True
-        Whether the mean intensity of each cell is a second channel (luo2019: not). Objects without intensity can be
-        recognised all the same.
+        Add the mean intensity of each cell as a second channel (luo2019: no). Objects without intensity can be
+        recognised too.
     measures : bool, default True
-        Whether the size of the object in metres is told beside its images, which do not show it (luo2019: not).
+        Use the size and shape of the object in metres as an extra input, see `measures` (luo2019: no).
 
     Raises
     ------
     ParameterError
-        If a view is unknown or there is none, a size is below 1, or the window is not two lengths above 0.
+        If there is no view or an unknown one, a size is below 1, or the window is not two lengths above 0.
     """
 
     views: Sequence[str] = field(default_factory=lambda: list(VIEWS))
@@ -85,30 +84,29 @@ class InputParameters:
 
 @dataclass(frozen=True)
 class NetworkParameters:
-    """The layers; the paper prints their kinds and kernels, and not their widths.
+    """Layers of the network; the paper gives their kinds and kernels, not their widths.
 
     Parameters
     ----------
     convolutional_widths : sequence of int, default [8, 16, 16, 16, 32]
-        Channels of the five convolutions that every image goes through.
+        Channels of the five convolutions of the convolutional module.
     n_hidden : int, default 64
         Width of the fully connected layers.
     map_channels, map_size : int, default 4, 8
-        Channels, rows and columns of the maps that these layers' values are reshaped to.
+        Channels, and rows and columns, of the maps that the fully connected values are reshaped to.
     fusion_widths : sequence of int, default [16, 16]
         Channels of the two convolutions of the first fusion module.
     cnn3_widths : sequence of int, default [16, 16, 32, 32]
         Channels of the four convolutions of the second fusion module.
     dropout : float, default 0.3
-        Share of the values that are dropped before the last two layers (luo2019: 0.7 was chosen; read as the share that
-        is kept, as TensorFlow had it).
+        Dropout rate before the last two layers (luo2019: 0.7, read as the keep probability of TensorFlow).
     batch_norm : bool, default True
-        Whether convolutions are followed by batch normalisation (not in luo2019).
+        Apply batch normalisation after convolutions (luo2019: no).
 
     Raises
     ------
     ParameterError
-        If a width is below 1, there is another number of them, or `dropout` is not in [0, 1).
+        If a width is below 1, the number of widths is wrong, or `dropout` is not in [0, 1).
     """
 
     convolutional_widths: Sequence[int] = field(default_factory=lambda: [8, 16, 16, 16, 32])
@@ -133,29 +131,29 @@ class NetworkParameters:
 
 @dataclass(frozen=True)
 class AugmentationParameters:
-    """How training objects are changed, anew in every epoch.
+    """Augmentation of training objects in each epoch.
 
     Parameters
     ----------
     rotate : bool, default True
-        Whether they are turned about z by any angle, and mirrored half of the time.
+        Rotate about z by a random angle, and mirror with probability 0.5.
     drop : float, default 0.5
-        Greatest share of the points that is left out.
+        Maximum share of dropped points.
     occlude : float, default 0.3
-        Greatest share of the extent that is cut off from one side, half of the time.
+        Maximum share of the extent that is cut off from one side, with probability 0.5.
     noise : float, default 0.0
-        Greatest standard deviation of noise on the coordinates, as a share of half of the object's extent.
+        Maximum standard deviation of the noise on coordinates, as a share of half the extent of the object.
     scale : float, default 0.1
-        Greatest change of the extent along each axis, as a share.
+        Maximum relative change of the extent along each axis.
     outliers : float, default 0.0
-        Greatest share of the points that are outliers afterwards.
+        Maximum share of points that become outliers.
     hide_intensity : float, default 0.2
-        Share of the objects whose intensity is hidden, so that the network can do without.
+        Share of the objects whose intensity is hidden, for robustness to missing intensity.
 
     Raises
     ------
     ParameterError
-        If a share is not in [0, 1), or the noise is negative.
+        If a value is not in [0, 1).
     """
 
     rotate: bool = True
@@ -173,51 +171,51 @@ class AugmentationParameters:
 
 @dataclass(frozen=True)
 class TrainingParameters:
-    """Stochastic gradient descent, and what it sees.
+    """Parameters of stochastic gradient descent, augmentation and prediction.
 
     Parameters
     ----------
     epochs : int, default 80
         Passes over the training objects (luo2019: 150).
     copies : int, default 1
-        How often each training object is met in an epoch, changed anew each time (luo2019 does not say). More make
-        training longer in the same number of epochs, which the schedule "halving" counts.
+        Augmented copies of each training object per epoch (luo2019: not specified). Larger lengthens the epochs, which
+        the schedule "halving" counts.
     batch_size : int, default 32
         Objects per step (luo2019: 32).
     learning_rate : float, default 0.05
-        Greatest rate (luo2019: 0.01 in one place, 0.001 in another).
+        Maximum learning rate (luo2019: 0.01 in one place, 0.001 in another).
     momentum : float, default 0.9
-        Of the gradient (luo2019: 0.9).
+        Momentum (luo2019: 0.9).
     weight_decay : float, default 0.0005
-        Of all weights (luo2019: 0.0005).
+        Weight decay (luo2019: 0.0005).
     clip : float, default 0.0
-        Greatest norm of a step's gradient; longer ones are shortened to it, so that no step of a network without batch
-        normalisation leaves rectifiers without any input that moves them. 0 leaves all as they are (luo2019: not said).
+        Maximum norm of the gradient; larger gradients are clipped, which prevents dead rectifiers in networks without
+        batch normalisation. 0 disables clipping (luo2019: not specified).
     schedule : {"one_cycle", "halving"}, default "one_cycle"
-        The rate rises over the first fifth and falls to 0 as a cosine; or it is halved every 20 epochs (luo2019).
+        Learning rate: rising over the first fifth and falling to 0 as a cosine, or halved every 20 epochs (luo2019).
     label_smoothing : float, default 0.1
-        Share of a target's weight that goes to all classes alike (luo2019: 0).
+        Label smoothing of the cross entropy (luo2019: 0).
     augmentation : AugmentationParameters or mapping
-        How training objects are changed.
+        Augmentation of the training objects.
     n_members : int, default 2
-        Networks that are trained from different starts; their probabilities are averaged (luo2019: 1).
+        Networks of the ensemble, from different initial weights; their probabilities are averaged (luo2019: 1).
     n_turns : int, default 4
-        Headings that an object is looked at from when it is recognised (luo2019: 1).
+        Rotations about z over which predictions are averaged (luo2019: 1).
     validation : float, default 0.0
-        Share of the training objects that are held out for early stopping; 0 trains on all to the last epoch.
+        Share of the training objects held out for early stopping; 0 trains on all objects to the last epoch.
     patience : int, default 30
-        Epochs without a lower loss on the held-out objects after which training stops.
+        Epochs without improvement of the held-out loss after which training stops.
     device : {"auto", "cpu", "cuda"}, default "auto"
-        Where the network runs; "auto" takes a GPU where there is one.
+        Device of the network; "auto" is a GPU if there is one.
     mixed_precision : bool, default True
-        Whether a GPU computes in bfloat16 where that is enough.
+        Use mixed precision with bfloat16 on a GPU.
     seed : int, default 2019
-        Seed of starts, order, changes and held-out objects.
+        Seed of initial weights, order, augmentation and held-out objects.
 
     Raises
     ------
     ParameterError
-        If a number is outside its range or a name is unknown.
+        If a value is outside its domain or a name is unknown.
     """
 
     epochs: int = 80
@@ -261,11 +259,11 @@ class JointNetParameters:
     Parameters
     ----------
     inputs : InputParameters or mapping
-        What it sees of an object.
+        Inputs of the network.
     network : NetworkParameters or mapping
-        Its layers.
+        Layers.
     training : TrainingParameters or mapping
-        How it is trained.
+        Training and prediction.
     """
 
     inputs: InputParameters = field(default_factory=InputParameters)
@@ -283,7 +281,7 @@ class JointNetParameters:
                 object.__setattr__(self, name, kind(**getattr(self, name)))
 
     def with_views(self, *views: str) -> Self:
-        """Return the parameters of a network that sees other images.
+        """Return the parameters with other views.
 
         Parameters
         ----------
@@ -293,6 +291,6 @@ class JointNetParameters:
         Returns
         -------
         JointNetParameters
-            The parameters, all else alike.
+            The parameters with these views.
         """
         return replace(self, inputs=replace(self.inputs, views=list(views)))
