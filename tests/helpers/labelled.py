@@ -1,4 +1,4 @@
-"""What a labelled file must be: codes of the standard, confidences, and every point and attribute of the original."""
+"""Checks of labelled files: standard codes, confidences, and all points and attributes of the original."""
 
 import numpy as np
 import yaml
@@ -26,7 +26,7 @@ def check_labels(las, n_points):
 
 
 def check_same_points(written, original):
-    """Every dimension of the original is in the result, in its place."""
+    """Check that the result has every dimension of the original, in the same order."""
     for name in original.point_format.dimension_names:
         if name in ("classification", "scan_angle_rank", "raw_classification"):
             continue

@@ -1,4 +1,4 @@
-"""Planted objects, and models of all recognisers that learned them in seconds."""
+"""Planted objects, and quickly trained models of all recognisers."""
 
 from mlsroad_pipeline.algorithms.baselines.pointnet.parameters import PointNetParameters
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
@@ -29,7 +29,7 @@ PARAMETERS = {
     "hierarchy_descriptor": MACHINE,
     "pointnet": PointNetParameters(n_points=32, widths=[16, 16, 32], hidden=[16, 16], epochs=25, learning_rate=0.01),
 }
-"""JointNet and its four rivals, with settings for planted objects."""
+"""JointNet and its four baselines, with settings for planted objects."""
 
 
 def pole(rng, place, n=60):

@@ -1,10 +1,10 @@
-"""Accumulation images written out point by point."""
+"""Reference implementation of accumulation images, point by point."""
 
 import numpy as np
 
 
 def normalised(points, isotropic=False, window=None):
-    """Points in [-1, 1] x [-1, 1] x [0, 2]."""
+    """Return points scaled to [-1, 1] x [-1, 1] x [0, 2]."""
     points = np.asarray(points, dtype=np.float64)
     low, high = points.min(axis=0), points.max(axis=0)
     if window is not None:
@@ -21,7 +21,7 @@ def normalised(points, isotropic=False, window=None):
 
 
 def images(points, sizes, isotropic=False, window=None, relative=True, bilinear=False):
-    """HSSI, VQAI and VAAI of the whole and of the slices, as lists of arrays."""
+    """Return HSSI, VQAI and VAAI of the whole and of the slices as lists of arrays."""
     unit = normalised(points, isotropic, window)
     parts = [(unit, np.ones(len(unit), bool))]
     for s in range(4):

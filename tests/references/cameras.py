@@ -1,10 +1,10 @@
-"""Slow, obvious re-implementations for tests of cameras, visibility and fusion."""
+"""Brute-force references for cameras, visibility and fusion."""
 
 import numpy as np
 
 
 def nearest_disc(u, v, z, *, focal, diameter, width, height, largest=12.0):
-    """Return the row of the nearest disc in each cell: every cell asks every point."""
+    """Return the row of the nearest disc in each cell by testing all points."""
     index = np.full((height, width), -1)
     for y in range(height):
         for x in range(width):
@@ -23,7 +23,7 @@ def nearest_disc(u, v, z, *, focal, diameter, width, height, largest=12.0):
 
 
 def seen_past_rectangles(points, eye, rectangles):
-    """Tell which points no rectangle (x, y and z ranges, one of them empty) stands before."""
+    """Return which points no rectangle (x, y and z ranges, one of them empty) occludes."""
     free = np.ones(len(points), dtype=bool)
     for rectangle in rectangles:
         low, high = np.asarray(rectangle, float)

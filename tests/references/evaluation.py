@@ -1,10 +1,10 @@
-"""Slow, obvious re-implementations that the fast code is compared with."""
+"""Brute-force references for confusion matrices and splatting."""
 
 import numpy as np
 
 
 def confusion_matrix(truth, predicted, n_classes):
-    """Count one point at a time."""
+    """Return the confusion matrix, one point at a time."""
     matrix = np.zeros((n_classes, n_classes + 1), dtype=np.int64)
     for t, p in zip(truth, predicted, strict=True):
         if t >= 0:
@@ -13,7 +13,7 @@ def confusion_matrix(truth, predicted, n_classes):
 
 
 def splat(pixels, depth, sides, shape):
-    """Paint square splats one pixel at a time; the nearest point wins, of equal ones the first."""
+    """Draw square splats one pixel at a time; the nearest point wins, ties go to the first."""
     height, width = shape
     nearest = np.full(shape, np.inf)
     winner = np.full(shape, -1)

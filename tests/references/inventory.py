@@ -1,4 +1,4 @@
-"""Slow, obvious versions of clustering, trajectory and inventory kernels."""
+"""Brute-force references for clustering, trajectories and inventory kernels, and planted objects."""
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 
 def renumber_by_first(labels):
-    """Number labels by the first point that has them."""
+    """Renumber labels by their first point."""
     _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
     rank = np.empty(len(first), int)
     rank[np.argsort(first)] = np.arange(len(first))
@@ -28,7 +28,7 @@ def radius_graph_components(xyz, tolerance, min_points=1):
 
 
 def nearest_on_polyline(points, vertices):
-    """Return distance and running length of the nearest point of an open polyline, by looking at every segment."""
+    """Return distance and running length of the nearest point of an open polyline, by brute force over the segments."""
     a, b = vertices[:-1], vertices[1:]
     along = b - a
     length = np.linalg.norm(along, axis=1)
@@ -44,7 +44,7 @@ def nearest_on_polyline(points, vertices):
 
 
 def planted_pole(base, height, *, tilt_degrees=0.0, azimuth_degrees=0.0, radius=0.06, step=0.04):
-    """Points on a leaning pole's surface, every step metres."""
+    """Return points on the surface of a leaning pole, every `step` metres."""
     lean = np.tan(np.radians(tilt_degrees)) * np.array(
         [np.sin(np.radians(azimuth_degrees)), np.cos(np.radians(azimuth_degrees))]
     )
@@ -56,7 +56,7 @@ def planted_pole(base, height, *, tilt_degrees=0.0, azimuth_degrees=0.0, radius=
 
 
 def planted_box(centre, length, width, height, *, azimuth_degrees=0.0, step=0.07):
-    """Points on the sides and the top of a box that stands at a height; the azimuth is that of its length."""
+    """Return points on the sides and the top of a box at a height; the azimuth is that of its length."""
     x, y, z = (np.linspace(0, 1, int(np.ceil(size / step)) + 1) for size in (length, width, height))
     grid = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
     shell = (grid[:, 0] % 1 == 0) | (grid[:, 1] % 1 == 0) | (grid[:, 2] == 1)
@@ -67,7 +67,7 @@ def planted_box(centre, length, width, height, *, azimuth_degrees=0.0, step=0.07
 
 
 def planted_tree(base, height, crown_radius, step=0.25):
-    """A trunk and the points of a full ellipsoidal crown above 2 m."""
+    """Return points of a trunk and of a filled ellipsoidal crown above 2 m."""
     half = (height - 2.0) / 2
     n = int(np.ceil(max(half, crown_radius) / step))
     grid = np.stack(np.meshgrid(*[np.arange(-n, n + 1) * step] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -77,7 +77,7 @@ def planted_tree(base, height, crown_radius, step=0.25):
 
 
 def scanned_street(rng, *, rate=75.0, pulses=24_000, seconds=4.0, yaw=45.0, pitch=20.0, lever=(0, 0, 0), walls=True):
-    """Points and times of one line scanner on a van that drives an arc between two walls over flat ground.
+    """Return points and times of one line scanner on a van that drives an arc between two walls over flat ground.
 
     Returns points (n, 3), times (n,), and the scanner's true centre at those times (n, 3).
     """
@@ -107,7 +107,7 @@ def scanned_street(rng, *, rate=75.0, pulses=24_000, seconds=4.0, yaw=45.0, pitc
 
 
 def least_rectangle_area(xy, step=0.05):
-    """Return the area of the least rectangle around points, by trying every direction."""
+    """Return the area of the minimum rectangle around points, by a search over directions."""
     areas = []
     for angle in np.radians(np.arange(0, 90, step)):
         turned = xy @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -116,7 +116,7 @@ def least_rectangle_area(xy, step=0.05):
 
 
 def closeness(xy, degrees, *, near=0.05, stray=0.004):
-    """Return the closeness criterion of Zhang et al. 2017 for a direction, sides moved in past stray points."""
+    """Return the closeness criterion of Zhang et al. 2017 for a direction, with trimmed sides."""
     angle = np.radians(degrees)
     total = 0.0
     along = [float(x * np.cos(angle) + y * np.sin(angle)) for x, y in xy]
@@ -130,7 +130,7 @@ def closeness(xy, degrees, *, near=0.05, stray=0.004):
 
 
 def seen_cylinder(base, height, radius, *, tilt=0.0, lean=0.0, seen_from=0.0, arc=180.0, noise=0.0, seed=0, n=3000):
-    """Points on the side of a leaning cylinder that faces an azimuth; angles in degrees."""
+    """Return points on the side of a leaning cylinder that faces an azimuth; angles in degrees."""
     rng = np.random.default_rng(seed)
     azimuth = np.radians(seen_from + rng.uniform(-arc / 2, arc / 2, n))
     along = rng.uniform(0, height, n)
@@ -141,7 +141,7 @@ def seen_cylinder(base, height, radius, *, tilt=0.0, lean=0.0, seen_from=0.0, ar
 
 
 def planted_sign(base, *, facing, bottom=2.2, size=0.7, standoff=0.06, disc=True, seed=0):
-    """A panel before its post: points of both, the panel's middle standoff before the post's axis."""
+    """Return points of a panel and its post, with the panel `standoff` in front of the axis of the post."""
     rng = np.random.default_rng(seed)
     post = seen_cylinder(np.zeros(3), bottom + size, 0.03, seen_from=facing, seed=seed, n=600)
     uv = rng.uniform(-size / 2, size / 2, (1500, 2))

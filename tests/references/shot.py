@@ -1,10 +1,10 @@
-"""SHOT and layers written out point by point."""
+"""Reference implementations of SHOT and of layer features, point by point."""
 
 import numpy as np
 
 
 def shot(points, normals, radius):
-    """Descriptor about the origin; shares by tents of one bin's width around the middles of the bins."""
+    """Return the descriptor at the origin, with triangular weights of one bin width around bin centres."""
     distance = np.linalg.norm(points, axis=1)
     inside = distance <= radius
     points, normals, distance = points[inside], normals[inside], distance[inside]
@@ -16,7 +16,7 @@ def shot(points, normals, radius):
     y = np.cross(z, x)
 
     def shares(place, n, circular=False):
-        """Share of each bin, places being 0 to n."""
+        """Return the share of each bin for positions 0 to n."""
         middles = np.arange(n) + 0.5
         away = np.abs((place if circular else np.clip(place, 0.5, n - 0.5)) - middles)
         away = np.minimum(away, n - away) if circular else away
@@ -37,7 +37,7 @@ def shot(points, normals, radius):
 
 
 def layers(points, n_layers):
-    """Ten numbers of each layer."""
+    """Return ten features of each layer."""
     plan = points[:, :2] - points[:, :2].mean(axis=0)
     vectors = np.linalg.eigh(np.cov(plan.T))[1]
     a, b = plan @ vectors[:, 1], plan @ vectors[:, 0]

@@ -1,4 +1,4 @@
-"""The sections of the report of a comparison."""
+"""Sections of the report of a comparison."""
 
 import numpy as np
 import pandas as pd
@@ -45,6 +45,6 @@ def test_page_has_the_tables_of_the_tasks_then_the_methods_then_the_stages():
         tasks=["comparison", "image_comparison"],
     )
     titles = [section.title for section in sections]
-    assert titles[:3] == ["What was run", "All labellers", "Labels through images, and their fusion"]
+    assert titles[:3] == ["Run", "Labelling methods", "Image-based labelling and fusion"]
     assert titles[3:5] == ["one", "one: scores per class"] and set(titles[5:]) == set(STAGE_TITLES.values())
     assert "Confusion matrix" in sections[3].body()

@@ -1,1 +1,1 @@
-"""Pictures of point clouds and of scores."""
+"""Figures of point clouds and scores, and HTML reports."""

@@ -1,4 +1,4 @@
-"""The report on a survey's files: figures as plain data, and a page to read."""
+"""Report on the files of a survey: warnings, facts as plain data, and an HTML page."""
 
 from __future__ import annotations
 
@@ -25,53 +25,55 @@ ASPRS = {
     **{11: "road surface", 13: "wire guard", 14: "wire conductor", 15: "transmission tower", 16: "wire connector"},
     **{17: "bridge deck", 18: "high noise"},
 }
-"""Names of the standard codes of a LAS file's `classification`."""
+"""Names of the standard codes of `classification` in LAS files."""
 
 MOST_PICTURES = 12
+"""Maximum number of maps in the report."""
+
 MANY = 4
-"""A warning that this many files share is told once."""
+"""Number of files from which a shared warning is listed once."""
 
 
 def survey_warnings(files: Sequence[FileInspection], unread: Mapping[str, str]) -> pd.DataFrame:
-    """List what a user should know."""
-    found = [(name, f"cannot be read: {reason}") for name, reason in unread.items()]
-    found += _gathered([(file.name, warning) for file in files for warning in file.warnings], len(files))
+    """Return the warnings of all files, and those on differences between files."""
+    rows = [(name, f"cannot be read: {reason}") for name, reason in unread.items()]
+    rows += _gathered([(file.name, warning) for file in files for warning in file.warnings], len(files))
     systems = {file.info.crs: file.name for file in reversed(files)}
     if len(systems) > 1:
         examples = "; ".join(f"{name}: {crs_label(crs)}" for crs, name in systems.items())
-        found.append((files[0].name, f"files have different coordinate reference systems ({examples})"))
+        rows.append((files[0].name, f"files have different coordinate reference systems ({examples})"))
     columns: dict[tuple[str, ...], str] = {}
     for file in files:
         columns.setdefault(tuple(sorted(file.facts["columns"])), file.name)
     if len(columns) > 1:
         n_files = Counter(name for names in columns for name in names)
         some = sorted(name for name, count in n_files.items() if count < len(columns))
-        found.append((files[0].name, f"only some of the files have {', '.join(some)}"))
-    return pd.DataFrame(found, columns=["file", "warning"])
+        rows.append((files[0].name, f"only some of the files have {', '.join(some)}"))
+    return pd.DataFrame(rows, columns=["file", "warning"])
 
 
-def _gathered(found: Sequence[tuple[str, str]], n_files: int) -> list[tuple[str, str]]:
-    """Say once what is so in many files."""
+def _gathered(rows: Sequence[tuple[str, str]], n_files: int) -> list[tuple[str, str]]:
+    """Return the warnings with those shared by many files merged into one."""
     names: dict[str, list[str]] = {}
-    for name, warning in found:
+    for name, warning in rows:
         names.setdefault(warning, []).append(name)
     return [
         (
             f"{len(names[warning])} of {n_files} files, the first {name}" if len(names[warning]) >= MANY else name,
             warning,
         )
-        for name, warning in found
+        for name, warning in rows
         if len(names[warning]) < MANY or name == names[warning][0]
     ]
 
 
 def crs_label(crs: str | None) -> str:
-    """Return the beginning of a CRS for a message."""
+    """Return a short name of a CRS for messages."""
     return "none" if crs is None else crs.partition('"')[2].partition('"')[0] or crs[:40]
 
 
 def survey_facts(survey: str, files: Sequence[FileInspection], warnings: pd.DataFrame) -> dict[str, Any]:
-    """Return all figures of a survey as plain data."""
+    """Return the facts of a survey as plain data."""
     return {
         "survey": survey,
         "n_points": sum(file.facts["n_points"] for file in files),
@@ -91,12 +93,12 @@ def survey_page(survey: str, files: Sequence[FileInspection], warnings: pd.DataF
         "formats": ", ".join(sorted({_kind(fact) for fact in facts})) or "none",
         "coordinate reference system": ", ".join(systems) or "none",
     }
-    told = [f"{row.file}: {row.warning}" for row in warnings.itertuples()]
+    messages = [f"{row.file}: {row.warning}" for row in warnings.itertuples()]
     pictures = {f"{file.name}": survey_map_figure(file.picture) for file in files[:MOST_PICTURES]}
     some = f": the first {MOST_PICTURES} of {len(files)} files" if len(files) > MOST_PICTURES else ""
     sections: list[Section] = [
         FactsSection("Survey", summary),
-        WarningsSection("Warnings", told),
+        WarningsSection("Warnings", messages),
         TableSection("Files", pd.DataFrame([_file_row(fact) for fact in facts])),
         FiguresSection(f"From above{some}", pictures),
         TableSection("Columns", pd.DataFrame([row for fact in facts for row in _column_rows(fact)])),

@@ -1,4 +1,4 @@
-"""The rivals of JointNet: planted shapes are told apart, models survive as arrays, bad input is named."""
+"""Baselines of JointNet: separation of planted shapes, models as arrays, error messages."""
 
 import numpy as np
 import pytest

@@ -8,6 +8,7 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.palette import HIT_COLOUR, MISSED_COLOUR, WRONG_COLOUR
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.detection.outcomes import FALSE, MISSED, RIGHT, detection_outcomes
 from mlsroad_pipeline.algorithms.detection.references import wanted_objects, without_reference
 from mlsroad_pipeline.algorithms.detection.scoring import (
     DetectionParameters,
@@ -31,13 +32,7 @@ from mlsroad_pipeline.algorithms.segmentation.stage import (
     segment_scene,
     segmentation_table,
 )
-from mlsroad_pipeline.reporting.clouds.detection_pictures import (
-    FALSE,
-    MISSED,
-    RIGHT,
-    detection_figure,
-    detection_outcomes,
-)
+from mlsroad_pipeline.reporting.clouds.detection_pictures import detection_figure
 
 SCHEME = ClassScheme(
     "test", ("pole", "car", "other"), (("light_pole",), ("car",), ("road", "tree")), ("unlabelled",), (64, 66, 1)

@@ -1,4 +1,4 @@
-"""The fusion as a model: how scenes are divided, what is stored, and what a stored model gives."""
+"""Fusion as a model: division of scenes, stored arrays, and labels of a stored model."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The labeller through images on planted scenes; what the network says is given, the network has tests of its own."""
+"""Image-based labeller on planted scenes, with a stub of the network."""
 
 import numpy as np
 import pytest

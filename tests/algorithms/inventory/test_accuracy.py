@@ -1,4 +1,4 @@
-"""Errors of the inventory: planted ones come out as planted, and those on a simulated street are small."""
+"""Errors of the inventory: planted errors are recovered, those on a simulated street are small."""
 
 from dataclasses import replace
 

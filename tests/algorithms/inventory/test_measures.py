@@ -1,4 +1,4 @@
-"""Axes, circles, panels and boxes of objects: closed forms, slow references, and what was not seen."""
+"""Axes, circles, panels and boxes of objects: closed forms, brute force, and hidden parts."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The confusion matrix and the figures read off it, against scikit-learn."""
+"""Confusion matrix and its scores against scikit-learn."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Disturbances of objects: their levels are those that are asked for, and the seed decides."""
+"""Disturbances of objects: levels as configured, reproducible by seed."""
 
 import numpy as np
 import pytest

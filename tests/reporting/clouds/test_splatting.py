@@ -1,4 +1,4 @@
-"""The software renderer against painting one pixel at a time, and its invariances."""
+"""Software renderer against a per-pixel reference, and its invariances."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Views: where points fall, in closed form."""
+"""Views: projection of points in closed form."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Figures say what the numbers say."""
+"""Contents of figures against their data."""
 
 import numpy as np
 import pandas as pd

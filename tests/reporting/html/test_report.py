@@ -1,4 +1,4 @@
-"""The report: one file, everything in it, everything escaped."""
+"""Report: one self-contained file with all inputs escaped."""
 
 import base64
 import io
@@ -118,7 +118,7 @@ def test_an_empty_survey_still_gives_a_report():
 
 def test_a_long_table_says_what_it_leaves_out():
     body = TableSection("t", pd.DataFrame({"a": range(10)}), largest=4).body()
-    assert "6 more rows are left out" in body
+    assert "6 more rows are omitted" in body
     assert body.count("<tr>") == 5
 
 

@@ -33,16 +33,18 @@ class Checkpoints(Protocol):
     """Storage of training states, one per network."""
 
     def load(self, name: str) -> dict[str, Any] | None:
-        """Return the state of a network; None where none was saved.
-
-        Raises
-        ------
-        ReadError
-            If the state is damaged.
-        """
+        """Return the state of a network, None if none was saved; raise ReadError if it is damaged."""
 
     def save(self, name: str, state: dict[str, Any]) -> None:
-        """Replace the state of a network, whole or not at all."""
+        """Replace the state of a network atomically.
+
+        Parameters
+        ----------
+        name : str
+            Name of the network.
+        state : dict
+            Tensors and plain values.
+        """
 
     def locate(self, name: str) -> str:
         """Return the place of a state for messages."""

@@ -1,1 +1,1 @@
-"""Pictures of point clouds by splatting."""
+"""Rendering of point clouds by splatting."""

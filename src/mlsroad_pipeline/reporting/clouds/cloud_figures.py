@@ -1,4 +1,4 @@
-"""Pictures of labelled clouds for reports: truth, prediction and errors of one place under one view, with a legend."""
+"""Figures of labelled clouds: truth, prediction and errors in one view, with a legend."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ _OWN_LEGENDS = {
     "errors": ("Errors", (("right", CORRECT_COLOUR), ("wrong", WRONG_COLOUR))),
     "detections": ("Detections", (("right", HIT_COLOUR), ("missed", MISSED_COLOUR), ("false", WRONG_COLOUR))),
 }
-"""Panels whose colours are no classes, to the heading and the entries of their legend."""
+"""Panels whose colours are not classes, to the heading and entries of their legend."""
 
 
 def _labels(values: ArrayLike, n_points: int, n_classes: int, name: str) -> NDArray[np.int64]:
-    """Return labels as int64 that may index a palette."""
+    """Return validated labels as int64 indices of a palette."""
     labels = check_column(values, n_points, name).astype(np.int64)
     if len(labels) and not (labels.min() >= -1 and labels.max() < n_classes):
         raise DataError(f"{name} labels must be in -1..{n_classes - 1}, got {labels.min()}..{labels.max()}")
@@ -56,10 +56,9 @@ def _labels(values: ArrayLike, n_points: int, n_classes: int, name: str) -> NDAr
 def _seen(
     points: NDArray[np.floating], large: View, splat_metres: float, reach: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Return the point that each pixel shows and how bright it is; of the last views it is known.
+    """Return the point and the brightness of each pixel; the last views are cached.
 
-    Every method of a comparison has its picture of the same points from the same places, and finding what is seen takes
-    most of the time.
+    All methods of a comparison are drawn with the same points and views, and visibility takes most of the time.
     """
     digest = hashlib.blake2b(np.ascontiguousarray(points).data, digest_size=16)
     place = (large.rotation.tolist(), large.centre.tolist(), large.scale, large.size, large.perspective)
@@ -70,12 +69,12 @@ def _seen(
             return _LAST_SEEN[key]
     index, depth = nearest_points(points, large, splat_metres=splat_metres)
     index, depth = close_gaps(index, depth, reach=reach)
-    found = index, depth_shading(depth, large)
+    rendered = index, depth_shading(depth, large)
     with _LOCK:
-        _LAST_SEEN[key] = found
+        _LAST_SEEN[key] = rendered
         while len(_LAST_SEEN) > _VIEWS_KEPT:
             _LAST_SEEN.popitem(last=False)
-    return found
+    return rendered
 
 
 def labelling_pictures(
@@ -88,7 +87,7 @@ def labelling_pictures(
     splat_metres: float = 0.05,
     oversampling: int = 2,
 ) -> dict[str, NDArray[np.uint8]]:
-    """Paint truth, prediction and errors of one cloud; what each pixel shows is found once.
+    """Render truth, prediction and errors of a cloud in one view.
 
     Raises
     ------
@@ -113,7 +112,7 @@ def labelling_pictures(
 def detection_pictures(
     xyz: ArrayLike, view: View, *, classes: ClassScheme | tuple[str, ...], truth: ArrayLike, outcomes: ArrayLike
 ) -> dict[str, NDArray[np.uint8]]:
-    """Paint what was looked for in a cloud, and what of it was found.
+    """Render the reference objects and the detections of a cloud in one view.
 
     Raises
     ------
@@ -136,7 +135,7 @@ def _painted(
     splat_metres: float,
     oversampling: int,
 ) -> dict[str, NDArray[np.uint8]]:
-    """Paint one cloud in several colourings; what each pixel shows is found once."""
+    """Render a cloud in several colourings; visibility is computed once."""
     index, shade = _seen(points, view.enlarged(oversampling), splat_metres, 3 * oversampling)
     return {name: shaded_picture(index, shade, paint, oversampling=oversampling) for name, paint in colours.items()}
 
@@ -155,7 +154,7 @@ def cloud_figure(
     present: ArrayLike | None = None,
     title: str = "",
 ) -> Figure:
-    """Lay pictures of one view out with a legend and, where the view has one scale, a scale bar.
+    """Arrange pictures of one view with a legend and, for orthographic views, a scale bar.
 
     Raises
     ------
@@ -213,23 +212,23 @@ def _draw_scale_bar(axes, view: View) -> None:  # type: ignore[no-untyped-def]  
 
 
 def _legend_height(n_entries: int) -> float:
-    """Return the inches that a legend takes with its title and the gap below it."""
+    """Return the height of a legend with its title and the gap below it, inches."""
     return 0.45 + 0.185 * n_entries
 
 
 def _legend_entries(classes: ClassScheme | tuple[str, ...], present: ArrayLike | None) -> list[tuple[str, ArrayLike]]:
-    """Return the names and colours of the classes that are shown."""
+    """Return names and colours of the classes in the figure."""
     names = classes.classes if isinstance(classes, ClassScheme) else tuple(classes)
     palette = class_palette(classes)
-    wanted = set(range(len(names))) if present is None else {int(label) for label in np.unique(np.asarray(present))}
+    shown = set(range(len(names))) if present is None else {int(label) for label in np.unique(np.asarray(present))}
     entries: list[tuple[str, ArrayLike]] = [
-        (name.replace("_", " "), palette[k]) for k, name in enumerate(names) if k in wanted
+        (name.replace("_", " "), palette[k]) for k, name in enumerate(names) if k in shown
     ]
     return [*entries, ("ignored", np.array(IGNORED_COLOUR))]
 
 
 def _legend(figure: Figure, entries: Sequence[tuple[str, ArrayLike]], title: str, top: float) -> None:
-    """Name colours at the figure's right."""
+    """Draw a legend at the right of the figure."""
     handles = [Patch(facecolor=rgb_to_hex(c), edgecolor="#9aa0aa", linewidth=0.4, label=name) for name, c in entries]
     left = 1 - (_LEGEND_INCHES + 0.02) / figure.get_figwidth()
     figure.legend(

@@ -1,4 +1,4 @@
-"""Contact sheets of street objects: every design drawn several times, as a photograph or as a survey sees it."""
+"""Contact sheets of the designs of street objects, as photographs or as scanned points."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mlsroad_pipeline.simulation.model.design import Design
 from mlsroad_pipeline.simulation.model.meshes import BLUE, LABEL, RED, Mesh
 
 _SUN = np.array([0.35, -0.62, 0.70])
-_SKY = 0.45  # light that reaches a face in the shade, over that of the sun
+_SKY = 0.45  # ambient light relative to that of the sun
 
 
 def _rays(origins: NDArray, directions: NDArray) -> NDArray[np.float32]:
@@ -38,14 +38,14 @@ def _ray_scene(mesh: Mesh) -> o3d.t.geometry.RaycastingScene:
 
 
 def _cast(scene: o3d.t.geometry.RaycastingScene, rays: NDArray[np.float32]) -> tuple[NDArray, NDArray, NDArray]:
-    answer = scene.cast_rays(o3d.core.Tensor.from_numpy(rays))
-    distance = answer["t_hit"].numpy()
+    hits = scene.cast_rays(o3d.core.Tensor.from_numpy(rays))
+    distance = hits["t_hit"].numpy()
     hit = np.flatnonzero(np.isfinite(distance))
-    return hit, distance[hit], answer["primitive_ids"].numpy()[hit].astype(np.int64)
+    return hit, distance[hit], hits["primitive_ids"].numpy()[hit].astype(np.int64)
 
 
 def _sunlit(scene: o3d.t.geometry.RaycastingScene, mesh: Mesh, places: NDArray, face: NDArray) -> NDArray[np.uint8]:
-    """Return the colours of places in sun and sky, as a display shows them."""
+    """Return the display colours of places in sunlight and ambient light."""
     a, b, c = (mesh.vertices[mesh.faces[face, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-12
@@ -57,7 +57,7 @@ def _sunlit(scene: o3d.t.geometry.RaycastingScene, mesh: Mesh, places: NDArray, 
 
 
 def _axes(azimuth: float, elevation: float) -> tuple[NDArray, NDArray, NDArray]:
-    """Return what is right, up and towards the viewer in a picture."""
+    """Return the right, up and backward axes of a picture."""
     right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     level = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
     back = np.cos(elevation) * level + np.array([0.0, 0.0, np.sin(elevation)])
@@ -68,7 +68,7 @@ def photograph(
     mesh: Mesh, *, size: tuple[int, int] = (240, 240), span: float | None = None, azimuth: float = -0.6,
     elevation: float = 0.2,
 ) -> NDArray[np.uint8]:  # fmt: skip
-    """Paint a mesh in the sun, seen in parallel projection with its foot near the lower edge.
+    """Render a mesh in sunlight in parallel projection, with its foot near the lower edge.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def photograph(
     """
     width, height = size
     right, up, back = _axes(azimuth, elevation)
-    # What is let into the ground ends at it; a post has no vertex there.
+    # Parts below the ground are cut off; a post has no vertex at the ground.
     shown = mesh.vertices * [1, 1, 0] + np.maximum(mesh.vertices, 0) * [0, 0, 1]
     x, y = shown @ right, shown @ up
     if span is None:
@@ -101,7 +101,7 @@ def photograph(
 def scan_mesh(
     mesh: Mesh, *, distance: float = 6.0, spacing: float = 0.03, scanner_height: float = 2.3, slant: float = 0.785
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.int64]]:
-    """Scan a mesh as a van does that passes along x, with one scanner ahead and one behind askew.
+    """Scan a mesh from a van driving along x, with one scanner slanted forward and one backward.
 
     Raises
     ------
@@ -124,16 +124,16 @@ def scan_mesh(
         hit, t, face = _cast(scene, rays)
         places.append(rays[hit, :3].astype(np.float64) + t[:, None] * rays[hit, 3:])
         faces.append(face)
-    xyz, found = np.concatenate(places), np.concatenate(faces)
+    xyz, struck = np.concatenate(places), np.concatenate(faces)
     above = xyz[:, 2] >= 0
-    xyz, found = xyz[above], found[above]
-    return xyz, _sunlit(scene, mesh, xyz, found), found
+    xyz, struck = xyz[above], struck[above]
+    return xyz, _sunlit(scene, mesh, xyz, struck), struck
 
 
 def _scanned_picture(
     mesh: Mesh, size: tuple[int, int], labelled: bool, azimuth: float, elevation: float
 ) -> NDArray[np.uint8]:
-    """Paint what a scan of a mesh gives."""
+    """Render the points of a scan of a mesh."""
     xyz, rgb, face = scan_mesh(mesh)
     if labelled:
         names = tuple(TAXONOMY_NAMES.values())
@@ -151,7 +151,7 @@ def design_sheet(
     designs: Sequence[Design], *, seeds: Sequence[int] = (1, 2, 3, 4), cell: tuple[int, int] = (220, 220),
     style: str = "photograph", azimuth: float = -0.6, elevation: float = 0.2,
 ) -> Figure:  # fmt: skip
-    """Lay out several individuals of every design, one row per design.
+    """Draw several individuals of every design, one row per design.
 
     Raises
     ------

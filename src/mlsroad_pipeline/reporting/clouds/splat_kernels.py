@@ -1,15 +1,15 @@
-"""The loops over points and pixels behind `splatting`."""
+"""Kernels of `splatting`."""
 
 import numpy as np
 from numba import njit
 
 NEAR = 0.1
-"""Metres in front of the viewer below which nothing is painted."""
+"""Near clipping distance, metres."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def splat(xyz, first, rotation, scale, perspective, splat_metres, largest, depth, winner):  # type: ignore[no-untyped-def]  # numba infers the types
-    """Paint square splats; the nearest point wins a pixel, of equally near ones the first."""
+    """Draw square splats into a depth buffer; ties go to the first point."""
     height, width = depth.shape
     for i in range(xyz.shape[0]):
         x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
@@ -35,7 +35,7 @@ def splat(xyz, first, rotation, scale, perspective, splat_metres, largest, depth
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def block_minimum(depth, side):  # type: ignore[no-untyped-def]  # numba infers the types
-    """Return the least depth of each block of pixels and the blocks around it."""
+    """Return the minimum depth over each block of pixels and its neighbouring blocks."""
     rows, columns = (depth.shape[0] + side - 1) // side, (depth.shape[1] + side - 1) // side
     own = np.full((rows, columns), np.float32(np.inf))
     for row in range(depth.shape[0]):
@@ -50,8 +50,8 @@ def block_minimum(depth, side):  # type: ignore[no-untyped-def]  # numba infers 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def close(depth, winner, around, side, step, closed_depth, closed_winner):  # type: ignore[no-untyped-def]  # numba infers the types
-    """Give gaps the nearest of the surfaces around them: a pixel lies in a gap if in three of four pairs of opposite
-    sectors there is something nearer than itself. `around` lists offsets (down, right, sector), the closest first.
+    """Fill gaps with the nearest surface around them: a pixel is in a gap if three of the four pairs of opposite
+    sectors contain nearer pixels. `around` lists offsets (down, right, sector), closest first.
     """
     height, width = depth.shape
     least = block_minimum(depth, side)
@@ -79,7 +79,7 @@ def close(depth, winner, around, side, step, closed_depth, closed_winner):  # ty
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def darken(log_depth, radius, strength, shade):  # type: ignore[no-untyped-def]  # numba infers the types
-    """Multiply `shade` by eye-dome lighting: pixels darken by how far their neighbours stand in front of them."""
+    """Multiply `shade` by eye-dome lighting: pixels darken with the depth by which neighbours are in front."""
     height, width = log_depth.shape
     for row in range(height):
         for column in range(width):
@@ -91,14 +91,14 @@ def darken(log_depth, radius, strength, shade):  # type: ignore[no-untyped-def] 
                 for right in range(-1, 2):
                     y, x = row + down * radius, column + right * radius
                     if (down != 0 or right != 0) and 0 <= y < height and 0 <= x < width:
-                        # an empty neighbour is infinitely far: it covers nothing
+                        # empty neighbours are infinitely far and do not occlude
                         covered += max(np.float32(0), own - log_depth[y, x])
             shade[row, column] *= np.exp(-strength * covered * np.float32(0.125))
 
 
 @njit(cache=True, nogil=True)
 def compose(index, shade, colours, background, factor, picture):  # type: ignore[no-untyped-def]  # numba infers the types
-    """Average blocks of factor by factor shaded colours into one pixel."""
+    """Average blocks of `factor` x `factor` shaded pixels into one pixel."""
     height, width, _ = picture.shape
     share = np.float32(1.0 / (factor * factor))
     for row in range(height):

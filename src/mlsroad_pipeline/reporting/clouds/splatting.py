@@ -1,4 +1,4 @@
-"""Pictures of clouds without a graphics card: z-buffered splats, shaded by depth."""
+"""Software rendering of clouds: z-buffered splats with eye-dome lighting."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _CHUNK = 1 << 20
 def nearest_points(
     xyz: ArrayLike, view: View, *, splat_metres: float = 0.05, largest_splat: int = 7
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Find the point that each pixel of a view shows.
+    """Return the nearest point and its depth for each pixel of a view.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def nearest_points(
     rotation = view.rotation.astype(np.float32)
     centre = view.centre.astype(points.dtype)
     for start in range(0, len(points), _CHUNK):
-        # relative to the viewer before float32: UTM-sized coordinates keep their millimetres
+        # subtract the viewpoint before conversion to float32, to keep the millimetres of UTM coordinates
         near = (points[start : start + _CHUNK] - centre).astype(np.float32)
         splat(
             near, start, rotation, np.float32(view.scale), view.perspective, np.float32(splat_metres),
@@ -49,8 +49,8 @@ def close_gaps(
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Close small gaps between the points of one surface.
 
-    Scanners sample far surfaces sparsely: the background, or what stands behind, shows through. A pixel is taken for
-    a gap if in three of the four pairs of opposite sectors around it there is something nearer.
+    Distant surfaces are sampled sparsely, and the background shows through. A pixel is a gap if three of the four pairs
+    of opposite sectors around it contain nearer pixels.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def close_gaps(
 
 
 def _offsets(reach: int) -> NDArray[np.int64]:
-    """Return the pixels around one as (down, right, sector of 45 degrees), the closest first."""
+    """Return the offsets of neighbouring pixels (down, right, sector of 45 degrees), closest first."""
     grid = np.arange(-reach, reach + 1)
     down, right = (side.ravel() for side in np.meshgrid(grid, grid, indexing="ij"))
     sector = np.rint(np.arctan2(down, right) / (np.pi / 4)).astype(np.int64) % 8
@@ -76,9 +76,9 @@ def _offsets(reach: int) -> NDArray[np.int64]:
 
 
 def depth_shading(depth: NDArray[np.float32], view: View, *, strength: float = 1.0) -> NDArray[np.float32]:
-    """Return how bright each pixel stays under eye-dome lighting.
+    """Return the brightness of each pixel under eye-dome lighting.
 
-    Edges in depth are darkened on their far side, which separates things without normals or lamps (Boucheny 2009,
+    Depth edges are darkened on their far side, which separates objects without normals or lights (Boucheny 2009,
     "Visualisation scientifique de grands volumes de données: pour une approche perceptive", chapter 4).
 
     Raises
@@ -94,7 +94,7 @@ def depth_shading(depth: NDArray[np.float32], view: View, *, strength: float = 1
         flat = np.where(seen, np.log2(np.maximum(depth, np.float32(NEAR))), np.inf).astype(np.float32)
         gain = 12.0
     else:
-        # orthographic depths have no natural unit: half a metre counts as one, saturating so that roofs stay legible
+        # orthographic depths: saturating scale, so that roofs stay legible
         flat = np.where(seen, np.log2(1 + 0.5 * np.maximum(depth, 0)), np.inf).astype(np.float32)
         gain = 1.6
     for radius, weight in ((1, 0.6), (3, 0.4)):
@@ -110,7 +110,7 @@ def shaded_picture(
     background: tuple[int, int, int] = (255, 255, 255),
     oversampling: int = 1,
 ) -> NDArray[np.uint8]:
-    """Colour the points that the pixels show, and average the picture down."""
+    """Return the coloured and shaded picture, down-sampled by `oversampling`."""
     rows, columns = (side // oversampling for side in index.shape)
     picture = np.empty((rows, columns, 3), dtype=np.uint8)
     compose(index, shade, colours, np.asarray(background, dtype=np.float32), oversampling, picture)
@@ -129,7 +129,7 @@ def render_points(
     background: tuple[int, int, int] = (255, 255, 255),
     oversampling: int = 2,
 ) -> NDArray[np.uint8]:
-    """Paint a picture of coloured points.
+    """Render coloured points.
 
     Raises
     ------

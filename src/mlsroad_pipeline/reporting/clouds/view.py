@@ -1,4 +1,4 @@
-"""Views of a cloud: where each point falls in a picture, and how deep behind it."""
+"""Views of a cloud: projection of points to pixels and depth."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ _MARGIN = 1.04
 
 @dataclass(frozen=True)
 class View:
-    """A camera without lens: p_view = rotation (p - centre), x to the right, y down, z away from the viewer.
+    """Projection p_view = rotation (p - centre), x to the right, y down, z away from the viewer.
 
     Parameters
     ----------
     rotation : ndarray of shape (3, 3), float64
-        World to view; rows are the picture's right, its down and the direction of sight.
+        World to view; rows are the right and down axes of the picture and the viewing direction.
     centre : ndarray of shape (3,), float64
-        The viewer's place, metres; for orthographic views the point seen at the picture's centre, at depth 0.
+        The viewpoint, metres; for orthographic views the point at the centre of the picture, at depth 0.
     scale : float
         Orthographic: pixels per metre. Perspective: the focal length in pixels.
     size : tuple of int
         Width and height of the picture, pixels.
     perspective : bool
-        Whether far things are smaller.
+        Perspective projection; False is orthographic.
     """
 
     rotation: NDArray[np.float64]
@@ -48,7 +48,7 @@ class View:
 
 
 def check_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Return a picture's size, or say what is wrong with it.
+    """Validate and return the size of a picture.
 
     Raises
     ------
@@ -62,12 +62,12 @@ def check_size(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def _sample(xyz: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return evenly spaced rows, enough for extents: a view need not look at every point."""
+    """Return evenly spaced rows, enough to estimate extents."""
     return xyz[:: max(1, len(xyz) // _SAMPLE)].astype(np.float64)
 
 
 def main_azimuth(xyz: ArrayLike) -> float:
-    """Return the horizontal direction along which the points extend most.
+    """Return the horizontal direction of largest variance.
 
     Raises
     ------
@@ -86,21 +86,21 @@ def main_azimuth(xyz: ArrayLike) -> float:
 def _extent(
     points: NDArray[np.floating], middle: NDArray[np.float64], axes: NDArray[np.float64], trim: float
 ) -> NDArray[np.float64]:
-    """Return the least and the largest coordinate along two axes, leaving out a share of the points at each end."""
+    """Return the trimmed minimum and maximum along two axes."""
     if trim:
         return np.quantile((_sample(points) - middle) @ axes.T, [trim, 1 - trim], axis=0)
-    found = np.array([[np.inf, np.inf], [-np.inf, -np.inf]])
+    limits = np.array([[np.inf, np.inf], [-np.inf, -np.inf]])
     for start in range(0, len(points), _CHUNK):
         across = (points[start : start + _CHUNK] - middle) @ axes.T
-        found[0] = np.minimum(found[0], across.min(axis=0))
-        found[1] = np.maximum(found[1], across.max(axis=0))
-    return found
+        limits[0] = np.minimum(limits[0], across.min(axis=0))
+        limits[1] = np.maximum(limits[1], across.max(axis=0))
+    return limits
 
 
 def birds_eye_view(
     xyz: ArrayLike, *, width: int = 1600, height: int | None = None, azimuth: float | None = None, trim: float = 0.0
 ) -> View:
-    """Look straight down at a whole cloud.
+    """Return an orthographic view of a whole cloud from above.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def birds_eye_view(
 def look_at(
     eye: ArrayLike, target: ArrayLike, *, size: tuple[int, int] = (1600, 900), field_of_view: float = 50.0
 ) -> View:
-    """Look from one place to another with perspective, the picture's top upwards.
+    """Return a perspective view from one point to another, with the vertical upwards.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def look_at(
         raise ParameterError(f"a view needs a target other than its own place {place.tolist()}")
     forward = (aim - place) / distance
     right = np.cross(forward, [0.0, 0.0, 1.0])
-    # straight up or down has no horizon: the x axis is taken as right
+    # vertical views have no horizon: x is the right axis
     right = np.array([1.0, 0.0, 0.0]) if np.linalg.norm(right) < 1e-9 else right / np.linalg.norm(right)
     rotation = np.stack([right, np.cross(forward, right), forward])
     return View(rotation, place, size[0] / 2 / float(np.tan(np.radians(field_of_view) / 2)), size, True)
@@ -159,14 +159,14 @@ def oblique_view(
     length: float = 70.0,
     field_of_view: float = 50.0,
 ) -> View:
-    """Look down at a stretch of the street in perspective.
+    """Return an oblique perspective view of a stretch of the street.
 
     Raises
     ------
     DataError
         If `xyz` is not (n, 3), empty or not finite.
     ParameterError
-        If a length is not positive, the elevation outside (0, 90), or what `look_at` refuses.
+        If a length is not positive, the elevation is outside (0, 90), or an argument of `look_at` is invalid.
     """
     points = _sample(check_xyz(xyz, minimum=1))
     check_positive(length, "length")

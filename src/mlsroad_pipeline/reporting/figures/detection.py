@@ -1,4 +1,4 @@
-"""Figures of detectors: precision against recall."""
+"""Precision-recall curves of detectors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Curve = tuple[NDArray, NDArray, NDArray]
 
 
 def precision_recall_figure(curves: Mapping[str, Curve], *, title: str) -> Figure:
-    """Draw precision against recall as the threshold on the score falls."""
+    """Draw the precision-recall curve of each class."""
     figure = empty_figure(5.2, 4.2)
     axes = figure.add_subplot()
     for number, (name, (_, precision, recall)) in enumerate(curves.items()):

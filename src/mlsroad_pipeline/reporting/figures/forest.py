@@ -11,9 +11,9 @@ from mlsroad_pipeline.reporting.figures.training import importance_figure, oob_f
 
 def forest_figures(classifier: DetrendedForestClassifier) -> tuple[Figure, Figure]:
     """Draw the feature importances and the out-of-bag error of a forest."""
-    found = classifier.feature_importances_
+    importances = classifier.feature_importances_
     curve = classifier.oob_error_curve_
     return (
-        importance_figure(list(found.values()), names=list(found), title="Feature importances"),
+        importance_figure(list(importances.values()), names=list(importances), title="Feature importances"),
         oob_figure(np.arange(1, len(curve) + 1), curve, chosen=len(curve), title="Out-of-bag error"),
     )

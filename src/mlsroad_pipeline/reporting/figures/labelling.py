@@ -26,12 +26,12 @@ def scene_figures(
     scored: ClassScheme,
     title: str,
 ) -> dict[str, Figure]:
-    """Draw truth, prediction and errors of neighbouring scenes from above and from the side."""
+    """Draw truth, prediction and errors of neighbouring scenes in bird's-eye and oblique view."""
     origin = scenes[0].origin
     xyz = np.concatenate([scene.moved_to(origin).xyz[scene["core"]] for scene in scenes])
     truth = np.concatenate([scored.encode(s["label"][s["core"]], source=s.source) for s in scenes])
     predicted = np.concatenate(
-        [coarse_labels(found["label"][s["core"]], trained, scored) for s, found in zip(scenes, labels, strict=True)]
+        [coarse_labels(mine["label"][s["core"]], trained, scored) for s, mine in zip(scenes, labels, strict=True)]
     )
     views = {"birds_eye": birds_eye_view(xyz), "perspective": oblique_view(xyz)}
 

@@ -1,4 +1,4 @@
-"""Figures of scores: confusion matrix, bars per class."""
+"""Figures of scores: confusion matrix and bars per class."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ TITLES = {"precision": "Precision", "recall": "Recall", "f1": "F1", "iou": "IoU"
 
 
 def _per_cent(share: float) -> str:
-    """Write a share as per cent with one decimal; what is there is never written as 0."""
+    """Format a share as per cent with one decimal; positive shares are never shown as 0."""
     return "<0.1" if share < 0.0005 else f"{100 * share:.1f}"
 
 
 def short_count(count: int) -> str:
-    """Write a count in at most four characters and a unit.
+    """Format a count with at most four characters and a unit.
 
     Examples
     --------
@@ -45,12 +45,12 @@ def short_count(count: int) -> str:
 
 
 def confusion_figure(matrix: NDArray[np.integer], *, classes: Sequence[str], title: str = "") -> Figure:
-    """Draw a confusion matrix: shares of each true class as colour and per cent, with the counts.
+    """Draw a confusion matrix with the shares of each true class and the counts.
 
     Raises
     ------
     DataError
-        If the matrix has another number of classes or is no confusion matrix.
+        If the matrix is not a confusion matrix of this number of classes.
     """
     support = scores(matrix).support
     if len(classes) != len(support):
@@ -94,7 +94,7 @@ def class_bars_figure(frame: pd.DataFrame, *, split: str, title: str = "") -> Fi
     Raises
     ------
     DataError
-        If the table is no table of scores, or has no per-class figures of the split.
+        If the table is not a table of scores, or has no scores per class of the split.
     """
     table = check_scores(frame)
     table = table[(table["split"] == split) & (table["class"] != ALL) & table["metric"].isin(CLASS_METRICS)]
@@ -122,7 +122,7 @@ def class_bars_figure(frame: pd.DataFrame, *, split: str, title: str = "") -> Fi
 
 
 def _bars(axes: Axes, values: NDArray[np.float64]) -> None:
-    """Draw groups of bars; with one method, write the values above them."""
+    """Draw groups of bars, with values above them for a single method."""
     n_classes, n_methods = values.shape
     width = 0.8 / n_methods
     for k in range(n_methods):

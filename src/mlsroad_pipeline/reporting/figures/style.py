@@ -1,4 +1,4 @@
-"""What figures have in common: canvas, axes, colours of series, names of classes."""
+"""Common style of figures: canvas, axes, colours of series, names of classes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _DPI = 150
 GRID = "#e3e6eb"
 """Colour of the lines of a grid."""
 SERIES = ("#1f4e96", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#7f7f7f", "#f0e442")
-"""Colours of methods in bars: Okabe and Ito's, which stay apart under colour blindness."""
+"""Colours of methods in bars, distinguishable under colour blindness (Okabe and Ito)."""
 
 
 def empty_figure(width: float, height: float) -> Figure:
@@ -25,7 +25,7 @@ def empty_figure(width: float, height: float) -> Figure:
 
 
 def tidy_axes(axes: Axes) -> None:
-    """Leave only the lines that are read."""
+    """Remove the top and right spines, and apply the style of ticks."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color("#9aa0aa")
     axes.tick_params(which="both", colors=INK, labelsize=8, length=3, color="#9aa0aa")
@@ -33,5 +33,5 @@ def tidy_axes(axes: Axes) -> None:
 
 
 def shown_names(names: Sequence[str]) -> list[str]:
-    """Write names as a reader wants them."""
+    """Return names with spaces in place of underscores."""
     return [name.replace("_", " ") for name in names]

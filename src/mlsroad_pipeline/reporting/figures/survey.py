@@ -1,4 +1,4 @@
-"""Pictures of a survey from above: how dense its points lie and how high they reach."""
+"""Maps of the point density and the maximum height of a survey."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ EMPTY = "#10141a"
 
 
 def survey_map_figure(survey: SurveyMap, *, title: str = "") -> Figure:
-    """Draw a survey's density and its greatest heights side by side."""
+    """Draw the point density and the maximum height of a survey."""
     rows, columns = survey.shape
     side_by_side = rows >= columns / 3
     figure = empty_figure(11.0, 5.2 if side_by_side else 6.5)
@@ -30,7 +30,7 @@ def survey_map_figure(survey: SurveyMap, *, title: str = "") -> Figure:
     heights = np.quantile(top[full], [0.01, 0.99]) if full.any() else (0.0, 1.0)
     drawn: tuple[tuple[NDArray, str, str, dict[str, Any]], ...] = (
         (density, "points per m²", "inferno", {"norm": dense}),
-        (top, "greatest height, m", "viridis", {"vmin": heights[0], "vmax": heights[1]}),
+        (top, "maximum height, m", "viridis", {"vmin": heights[0], "vmax": heights[1]}),
     )
     for axis, (values, label, colours, scale) in zip(axes, drawn, strict=True):
         axis.set_facecolor(EMPTY)

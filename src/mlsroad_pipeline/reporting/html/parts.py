@@ -1,4 +1,4 @@
-"""The small pieces of HTML that a report is made of, everything foreign escaped."""
+"""HTML elements of reports, with all inputs escaped."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from PIL import Image
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 
-if TYPE_CHECKING:  # who has a figure has loaded matplotlib; a report without one does not need it
+if TYPE_CHECKING:  # a report without figures needs no matplotlib
     from matplotlib.figure import Figure
 
 
 def cell(value: Any) -> str:
-    """Write a value for people: four significant digits, thousands apart, a dash for what is undefined."""
+    """Format a value: four significant digits, thousands separated, a dash for undefined values."""
     if value is None or value is pd.NaT or (isinstance(value, float | np.floating) and np.isnan(value)):
         return "–"
     if isinstance(value, bool | np.bool_):
@@ -33,7 +33,7 @@ def cell(value: Any) -> str:
 
 
 def table_html(frame: pd.DataFrame) -> str:
-    """Turn a table into HTML."""
+    """Return a table as HTML."""
     table = frame.reset_index() if any(name is not None for name in frame.index.names) else frame
     numeric = [pd.api.types.is_numeric_dtype(dtype) for dtype in table.dtypes]
     style = [' class="number"' if number else "" for number in numeric]
@@ -48,12 +48,12 @@ def table_html(frame: pd.DataFrame) -> str:
 
 
 def note(text: str) -> str:
-    """Return a paragraph, or nothing for no text."""
+    """Return a paragraph, empty for no text."""
     return f"<p>{escape(text)}</p>" if text else ""
 
 
 def data_uri(figure: Figure | NDArray[np.uint8]) -> str:
-    """Turn a figure or a picture into an address that holds it: WebP in base64.
+    """Return a figure or picture as a data URI: WebP in base64.
 
     Raises
     ------
@@ -64,13 +64,13 @@ def data_uri(figure: Figure | NDArray[np.uint8]) -> str:
     if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
         raise DataError(f"a picture must be uint8 of shape (height, width, 3), got {picture.dtype} {picture.shape}")
     buffer = io.BytesIO()
-    # Of pictures of clouds a third of what nothing lost would take, in a fifth of the time; the eye sees no difference.
+    # For pictures of clouds a third of the size of lossless WebP in a fifth of the time, visually identical.
     Image.fromarray(picture).save(buffer, format="WEBP", quality=90, method=1)
     return "data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
 def figure_pixels(figure: Figure) -> NDArray[np.uint8]:
-    """Draw a figure into an array."""
+    """Render a figure into an array."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="raw")
     width, height = figure.canvas.get_width_height()

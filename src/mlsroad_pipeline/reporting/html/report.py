@@ -1,4 +1,4 @@
-"""The report of a run: one HTML file that needs nothing else, for people who will not open the experiment tracker."""
+"""Report of a run as one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = [
 
 
 class Section(Protocol):
-    """A part of a report: a heading and what stands below it."""
+    """Section of a report."""
 
     @property
     def title(self) -> str:
@@ -37,12 +37,12 @@ class Section(Protocol):
         ...
 
     def body(self) -> str:
-        """Return the HTML below the heading, everything foreign in it escaped."""
+        """Return the HTML below the heading, with all inputs escaped."""
         ...
 
 
 def build_report(sections: Sequence[Section], *, title: str = "Survey report", subtitle: str = "") -> str:
-    """Put sections together to one HTML page with its style and pictures inside.
+    """Return one HTML page of all sections, with embedded style and pictures.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The sections of a report: plain records that know how to show themselves."""
+"""Sections of a report."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FactsSection:
-    """Names and values: what was run, with which model, on which data.
+    """Names and values, such as the model and the data of a run.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class FactsSection:
 
 @dataclass(frozen=True)
 class TableSection:
-    """A table, such as the quality of the survey per file, or the scores.
+    """Table, such as the survey quality per file or the scores.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class TableSection:
     note : str, default ""
         A sentence above it.
     largest : int, default 500
-        The most rows to show; the rest is said to be left out.
+        Maximum number of rows; a note gives the number of omitted rows.
     """
 
     title: str
@@ -69,13 +69,13 @@ class TableSection:
         if self.table.empty:
             return note(self.note) + '<p class="none">Nothing to show.</p>'
         left_out = len(self.table) - self.largest
-        more = f'<p class="none">{left_out} more rows are left out.</p>' if left_out > 0 else ""
+        more = f'<p class="none">{left_out} more rows are omitted.</p>' if left_out > 0 else ""
         return note(self.note) + table_html(self.table.head(self.largest)) + more
 
 
 @dataclass(frozen=True)
 class FiguresSection:
-    """Figures and pictures with their captions.
+    """Figures and pictures with captions.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class FiguresSection:
         """Return the figures, embedded."""
         drawn = self.figures.values()
         pictures = [figure if isinstance(figure, np.ndarray) else figure_pixels(figure) for figure in drawn]
-        with ThreadPoolExecutor(max_workers=cpu_count()) as pool:  # encoding lets go of the interpreter
+        with ThreadPoolExecutor(max_workers=cpu_count()) as pool:  # encoding releases the GIL
             addresses = list(pool.map(data_uri, pictures))
         return "".join(
             f'<figure><img alt="{escape(caption, quote=True)}" src="{address}">'
@@ -103,18 +103,18 @@ class FiguresSection:
 
 @dataclass(frozen=True)
 class DistributionSection:
-    """How many points of a survey each class has, as bars in the colours of the pictures.
+    """Numbers of points per class as bars in the colours of the pictures.
 
     Parameters
     ----------
     title : str
         The heading.
     counts : mapping of str to int
-        Class to number of points, in label order; a class ``"unlabelled"`` may stand among them.
+        Class to number of points, in label order; may contain a class ``"unlabelled"``.
     note : str, default ""
         A sentence above the bars.
     scheme : ClassScheme, optional
-        Fixes the colours; None finds them by the names.
+        Scheme of the colours; None derives them from the names.
     """
 
     title: str
@@ -144,7 +144,7 @@ class DistributionSection:
 
 @dataclass(frozen=True)
 class InventorySection:
-    """The road objects: how many of each class, the first of them, and where the map layer lies.
+    """Road objects: counts per class, the first objects, and a link to the map layers.
 
     Parameters
     ----------
@@ -153,9 +153,9 @@ class InventorySection:
     objects : DataFrame
         One row per object, with a column `class`.
     geopackage : str, default ""
-        Path or address of the GeoPackage, relative to the report where they lie together.
+        Path or URL of the GeoPackage, relative to the report.
     largest : int, default 50
-        The most objects to list.
+        Maximum number of listed objects.
     """
 
     title: str
@@ -166,7 +166,7 @@ class InventorySection:
     def body(self) -> str:
         """Return counts, the link and the first objects."""
         path = escape(self.geopackage, quote=True)
-        # an address such as "javascript:..." must not become a link
+        # URLs such as "javascript:..." must not become links
         safe = not re.match(r"^[A-Za-z][A-Za-z0-9+.\-]*:", self.geopackage) or self.geopackage.startswith("https://")
         target = f'<a href="{path}">{path}</a>' if safe else path
         link = f"<p>All objects as map layers: {target}</p>" if self.geopackage else ""
@@ -180,14 +180,14 @@ class InventorySection:
 
 @dataclass(frozen=True)
 class WarningsSection:
-    """What the reader should know before trusting the rest.
+    """Warnings on the data or the run.
 
     Parameters
     ----------
     title : str
         The heading.
     messages : sequence of str
-        One message each; none is said to be none.
+        Messages; an empty list is reported as "None".
     """
 
     title: str

@@ -1,4 +1,4 @@
-"""The style sheet of the report."""
+"""Style sheet of reports."""
 
 STYLE = """
 :root { --ink: #22262e; --soft: #5c6470; --line: #dde1e7; --paper: #ffffff; --back: #f4f6f8; --accent: #1f4e96;
@@ -45,4 +45,4 @@ a { color: var(--accent); }
 @media (max-width: 40rem) { header, nav { padding-left: 1rem; padding-right: 1rem; }
   dl { grid-template-columns: 1fr; } }
 """
-"""Inline CSS: light, printable, legible on a small screen, loading nothing."""
+"""Inline CSS: light, printable, responsive, without external resources."""
