@@ -31,19 +31,7 @@ class KittiFormat(TableFormat):
     signatures: tuple[bytes, ...] = ()
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a scan.
-
-        Parameters
-        ----------
-        path : Path
-            The ``.bin`` file.
-        options : ReadOptions
-            Not used; the layout is fixed.
-
-        Returns
-        -------
-        PointTable
-            Its columns: x, y, z, `intensity` and, where there are labels, `label` uint16 and `instance` int32.
+        """Open a scan: x, y, z, `intensity` and, with labels, `label` uint16 and `instance` int32.
 
         Raises
         ------
@@ -66,15 +54,6 @@ class KittiFormat(TableFormat):
         """Write a scan and, where the cloud has `label`, its ``.label`` beside it.
 
         The format holds x, y, z as float32, intensity, label and instance, and nothing else.
-
-        Parameters
-        ----------
-        path : Path
-            The ``.bin`` file to write.
-        cloud : PointCloud
-            The points.
-        options : WriteOptions
-            Its units.
 
         Raises
         ------

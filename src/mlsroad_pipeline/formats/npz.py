@@ -53,20 +53,7 @@ class NpzFormat(TableFormat):
     signatures: tuple[bytes, ...] = (b"PK\x03\x04", b"\x93NUMPY")
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """Return whether a file is an array, or an archive of arrays.
-
-        Parameters
-        ----------
-        path : Path
-            The file.
-        head : bytes
-            Its first bytes.
-
-        Returns
-        -------
-        bool
-            False for other zip archives.
-        """
+        """Return whether a file is an array, or an archive of arrays."""
         if not head.startswith(self.signatures[0]):
             return head.startswith(self.signatures[1])
         with path.open("rb") as stream:
@@ -78,18 +65,6 @@ class NpzFormat(TableFormat):
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
         """Open a file; its arrays are held in memory.
 
-        Parameters
-        ----------
-        path : Path
-            The file.
-        options : ReadOptions
-            Not used.
-
-        Returns
-        -------
-        PointTable
-            Its columns.
-
         Raises
         ------
         ReadError
@@ -100,15 +75,6 @@ class NpzFormat(TableFormat):
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write a cloud: ``xyz`` (world coordinates, float64), one array per column and, where there is one, ``crs``.
-
-        Parameters
-        ----------
-        path : Path
-            The file to write, named ``.npz``.
-        cloud : PointCloud
-            The points.
-        options : WriteOptions
-            Its units.
 
         Raises
         ------

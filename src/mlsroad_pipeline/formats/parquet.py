@@ -55,18 +55,6 @@ class ParquetFormat(TableFormat):
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
         """Open a file.
 
-        Parameters
-        ----------
-        path : Path
-            The file.
-        options : ReadOptions
-            Not used.
-
-        Returns
-        -------
-        PointTable
-            Its columns.
-
         Raises
         ------
         ReadError
@@ -76,17 +64,7 @@ class ParquetFormat(TableFormat):
         return _open(file_key(path))
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
-        """Write a cloud, compressed with zstd, with world coordinates in float64.
-
-        Parameters
-        ----------
-        path : Path
-            The file to write.
-        cloud : PointCloud
-            The points.
-        options : WriteOptions
-            Its units.
-        """
+        """Write a cloud, compressed with zstd, with world coordinates in float64."""
         empty = scalar_columns(cloud.select(np.arange(0)), options.metres)
         fields = [pa.field(name, pa.from_numpy_dtype(values.dtype)) for name, values in empty.items()]
         schema = pa.schema(fields, metadata={CRS_KEY: cloud.crs.encode()} if cloud.crs else None)

@@ -82,20 +82,7 @@ class SydneyFormat(TableFormat):
     signatures: tuple[bytes, ...] = ()
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """Return whether a file's records have plausible times, and ranges that agree with their coordinates.
-
-        Parameters
-        ----------
-        path : Path
-            The file.
-        head : bytes
-            Its first bytes.
-
-        Returns
-        -------
-        bool
-            True for packed records and for the text of the dataset.
-        """
+        """Return whether a file's records have plausible times, and ranges that agree with their coordinates."""
         if path.suffix.lower() == ".csv":
             with path.open("rb") as stream:
                 line = stream.readline(1000)
@@ -110,18 +97,6 @@ class SydneyFormat(TableFormat):
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
         """Open a file of objects.
-
-        Parameters
-        ----------
-        path : Path
-            The file.
-        options : ReadOptions
-            Not used; the layout is fixed.
-
-        Returns
-        -------
-        PointTable
-            Its columns.
 
         Raises
         ------
@@ -149,15 +124,6 @@ class SydneyFormat(TableFormat):
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write packed records.
-
-        Parameters
-        ----------
-        path : Path
-            The file to write, named ``.bin``.
-        cloud : PointCloud
-            Points with exactly the columns that `read` gives.
-        options : WriteOptions
-            Its units.
 
         Raises
         ------

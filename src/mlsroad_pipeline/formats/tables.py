@@ -88,18 +88,6 @@ class TableFormat(PointFormat):
     def info(self, path: Path, options: ReadOptions) -> FileInfo:
         """Return what a file holds.
 
-        Parameters
-        ----------
-        path : Path
-            The file.
-        options : ReadOptions
-            How to read it.
-
-        Returns
-        -------
-        FileInfo
-            Its description.
-
         Raises
         ------
         ReadError
@@ -115,20 +103,6 @@ class TableFormat(PointFormat):
 
     def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
         """Read a range of rows.
-
-        Parameters
-        ----------
-        path : Path
-            The file.
-        options : ReadOptions
-            How to read it.
-        start, stop : int
-            First row and the row after the last; None is the end. Beyond the end is clipped.
-
-        Returns
-        -------
-        PointCloud
-            The points, float64, relative to a round point near the file's first.
 
         Raises
         ------

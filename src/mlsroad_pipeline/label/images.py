@@ -46,15 +46,7 @@ class LabelImages:
 
 
 def images_to_label(plan: SurveyPlan, bundle: ModelBundle, name: str | None) -> LabelImages:
-    """Return the images of a survey that a model uses, and check their files.
-
-    Raises
-    ------
-    ReadError
-        If a picture is missing or damaged, or `image_labels` has no images at all.
-    DataError
-        If a fusion model was not trained with one of the cameras.
-    """
+    """Return the images of a survey that a model uses, and check their files."""
     if not needs_images(bundle.slug):
         return LabelImages({})
     with_images, without = {}, []

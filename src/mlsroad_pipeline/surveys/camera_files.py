@@ -38,14 +38,6 @@ def read_images(
       ``qw, qx, qy, qz`` (rotation from camera to world axes). Instead of the last seven, ``mount_x`` to ``mount_qz``
       give the pose relative to the vehicle, and `trajectory` the poses of the vehicle.
     - a KITTI folder or its ``calib.txt``, see `read_kitti`.
-
-    Raises
-    ------
-    ReadError
-        If a file is missing or malformed, a calibration is missing or invalid, a name occurs twice, or poses are
-        missing; the message names file and image.
-    DataError
-        If the poses do not cover the times of the images.
     """
     source = Path(path)
     if not source.exists():
@@ -69,15 +61,7 @@ def read_images(
 
 
 def read_poses(path: str | Path, *, max_gap: float = 1.0) -> PoseTrack:
-    """Read time-stamped poses of a vehicle from a table.
-
-    Raises
-    ------
-    ReadError
-        If the file or a column is missing.
-    DataError
-        If a value is not finite.
-    """
+    """Read time-stamped poses of a vehicle from a table."""
     source = Path(path)
     table = _read_table(source, ("gps_time", "x", "y", "z"))
     time, xyz = table["gps_time"].to_numpy(float), table[["x", "y", "z"]].to_numpy(float)
@@ -90,13 +74,7 @@ def read_poses(path: str | Path, *, max_gap: float = 1.0) -> PoseTrack:
 
 
 def read_kitti(folder: str | Path, *, camera: int = 2) -> SurveyImages:
-    """Read one camera of a KITTI sequence.
-
-    Raises
-    ------
-    ReadError
-        If a file or a matrix is missing, or the numbers of poses, times and images differ.
-    """
+    """Read one camera of a KITTI sequence."""
     root = Path(folder)
     matrices = _kitti_matrices(root / "calib.txt")
     projection = _matrix(root, matrices, f"P{camera}")

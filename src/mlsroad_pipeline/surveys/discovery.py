@@ -11,15 +11,7 @@ from mlsroad_pipeline.formats.registry import format_of_name, known_extensions
 
 
 def find_point_files(root: str | Path, patterns: Sequence[str] | None = None) -> list[Path]:
-    """Return the point cloud files of a file, a folder or a glob, sorted; hidden files are left out.
-
-    Raises
-    ------
-    ParameterError
-        If a pattern leads out of the folder.
-    ReadError
-        If there is no file; the message names the root and the patterns.
-    """
+    """Return the point cloud files of a file, a folder or a glob, sorted; hidden files are left out."""
     path = Path(root)
     if path.is_file():
         return [path]
@@ -58,15 +50,7 @@ def _hidden(path: Path, root: Path) -> bool:
 
 
 def find_split_files(root: str | Path, split: str, patterns: Sequence[str]) -> list[Path]:
-    """Return the point cloud files of a split.
-
-    Raises
-    ------
-    ParameterError
-        If the split has no patterns, or one leads out of the folder.
-    ReadError
-        If the root is not a folder or the patterns match no file.
-    """
+    """Return the point cloud files of a split."""
     if not Path(root).is_dir():
         raise ReadError(f"{root} is not a folder")
     if not patterns:

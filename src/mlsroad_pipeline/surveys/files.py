@@ -70,11 +70,6 @@ class Survey:
 
         Tables (`TABLES`) beside point clouds of another format are left out with a warning, since surveys are delivered
         with trajectories, lists of objects and calibrations. A glob or the path of such a file includes it.
-
-        Raises
-        ------
-        ReadError
-            If there is no file.
         """
         paths = find_point_files(self.root)
         if Path(self.root).is_dir():
@@ -84,15 +79,7 @@ class Survey:
     def split_files(
         self, splits: Mapping[str, tuple[Sequence[str], SplitPart]], *, trajectory: str | None = None
     ) -> dict[str, list[SurveyFile]]:
-        """Return the files of each split.
-
-        Raises
-        ------
-        ParameterError
-            If there is no split, or if splits share points: whole files, or overlapping parts of a file.
-        ReadError
-            If the root is not a folder or a split matches nothing.
-        """
+        """Return the files of each split."""
         if not splits:
             raise ParameterError("survey.splits must name at least one split, got none")
         split_files = {
@@ -146,15 +133,7 @@ def _check_disjoint(file: str, parts: Mapping[str, SplitPart]) -> None:
 
 
 def files_to_label(survey: Survey, output: str, *, trajectory: str | None = None) -> list[SurveyFile]:
-    """Return the files of a survey to label; results of an earlier run in the output folder are left out.
-
-    Raises
-    ------
-    ParameterError
-        If the output is empty, cannot be written, or is a folder of the survey.
-    ReadError
-        If there is no file.
-    """
+    """Return the files of a survey to label; results of an earlier run in the output folder are left out."""
     if not output:
         raise ParameterError("label.output must name a folder, got ''")
     folder = Path(output).resolve()

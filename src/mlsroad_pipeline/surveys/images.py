@@ -42,34 +42,16 @@ class PosedImage:
     path: Path
 
     def load(self) -> NDArray[np.uint8]:
-        """Return the picture.
-
-        Raises
-        ------
-        ReadError
-            If the file is missing, not a picture, or of another size than the calibration.
-        """
+        """Return the picture."""
         return read_picture(self.path, self.camera, self.name)
 
     def check(self) -> None:
-        """Check that the picture exists and has the calibrated size, without loading its pixels.
-
-        Raises
-        ------
-        ReadError
-            As `load`.
-        """
+        """Check that the picture exists and has the calibrated size, without loading its pixels."""
         with _opened(self.path, self.camera, self.name):
             pass
 
     def load_labels(self, folder: str) -> NDArray[np.uint8]:
-        """Return the label image from a folder beside the pictures.
-
-        Raises
-        ------
-        ReadError
-            As `load`.
-        """
+        """Return the label image from a folder beside the pictures."""
         path = self.path.parent.parent / folder / f"{self.path.stem}.png"
         with _opened(path, self.camera, self.name) as picture:
             labels: NDArray[np.uint8] = np.asarray(picture).astype(np.uint8)
@@ -77,13 +59,7 @@ class PosedImage:
 
 
 def read_picture(path: str | Path, camera: Camera, name: str) -> NDArray[np.uint8]:
-    """Return a picture as RGB.
-
-    Raises
-    ------
-    ReadError
-        If the file is missing, not a picture, or of another size than the calibration.
-    """
+    """Return a picture as RGB."""
     with _opened(Path(path), camera, name) as picture:
         return np.asarray(picture.convert("RGB"), dtype=np.uint8)
 

@@ -96,13 +96,7 @@ class FileInspection:
 def inspect_survey(
     parameters: InspectParameters, *, root: str, read: Mapping[str, Any]
 ) -> tuple[list[FileInspection], dict[str, str]]:
-    """Inspect all files of a survey; return the results, and the error of each file that cannot be read.
-
-    Raises
-    ------
-    ReadError
-        If there is no file.
-    """
+    """Inspect all files of a survey; return the results, and the error of each file that cannot be read."""
     options = ReadOptions.from_config(read)
     files, unread = [], {}
     for file in Survey(root).files(trajectory=parameters.trajectory):
@@ -121,13 +115,7 @@ def inspect_survey(
 def inspect_file(
     path: str, name: str, *, options: ReadOptions, max_gap: float, trajectory: str | None = None
 ) -> FileInspection:
-    """Inspect one file.
-
-    Raises
-    ------
-    ReadError
-        If the file cannot be read.
-    """
+    """Inspect one file."""
     form = get_format(path)
     info = form.info(Path(path), options)
     columns: dict[str, ColumnSummary] = {}

@@ -16,13 +16,7 @@ from mlsroad_pipeline.formats.sydney import object_class
 
 
 def find_folds(root: str | Path, pattern: str) -> dict[str, Path]:
-    """Return the list file of each fold by its name.
-
-    Raises
-    ------
-    ReadError
-        If there are fewer than two lists.
-    """
+    """Return the list file of each fold by its name."""
     folds = {path.stem: path for path in sorted(Path(root).glob(pattern))}
     if len(folds) < 2:
         raise ReadError(f"{root} has {len(folds)} files {pattern}: at least two folds are needed")
@@ -30,13 +24,7 @@ def find_folds(root: str | Path, pattern: str) -> dict[str, Path]:
 
 
 def listed_files(path: Path) -> list[Path]:
-    """Return the files of a list, from its folder or a sibling folder.
-
-    Raises
-    ------
-    ReadError
-        If a file is missing, or the list is empty.
-    """
+    """Return the files of a list, from its folder or a sibling folder."""
     names = [line.strip() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
     if not names:
         raise ReadError(f"{path} lists no files")
@@ -51,15 +39,7 @@ def listed_files(path: Path) -> list[Path]:
 
 
 def read_fold(path: str, files: Sequence[str], *, scheme: ClassScheme) -> ObjectArrays:
-    """Return the objects of a fold; the class is the first part of a file name.
-
-    Raises
-    ------
-    ReadError
-        If a file is missing or cannot be read.
-    UnknownClassError
-        If a class is not in the scheme.
-    """
+    """Return the objects of a fold; the class is the first part of a file name."""
     objects, labels, intensities = [], [], []
     for file in map(Path, files):
         name = object_class(file)

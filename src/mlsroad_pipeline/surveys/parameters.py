@@ -58,25 +58,13 @@ class SurveyParameters:
                 raise ParameterError(f"the name of a split has only letters, digits, '_' and '-', got {name!r}")
 
     def check_root(self) -> None:
-        """Check that the root is a folder.
-
-        Raises
-        ------
-        ReadError
-            If it is not; the message names `source`.
-        """
+        """Check that the root is a folder."""
         if not Path(str(self.root)).is_dir():
             where = f"; the data are available from {self.source}" if self.source else ""
             raise ReadError(f"{self.root} is not a folder (survey.root){where}")
 
     def options(self, codings: Mapping[str, Mapping[int, str] | None]) -> ReadOptions:
-        """Return the options of the readers.
-
-        Raises
-        ------
-        ParameterError
-            If the coding is not in the configuration or an option is wrong.
-        """
+        """Return the options of the readers."""
         if self.coding not in codings:
             raise ParameterError(f"survey.coding {self.coding!r} is not configured (codings: {', '.join(codings)})")
         codes = codings[self.coding]

@@ -98,13 +98,7 @@ def plan_survey(
     labels: bool,
     ingest: IngestParameters,
 ) -> SurveyPlan:
-    """Plan a run on the files of some splits.
-
-    Raises
-    ------
-    ParameterError
-        If two files get the same key in the stores.
-    """
+    """Plan a run on the files of some splits."""
     planned: list[PlannedFile] = []
     count: dict[str, int] = {}
     for split, files in splits.items():
@@ -122,15 +116,7 @@ def plan_survey(
 
 
 def plan_comparison(parameters: SurveyParameters, ingest: IngestParameters, codings: Any) -> SurveyPlan:
-    """Plan a comparison.
-
-    Raises
-    ------
-    ParameterError
-        If a parameter is wrong or splits share points.
-    ReadError
-        If the root is not a folder or a split matches nothing.
-    """
+    """Plan a comparison."""
     parameters.check_root()
     configured = {name: split_config(value) for name, value in parameters.splits.items() if value is not None}
     files = Survey(str(parameters.root)).split_files(configured, trajectory=parameters.trajectory)
@@ -139,15 +125,7 @@ def plan_comparison(parameters: SurveyParameters, ingest: IngestParameters, codi
 
 
 def plan_labelling(parameters: LabelParameters, ingest: IngestParameters) -> SurveyPlan:
-    """Plan the labelling of a survey.
-
-    Raises
-    ------
-    ParameterError
-        If the survey or the output is not set, or the output is a folder of the survey.
-    ReadError
-        If the survey has no file.
-    """
+    """Plan the labelling of a survey."""
     for name in ("survey", "output"):
         if not getattr(parameters, name):
             raise ParameterError(f"label.{name} is not set: kedro run --pipeline=label --params=label.{name}=...")

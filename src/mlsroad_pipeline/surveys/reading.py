@@ -80,13 +80,7 @@ class FileDescription(TypedDict):
 
 
 def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: bool) -> FileDescription:
-    """Return the number of points of a file, a sample, and time windows for the estimation of the trajectory.
-
-    Raises
-    ------
-    ReadError
-        If the file is empty, damaged or of another format than its name.
-    """
+    """Return the number of points of a file, a sample, and time windows for the estimation of the trajectory."""
     form = get_format(path)
     chosen = _scene_options(path, options, labels=labels)
     n_points = form.info(Path(path), chosen).n_points
@@ -106,16 +100,7 @@ def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: boo
 def find_corridor(
     samples: Sequence[PointCloud], windows: Sequence[PointCloud], *, trajectory: str | None, along: bool
 ) -> dict[str, NDArray]:
-    """Return the corridor of a drive as arrays, with a note for the log.
-
-    Raises
-    ------
-    ReadError
-        If the trajectory cannot be read.
-    DataError
-        If the trajectory has no length, a coordinate is not finite, or the files have different coordinate reference
-        systems.
-    """
+    """Return the corridor of a drive as arrays, with a note for the log."""
     other = next((sample for sample in samples if sample.crs != samples[0].crs), None)
     if other is not None:
         raise DataError(
@@ -164,15 +149,7 @@ def read_and_cut(
     time_gap: float,
     constant: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Read a range of rows, inspect its quality and sort it into bins of the corridor.
-
-    Raises
-    ------
-    ReadError
-        If the file is damaged.
-    DataError
-        If a value is invalid.
-    """
+    """Read a range of rows, inspect its quality and sort it into bins of the corridor."""
     chosen = _scene_options(path, options, labels=labels, constant=constant)
     cloud = get_format(path).read(Path(path), chosen, start=start, stop=stop)
     has_classes = np.array([cloud[CLASS].any()] if CLASS in cloud else [], dtype=np.bool_)

@@ -32,15 +32,7 @@ def is_sbet(path: Path) -> bool:
 
 
 def read_sbet(path: Path, *, crs: str | None) -> Trajectory:
-    """Read an SBET file.
-
-    Raises
-    ------
-    ReadError
-        If the file is truncated, or the survey has no CRS.
-    DataError
-        If a position cannot be transformed to the CRS of the survey, or the vehicle does not move.
-    """
+    """Read an SBET file."""
     size = path.stat().st_size
     if size % RECORD:
         raise ReadError(f"{path} is truncated: {size} bytes is not a multiple of the {RECORD} bytes of an SBET record")

@@ -37,13 +37,7 @@ SCAN_ANGLE_STEP = 0.006
 
 
 def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
-    """Return the simulation parameters that a configuration describes.
-
-    Raises
-    ------
-    ParameterError
-        If the preset or a field is unknown, or a value is outside its domain.
-    """
+    """Return the simulation parameters that a configuration describes."""
     changes = {name: value for name, value in config.items() if name not in LAYOUT}
     preset = changes.pop("preset", "demo")
     if preset not in PRESETS:
@@ -63,13 +57,7 @@ def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
 
 
 def survey_files(config: Mapping[str, Any]) -> SurveyFiles:
-    """Return the file layout that a survey's configuration describes.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its domain.
-    """
+    """Return the file layout that a survey's configuration describes."""
     return SurveyFiles(**{name: config[name] for name in LAYOUT if name in config})
 
 
@@ -113,11 +101,6 @@ def write_simulated_survey(
     """Simulate a survey and write it into a folder, which appears complete or not at all.
 
     Points are written as they are simulated: a street of kilometres takes no more memory than one of some 200 m.
-
-    Raises
-    ------
-    ParameterError
-        If a parameter is outside its domain.
     """
     files = SurveyFiles() if files is None else files
     target = Path(folder)

@@ -27,13 +27,7 @@ WINDOW_POINTS = 12_000
 def read_time_windows(
     form: PointFormat, path: str, options: ReadOptions, *, sample: PointCloud, n_points: int
 ) -> PointCloud | None:
-    """Return evenly spaced windows of a file stored in the order of time, or None without times.
-
-    Raises
-    ------
-    ReadError
-        If the file is damaged.
-    """
+    """Return evenly spaced windows of a file stored in the order of time, or None without times."""
     if "gps_time" not in sample:
         return None
     first, last = np.nanmin(sample["gps_time"]), np.nanmax(sample["gps_time"])

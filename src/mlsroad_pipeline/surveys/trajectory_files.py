@@ -28,14 +28,6 @@ def read_trajectory(path: str | Path, *, columns: Sequence[str] | None = None, c
     Values are separated by commas, semicolons, tabs or blanks. Lines that begin with ``#``, ``%`` or ``//`` are
     comments. A header line is recognised, in any case and with units in brackets or after the name (``Easting[m]``).
     Without a header the columns are ``time x y z``, and further columns are ignored.
-
-    Raises
-    ------
-    ReadError
-        If the file is missing or empty, a value is not a number, a line has too few values, or there is no column x, y
-        or z; the message names the line.
-    DataError
-        If a value is NaN or infinite, or the vehicle does not move; the message names the file.
     """
     source = Path(path)
     if not source.is_file():

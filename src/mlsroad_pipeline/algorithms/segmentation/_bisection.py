@@ -19,22 +19,7 @@ _CONVERGED = 1e-5
 
 @njit(cache=True, nogil=True)
 def weight(a: NDArray[np.float64], b: NDArray[np.float64], scale: NDArray[np.float64], max_squared: float) -> float:
-    """Return the weight of two places (x, y, z, intensity), equation 19.
-
-    Parameters
-    ----------
-    a, b : ndarray of shape (4,), float64
-        Metres, intensity in [0, 1].
-    scale : ndarray of shape (3,), float64
-        1 / sigma^2, horizontal, vertical and of the intensity.
-    max_squared : float
-        Square of the longest horizontal distance, m^2.
-
-    Returns
-    -------
-    float
-        In [0, 1].
-    """
+    """Return the weight of two places (x, y, z, intensity), equation 19."""
     dx, dy, dz, di = a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
     horizontal = dx * dx + dy * dy
     if horizontal > max_squared:
@@ -60,26 +45,7 @@ def _node_keys(
 def gather(
     places: NDArray[np.float64], members: NDArray[np.int64], voxel_size: float, max_nodes: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Aggregate voxels into at most `max_nodes` nodes.
-
-    Parameters
-    ----------
-    places : ndarray of shape (v, 4), float64
-        Centroid (m) and intensity of all voxels.
-    members : ndarray of int64
-        The voxels to aggregate.
-    voxel_size : float
-        Edge of a voxel, metres.
-    max_nodes : int
-        The largest number of nodes. Up to this number each voxel is a node; otherwise cells grow until it is reached.
-
-    Returns
-    -------
-    nodes : ndarray of shape (c, 4), float64
-        Mean place and intensity.
-    mass : ndarray of shape (c,), float64
-        Voxels in each.
-    """
+    """Aggregate voxels into at most `max_nodes` nodes."""
     n = len(members)
     if n <= max_nodes:
         nodes = np.empty((n, 4))
@@ -120,22 +86,7 @@ def gather(
 def node_weights(
     nodes: NDArray[np.float64], mass: NDArray[np.float64], scale: NDArray[np.float64], max_squared: float
 ) -> NDArray[np.float64]:
-    """Return the dense matrix of weights between nodes, each with itself included.
-
-    Parameters
-    ----------
-    nodes, mass : ndarray
-        Nodes of `gather`.
-    scale : ndarray of shape (3,), float64
-        1 / sigma^2, horizontal, vertical and of the intensity.
-    max_squared : float
-        Square of the longest horizontal distance, m^2.
-
-    Returns
-    -------
-    ndarray of shape (c, c), float64
-        Sums of the weights between the voxels of two nodes.
-    """
+    """Return the dense matrix of weights between nodes, each with itself included."""
     n = len(nodes)
     weights = np.empty((n, n))
     for i in range(n):
@@ -151,24 +102,7 @@ def node_weights(
 def second_eigenvector(
     weights: NDArray[np.float64], degree: NDArray[np.float64], start: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float]:
-    """Return y of (D - W) y = (1 - eigenvalue) D y for the largest eigenvalue below 1, and the eigenvalue.
-
-    Parameters
-    ----------
-    weights : ndarray of shape (c, c), float64
-        Symmetric weights.
-    degree : ndarray of shape (c,), float64
-        Their row sums.
-    start : ndarray of shape (c,), float64
-        A guess of y.
-
-    Returns
-    -------
-    y : ndarray of shape (c,), float64
-        The eigenvector.
-    eigenvalue : float
-        Of D^-1 W.
-    """
+    """Return y of (D - W) y = (1 - eigenvalue) D y for the largest eigenvalue below 1, and the eigenvalue."""
     n = len(degree)
     root = np.sqrt(degree)
     first = root / np.sqrt(degree.sum())
@@ -226,26 +160,7 @@ def _tridiagonal(
 def best_split(
     weights: NDArray[np.float64], degree: NDArray[np.float64], mass: NDArray[np.float64], y: NDArray, min_mass: float
 ) -> tuple[float, float]:
-    """Return the value of y that splits the nodes with the least normalised cut, equation 20, and that cut.
-
-    Parameters
-    ----------
-    weights, degree : ndarray
-        The graph.
-    mass : ndarray of shape (c,), float64
-        Voxels per node.
-    y : ndarray of shape (c,), float64
-        The eigenvector that orders the nodes.
-    min_mass : float
-        The least number of voxels on a side.
-
-    Returns
-    -------
-    threshold : float
-        Nodes up to it are one side.
-    cut : float
-        Ncut in [0, 2]; infinite where no split leaves `min_mass` on both sides.
-    """
+    """Return the value of y that splits the nodes with the least normalised cut, equation 20, and that cut."""
     order = np.argsort(y, kind="mergesort")
     total, all_mass = degree.sum(), mass.sum()
     inside, cut, held = 0.0, 0.0, 0.0
@@ -268,23 +183,7 @@ def best_split(
 
 @njit(cache=True, nogil=True)
 def smoothness(y: NDArray[np.float64], mass: NDArray[np.float64], n_bins: int) -> float:
-    """Return the ratio of the smallest to the largest bin of the histogram of the eigenvector's values.
-
-    Parameters
-    ----------
-    y : ndarray of shape (c,), float64
-        Values of the nodes.
-    mass : ndarray of shape (c,), float64
-        Voxels per node.
-    n_bins : int
-        Bins between the least and the greatest value.
-
-    Returns
-    -------
-    float
-        In [0, 1]: near 0 for two separate groups of values, larger where the values are spread evenly and no cut is
-        better than the next.
-    """
+    """Return the ratio of the smallest to the largest bin of the histogram of the eigenvector's values."""
     low, high = y.min(), y.max()
     bins = np.zeros(n_bins)
     if not high > low:
@@ -305,28 +204,7 @@ def extend(
     scale: NDArray[np.float64],
     max_squared: float,
 ) -> NDArray[np.float64]:
-    """Extend the nodes' values to voxels: the weighted mean over nodes, divided by the eigenvalue.
-
-    Parameters
-    ----------
-    places, members : ndarray
-        All voxels, and the indices of those to extend to.
-    nodes, mass : ndarray
-        Nodes of `gather`.
-    y : ndarray of shape (c,), float64
-        Values of the nodes.
-    eigenvalue : float
-        Of D^-1 W, above zero.
-    scale : ndarray of shape (3,), float64
-        1 / sigma^2, horizontal, vertical and of the intensity.
-    max_squared : float
-        Square of the longest horizontal distance, m^2.
-
-    Returns
-    -------
-    ndarray of float64
-        One value per voxel.
-    """
+    """Extend the nodes' values to voxels: the weighted mean over nodes, divided by the eigenvalue."""
     out = np.empty(len(members))
     for k in range(len(members)):
         above, below = 0.0, 0.0

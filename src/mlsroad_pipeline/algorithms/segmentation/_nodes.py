@@ -44,22 +44,7 @@ def measure_voxels(
 
 
 def smooth_intensities(places: NDArray[np.float64], clusters: NDArray[np.int32], *, size: float) -> NDArray[np.float64]:
-    """Return the mean intensity of each voxel's cell and its 26 neighbours within the cluster.
-
-    Parameters
-    ----------
-    places : ndarray of float64, shape (v, 4)
-        Centroid (m) and intensity of the voxels.
-    clusters : ndarray of int32, shape (v,)
-        Cluster of each.
-    size : float
-        Edge of the cells, metres.
-
-    Returns
-    -------
-    ndarray of float64, shape (v,)
-        Intensities.
-    """
+    """Return the mean intensity of each voxel's cell and its 26 neighbours within the cluster."""
     cell = np.floor((places[:, :3] - places[:, :3].min(axis=0)) / size).astype(np.int64) + 1
     nx, ny, nz = (int(most) + 2 for most in cell.max(axis=0))  # an empty border keeps neighbours from wrapping
     names, of_cell = np.unique(

@@ -52,20 +52,7 @@ class Cells(NamedTuple):
 
 
 def build_cells(places: NDArray[np.float64], words: Context) -> Cells:
-    """Sort words into cells by recursive halving across the widest direction.
-
-    Parameters
-    ----------
-    places : ndarray of float64, shape (v, d)
-        Coordinates of the words, directions of large variance first.
-    words : Context
-        Their angles and ratios.
-
-    Returns
-    -------
-    Cells
-        The cells.
-    """
+    """Sort words into cells by recursive halving across the widest direction."""
     box = places[:, :DIRECTIONS]
     # The context is a factor: halving the range of angles helps about as much as halving the widest direction.
     weight = float(box[:, 0].std()) / max(float(words.angle.std()), 1e-12)
@@ -153,29 +140,7 @@ def search(
     wanted: Context, places: NDArray[np.float32], words: Context, cells: Cells, matching: NDArray[np.int64],
     floor: float, first: int, stop: int, out: NDArray[np.int32], distances: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    """Find the nearest word of each group from `first` to `stop`.
-
-    Parameters
-    ----------
-    wanted : Context
-        The groups.
-    places : ndarray of float32, shape (n, b)
-        Their coordinates in the first directions.
-    words : Context
-        The words, in the order of the cells.
-    cells : Cells
-        The cells.
-    matching : ndarray of int64, shape (p, m)
-        The matching orders.
-    floor : float
-        Least context factor.
-    first, stop : int
-        Range of groups to search for.
-    out : ndarray of int32, shape (n,)
-        Output: the nearest words.
-    distances : ndarray of float64, shape (n,)
-        Output: their distances.
-    """
+    """Find the nearest word of each group from `first` to `stop`."""
     n_cells = len(cells.starts) - 1
     factors, bounds = np.empty(n_cells, np.float32), np.empty(n_cells, np.float32)
     sums, done = np.empty(CELL, np.float32), np.zeros(n_cells, np.bool_)

@@ -34,20 +34,7 @@ def orders(m: int) -> NDArray[np.int64]:
 
 
 def prepare(descriptors: NDArray, orientations: NDArray, scales: NDArray, whitening: NDArray[np.float64]) -> Context:
-    """Prepare groups for the distance.
-
-    Parameters
-    ----------
-    descriptors, orientations, scales : ndarray
-        As in `ContextualGroups`.
-    whitening : ndarray of shape (d, r), float64
-        A matrix L with L L^T the inverse covariance of equation 16.
-
-    Returns
-    -------
-    Context
-        The same groups in the same order.
-    """
+    """Prepare groups for the distance."""
     g, m = scales.shape
     features = descriptors.astype(np.float64) @ whitening
     axes, sizes = orientations.astype(np.float64), scales.astype(np.float64)
@@ -66,16 +53,6 @@ def sorted_features(context: Context) -> NDArray[np.float64]:
 
     Of all pairings of two sets of numbers, the sorted one has the least sum of squared differences. The distance of
     these rows is therefore a lower bound of the distance of two groups in any matching order.
-
-    Parameters
-    ----------
-    context : Context
-        Groups.
-
-    Returns
-    -------
-    ndarray of float64, shape (g, m * r)
-        One row per group.
     """
     g, m, r = context.features.shape
     return np.sort(context.features, axis=1).reshape(g, m * r)
@@ -104,28 +81,7 @@ def feature_distance(
     features: NDArray[np.float64], ratio: float, others: NDArray[np.float64], ratios: NDArray[np.float64],
     matching: NDArray[np.int64], limit: float,
 ) -> float:  # fmt: skip
-    """Return the sum of equation 16 for the best matching order; the least sum of equally good orders.
-
-    Parameters
-    ----------
-    features : ndarray of shape (m, r)
-        Whitened features of the first group.
-    ratio : float
-        Its SRel.
-    others : ndarray of shape (m, r)
-        Those of the second.
-    ratios : ndarray of shape (p,)
-        Its SRel in each matching order.
-    matching : ndarray of shape (p, m)
-        The matching orders.
-    limit : float
-        A sum above this value need not be exact.
-
-    Returns
-    -------
-    float
-        The sum.
-    """
+    """Return the sum of equation 16 for the best matching order; the least sum of equally good orders."""
     best = 0.0
     for p in range(len(ratios)):
         best = max(best, likeness(ratio, ratios[p]))

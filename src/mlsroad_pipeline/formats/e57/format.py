@@ -49,19 +49,7 @@ class E57Format(TableFormat):
     signatures: tuple[bytes, ...] = (b"ASTM-E57",)
 
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
-        """Open a file.
-
-        Parameters
-        ----------
-        path : Path
-            The file.
-        options : ReadOptions
-            Its `intensity_scale`: stated limits apply where it is ``"dtype"``.
-
-        Returns
-        -------
-        PointTable
-            Its columns.
+        """Open a file; stated limits of intensity apply where `intensity_scale` is ``"dtype"``.
 
         Raises
         ------
@@ -71,16 +59,9 @@ class E57Format(TableFormat):
         return _open(file_key(path), options.intensity_scale == "dtype")
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
-        """Write a cloud as one scan without a pose, coordinates in float64.
+        """Write a cloud as one scan without a pose, coordinates in float64, in metres.
 
-        Parameters
-        ----------
-        path : Path
-            The file to write.
-        cloud : PointCloud
-            The points; columns that the standard does not name are kept under their own names.
-        options : WriteOptions
-            Its units; E57 is meant for metres.
+        Columns that the standard does not name keep their own names.
 
         Raises
         ------

@@ -59,18 +59,6 @@ class LasFormat(PointFormat):
     def info(self, path: Path, options: ReadOptions) -> FileInfo:
         """Return what a file's header says.
 
-        Parameters
-        ----------
-        path : Path
-            The file.
-        options : ReadOptions
-            How to read it.
-
-        Returns
-        -------
-        FileInfo
-            Its description.
-
         Raises
         ------
         ReadError
@@ -98,20 +86,6 @@ class LasFormat(PointFormat):
 
     def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
         """Read a range of rows.
-
-        Parameters
-        ----------
-        path : Path
-            The file.
-        options : ReadOptions
-            How to read it.
-        start, stop : int
-            First row and the row after the last; None is the end. Beyond the end is clipped.
-
-        Returns
-        -------
-        PointCloud
-            The points, float64, relative to the file's origin.
 
         Raises
         ------
@@ -154,15 +128,6 @@ class LasFormat(PointFormat):
 
         With a file to be like, its header, records, scale, offset and layout are used, and columns that it lacks become
         extra dimensions; without one, a LAS 1.4 header is made and every column is kept.
-
-        Parameters
-        ----------
-        path : Path
-            The file to write.
-        cloud : PointCloud
-            The points.
-        options : WriteOptions
-            How to write them.
 
         Raises
         ------

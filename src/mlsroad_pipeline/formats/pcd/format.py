@@ -46,18 +46,6 @@ class PcdFormat(TableFormat):
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
         """Open a file.
 
-        Parameters
-        ----------
-        path : Path
-            The file.
-        options : ReadOptions
-            Its `n_threads`, for text.
-
-        Returns
-        -------
-        PointTable
-            Its columns.
-
         Raises
         ------
         ReadError
@@ -69,16 +57,7 @@ class PcdFormat(TableFormat):
         """Write a cloud as binary PCD 0.7.
 
         Coordinates are float32 as the library expects them, or float64 where they are too great for that (1 km and more
-        from zero).
-
-        Parameters
-        ----------
-        path : Path
-            The file to write.
-        cloud : PointCloud
-            The points; their CRS goes into a ``.prj`` beside the file.
-        options : WriteOptions
-            Its units.
+        from zero). The CRS goes into a ``.prj`` beside the file.
 
         Raises
         ------

@@ -47,18 +47,6 @@ class PlyFormat(TableFormat):
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
         """Open a file.
 
-        Parameters
-        ----------
-        path : Path
-            The file.
-        options : ReadOptions
-            Its `n_threads`, for text.
-
-        Returns
-        -------
-        PointTable
-            Its vertices' scalar properties.
-
         Raises
         ------
         ReadError
@@ -77,14 +65,7 @@ class PlyFormat(TableFormat):
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write a cloud as binary little-endian PLY with coordinates in double precision.
 
-        Parameters
-        ----------
-        path : Path
-            The file to write.
-        cloud : PointCloud
-            The points; a CRS goes into a ``comment crs`` line. 64-bit integers are stored as doubles.
-        options : WriteOptions
-            Its units.
+        A CRS goes into a ``comment crs`` line. 64-bit integers are stored as doubles.
         """
         types = {name: _ply_type(values.dtype) for name, values in scalar_columns(cloud, options.metres).items()}
         head = ["ply", "format binary_little_endian 1.0"]

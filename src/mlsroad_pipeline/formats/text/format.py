@@ -32,18 +32,6 @@ class TextFormat(TableFormat):
     def open_table(self, path: Path, options: ReadOptions) -> PointTable:
         """Open a file; its rows are counted, not parsed.
 
-        Parameters
-        ----------
-        path : Path
-            The file.
-        options : ReadOptions
-            Its `delimiter`, `decimal`, `header`, `comment` and `n_threads`.
-
-        Returns
-        -------
-        PointTable
-            Its columns of numbers; a range that is read names a row that is ragged or not numeric by its line.
-
         Raises
         ------
         ReadError
@@ -64,15 +52,6 @@ class TextFormat(TableFormat):
         """Write a cloud as text with a row of names, packed where the path ends in ``.gz``.
 
         Floats other than coordinates are written with as many digits as it takes to read them back unchanged.
-
-        Parameters
-        ----------
-        path : Path
-            The file to write.
-        cloud : PointCloud
-            The points.
-        options : WriteOptions
-            Delimiter, decimals of the coordinates, units.
         """
         path = Path(path)
         with output_file(path) as stream:

@@ -87,15 +87,7 @@ def labelling_pictures(
     splat_metres: float = 0.05,
     oversampling: int = 2,
 ) -> dict[str, NDArray[np.uint8]]:
-    """Render truth, prediction and errors of a cloud in one view.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) or not finite, or labels do not fit the points or the classes.
-    ParameterError
-        If `splat_metres` is not positive or `oversampling` below 1.
-    """
+    """Render truth, prediction and errors of a cloud in one view."""
     points = check_xyz(xyz)
     palette = class_palette(classes)
     labels = {
@@ -112,13 +104,7 @@ def labelling_pictures(
 def detection_pictures(
     xyz: ArrayLike, view: View, *, classes: ClassScheme | tuple[str, ...], truth: ArrayLike, outcomes: ArrayLike
 ) -> dict[str, NDArray[np.uint8]]:
-    """Render the reference objects and the detections of a cloud in one view.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) or not finite, or labels do not fit the points or the classes.
-    """
+    """Render the reference objects and the detections of a cloud in one view."""
     points = check_xyz(xyz)
     palette = class_palette(classes)
     colours = {
@@ -154,13 +140,7 @@ def cloud_figure(
     present: ArrayLike | None = None,
     title: str = "",
 ) -> Figure:
-    """Arrange pictures of one view with a legend and, for orthographic views, a scale bar.
-
-    Raises
-    ------
-    DataError
-        If there is no picture, or two have different sizes.
-    """
+    """Arrange pictures of one view with a legend and, for orthographic views, a scale bar."""
     sizes = {picture.shape for picture in pictures.values()}
     if len(sizes) != 1:
         raise DataError(f"a figure needs pictures of one size, got {sorted(sizes)}")

@@ -68,13 +68,7 @@ def photograph(
     mesh: Mesh, *, size: tuple[int, int] = (240, 240), span: float | None = None, azimuth: float = -0.6,
     elevation: float = 0.2,
 ) -> NDArray[np.uint8]:  # fmt: skip
-    """Render a mesh in sunlight in parallel projection, with its foot near the lower edge.
-
-    Raises
-    ------
-    ParameterError
-        If the span is not positive.
-    """
+    """Render a mesh in sunlight in parallel projection, with its foot near the lower edge."""
     width, height = size
     right, up, back = _axes(azimuth, elevation)
     # Parts below the ground are cut off; a post has no vertex at the ground.
@@ -101,13 +95,7 @@ def photograph(
 def scan_mesh(
     mesh: Mesh, *, distance: float = 6.0, spacing: float = 0.03, scanner_height: float = 2.3, slant: float = 0.785
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.int64]]:
-    """Scan a mesh from a van driving along x, with one scanner slanted forward and one backward.
-
-    Raises
-    ------
-    ParameterError
-        If a length is not positive.
-    """
+    """Scan a mesh from a van driving along x, with one scanner slanted forward and one backward."""
     for value, name in ((distance, "distance"), (spacing, "spacing"), (scanner_height, "scanner_height")):
         check_positive(value, name)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
@@ -151,13 +139,7 @@ def design_sheet(
     designs: Sequence[Design], *, seeds: Sequence[int] = (1, 2, 3, 4), cell: tuple[int, int] = (220, 220),
     style: str = "photograph", azimuth: float = -0.6, elevation: float = 0.2,
 ) -> Figure:  # fmt: skip
-    """Draw several individuals of every design, one row per design.
-
-    Raises
-    ------
-    ParameterError
-        If there is no design or no seed, or the style is unknown.
-    """
+    """Draw several individuals of every design, one row per design."""
     if not designs or not seeds:
         raise ParameterError(f"a sheet needs designs and seeds, got {len(designs)} and {len(seeds)}")
     if style not in ("photograph", "points", "labels"):

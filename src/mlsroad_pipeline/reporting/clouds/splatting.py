@@ -16,15 +16,7 @@ _CHUNK = 1 << 20
 def nearest_points(
     xyz: ArrayLike, view: View, *, splat_metres: float = 0.05, largest_splat: int = 7
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Return the nearest point and its depth for each pixel of a view.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) or not finite.
-    ParameterError
-        If `splat_metres` is not positive or `largest_splat` below 1.
-    """
+    """Return the nearest point and its depth for each pixel of a view."""
     points = check_xyz(xyz)
     check_positive(splat_metres, "splat_metres")
     if largest_splat < 1:
@@ -51,11 +43,6 @@ def close_gaps(
 
     Distant surfaces are sampled sparsely, and the background shows through. A pixel is a gap if three of the four pairs
     of opposite sectors around it contain nearer pixels.
-
-    Raises
-    ------
-    ParameterError
-        If `reach` is negative or `step` not positive.
     """
     if reach < 0:
         raise ParameterError(f"reach must be at least 0 pixels, got {reach}")
@@ -80,11 +67,6 @@ def depth_shading(depth: NDArray[np.float32], view: View, *, strength: float = 1
 
     Depth edges are darkened on their far side, which separates objects without normals or lights (Boucheny 2009,
     "Visualisation scientifique de grands volumes de données: pour une approche perceptive", chapter 4).
-
-    Raises
-    ------
-    ParameterError
-        If `strength` is negative or not finite.
     """
     if not np.isfinite(strength) or strength < 0:
         raise ParameterError(f"strength must be a finite number >= 0, got {strength}")
@@ -130,13 +112,6 @@ def render_points(
     oversampling: int = 2,
 ) -> NDArray[np.uint8]:
     """Render coloured points.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) or not finite, or the colours are not uint8 (n, 3).
-    ParameterError
-        If `splat_metres` is not positive, `largest_splat` or `oversampling` below 1, or `gap` or `shading` negative.
 
     Examples
     --------

@@ -48,13 +48,7 @@ class View:
 
 
 def check_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Validate and return the size of a picture.
-
-    Raises
-    ------
-    ParameterError
-        If a side is not in 1..32768.
-    """
+    """Validate and return the size of a picture."""
     width, height = (int(side) for side in size)
     if not (1 <= width <= 32768 and 1 <= height <= 32768):
         raise ParameterError(f"a picture's sides must be in 1..32768 pixels, got {size}")
@@ -67,13 +61,7 @@ def _sample(xyz: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def main_azimuth(xyz: ArrayLike) -> float:
-    """Return the horizontal direction of largest variance.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3), empty or not finite.
-    """
+    """Return the horizontal direction of largest variance."""
     points = _sample(check_xyz(xyz, minimum=1))[:, :2]
     covariance = np.cov(points.T, bias=True)
     values, vectors = np.linalg.eigh(covariance)
@@ -100,15 +88,7 @@ def _extent(
 def birds_eye_view(
     xyz: ArrayLike, *, width: int = 1600, height: int | None = None, azimuth: float | None = None, trim: float = 0.0
 ) -> View:
-    """Return an orthographic view of a whole cloud from above.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3), empty or not finite.
-    ParameterError
-        If a side is not in 1..32768 pixels, or `trim` outside [0, 0.5).
-    """
+    """Return an orthographic view of a whole cloud from above."""
     points = check_xyz(xyz, minimum=1)
     if not 0 <= trim < 0.5:
         raise ParameterError(f"trim must be in [0, 0.5), got {trim}")
@@ -128,13 +108,7 @@ def birds_eye_view(
 def look_at(
     eye: ArrayLike, target: ArrayLike, *, size: tuple[int, int] = (1600, 900), field_of_view: float = 50.0
 ) -> View:
-    """Return a perspective view from one point to another, with the vertical upwards.
-
-    Raises
-    ------
-    ParameterError
-        If eye and target coincide, the field of view is outside (0, 170], or a side is not in 1..32768 pixels.
-    """
+    """Return a perspective view from one point to another, with the vertical upwards."""
     size = check_size(size)
     if not 0 < field_of_view <= 170:
         raise ParameterError(f"field_of_view must be in (0, 170] degrees, got {field_of_view}")
@@ -159,15 +133,7 @@ def oblique_view(
     length: float = 70.0,
     field_of_view: float = 50.0,
 ) -> View:
-    """Return an oblique perspective view of a stretch of the street.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3), empty or not finite.
-    ParameterError
-        If a length is not positive, the elevation is outside (0, 90), or an argument of `look_at` is invalid.
-    """
+    """Return an oblique perspective view of a stretch of the street."""
     points = _sample(check_xyz(xyz, minimum=1))
     check_positive(length, "length")
     if not 0 < elevation < 90:

@@ -45,13 +45,7 @@ def short_count(count: int) -> str:
 
 
 def confusion_figure(matrix: NDArray[np.integer], *, classes: Sequence[str], title: str = "") -> Figure:
-    """Draw a confusion matrix with the shares of each true class and the counts.
-
-    Raises
-    ------
-    DataError
-        If the matrix is not a confusion matrix of this number of classes.
-    """
+    """Draw a confusion matrix with the shares of each true class and the counts."""
     support = scores(matrix).support
     if len(classes) != len(support):
         raise DataError(f"{len(classes)} class names for a confusion matrix of {len(support)} classes")
@@ -89,13 +83,7 @@ def confusion_figure(matrix: NDArray[np.integer], *, classes: Sequence[str], tit
 
 
 def class_bars_figure(frame: pd.DataFrame, *, split: str, title: str = "") -> Figure:
-    """Draw precision, recall, F1 and IoU per class, one bar per method.
-
-    Raises
-    ------
-    DataError
-        If the table is not a table of scores, or has no scores per class of the split.
-    """
+    """Draw precision, recall, F1 and IoU per class, one bar per method."""
     table = check_scores(frame)
     table = table[(table["split"] == split) & (table["class"] != ALL) & table["metric"].isin(CLASS_METRICS)]
     if table.empty:

@@ -22,13 +22,7 @@ def importance_figure(
     largest: int = 25,
     title: str = "",
 ) -> Figure:
-    """Draw the largest feature importances as horizontal bars.
-
-    Raises
-    ------
-    DataError
-        If there is no feature, or the lengths differ.
-    """
+    """Draw the largest feature importances as horizontal bars."""
     values = np.asarray(importances, dtype=np.float64)
     if values.ndim != 1 or len(values) != len(names) or len(values) == 0:
         raise DataError(f"{len(names)} feature names for importances of shape {values.shape}")
@@ -53,13 +47,7 @@ def importance_figure(
 
 
 def oob_figure(n_trees: ArrayLike, errors: ArrayLike, *, chosen: int | None = None, title: str = "") -> Figure:
-    """Draw the out-of-bag error over the number of trees.
-
-    Raises
-    ------
-    DataError
-        If there is nothing to draw, or the lengths differ.
-    """
+    """Draw the out-of-bag error over the number of trees."""
     trees, error = np.asarray(n_trees), np.asarray(errors, dtype=np.float64)
     if trees.ndim != 1 or trees.shape != error.shape or len(trees) == 0:
         raise DataError(f"errors of shape {error.shape} for numbers of trees of shape {trees.shape}")
@@ -80,13 +68,7 @@ def oob_figure(n_trees: ArrayLike, errors: ArrayLike, *, chosen: int | None = No
 
 
 def objective_figure(values: ArrayLike, *, title: str = "") -> Figure:
-    """Draw an objective over the iterations of its minimisation.
-
-    Raises
-    ------
-    DataError
-        If there is nothing to draw.
-    """
+    """Draw an objective over the iterations of its minimisation."""
     objective = np.asarray(values, dtype=np.float64)
     if objective.ndim != 1 or len(objective) == 0:
         raise DataError(f"an objective has one value per iteration, got shape {objective.shape}")

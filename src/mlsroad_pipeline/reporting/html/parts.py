@@ -53,13 +53,7 @@ def note(text: str) -> str:
 
 
 def data_uri(figure: Figure | NDArray[np.uint8]) -> str:
-    """Return a figure or picture as a data URI: WebP in base64.
-
-    Raises
-    ------
-    DataError
-        If a picture is not uint8 (height, width, 3).
-    """
+    """Return a figure or picture as a data URI: WebP in base64."""
     picture = figure if isinstance(figure, np.ndarray) else figure_pixels(figure)
     if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
         raise DataError(f"a picture must be uint8 of shape (height, width, 3), got {picture.dtype} {picture.shape}")
