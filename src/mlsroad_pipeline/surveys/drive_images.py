@@ -40,33 +40,33 @@ class DriveImages:
 
     @property
     def folder(self) -> str:
-        """The folder of the pictures."""
+        """Folder of the pictures."""
         return str(self.images[0].path.parent)
 
 
 def images_of_drives(
     plan: SurveyPlan, calibration: str, drives: Collection[str] | None = None
 ) -> dict[str, DriveImages]:
-    """Find the images of each drive of a survey, or of the named drives."""
-    found, without = {}, []
+    """Return the images of each drive of a survey, or of the named drives."""
+    with_images, without = {}, []
     for drive, files in plan.drives().items():
         if drives is not None and drive not in drives:
             continue
         path = Path(files[0].source.path).parent / calibration
         images = read_images(path) if path.is_file() else SurveyImages(())
         if len(images):
-            found[drive] = DriveImages(str(path), images)
+            with_images[drive] = DriveImages(str(path), images)
         else:
             without.append(drive)
-    if not training_keys(found):
-        absent = "no drive" if not found else "no training drive"
+    if not training_keys(with_images):
+        absent = "no drive" if not with_images else "no training drive"
         raise ReadError(
             f"labels through images need images: {absent} of the survey has a {calibration} with images beside its "
             f"points, such as {Path(plan.files[0].source.path).parent / calibration}"
         )
     if without:
         logger.warning("Drives without images, whose points no camera sees: %s", ", ".join(without))
-    return found
+    return with_images
 
 
 class LabelledImages(Sequence[tuple[NDArray[np.uint8], NDArray[np.int16]]]):
