@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.baselines.pointnet.recogniser import PointNet
 from mlsroad_pipeline.algorithms.jointnet.inputs import Points, encode
 from mlsroad_pipeline.algorithms.jointnet.network import JointNet
 from mlsroad_pipeline.algorithms.models.torch_training import reproducible
-from mlsroad_pipeline.studies.luo2019.runs import NetworkCost
+from mlsroad_pipeline.studies.luo2019.scores import NetworkCost
 
 POINTS = 1000
 """Points of each timed object."""

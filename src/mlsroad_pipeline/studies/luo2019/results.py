@@ -15,8 +15,9 @@ from mlsroad_pipeline.algorithms.metrics.scores import recognition_scores
 from mlsroad_pipeline.studies.luo2019 import paper as luo2019_paper
 from mlsroad_pipeline.studies.luo2019.parameters import BASELINES, CLEAN, JOINTNET, METHODS, SUB_NETWORKS
 from mlsroad_pipeline.studies.luo2019.plan import MAIN, SIZE, SYDNEY, TRAINING, StudyPlan, StudyRun
-from mlsroad_pipeline.studies.luo2019.runs import NetworkCost, Recognised, TrainingFacts
+from mlsroad_pipeline.studies.luo2019.runs import Recognised, TrainingFacts
 from mlsroad_pipeline.studies.luo2019.scores import (
+    NetworkCost,
     area_under,
     mean_figures,
     paired_interval,

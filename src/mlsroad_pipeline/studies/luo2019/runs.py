@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.recognition.disturbances import Disturbance, disturb
 from mlsroad_pipeline.algorithms.recognition.object_set import ObjectArrays, ObjectSet
 from mlsroad_pipeline.algorithms.recognition.recogniser import make_recogniser, probabilities
+from mlsroad_pipeline.studies.luo2019.scores import NetworkCost
 from mlsroad_pipeline.studies.luo2019.sets import StreetObjects
 
 
@@ -40,15 +41,6 @@ class Recognition(TypedDict):
 
     results: Recognised
     facts: TrainingFacts
-
-
-class NetworkCost(TypedDict):
-    """Size of a network in bytes, memory of a training step in bytes, time per batch in milliseconds."""
-
-    weight_bytes: NDArray[np.integer]
-    memory_bytes: NDArray[np.integer]
-    forward_ms: NDArray[np.floating]
-    backward_ms: NDArray[np.floating]
 
 
 def disturb_objects(objects: ObjectSet, disturbance: Disturbance, seed: int) -> ObjectSet:
