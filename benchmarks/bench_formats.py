@@ -35,7 +35,7 @@ from mlsroad_pipeline.surveys.inspection import inspect_file
 CHUNK = 1_000_000
 REPEATS = 3
 RIVALS = ("lazrs alone", "laspy", "numpy.loadtxt")
-"""What the names of cases end with that are not this project's."""
+"""Suffix of the names of competing programs."""
 TABLE_POINTS, TEXT_POINTS = 1_000_000, 5_000_000
 RECORDS = 2_000_000
 

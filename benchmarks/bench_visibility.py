@@ -47,7 +47,7 @@ METHODS = {"depth buffer": DepthBuffer(), "hidden point removal": HiddenPointRem
 
 
 SETTLED = 0.02
-"""How far rays are moved to find the points whose answer does not depend on it, metres."""
+"""Shift of the rays that finds the points whose visibility does not depend on it, metres."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ Run as ``python benchmarks/camera_overlays.py --folder FOLDER --out FOLDER``, wi
 Points that the camera sees are drawn by their distance, near ones red. Beside each picture stands where the edges of
 things in the scan lie relative to those in the image: points that stand more than a metre before the next one of
 their ring should lie on edges of the image. The mean brightness step there is taken for the projection shifted by up
-to 20 pixels to the left and to the right; the shift with the greatest is told, and should be near 0.
+to 20 pixels to the left and to the right; the shift with the greatest is printed, and should be near 0.
 """
 
 import argparse

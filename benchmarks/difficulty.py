@@ -1,4 +1,4 @@
-"""How hard simulated streets are: what a forest that sees one point's neighbourhood, and no context, makes of them.
+"""Difficulty of simulated streets: scores of a forest that uses the neighbourhood of a point and no context.
 
     python benchmarks/difficulty.py [--preset small] [--train 7 1 2] [--test 11 12 13] [--radius 0.5] [--kind town]
 

@@ -1,4 +1,4 @@
-"""What trials of the detrended forest share: the configuration, the stages before the forest, a row of figures."""
+"""Parts that trials of the detrended forest share: the configuration, the stages before the forest, a row of figures."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ SIZE = {"image_width": 960, "image_height": 720}
 """Of the images. A sixth of the pixels of the paper's cameras."""
 
 NETWORK, MAGNIFICATION = {"scale": (0.5, 1.1)}, (0.7, 0.9)
-"""What differs from the defaults, which suit images of half that width."""
+"""Changes of the defaults, which suit images of half that width."""
 
 RICH = replace(STREETS["town"], people=3.0, two_wheelers=3.0, clutter=2.0, signs=2.0)
 """A town with more of what is rare."""

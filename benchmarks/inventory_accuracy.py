@@ -1,4 +1,4 @@
-"""How far the measures of the inventory are from the truth, on simulated streets.
+"""Errors of the measures of the inventory on simulated streets.
 
     python benchmarks/inventory_accuracy.py [--preset demo] [--kinds town ring_road suburb] [--seeds 3 4] [--csv FILE]
         [--model FOLDER]

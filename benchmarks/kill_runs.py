@@ -37,7 +37,7 @@ PIPELINES = {
 """Pipelines in the order in which they can run, and the parameters that make them small."""
 TIMES = {"node_seconds.csv", "stage_costs.csv", "times.csv", "patch_size.png", "search_radius.png"}
 BOOKS = {"record.json", "manifest.json"}
-"""What scene stores note of the files beside them; these are compared themselves."""
+"""Notes of scene stores about the files beside them; those files are compared themselves."""
 TIME = re.compile(r"second|_ms(_|$)|_s$")
 """In the names of columns and arrays that hold times."""
 LAYERS = ("data/07_model_output", "data/08_reporting", "labelled")
@@ -98,7 +98,7 @@ def without_times(path: Path) -> bytes:
 
 
 def is_result(path: Path) -> bool:
-    """Tell whether a file is to be the same in all runs."""
+    """Return whether a file must be the same in all runs."""
     of_study = path.name == "report.html" and path.parent.name.endswith("_study")
     return path.is_file() and path.name not in TIMES | BOOKS and not of_study
 

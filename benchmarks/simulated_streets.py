@@ -1,4 +1,4 @@
-"""How well the detrended forest labels simulated streets that it has not seen, with and without detrending.
+"""Scores of the detrended forest on unseen simulated streets, with and without detrending.
 
     python benchmarks/simulated_streets.py [--seeds 21 22 23] [--forest-seeds 2019] [--kind town]
     python benchmarks/simulated_streets.py --cross-validate

@@ -35,7 +35,7 @@ FINER = 2  # rays per pixel and axis
 
 
 class Shot(NamedTuple):
-    """Where a street is seen from.
+    """View of a street.
 
     Parameters
     ----------

@@ -124,7 +124,7 @@ def write_frames(folder: Path, parameters: SimulationParameters) -> None:
 
 
 def _in_sectors(cloud: PointCloud, sectors: list[list[float]], gap: float) -> np.ndarray:
-    """Tell which points lie in sectors of azimuth, half a gap away from their ends."""
+    """Return which points lie in sectors of azimuth, half a gap away from their ends."""
     azimuth = np.degrees(np.arctan2(cloud.xyz[:, 1], cloud.xyz[:, 0])) % 360
     inside = np.zeros(len(cloud), np.bool_)
     for first, last in sectors:

@@ -30,7 +30,7 @@ NUMBERLESS = {*GROUND_LABELS, *(TAXONOMY[k] for k in ("building", "wall", "fence
 
 
 class Gathered:
-    """What is kept of the points of every instance while pieces come and go."""
+    """Running summary of the points of every instance over all pieces."""
 
     def __init__(self) -> None:
         self.parts: list[pd.DataFrame] = []

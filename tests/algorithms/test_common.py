@@ -1,4 +1,4 @@
-"""What holds for every stateless kernel: relations between their results on changed inputs."""
+"""Relations between the results of every stateless kernel on changed inputs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which format a file is given, and what is said when there is none."""
+"""Choice of the format of a file, and the message where there is none."""
 
 import os
 

@@ -22,7 +22,7 @@ RESOLUTION = {"laz": 5.1e-4, "las": 5.1e-4, "copc.laz": 5.1e-4, "csv": 5.1e-5, "
 """Half a step of the written coordinates; other formats hold them exactly."""
 
 NO_LONG_INTEGERS = ("csv", "txt.gz", "ply")
-"""What 64-bit integers above 2^53 do not survive: text is parsed as float64, PLY has no such type."""
+"""Formats that lose 64-bit integers above 2^53: text is parsed as float64, PLY has no such type."""
 
 
 @st.composite

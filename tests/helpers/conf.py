@@ -1,4 +1,4 @@
-"""What tests of the configuration share: its files, and the parameters and catalog that an environment makes of them."""
+"""Files of the configuration, and the parameters and catalog of an environment."""
 
 import functools
 

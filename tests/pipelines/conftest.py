@@ -1,4 +1,4 @@
-"""What tests of `label` share: a project with registered models, and a piece of a street that these were not trained on."""
+"""Fixtures of the tests of `label`: a project with registered models, and a part of a street they were not trained on."""
 
 import pytest
 from helpers.labelled import N_POINTS

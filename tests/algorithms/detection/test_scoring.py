@@ -191,7 +191,7 @@ def test_scenes_of_weight_zero_are_excluded_from_threshold_selection(rng):
     alone = best_threshold(scores[:n], labels[:n] == 0, weights[:n])
     assert best_threshold(scores, labels == 0, weights) == alone
     assert alone != best_threshold(scores, labels == 0, np.where(labels == 0, 0.25, 1.0))
-    assert best_threshold(scores, labels == 1, weights) == (0.0, np.inf)  # its examples have no say either
+    assert best_threshold(scores, labels == 1, weights) == (0.0, np.inf)  # its examples are excluded too
 
 
 def test_prevalence_of_an_unwanted_class_is_an_error():

@@ -39,7 +39,7 @@ def test_points_take_the_most_probable_class_and_its_probability(rng):
     centroids = np.stack([xyz[owners == s].mean(axis=0) for s in range(owners.max() + 1)])
     probabilities = rng.dirichlet(np.ones(4), len(centroids)).astype(np.float32)
     nearest = cKDTree(centroids).query(xyz)[1]
-    assert (nearest != owners).any()  # so that the two rules can be told apart
+    assert (nearest != owners).any()  # so that the two rules differ
     for rule, expected in (("nearest", nearest), ("own", owners)):
         labels, confidence = label_points(xyz, centroids, probabilities, rule=rule, supervoxel_labels=owners)
         assert (labels.dtype, confidence.dtype) == (np.int16, np.float32)

@@ -1,4 +1,4 @@
-"""What surrounds a supervoxel, in balls and seen from above, against slow recounts and planted scenes."""
+"""Surroundings of a supervoxel, in balls and in plan, against slow recounts and planted scenes."""
 
 import numpy as np
 import pytest

@@ -74,7 +74,7 @@ def test_points_take_the_class_of_their_pixel_in_their_own_order(model, by_colou
 def test_scenes_beside_hide_points_with_their_cores_alone(model, by_colour):
     scene, front = cloud(wall(8.0, (-2, 2))), wall(4.0, (-1.0, 0.02))
     assert labeller.label_scene(scene, [], views(), model)["seen"].all()
-    moved = cloud(front - [100.0, 0, 0], origin=(100.0, 0.0, 0.0))  # the same place, told from elsewhere
+    moved = cloud(front - [100.0, 0, 0], origin=(100.0, 0.0, 0.0))  # the same place, relative to another origin
     hidden = labeller.label_scene(scene, [moved], views(), model)
     shadow = (scene.xyz[:, 1] < -0.1) & (scene.xyz[:, 1] > -1.9)
     assert not hidden["seen"][shadow].any() and hidden["seen"][scene.xyz[:, 1] > 0.2].all()

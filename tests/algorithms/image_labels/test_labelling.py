@@ -57,7 +57,7 @@ def test_a_survey_without_images_labels_nothing():
 
 
 def test_images_that_show_no_labelled_point_are_not_segmented():
-    """What is beside the image, hidden, or there only to hide costs no segmentation."""
+    """Points beside the image, hidden points and occluders alone cost no segmentation."""
     asked = []
 
     def segmented(name):

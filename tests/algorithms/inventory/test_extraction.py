@@ -224,7 +224,7 @@ def test_without_the_ground_the_lowest_part_is_the_base(street):
     np.testing.assert_allclose(poles["height"].to_numpy()[[0, 1]], [8, 6], atol=0.06)
     cars = of_kind(table, "vehicle")
     np.testing.assert_allclose(cars["height"], [1.5, 1.5, 3.2], atol=0.03)
-    assert len(poles) == 4  # the one that hangs in the air cannot be told from one that stands
+    assert len(poles) == 4  # the hanging one cannot be distinguished from a standing one
 
 
 def test_local_zero_does_not_matter(street, table):

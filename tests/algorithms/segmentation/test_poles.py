@@ -10,7 +10,7 @@ from mlsroad_pipeline.algorithms.segmentation.normalized_cut import segment
 from mlsroad_pipeline.algorithms.segmentation.poles import separate_poles
 from mlsroad_pipeline.algorithms.segmentation.rejoining import join_stacked_poles, rejoin_floating_parts
 
-UNCUT = {"max_cut": 0.0}  # what is told apart then was not cut apart
+UNCUT = {"max_cut": 0.0}  # then separation is not due to cuts
 
 
 def pole(rng, x, y, height=7.0, n=5000, lean=0.0):

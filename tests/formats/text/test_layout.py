@@ -1,4 +1,4 @@
-"""What is found out about text files that nobody described: marks, names, words, colours."""
+"""Layout of undescribed text files: marks, names, words, colours."""
 
 import gzip
 
