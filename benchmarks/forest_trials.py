@@ -1,4 +1,4 @@
-"""Parts that trials of the detrended forest share: the configuration, the stages before the forest, a row of figures."""
+"""Shared parts of trials of the detrended forest: the configuration, the stages before the forest, a row of figures."""
 
 from __future__ import annotations
 
