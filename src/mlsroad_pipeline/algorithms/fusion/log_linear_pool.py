@@ -180,8 +180,8 @@ def _width(table: ArrayLike) -> int:
 def _checked(probabilities: Sequence[ArrayLike], shape: tuple[int, int] | None) -> NDArray[np.float64]:
     if shape is None:
         raise DataError("fusion needs at least one labeller")
-    for k, given in enumerate(probabilities):
-        array = np.asarray(given)
+    for k, table in enumerate(probabilities):
+        array = np.asarray(table)
         if array.shape != shape:
             raise DataError(f"probabilities of labeller {k} must have shape {shape}, got {array.shape}")
         gaps = np.isnan(array)
@@ -190,7 +190,7 @@ def _checked(probabilities: Sequence[ArrayLike], shape: tuple[int, int] | None) 
             raise DataError(
                 f"probabilities of labeller {k}: row {partly[0]} is NaN in part: {array[partly[0]].tolist()}"
             )
-    return np.stack([np.asarray(given, dtype=np.float64) for given in probabilities])
+    return np.stack([np.asarray(table, dtype=np.float64) for table in probabilities])
 
 
 def _features(tables: NDArray[np.float64], floor: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
