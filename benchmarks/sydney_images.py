@@ -1,4 +1,4 @@
-"""Information in the images of luo2019: a support vector machine on all 15 images of the Sydney Urban Objects, inner folds.
+"""Images of luo2019 on the Sydney Urban Objects: a support vector machine on all 15 of them, inner folds.
 
     python benchmarks/sydney_images.py FOLDER --counts root log share --isotropic
     python benchmarks/sydney_images.py FOLDER --counts root_share log --window 2 4 --bilinear
