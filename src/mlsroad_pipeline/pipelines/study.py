@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 from kedro.pipeline import Node, Pipeline
 from matplotlib.figure import Figure
 
-from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.reporting.html.report import Section, build_report
 from mlsroad_pipeline.studies.tables import Tables
@@ -34,11 +33,10 @@ class StudyReport:
     tabulate: Callable[..., Tables]  # takes the plan and the stores of `results`, and returns the tables
     results: Sequence[str]  # scene stores that the tables are made from
     captions: Mapping[str, str]  # name of each figure to its caption; its catalog entry ends in ``_figure``
-    # takes the plan, the tables and the stores of `shown`, and returns the figures
-    draw: Callable[..., Sequence[Figure]]
+    draw: Callable[..., Sequence[Figure]]  # takes the tables and the entries of `shown`, and returns the figures
     # takes the plan, the tables and the figures, and returns the sections of the page
     write: Callable[[Any, Any, Sequence[Figure]], list[Section]]
-    shown: Sequence[str] = ()  # scene stores that figures show
+    shown: Sequence[str] = ()  # the plan and scene stores, where figures need more than the tables
 
 
 def study_pipeline(
@@ -61,7 +59,7 @@ def study_pipeline(
 
     def report_study(plan: Any, *loaded: Any) -> tuple[Figure | str, ...]:
         tables = report.tables(*loaded[:n_tables])
-        figures = tuple(report.draw(plan, tables, *loaded[n_tables:]))
+        figures = tuple(report.draw(tables, *loaded[n_tables:]))
         return *figures, build_report(report.write(plan, tables, figures), title=report.title)
 
     groups = [f"params:{group}" for group in (study, *parameters)]
@@ -78,10 +76,10 @@ def study_pipeline(
 
 
 def street_tasks(
-    make: Callable[..., Any], surveys: Mapping[str, Mapping[str, Any]], ground: GroundParameters
+    make: Callable[..., Any], surveys: Mapping[str, Mapping[str, Any]], **parameters: Any
 ) -> dict[str, SceneTask]:
-    """Create one task per street that simulates it."""
+    """Create one task per street that simulates it; `parameters` are further arguments of `make`."""
     return {
-        key: SceneTask(make, parameters={"simulation": simulation_parameters(survey), "ground": ground})
+        key: SceneTask(make, parameters={"simulation": simulation_parameters(survey), **parameters})
         for key, survey in surveys.items()
     }

@@ -44,7 +44,7 @@ def plan_study(
 
 def make_streets(plan: StudyPlan) -> dict[str, SceneTask]:
     """Create one task per street that simulates it."""
-    return street_tasks(make_street, plan.surveys(), plan.ground)
+    return street_tasks(make_street, plan.surveys(), ground=plan.ground)
 
 
 def tabulate_study(plan: StudyPlan, tried: SceneCollection, runs: SceneCollection) -> StudyTables:

@@ -41,12 +41,12 @@ def plan_study(
 
 def make_surveys(plan: StudyPlan) -> dict[str, SceneTask]:
     """Create one task per divided survey that simulates it."""
-    return street_tasks(tomic2019_runs.make_survey, plan.surveys(), plan.ground)
+    return street_tasks(tomic2019_runs.make_survey, plan.surveys(), ground=plan.ground)
 
 
 def make_photographs(plan: StudyPlan) -> dict[str, SceneTask]:
     """Create one task per street that simulates training images of the network."""
-    return street_tasks(tomic2019_runs.make_photographs, plan.photographed(), plan.ground)
+    return street_tasks(tomic2019_runs.make_photographs, plan.photographed())
 
 
 def tabulate_study(

@@ -39,6 +39,6 @@ def create_pipeline(**_: object) -> Pipeline:
             captions=CAPTIONS,
             draw=study_figures,
             write=study_sections,
-            shown=["streets", "by_features", "by_images", "runs"],
+            shown=["plan", "streets", "by_features", "by_images", "runs"],
         ),
     )  # fmt: skip

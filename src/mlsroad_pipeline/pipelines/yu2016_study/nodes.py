@@ -45,7 +45,7 @@ def plan_study(
 
 def make_surveys(plan: StudyPlan) -> dict[str, SceneTask]:
     """Create one task per street that simulates it."""
-    return street_tasks(make_survey, plan.surveys(), plan.stages.ground)
+    return street_tasks(make_survey, plan.surveys(), ground=plan.stages.ground)
 
 
 def tabulate_study(plan: StudyPlan, *stores: SceneCollection) -> StudyTables:

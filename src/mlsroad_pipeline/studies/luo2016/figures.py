@@ -12,7 +12,6 @@ from mlsroad_pipeline.reporting.clouds.cloud_figures import INK
 from mlsroad_pipeline.reporting.figures.style import SERIES
 from mlsroad_pipeline.studies.figures import draw_bars, draw_lines, draw_panels, legend_below, name_axes
 from mlsroad_pipeline.studies.luo2016.paper import CLASSES, FIGURE_7, FIGURE_9
-from mlsroad_pipeline.studies.luo2016.plan import StudyPlan
 from mlsroad_pipeline.studies.luo2016.results import StudyTables
 from mlsroad_pipeline.studies.luo2016.scores import MEANS
 
@@ -24,7 +23,7 @@ CAPTIONS = {
 """Name of each figure to its caption."""
 
 
-def study_figures(_: StudyPlan, tables: StudyTables) -> tuple[Figure, ...]:
+def study_figures(tables: StudyTables) -> tuple[Figure, ...]:
     """Draw the figures in the order of `CAPTIONS`."""
     size = _lines(tables.patch_size, "Patch size L, m", ("train_seconds",), FIGURE_7)
     radius = _lines(tables.search_radius, "Local search radius, m", ("train_seconds", "objective"), FIGURE_9)

@@ -27,7 +27,6 @@ from mlsroad_pipeline.studies.luo2019.parameters import (
     METHODS,
     SUB_NETWORKS,
 )
-from mlsroad_pipeline.studies.luo2019.plan import StudyPlan
 from mlsroad_pipeline.studies.luo2019.results import LEVELS, StudyTables
 
 _TITLES = {
@@ -46,7 +45,7 @@ CAPTIONS = {
 """Name of each figure to its caption."""
 
 
-def study_figures(_: StudyPlan, tables: StudyTables) -> tuple[Figure, ...]:
+def study_figures(tables: StudyTables) -> tuple[Figure, ...]:
     """Draw the figures in the order of `CAPTIONS`."""
     return (
         _figure_7(tables.curves[tables.curves["figure"] == 7]),

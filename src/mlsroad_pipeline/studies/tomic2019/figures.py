@@ -38,8 +38,8 @@ Arrays = Mapping[str, NDArray]
 
 
 def study_figures(
-    plan: StudyPlan,
     tables: StudyTables,
+    plan: StudyPlan,
     streets: SceneCollection,
     by_features: SceneCollection,
     by_images: SceneCollection,

@@ -56,9 +56,8 @@ def make_survey(*, simulation: SimulationParameters, ground: GroundParameters) -
     return {"points": replace(cloud, columns=columns), "images": pack_images(survey)}
 
 
-def make_photographs(*, simulation: SimulationParameters, ground: GroundParameters) -> dict[str, Any]:
+def make_photographs(*, simulation: SimulationParameters) -> dict[str, Any]:
     """Simulate a survey and keep only its images."""
-    del ground
     return {"images": pack_images(simulate_survey(simulation, n_threads=1))}
 
 

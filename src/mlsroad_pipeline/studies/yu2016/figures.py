@@ -9,7 +9,6 @@ from mlsroad_pipeline.reporting.clouds.cloud_figures import INK
 from mlsroad_pipeline.reporting.figures.style import SERIES
 from mlsroad_pipeline.studies.figures import draw_bars, draw_curves, draw_panels, legend_below, name_axes
 from mlsroad_pipeline.studies.yu2016.parameters import SEGMENTATIONS
-from mlsroad_pipeline.studies.yu2016.plan import StudyPlan
 from mlsroad_pipeline.studies.yu2016.results import StudyTables
 
 CAPTIONS = {
@@ -21,7 +20,7 @@ CAPTIONS = {
 _PANELS = {"pattern": "Feature regions (a)", "words_per_group": "Words per group (b)", "k": "Neighbours k (c)"}
 
 
-def study_figures(_: StudyPlan, tables: StudyTables) -> tuple[Figure, ...]:
+def study_figures(tables: StudyTables) -> tuple[Figure, ...]:
     """Draw the figures in the order of `CAPTIONS`."""
     return _coverage(tables.segmentation), _curves(tables.curves)
 
