@@ -70,3 +70,11 @@ def test_what_a_running_program_imported_was_foreseen():
     loaded = [module for module in ast.literal_eval(printed) if in_science(module)]
     assert {source_of(module) for module in loaded} <= set(reachable_sources([name]))
     assert len(reachable_sources([name])) < len(all_sources())
+
+
+@pytest.mark.parametrize("name", ["scoring", "references", "outcomes", "parts"])
+def test_scores_and_descriptions_of_objects_do_not_depend_on_the_methods(name):
+    """A module that reaches `models.methods` has the whole of `algorithms` among its sources."""
+    sources = reachable_sources([f"{PROJECT}.algorithms.detection.{name}"])
+    assert source_of(f"{PROJECT}.algorithms.models.methods") not in sources
+    assert len(sources) < len(all_sources()) / 2

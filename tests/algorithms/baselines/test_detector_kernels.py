@@ -17,9 +17,9 @@ from mlsroad_pipeline.algorithms.baselines.object_matching.detector import (
     affine_combinations,
     likeness,
 )
-from mlsroad_pipeline.algorithms.detection.detector import object_bounds
 from mlsroad_pipeline.algorithms.detection.parts import relative_centres
 from mlsroad_pipeline.algorithms.detection.sampling import select_objects
+from mlsroad_pipeline.algorithms.detection.types import object_bounds
 
 
 def test_peak_is_that_of_circles_drawn_one_by_one(rng):

@@ -1,11 +1,11 @@
-"""Detection of objects by trained models: hand-overs, choice of the variant, and labelling from raw coordinates."""
+"""Detection of objects by trained models: choice of the variant, and labelling from raw coordinates."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, Self, TypedDict
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,58 +14,16 @@ from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.detection.thresholds import detect_by_thresholds
+from mlsroad_pipeline.algorithms.detection.types import Description, Detections, ObjectLabels, Segments
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, Segments, segment_scene
+from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters, segment_scene
 from mlsroad_pipeline.algorithms.stages import GroundMask, GroundParameters, find_ground
-
-__all__ = [
-    "GEOMETRY", "WITH_INTENSITY", "Description", "DetectionStages", "Detections", "ObjectLabels", "Segments",
-    "TrainedDetector", "choose_variant", "detect_by_description", "detect_objects", "label_described_objects",
-    "label_detected_objects", "object_bounds",
-]  # fmt: skip
 
 WITH_INTENSITY, GEOMETRY = "geometry+intensity", "geometry"
 """Variants of a model: trained with intensity, and without for surveys that have none."""
 
-Description = Mapping[str, NDArray]
-"""Described objects of a scene. ``objects`` int32 (g,): object of each part, ascending; ``n_objects``; ``intensity``:
-whether the scene has it. All other arrays have one row per part and belong to the method: see `describe_parts`,
-`describe_surfaces` and `visual_words.descriptions.describe_objects`."""
-
 logger = logging.getLogger(__name__)
-
-
-class ObjectLabels(TypedDict):
-    """Detected class and score of each object of a scene.
-
-    Attributes
-    ----------
-    label : ndarray of int16, shape (objects,)
-        Index in the wanted classes; -1 for none.
-    score : ndarray of float32, shape (objects,)
-        Score of that class; 0 for none.
-    """
-
-    label: NDArray[np.int16]
-    score: NDArray[np.float32]
-
-
-class Detections(ObjectLabels):
-    """Detections in a scene with the scores of all classes.
-
-    Attributes
-    ----------
-    scores : ndarray of float32, shape (objects, c)
-        Score of each object for each wanted class; 0 is no likeness at all.
-    """
-
-    scores: NDArray[np.float32]
-
-
-def object_bounds(parts: Description) -> NDArray[np.int64]:
-    """Return the index of the first part of each object, and the number of parts, shape (n_objects + 1,)."""
-    return np.searchsorted(parts["objects"], np.arange(int(parts["n_objects"]) + 1)).astype(np.int64)
 
 
 @dataclass(frozen=True)

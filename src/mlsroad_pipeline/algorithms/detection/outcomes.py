@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.detection.detector import Detections, Segments
 from mlsroad_pipeline.algorithms.detection.references import wanted_objects
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
+from mlsroad_pipeline.algorithms.detection.types import Detections, Segments
 from mlsroad_pipeline.algorithms.metrics.detection import match_detections
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps
 

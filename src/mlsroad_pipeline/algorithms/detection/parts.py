@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.detection.detector import Description, Segments, object_bounds
 from mlsroad_pipeline.algorithms.detection.regions import INTENSITY, RegionParameters, describe_regions
+from mlsroad_pipeline.algorithms.detection.types import Description, Segments, object_bounds
 
 
 def describe_parts(scene: PointCloud, objects: Segments, *, parameters: RegionParameters) -> dict[str, NDArray]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.detection.detector import Description, object_bounds
+from mlsroad_pipeline.algorithms.detection.types import Description, object_bounds
 
 
 class TrainingObjects(NamedTuple):

@@ -15,8 +15,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.scene_key import group_by_split
 from mlsroad_pipeline.algorithms.core.validation import check_positive
-from mlsroad_pipeline.algorithms.detection.detector import Detections, Segments
 from mlsroad_pipeline.algorithms.detection.references import wanted_objects, without_reference
+from mlsroad_pipeline.algorithms.detection.types import Detections, Segments
 from mlsroad_pipeline.algorithms.metrics.detection import (
     DetectionCounts,
     count_detections,

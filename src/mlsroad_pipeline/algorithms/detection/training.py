@@ -12,17 +12,11 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.detection.detector import (
-    GEOMETRY,
-    WITH_INTENSITY,
-    Description,
-    DetectionStages,
-    TrainedDetector,
-    object_bounds,
-)
+from mlsroad_pipeline.algorithms.detection.detector import GEOMETRY, WITH_INTENSITY, DetectionStages, TrainedDetector
 from mlsroad_pipeline.algorithms.detection.sampling import TrainingObjects, join_descriptions
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters, ObjectClasses
 from mlsroad_pipeline.algorithms.detection.thresholds import object_weights
+from mlsroad_pipeline.algorithms.detection.types import Description, object_bounds
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 
 logger = logging.getLogger(__name__)

@@ -16,12 +16,8 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.detection.detector import (
-    DetectionStages,
-    ObjectLabels,
-    Segments,
-    label_detected_objects,
-)
+from mlsroad_pipeline.algorithms.detection.detector import DetectionStages, label_detected_objects
+from mlsroad_pipeline.algorithms.detection.types import ObjectLabels, Segments
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS, Method, methods_of
 from mlsroad_pipeline.algorithms.recognition.cutting import (

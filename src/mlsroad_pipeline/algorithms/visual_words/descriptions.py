@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.detection.detector import Segments
 from mlsroad_pipeline.algorithms.detection.regions import INTENSITY, RegionParameters, describe_regions
+from mlsroad_pipeline.algorithms.detection.types import Segments
 from mlsroad_pipeline.algorithms.visual_words.groups import ContextualGroups, build_groups
 from mlsroad_pipeline.algorithms.visual_words.profiles import measure_profiles, without_intensities
 from mlsroad_pipeline.algorithms.visual_words.sizes import measure_sizes

@@ -11,15 +11,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.detection.detector import (
-    WITH_INTENSITY,
-    Description,
-    Detections,
-    Segments,
-    choose_variant,
-    label_described_objects,
-)
+from mlsroad_pipeline.algorithms.detection.detector import WITH_INTENSITY, choose_variant, label_described_objects
 from mlsroad_pipeline.algorithms.detection.thresholds import detect_by_thresholds
+from mlsroad_pipeline.algorithms.detection.types import Description, Detections, Segments
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.algorithms.visual_words.bags import count_words
 from mlsroad_pipeline.algorithms.visual_words.descriptions import (

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
-from mlsroad_pipeline.algorithms.detection.detector import GEOMETRY, WITH_INTENSITY, Description, DetectionStages
+from mlsroad_pipeline.algorithms.detection.detector import GEOMETRY, WITH_INTENSITY, DetectionStages
 from mlsroad_pipeline.algorithms.detection.regions import RegionParameters
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters, ObjectClasses
 from mlsroad_pipeline.algorithms.detection.training import (
@@ -20,6 +20,7 @@ from mlsroad_pipeline.algorithms.detection.training import (
     training_keys,
     training_weights,
 )
+from mlsroad_pipeline.algorithms.detection.types import Description
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.visual_words.bags import count_words
 from mlsroad_pipeline.algorithms.visual_words.descriptions import GroupParameters, groups_of, profiles_of

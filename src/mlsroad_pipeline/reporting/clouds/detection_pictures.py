@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.detection.detector import Detections, Segments
 from mlsroad_pipeline.algorithms.detection.outcomes import detection_outcomes
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
+from mlsroad_pipeline.algorithms.detection.types import Detections, Segments
 from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, detection_pictures
 from mlsroad_pipeline.reporting.clouds.view import oblique_view
 

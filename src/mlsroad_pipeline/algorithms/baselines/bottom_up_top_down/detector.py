@@ -21,14 +21,9 @@ from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.oriented_points im
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive
-from mlsroad_pipeline.algorithms.detection.detector import (
-    Description,
-    Segments,
-    detect_by_description,
-    label_described_objects,
-    object_bounds,
-)
+from mlsroad_pipeline.algorithms.detection.detector import detect_by_description, label_described_objects
 from mlsroad_pipeline.algorithms.detection.parts import relative_centres
+from mlsroad_pipeline.algorithms.detection.types import Description, Segments, object_bounds
 from mlsroad_pipeline.algorithms.features.gaussian_image import align_gaussian_images, compute_gaussian_images
 from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
 

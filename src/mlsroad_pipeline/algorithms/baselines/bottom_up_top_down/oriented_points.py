@@ -11,8 +11,8 @@ from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down._surfaces import s
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_positive, check_xyz
-from mlsroad_pipeline.algorithms.detection.detector import Segments
 from mlsroad_pipeline.algorithms.detection.regions import stand_apart
+from mlsroad_pipeline.algorithms.detection.types import Segments
 from mlsroad_pipeline.algorithms.features.normals import compute_normals
 from mlsroad_pipeline.algorithms.features.spin_image import compute_spin_images
 from mlsroad_pipeline.algorithms.geometry.voxels import build_voxel_grid

@@ -17,15 +17,10 @@ from mlsroad_pipeline.algorithms.baselines.hough_forest._trees import vote
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive
-from mlsroad_pipeline.algorithms.detection.detector import (
-    Description,
-    Segments,
-    detect_by_description,
-    label_described_objects,
-    object_bounds,
-)
+from mlsroad_pipeline.algorithms.detection.detector import detect_by_description, label_described_objects
 from mlsroad_pipeline.algorithms.detection.parts import describe_parts, descriptors_of, heights_of
 from mlsroad_pipeline.algorithms.detection.regions import RegionParameters
+from mlsroad_pipeline.algorithms.detection.types import Description, Segments, object_bounds
 from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
 
 SLUG = "hough_forest"

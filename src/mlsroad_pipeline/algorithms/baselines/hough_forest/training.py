@@ -16,10 +16,10 @@ from mlsroad_pipeline.algorithms.baselines.hough_forest.detector import (
     offsets_to_centre,
     part_features,
 )
-from mlsroad_pipeline.algorithms.detection.detector import Description, object_bounds
 from mlsroad_pipeline.algorithms.detection.sampling import TrainingObjects
 from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold
 from mlsroad_pipeline.algorithms.detection.training import train_object_detector
+from mlsroad_pipeline.algorithms.detection.types import Description, object_bounds
 
 
 def fit_hough_forest(objects: TrainingObjects, parameters: HoughForestParameters) -> tuple[HoughForest, dict[str, Any]]:
