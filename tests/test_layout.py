@@ -5,7 +5,7 @@ import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import grimp
 import pytest
@@ -24,9 +24,15 @@ class Layers(NamedTuple):
     ignored: set[str]
 
 
-def _layers(container: str) -> Layers:
+def _contract(**keys: object) -> dict[str, Any]:
+    """Return the only contract with the values of some keys."""
     contracts = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
-    (contract,) = [c for c in contracts if c["type"] == "layers" and c["containers"] == [container]]
+    (contract,) = [c for c in contracts if all(c.get(name) == value for name, value in keys.items())]
+    return contract
+
+
+def _layers(container: str) -> Layers:
+    contract = _contract(type="layers", containers=[container])
     assert contract["exhaustive"]
     ranks = {name.strip(): rank for rank, line in enumerate(contract["layers"]) for name in line.split("|")}
     return Layers(ranks, set(contract.get("exhaustive_ignores", ())))
@@ -64,6 +70,16 @@ def test_every_module_is_in_a_contract_and_every_name_in_a_contract_is_a_module(
 @pytest.mark.parametrize("name", ["simulation", "formats", "execution", "surveys", "reporting", "label", "studies"])
 def test_packages_beside_the_science_are_in_the_contract(name):
     assert name in _layers(PACKAGE).ranks
+
+
+def test_the_contract_of_the_simulator_names_all_other_algorithms(graph):
+    contract = _contract(name="The simulator needs core and geometry alone")
+    needed = {f"{SCIENCE}.core", f"{SCIENCE}.geometry"}
+    assert set(contract["forbidden_modules"]) == graph.find_children(SCIENCE) - needed
+
+
+def test_every_baseline_is_in_the_contract_of_independence(graph):
+    assert set(_contract(type="independence")["modules"]) == graph.find_children(f"{SCIENCE}.baselines")
 
 
 @pytest.mark.parametrize("container", LIMITS)
