@@ -2,41 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
-from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
-from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters
-from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
-from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.pipelines.study import street_tasks
-from mlsroad_pipeline.studies.tomic2019 import plan as tomic2019_plan
 from mlsroad_pipeline.studies.tomic2019 import runs as tomic2019_runs
-from mlsroad_pipeline.studies.tomic2019.parameters import StudyParameters
 from mlsroad_pipeline.studies.tomic2019.plan import StudyPlan
 from mlsroad_pipeline.studies.tomic2019.results import FusionRun, StudyTables, study_tables
-from mlsroad_pipeline.surveys.simulated import simulation_parameters
-
-
-def plan_study(
-    study: StudyParameters,
-    classes: Mapping[str, Any],
-    ground: GroundParameters,
-    supervoxels: SupervoxelParameters,
-    features: FeatureParameters,
-    forest: ForestParameters,
-    images: ImageLabelsParameters,
-    fusion: FusionParameters,
-) -> StudyPlan:
-    """Plan the tasks."""
-    scheme = find_scheme(classes["schemes"], "tomic2019")
-    length = simulation_parameters(study.chosen_scale().survey).length
-    return tomic2019_plan.plan_study(
-        study, scheme, ground, supervoxels, features, forest, images, fusion.pool, length=length
-    )
 
 
 def make_surveys(plan: StudyPlan) -> dict[str, SceneTask]:

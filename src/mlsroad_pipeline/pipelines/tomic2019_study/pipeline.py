@@ -6,11 +6,16 @@ from mlsroad_pipeline.pipelines.study import Stage, StudyReport, study_pipeline
 from mlsroad_pipeline.pipelines.tomic2019_study.nodes import (
     make_photographs,
     make_surveys,
-    plan_study,
     tabulate_study,
 )
 from mlsroad_pipeline.studies.tomic2019.figures import CAPTIONS, study_figures
-from mlsroad_pipeline.studies.tomic2019.plan import fuse_surveys, label_by_features, label_by_images, train_network
+from mlsroad_pipeline.studies.tomic2019.plan import (
+    fuse_surveys,
+    label_by_features,
+    label_by_images,
+    plan_study,
+    train_network,
+)
 from mlsroad_pipeline.studies.tomic2019.report import study_sections
 from mlsroad_pipeline.studies.tomic2019.results import StudyTables
 

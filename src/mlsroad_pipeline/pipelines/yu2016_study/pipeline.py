@@ -3,12 +3,13 @@
 from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.pipelines.study import Stage, StudyReport, study_pipeline
-from mlsroad_pipeline.pipelines.yu2016_study.nodes import make_surveys, plan_study, tabulate_study
+from mlsroad_pipeline.pipelines.yu2016_study.nodes import make_surveys, tabulate_study
 from mlsroad_pipeline.studies.yu2016.figures import CAPTIONS, study_figures
 from mlsroad_pipeline.studies.yu2016.parameters import DETECTORS
 from mlsroad_pipeline.studies.yu2016.plan import (
     compare_segmentations,
     describe_surveys,
+    plan_study,
     run_detectors,
     run_settings,
     segment_surveys,

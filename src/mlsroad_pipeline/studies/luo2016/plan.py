@@ -9,7 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.baselines.max_margin_markov.training import MarginParameters
+from mlsroad_pipeline.algorithms.baselines.patch_forest.classifier import PatchForestParameters
+from mlsroad_pipeline.algorithms.baselines.patch_svm.classifier import PatchSvmParameters
+from mlsroad_pipeline.algorithms.baselines.shape_based.labeller import ShapeParameters
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.patch_graph.classifier import PatchGraphParameters
+from mlsroad_pipeline.algorithms.patch_graph.refined_classifier import GridParameters
 from mlsroad_pipeline.algorithms.patches.extraction import PatchParameters
 from mlsroad_pipeline.algorithms.patches.labelling import PatchStages
 from mlsroad_pipeline.algorithms.stages import GroundParameters
@@ -163,16 +170,21 @@ class StudyPlan:
 
 def plan_study(
     study: StudyParameters,
-    *,
-    scheme: ClassScheme,
+    classes: Mapping[str, Any],
     ground: GroundParameters,
     sizes: PatchParameters,
-    methods: Mapping[str, Any],
+    svm: PatchSvmParameters,
+    forest: PatchForestParameters,
+    shapes: ShapeParameters,
+    network: MarginParameters,
+    graph: PatchGraphParameters,
+    refinement: GridParameters,
 ) -> StudyPlan:
     """Return the plan with the changes of the scale."""
     changes = study.chosen_scale().methods
-    parameters = {slug: changed(methods[slug], changes.get(slug, {})) for slug in METHODS}
-    return StudyPlan(study, scheme, ground, sizes, parameters)
+    methods: dict[str, Any] = dict(zip(METHODS, (svm, forest, shapes, network, graph, refinement), strict=True))
+    parameters = {slug: changed(own, changes.get(slug, {})) for slug, own in methods.items()}
+    return StudyPlan(study, find_scheme(classes["schemes"], study.scheme), ground, sizes, parameters)
 
 
 def cut_streets(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:

@@ -10,6 +10,8 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.detrended_forest.labeller import StageParameters
 from mlsroad_pipeline.algorithms.detrended_forest.training import ForestParameters
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
+from mlsroad_pipeline.algorithms.fusion.labeller import FusionParameters
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
 from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLabelsParameters
 from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters
@@ -25,6 +27,7 @@ from mlsroad_pipeline.studies.tomic2019.parameters import (
     StudyParameters,
     StudyScale,
 )
+from mlsroad_pipeline.surveys.simulated import simulation_parameters
 
 PRINTED, OWN = "printed_forest", "detrended_forest"
 """Method 1 with the features of section 2.1, and with those of this project."""
@@ -78,18 +81,18 @@ def street_key(seed: int) -> str:
 
 def plan_study(
     study: StudyParameters,
-    scheme: ClassScheme,
+    classes: Mapping[str, Any],
     ground: GroundParameters,
     supervoxels: SupervoxelParameters,
     features: FeatureParameters,
     forest: ForestParameters,
     images: ImageLabelsParameters,
-    pool: PoolParameters,
-    *,
-    length: float,
+    fusion: FusionParameters,
 ) -> StudyPlan:
     """Return the plan with the changes of the scale."""
     scale = study.chosen_scale()
+    scheme = find_scheme(classes["schemes"], "tomic2019")
+    length = simulation_parameters(scale.survey).length
     own = changed(forest, scale.methods.get("detrended_forest", {}))
     stages = StageParameters(ground, supervoxels, features)
     printed = replace(stages, features=changed(features, study.printed_features))
@@ -99,7 +102,7 @@ def plan_study(
     }
     return StudyPlan(
         study, scheme, ground, Division(length, scale.gap), forests,
-        changed(images, scale.methods.get("image_labels", {})), changed(pool, scale.methods.get("fusion", {})),
+        changed(images, scale.methods.get("image_labels", {})), changed(fusion.pool, scale.methods.get("fusion", {})),
     )  # fmt: skip
 
 

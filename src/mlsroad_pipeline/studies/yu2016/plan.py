@@ -6,11 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+from mlsroad_pipeline.algorithms.baselines.bottom_up_top_down.detector import BottomUpTopDownParameters
+from mlsroad_pipeline.algorithms.baselines.hough_forest.detector import HoughForestParameters
+from mlsroad_pipeline.algorithms.baselines.object_matching.detector import ObjectMatchingParameters
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters
+from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred, SceneTask
 from mlsroad_pipeline.studies.parameters import changed
@@ -113,16 +118,20 @@ def setting_key(name: str) -> str:
 
 def plan_study(
     study: StudyParameters,
-    *,
-    scheme: ClassScheme,
+    classes: Mapping[str, Any],
     ground: GroundParameters,
     segmentation: SegmentationParameters,
     detection: DetectionParameters,
-    methods: Mapping[str, Any],
+    forest: HoughForestParameters,
+    matching: ObjectMatchingParameters,
+    descriptors: BottomUpTopDownParameters,
+    words: VisualWordsParameters,
 ) -> StudyPlan:
     """Return the plan with the changes of the scale."""
     changes = study.chosen_scale().methods
+    methods: dict[str, Any] = dict(zip(DETECTORS, (forest, matching, descriptors, words), strict=True))
     own = {slug: changed(parameters, changes.get(slug, {})) for slug, parameters in methods.items()}
+    scheme = find_scheme(classes["schemes"], detection.scheme)
     return StudyPlan(study, detection, scheme, DetectionStages(ground, replace(segmentation, method=CUT)), own)
 
 
