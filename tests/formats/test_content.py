@@ -101,7 +101,7 @@ def test_written_as_gzip_and_read_back(tmp_path, rng, kind):
     np.testing.assert_allclose(again.world_xyz(), cloud.world_xyz(), rtol=0, atol=1e-9)
     assert again.crs == UTM
     form.write(path, cloud, WriteOptions())
-    assert path.read_bytes() == first  # no time in its head
+    assert path.read_bytes() == first  # no time in its header
     assert sorted(p.name for p in tmp_path.iterdir() if "part" in p.name) == []
 
 
@@ -193,5 +193,5 @@ def test_memory_is_bounded_and_a_full_disk_is_told(tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(content.shutil, "copyfileobj", full)
-    with pytest.raises(ReadError, match=r"a\.txt\.gz: no room to unpack it in .*; set TMPDIR"):
+    with pytest.raises(ReadError, match=r"a\.txt\.gz: no room to decompress it in .*; set TMPDIR"):
         Content(tmp_path / "a.txt.gz")

@@ -27,14 +27,14 @@ def test_sidecars_are_written_and_read(tmp_path, rng, caplog, form, name):
     assert (tmp_path / "a.b.prj").is_file()
     with caplog.at_level("INFO"):
         assert form.read(tmp_path / name, DEFAULT).crs == UTM32
-    assert "a.b.prj: gives the coordinate reference system ETRS89 / UTM zone 32N" in caplog.text
+    assert "a.b.prj: holds the coordinate reference system ETRS89 / UTM zone 32N" in caplog.text
     (tmp_path / "a.b.prj").write_text("EPSG:25833")
     assert form.info(tmp_path / name, DEFAULT).crs == UTM33
     assert form.read(tmp_path / name, ReadOptions(crs="EPSG:25832")).crs == UTM32  # the option comes first
     (tmp_path / "a.b.prj").write_text("somewhere")
     with caplog.at_level("INFO"):
         assert form.read(tmp_path / name, DEFAULT).crs is None  # never guessed
-    assert "no coordinate reference system that PROJ knows: 'somewhere'" in caplog.text
+    assert "no coordinate reference system that PROJ can parse: 'somewhere'" in caplog.text
 
 
 def test_reprojection_equals_pyproj_for_any_range(tmp_path, rng):

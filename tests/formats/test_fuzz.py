@@ -84,7 +84,7 @@ def mutated(data, rng):
     """Return damaged content: cut, flipped, overwritten, repeated, or with numbers that make no sense."""
     data = bytearray(data)
     kind = int(rng.integers(8))
-    early = int(rng.integers(min(len(data), 600)))  # heads matter more than points
+    early = int(rng.integers(min(len(data), 600)))  # headers matter more than points
     at = early if rng.random() < 0.7 else int(rng.integers(len(data)))
     if kind == 0:
         return bytes(data[:at])

@@ -53,7 +53,7 @@ def test_truncated_las_says_how_many_points_are_left(tmp_path, rng):
     path = tmp_path / "cut.las"
     make_las(path, rng, version="1.2", point_format=3, n=20, extras=False)
     path.write_bytes(path.read_bytes()[: -34 * 3 - 1])
-    with pytest.raises(ReadError, match=r"cut\.las is truncated: its header says 20 points, it holds 16"):
+    with pytest.raises(ReadError, match=r"cut\.las is truncated: its header states 20 points, it holds 16"):
         read(path)
 
 

@@ -79,8 +79,8 @@ def test_every_guess_is_told_once_and_how_to_change_it(tmp_path, rng, caplog):
                 form.read(tmp_path / name, ReadOptions(), start=start, stop=start + 1)
     for text in (
         "a.las: intensity (uint16) is divided by 65535; intensity_scale changes that",
-        "a.las: colours are taken for 16 bits in fields of 16; rgb_bits changes that",
-        "b.csv: column 'reflectance' is taken for intensity",
+        "a.las: colours are read as 16 bits in fields of 16; rgb_bits changes that",
+        "b.csv: column 'reflectance' is read as intensity",
         "b.csv: intensity (float64) is divided by 255; intensity_scale changes that",
         "b.csv: colours are fractional numbers up to 1",
     ):

@@ -100,7 +100,7 @@ def test_damage_is_named(tmp_path, rng):
     text.write_text(text.read_text()[:-30])
     with pytest.raises(ReadError, match=r"tree\.3\.270\.csv is damaged: .*Expected 9 columns"):
         get_format(text).read(text, DEFAULT)
-    with pytest.raises(ReadError, match="which would give its class"):
+    with pytest.raises(ReadError, match="is not named .*so its class is unknown"):
         object_class("street.bin")
 
 

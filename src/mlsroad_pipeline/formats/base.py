@@ -29,15 +29,15 @@ class FileInfo:
     n_points : int
         Number of points.
     columns : mapping of str to dtype
-        Columns that `read` will give, after renaming, with the types that it gives them.
+        Columns of the result of `read`, after renaming, with their types there.
     origin : ndarray of shape (3,), float64
         World coordinates in metres of the local zero that every range of this file is read relative to.
     crs : str or None
         Coordinate reference system as WKT.
     bounds : ndarray of shape (2, 3) or None
-        Least and greatest world coordinates in metres, where the header has them.
+        Minimum and maximum world coordinates in metres, where the header has them.
     details : mapping
-        Format-specific details: a LAS file's version, point format, scale, offset, creation date, time type.
+        Format-specific details, such as a LAS file's version, point format, scale, offset, creation date, time type.
     """
 
     path: Path
@@ -68,7 +68,7 @@ class PointFormat(Protocol):
     signatures: tuple[bytes, ...]
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """Return whether a file's content is certainly of this format.
+        """Return whether the content of a file identifies this format.
 
         Parameters
         ----------
@@ -80,7 +80,7 @@ class PointFormat(Protocol):
         Returns
         -------
         bool
-            Whether it begins with one of the signatures. Formats without signatures examine the content or go by name.
+            Whether it begins with one of the signatures. Formats without signatures examine the content or the name.
         """
         del path
         return head.startswith(self.signatures) if self.signatures else False
@@ -93,7 +93,7 @@ class PointFormat(Protocol):
         path : Path
             The file.
         options : ReadOptions
-            How to read it.
+            Options of reading.
 
         Returns
         -------
@@ -110,7 +110,7 @@ class PointFormat(Protocol):
         path : Path
             The file.
         options : ReadOptions
-            How to read it.
+            Options of reading.
         start, stop : int
             First row and the row after the last.
 
@@ -131,5 +131,5 @@ class PointFormat(Protocol):
         cloud : PointCloud
             The points.
         options : WriteOptions
-            How to write them.
+            Options of writing.
         """

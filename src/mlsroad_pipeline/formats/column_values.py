@@ -1,4 +1,4 @@
-"""Rules that turn a file's intensities, colours and labels into the standard ones."""
+"""Conversion of intensities, colours and labels to the standard columns."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def intensity_divisor(dtype: np.dtype, rule: str | float, maximum: Callable[[], 
     rule : "dtype" or "max" or float
         See `ReadOptions.intensity_scale`.
     maximum : callable
-        Returns the greatest intensity of the whole file; called only for the rule "max".
+        Returns the maximum intensity of the whole file; called only for the rule "max".
 
     Returns
     -------
@@ -44,11 +44,11 @@ def scale_intensity(values: NDArray, divisor: float, *, source: Path) -> NDArray
     Parameters
     ----------
     values : ndarray of shape (n,)
-        Intensities as the file has them.
+        Intensities of the file.
     divisor : float
         See `intensity_divisor`.
     source : Path
-        What the message calls the file.
+        File name in messages.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def scale_intensity(values: NDArray, divisor: float, *, source: Path) -> NDArray
     DataError
         If one falls outside [0, 1].
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below
+    with np.errstate(over="ignore", invalid="ignore"):  # overflows raise below
         scaled = (values / divisor).astype(np.float32)
     low, high = np.fmin.reduce(scaled, initial=np.nan), np.fmax.reduce(scaled, initial=np.nan)  # NaN where all are
     if low < 0 or high > 1:
@@ -81,7 +81,7 @@ def join_colours(parts: Sequence[NDArray], shift: int, *, source: Path) -> NDArr
     shift : int
         Bits to drop: 8 for colours of 16 bits, else 0.
     source : Path
-        What the message calls the file.
+        File name in messages.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def join_colours(parts: Sequence[NDArray], shift: int, *, source: Path) -> NDArr
         values = part >> shift if shift else part
         if values.dtype != np.uint8 and len(values) and not 0 <= values.min() <= values.max() <= 255:
             raise DataError(
-                f"{source}: colour value {values.max()} in a file whose colours were taken for 8 bits; set rgb_bits: 16"
+                f"{source}: colour value {values.max()} in a file with assumed 8-bit colours; set rgb_bits: 16"
             )
         rgb[:, axis] = values
     return rgb
@@ -112,9 +112,9 @@ def float_colours(values: NDArray, greatest: float, *, source: Path) -> NDArray[
     values : ndarray of shape (n,), floating
         One colour, in [0, 1], [0, 255] or [0, 65535].
     greatest : float
-        The greatest colour value of the whole file, which distinguishes the three.
+        Maximum colour value of the whole file, which distinguishes the three ranges.
     source : Path
-        What the message calls the file.
+        File name in messages.
 
     Returns
     -------
@@ -140,11 +140,11 @@ def integer_labels(values: NDArray, name: str, *, source: Path) -> NDArray:
     Parameters
     ----------
     values : ndarray of shape (n,)
-        Labels as the file has them, perhaps as floats.
+        Labels of the file, integers or floats.
     name : str
         The column's name.
     source : Path
-        What the message calls the file.
+        File name in messages.
 
     Returns
     -------
@@ -158,7 +158,7 @@ def integer_labels(values: NDArray, name: str, *, source: Path) -> NDArray:
     """
     if np.issubdtype(values.dtype, np.integer):
         return values
-    with np.errstate(invalid="ignore"):  # what does not fit is not what it was, and is refused below
+    with np.errstate(invalid="ignore"):  # values out of range differ after the cast and raise below
         whole = values.astype(np.int32)
     if not np.array_equal(whole, values):
         row = int(np.flatnonzero(whole != values)[0])

@@ -1,4 +1,4 @@
-"""The bytes of a file, plain or gzip, at any position."""
+"""Random access to the bytes of a file, plain or gzip-compressed."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ BLOCK = 1 << 24
 
 
 class Content:
-    """The bytes of a file at any position; a packed one is unpacked into a temporary file that has no name.
+    """Random access to the bytes of a file; a gzip-compressed one is decompressed into an unnamed temporary file.
 
     Parameters
     ----------
     path : Path
-        The file; packed if it begins as gzip does.
+        The file; gzip-compressed if it begins with the gzip signature.
 
     Raises
     ------
     ReadError
-        If the packed data are damaged or truncated, or the disk has no room for what they hold.
+        If the gzip-compressed data are damaged or truncated, or the disk is too full to decompress them.
     """
 
     def __init__(self, path: Path) -> None:
@@ -47,14 +47,14 @@ class Content:
         weakref.finalize(self, os.close, self._descriptor)
 
     def read(self, n_bytes: int, at: int = 0) -> bytes:
-        """Return up to `n_bytes` from position `at`.
+        """Return up to `n_bytes` from byte offset `at`.
 
         Parameters
         ----------
         n_bytes : int
-            How many bytes.
+            Number of bytes.
         at : int, default 0
-            Position of the first.
+            Byte offset of the first.
 
         Returns
         -------
@@ -64,16 +64,16 @@ class Content:
         return os.pread(self._descriptor, n_bytes, at)
 
     def records(self, dtype: np.dtype, at: int, count: int) -> NDArray:
-        """Return a view of records; what is not looked at is not read.
+        """Return a memory-mapped view of records.
 
         Parameters
         ----------
         dtype : dtype
             Type of a record.
         at : int
-            Position of the first.
+            Byte offset of the first.
         count : int
-            How many; they lie inside the file.
+            Number of records; all lie inside the file.
 
         Returns
         -------
@@ -97,7 +97,7 @@ class Content:
 
 
 class _Unpacked(io.RawIOBase):
-    """A stream with a position of its own, however many read the same content."""
+    """Stream with its own position on shared content."""
 
     def __init__(self, content: Content) -> None:
         self._content, self._at = content, 0
@@ -120,7 +120,7 @@ class _Unpacked(io.RawIOBase):
 
 
 def open_content(path: Path) -> Content:
-    """Open a file, or take it from those opened last.
+    """Open a file, or return it from the cache of the files opened last.
 
     Parameters
     ----------
@@ -130,12 +130,12 @@ def open_content(path: Path) -> Content:
     Returns
     -------
     Content
-        Its bytes, unpacked once as long as the file does not change.
+        Its bytes, decompressed once as long as the file does not change.
 
     Raises
     ------
     ReadError
-        If it is packed and damaged.
+        If it is gzip-compressed and damaged.
     """
     return _content(file_key(path))
 
@@ -156,12 +156,12 @@ def _unpack(path: Path) -> int:
         except OSError as error:
             if error.errno != errno.ENOSPC:
                 raise
-            raise ReadError(f"{path}: no room to unpack it in {tempfile.gettempdir()}; set TMPDIR") from error
+            raise ReadError(f"{path}: no room to decompress it in {tempfile.gettempdir()}; set TMPDIR") from error
         return os.dup(unpacked.fileno())
 
 
 def is_packed(path: Path) -> bool:
-    """Return whether a file is gzip, by its first bytes.
+    """Return whether a file begins with the gzip signature.
 
     Parameters
     ----------
@@ -171,31 +171,31 @@ def is_packed(path: Path) -> bool:
     Returns
     -------
     bool
-        Whether it is.
+        True if it does.
     """
     with path.open("rb") as stream:
         return stream.read(len(GZIP)) == GZIP
 
 
 def first_bytes(path: Path, n_bytes: int) -> bytes:
-    """Return the first bytes of a file, unpacked where it is gzip; the rest is not read.
+    """Return the first bytes of a file, decompressed where it is gzip; the rest is not read.
 
     Parameters
     ----------
     path : Path
         An existing file.
     n_bytes : int
-        Their number.
+        Number of bytes.
 
     Returns
     -------
     bytes
-        The bytes; fewer where there are no more.
+        The bytes; fewer if the file is shorter.
 
     Raises
     ------
     ReadError
-        If it is packed and damaged.
+        If it is gzip-compressed and damaged.
     """
     try:
         with gzip.open(path, "rb") if is_packed(path) else path.open("rb") as stream:
@@ -205,7 +205,7 @@ def first_bytes(path: Path, n_bytes: int) -> bytes:
 
 
 def with_packed(*extensions: str) -> tuple[str, ...]:
-    """Return extensions and those of the same files as gzip.
+    """Return file name endings and the same with ``.gz`` appended.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def with_packed(*extensions: str) -> tuple[str, ...]:
 
 
 def unpacked_name(path: Path) -> str:
-    """Return a file's name without the ending of gzip.
+    """Return a file's name without ``.gz``.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ def refuse_packed(path: Path, form: str) -> None:
 
 @contextmanager
 def output_file(path: Path) -> Iterator[BinaryIO]:
-    """Yield a stream whose content becomes `path` when the block ends, packed where the name ends in ``.gz``.
+    """Yield a stream whose content becomes `path` when the block ends, compressed where the name ends in ``.gz``.
 
     Parameters
     ----------
@@ -273,6 +273,6 @@ def output_file(path: Path) -> Iterator[BinaryIO]:
         if not path.name.lower().endswith(SUFFIX):
             yield stream
             return
-        # No name and no time in the gzip head: same points, same bytes.
+        # No name and no time in the gzip header: same points, same bytes.
         with gzip.GzipFile("", "wb", 6, stream, mtime=0) as packed:
             yield cast(BinaryIO, packed)

@@ -1,4 +1,4 @@
-"""Coordinate reference systems of files: options, sidecars, and reprojection on request. None is ever guessed."""
+"""Coordinate reference systems of files: options, sidecars and reprojection."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def parse_crs(crs: str) -> str:
     Raises
     ------
     ParameterError
-        If it cannot be understood.
+        If PROJ cannot parse it.
     """
     try:
         return str(pyproj.CRS.from_user_input(crs).to_wkt())
@@ -59,7 +59,7 @@ def sidecar_crs(path: Path) -> str | None:
     Returns
     -------
     str or None
-        Its WKT; None without a sidecar, or where PROJ does not understand it, which the log says.
+        Its WKT; None without a sidecar, or where PROJ cannot parse it, which is logged.
     """
     beside = next((p for e in (SIDECAR, SIDECAR.upper()) if (p := path.with_name(_stem(path) + e)).is_file()), None)
     return None if beside is None else _sidecar(file_key(beside))
@@ -72,9 +72,9 @@ def _sidecar(key: FileKey) -> str | None:
     try:
         crs = str(pyproj.CRS.from_user_input(text).to_wkt())
     except pyproj.exceptions.CRSError:
-        log_once(key[0], f"holds no coordinate reference system that PROJ knows: {text[:60]!r}")
+        log_once(key[0], f"holds no coordinate reference system that PROJ can parse: {text[:60]!r}")
         return None
-    log_once(key[0], f"gives the coordinate reference system {pyproj.CRS.from_wkt(crs).name}")
+    log_once(key[0], f"holds the coordinate reference system {pyproj.CRS.from_wkt(crs).name}")
     return crs
 
 
@@ -105,7 +105,7 @@ def crs_unit(crs: str) -> tuple[str, float] | None:
     Returns
     -------
     tuple of str and float, or None
-        Its name and what it is in metres; None where the system is not projected or not understood.
+        Its name and its length in metres; None where the system is not projected or PROJ cannot parse it.
     """
     try:
         system = pyproj.CRS.from_user_input(crs)
@@ -117,7 +117,7 @@ def crs_unit(crs: str) -> tuple[str, float] | None:
 
 @lru_cache(maxsize=64)
 def is_geographic(crs: str | None) -> bool:
-    """Return whether a system counts in degrees.
+    """Return whether a system has coordinates in degrees.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def is_geographic(crs: str | None) -> bool:
     Returns
     -------
     bool
-        False where there is none, or none that PROJ understands.
+        False where there is none or PROJ cannot parse it.
     """
     try:
         return crs is not None and bool(pyproj.CRS.from_user_input(crs).is_geographic)
@@ -144,7 +144,7 @@ def in_metres(crs: str, metres: float) -> str:
     crs : str
         The system as WKT.
     metres : float
-        The factor that they were multiplied with.
+        Factor of the conversion.
 
     Returns
     -------
@@ -179,9 +179,9 @@ def reproject(
     source : str or None
         Their system as WKT.
     target : str
-        The wanted system: WKT or a code.
+        Target system: WKT or a code.
     name : Path
-        What messages call the file.
+        File name in messages.
 
     Returns
     -------

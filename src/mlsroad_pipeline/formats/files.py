@@ -20,7 +20,7 @@ LAZ_CHUNK = 50_000
 """Points of a chunk in LAZ files that LASzip, lazrs and PDAL write."""
 
 FileKey = tuple[str, int, int]
-"""Path, size and time of modification: what is remembered about a file holds as long as these stay."""
+"""Path, size and modification time: the key of cached properties of a file."""
 
 
 def check_file(path: str | Path) -> Path:
@@ -63,7 +63,7 @@ def spread_starts(n_points: int, runs: int, size: int) -> list[int]:
     n_points : int
         Points of the file.
     runs : int
-        How many runs are wanted.
+        Number of runs.
     size : int
         Points of a run.
 
@@ -80,7 +80,7 @@ def spread_starts(n_points: int, runs: int, size: int) -> list[int]:
 
 
 def file_key(path: Path) -> FileKey:
-    """Return what identifies a file's present content.
+    """Return the cache key of a file's present content.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def log_once(source: str, text: str) -> None:
     source : str
         The file.
     text : str
-        What was found.
+        Text of the note.
     """
     logger.info("%s: %s", source, text)
 
@@ -143,7 +143,7 @@ def clip_range(start: int, stop: int | None, n_points: int) -> tuple[int, int]:
     Parameters
     ----------
     start, stop : int
-        First row and the row after the last; None is the end. Beyond the end is clipped.
+        First row and the row after the last; None is the end. Clipped to the end.
     n_points : int
         Number of rows.
 

@@ -21,7 +21,7 @@ from mlsroad_pipeline.formats.standard_columns import (
 )
 
 CHUNK = 1_000_000
-"""Points that are written at a time."""
+"""Points per written part."""
 
 
 def flat_cloud(
@@ -39,17 +39,17 @@ def flat_cloud(
     Parameters
     ----------
     raw : mapping of str to ndarray of shape (n,)
-        Columns under their given names (see `resolve_columns`), coordinates among them.
+        Columns by standard name (see `resolve_columns`), with coordinates.
     first : mapping of str to ndarray of shape (1,) or (0,)
-        The same columns of the file's first row, which decides the origin.
+        The same columns of the file's first row, which sets the origin.
     options : ReadOptions
-        How to read.
+        Options of reading.
     source : Path
         The file.
     start : int
         Row of the first point.
     maximum : callable
-        Takes given names, returns the greatest value of these columns over the whole file.
+        Maps standard names to the maximum of these columns over the whole file.
     crs : str, optional
         The file's CRS as WKT.
 
@@ -63,7 +63,7 @@ def flat_cloud(
     DataError
         If a coordinate is NaN or infinite, or a value outside its domain.
     """
-    with np.errstate(invalid="ignore", over="ignore"):  # signalling NaN and overflows are refused by value
+    with np.errstate(invalid="ignore", over="ignore"):  # NaN and overflows raise below
         corner = [float(first[name][0]) if len(first[name]) else 0.0 for name in COORDINATES]
         origin = origin_near(np.array(corner) * options.metres)
         xyz = np.empty((len(raw["x"]), 3))
@@ -211,7 +211,7 @@ def join_rows(texts: Sequence[pa.Array], delimiter: str) -> bytes:
     texts : sequence of pyarrow.Array
         The columns.
     delimiter : str
-        What stands between two values.
+        Delimiter.
 
     Returns
     -------

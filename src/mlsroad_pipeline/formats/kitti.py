@@ -22,7 +22,7 @@ LABEL_BITS = 16
 class KittiFormat(TableFormat):
     """Reader and writer of KITTI scans.
 
-    Labels are looked for beside the scan and in ``../labels`` (SemanticKITTI's layout); a scan without them is read
+    Labels are searched beside the scan and in ``../labels`` (SemanticKITTI's layout); a scan without them is read
     without `label` and `instance`.
     """
 

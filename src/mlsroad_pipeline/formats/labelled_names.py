@@ -8,7 +8,7 @@ CLASS, CONFIDENCE = "classification", "confidence"
 
 
 def kept_name(name: str, taken: Sequence[str]) -> str:
-    """Return a new name for an input column whose name the result needs.
+    """Return a new name for an input column whose name is reserved for the result.
 
     Parameters
     ----------
@@ -20,7 +20,7 @@ def kept_name(name: str, taken: Sequence[str]) -> str:
     Returns
     -------
     str
-        The name with ``original_`` before it, as often as it takes to be free.
+        The name with ``original_`` prefixed, repeatedly if needed to be unique.
     """
     free = f"original_{name}"
     while free in taken:

@@ -28,10 +28,10 @@ from mlsroad_pipeline.formats.text.values import WHITESPACE
 
 
 class LabelSink(Protocol):
-    """Sink that takes labels of consecutive ranges and writes the points of the source with them."""
+    """Sink of labels of consecutive ranges that writes the points of the source with them."""
 
     def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
-        """Write the points from row `start` on.
+        """Write the points from row `start`.
 
         Parameters
         ----------
@@ -59,8 +59,8 @@ def native_path(source: Path, folder: Path, form: PointFormat) -> Path | None:
     Returns
     -------
     Path or None
-        KITTI: the ``.label`` of that name in `folder`; others: the same file name there. None where the format has no
-        place for labels (E57, NPY), for a PLY file whose vertices are not first or hold lists, and for PCD that is not
+        KITTI: the ``.label`` of that name in `folder`; others: the same file name there. None where the format cannot
+        hold labels (E57, NPY), for a PLY file whose vertices are not first or hold lists, and for PCD that is not
         binary, has padding, or has beams without return.
 
     Raises
@@ -95,7 +95,7 @@ def native_sink(source: Path, target: Path, form: PointFormat, options: ReadOpti
     form : PointFormat
         Its format.
     options : ReadOptions
-        How it is read.
+        Options of reading.
 
     Yields
     ------
@@ -118,7 +118,7 @@ def native_sink(source: Path, target: Path, form: PointFormat, options: ReadOpti
 
 
 class _TextSink:
-    """Appends two values to every row; the row's own text stays as it is."""
+    """Writer of text that appends two values to every row; the text of the row is kept."""
 
     def __init__(self, source: Path, options: ReadOptions, out: BinaryIO) -> None:
         table = open_table(source, options)
@@ -136,13 +136,13 @@ class _TextSink:
         self._out.write(head)
 
     def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
-        """Write the points from row `start` on."""
+        """Write the points from row `start`."""
         rows = _lines(self._rows, start, len(codes))
         self._out.write(join_rows([rows, number_text(codes), number_text(confidence)], self._delimiter))
 
 
 def _lines(rows: TextRows, start: int, count: int) -> pa.Array:
-    """Return rows as an array of text without line ends, built from their positions rather than one by one."""
+    """Return rows as an array of text without line ends, built from their byte offsets."""
     data = np.frombuffer(rows.read(start, start + count), dtype=np.uint8)
     ends = np.flatnonzero(data == ord("\n"))
     if len(ends) < count:
@@ -156,7 +156,7 @@ def _lines(rows: TextRows, start: int, count: int) -> pa.Array:
 
 
 class _PlySink:
-    """Adds two properties to the vertices; the head's other lines and the elements after them are copied."""
+    """Writer of PLY that adds two properties to the vertices; other header lines and elements are copied."""
 
     def __init__(self, source: Path, stream: BinaryIO) -> None:
         self._source, self._stream = source, stream
@@ -165,7 +165,7 @@ class _PlySink:
         stream.write(_labelled_head(self._header))
 
     def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
-        """Write the points from row `start` on."""
+        """Write the points from row `start`."""
         if self._rows is not None:
             rows = _lines(self._rows, start, len(codes))
             self._stream.write(join_rows([rows, number_text(codes), number_text(confidence)], " "))
@@ -183,7 +183,7 @@ class _PlySink:
         self._stream.write(new.data)
 
     def copy_rest(self) -> None:
-        """Copy what follows the vertices."""
+        """Copy the elements after the vertices."""
         vertex = self._header.vertex
         if self._rows is not None:
             end = self._rows.end
@@ -213,7 +213,7 @@ def _labelled_head(header: PlyHeader) -> bytes:
 
 
 class _KittiSink:
-    """Writes classes into the lower 16 bits and keeps the instances of the survey's own labels."""
+    """Writer of KITTI labels: classes in the lower 16 bits; the instances of the survey are kept."""
 
     def __init__(self, source: Path, stream: BinaryIO) -> None:
         self._stream = stream
@@ -221,7 +221,7 @@ class _KittiSink:
         self._old = np.fromfile(labels, dtype="<u4") if labels is not None else None
 
     def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
-        """Write the points from row `start` on."""
+        """Write the points from row `start`."""
         packed = codes.astype("<u4")
         if self._old is not None:
             packed |= self._old[start : start + len(codes)] & np.uint32(0xFFFF0000)

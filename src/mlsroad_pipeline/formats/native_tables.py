@@ -26,7 +26,7 @@ ADDED = {"FIELDS": f"{CONFIDENCE} {CLASS}", "SIZE": "4 1", "TYPE": "F U", "COUNT
 
 
 def can_hold(source: Path, form: str) -> bool:
-    """Return whether a file has a place for labels that this module can write to.
+    """Return whether this module can add labels to a file.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def can_hold(source: Path, form: str) -> bool:
     Returns
     -------
     bool
-        True for Parquet (not one called like the inventory), NPZ (not NPY), and binary PCD without padding, whose
+        True for Parquet (not one named like the inventory), NPZ (not NPY), and binary PCD without padding, whose
         offsets are uncertain, and without beams that did not return.
     """
     if form == "PCD":
@@ -53,10 +53,10 @@ def can_hold(source: Path, form: str) -> bool:
 
 
 class TableSink(Protocol):
-    """Sink that takes labels of consecutive ranges and is closed after the last one."""
+    """Sink of labels of consecutive ranges, closed after the last one."""
 
     def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
-        """Write the points from row `start` on.
+        """Write the points from row `start`.
 
         Parameters
         ----------
@@ -69,11 +69,11 @@ class TableSink(Protocol):
         """
 
     def finish(self) -> None:
-        """Write what follows the points."""
+        """Write the content after the points."""
 
 
 class _ParquetSink:
-    """Adds two columns to a table, a batch at a time; the schema's metadata stay."""
+    """Writer of Parquet that adds two columns, a batch at a time; the schema's metadata are kept."""
 
     def __init__(self, source: Path, out: BinaryIO) -> None:
         file = pq.ParquetFile(source)
@@ -86,7 +86,7 @@ class _ParquetSink:
         self._writer = pq.ParquetWriter(out, self._schema, compression="zstd", write_page_checksum=True)
 
     def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
-        """Write the points from row `start` on."""
+        """Write the points from row `start`."""
         done = 0
         while done < len(codes):
             batch = self._rest if self._rest.num_rows else next(self._batches)
@@ -102,14 +102,14 @@ class _ParquetSink:
 
 
 class _NpzSink:
-    """Adds two arrays to an archive; the others are copied."""
+    """Writer of NPZ that adds two arrays; the others are copied."""
 
     def __init__(self, source: Path, out: BinaryIO) -> None:
         self._source, self._out = source, out
         self._parts: dict[str, list[NDArray]] = {CLASS: [], CONFIDENCE: []}
 
     def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
-        """Keep the labels from row `start` on."""
+        """Keep the labels from row `start`."""
         self._parts[CLASS].append(codes)
         self._parts[CONFIDENCE].append(confidence)
 
@@ -133,14 +133,14 @@ def _entry(name: str) -> zipfile.ZipInfo:
 
 
 class _PcdSink:
-    """Adds two fields to the records of a binary file; the head's other lines stay."""
+    """Writer of binary PCD that adds two fields to the records; other header lines are kept."""
 
     def __init__(self, source: Path, out: BinaryIO) -> None:
         self._file, self._header, self._out = open_content(source), read_pcd_header(source), out
         out.write(_labelled_head(self._file.read(self._header.begin), self._header))
 
     def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
-        """Write the points from row `start` on."""
+        """Write the points from row `start`."""
         size = self._header.record_size
         old = self._file.records(np.dtype("u1"), self._header.begin + start * size, len(codes) * size)
         new = np.empty((len(codes), size + 5), dtype=np.uint8)
@@ -166,4 +166,4 @@ def _labelled_head(text: bytes, header: PcdHeader) -> bytes:
 
 
 SINKS: dict[str, Callable[[Path, BinaryIO], TableSink]] = {"Parquet": _ParquetSink, "NPZ": _NpzSink, "PCD": _PcdSink}
-"""Format to the writer of its copies, which takes the file and an output stream."""
+"""Format to the writer of its copies; arguments: the file and an output stream."""

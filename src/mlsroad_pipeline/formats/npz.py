@@ -29,7 +29,7 @@ VECTORS = {
 
 CRS = "crs"
 LARGEST_RATIO = 1100
-"""Deflate packs at most about 1,032 to 1: an entry that claims more is damaged."""
+"""Maximum compression ratio of Deflate, about 1,032 to 1: an entry above it is damaged."""
 
 DAMAGE = (ValueError, EOFError, OSError, zipfile.BadZipFile, zlib.error)
 MANGLED = (SyntaxError, tokenize.TokenError, KeyError, TypeError, RuntimeError)
@@ -43,9 +43,9 @@ logger = logging.getLogger(__name__)
 class NpzFormat(TableFormat):
     """Reader and writer of NPZ, and reader of NPY.
 
-    Every array with one row per point is a column; those of several columns are taken apart, by name where it is known
+    Every array with one row per point is a column; those of several columns are split, by name where it is known
     (``xyz``, ``points``, ``rgb``), by number otherwise. The fields of structured arrays are columns, too. The rows are
-    those of the coordinates; arrays of another length, or without numbers, are left out, and the log names them.
+    those of the coordinates; arrays of another length, or without numbers, are left out and logged.
     """
 
     name = "NPZ"
@@ -79,7 +79,7 @@ class NpzFormat(TableFormat):
         Raises
         ------
         DataError
-            If the file is named ``.npy``, or a column is called like the coordinates or the CRS.
+            If the file is named ``.npy``, or a column is named like the coordinates or the CRS.
         """
         path = Path(path)
         taken = sorted({"xyz", CRS} & set(cloud.columns))
@@ -134,7 +134,7 @@ def _array_file(path: Path) -> NDArray:
 
 
 def _array(stream: IO[bytes], size: int, name: str) -> NDArray:
-    """Read one array; one that claims more than its bytes is refused before memory is taken for it."""
+    """Read one array; raise an error for a size beyond its bytes before memory is allocated."""
     version = np.lib.format.read_magic(stream)
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, fortran_order, dtype = read_header(stream)
@@ -153,7 +153,7 @@ def _array(stream: IO[bytes], size: int, name: str) -> NDArray:
 
 
 def _columns(arrays: Mapping[str, NDArray], path: Path) -> dict[str, NDArray]:
-    """Take arrays apart into columns as long as the coordinates."""
+    """Split arrays into columns as long as the coordinates."""
     flat: dict[str, tuple[str, NDArray]] = {}
     for name, array in arrays.items():
         for part, values in _parts(name, array).items():

@@ -1,4 +1,4 @@
-"""Options of reading and writing, checked when they are made."""
+"""Options of reading and writing, checked on construction."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _unit_factor(units: str | float) -> float:
 
 
 class _Configured:
-    """Options that a configuration mapping gives by their names."""
+    """Options that can be built from a configuration mapping."""
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any] | None) -> Self:
@@ -100,20 +100,20 @@ class ReadOptions(_Configured):
     units : str or float, default "metre"
         Unit of the coordinates: a name of `UNITS`, or the factor that turns them into metres.
     coding : Coding or mapping of int to str or "taxonomy", optional
-        What the codes of the `label` column mean; they become taxonomy codes, uint8. Without one they stay as they are.
+        Classes of the codes in the `label` column; they become taxonomy codes, uint8. Without it, codes are unchanged.
     delimiter : str, optional
-        Text: one character, or ``"whitespace"`` for any run of blanks. None finds it from the first rows.
+        Text: one character, or ``"whitespace"`` for any run of blanks. None detects it from the first rows.
     decimal : {".", ","}, optional
-        Text: what stands before a fraction. None finds it from the first rows.
+        Text: decimal mark. None detects it from the first rows.
     header : bool, optional
-        Text: whether a row of names precedes the points. None finds it from the first row.
+        Text: whether a row of names precedes the points. None detects it from the first row.
     comment : str, default "#"
-        Text: what begins a comment line at the head of the file.
+        Text: prefix of comment lines in the file header.
     intensity_scale : "dtype" or "max" or float, default "dtype"
-        What intensity is divided by. ``"dtype"``: integers by the full range of their type; floats by the smallest of
+        Divisor of the intensity. ``"dtype"``: integers by the full range of their type; floats by the smallest of
         1, 255 and 65535 that holds the file's maximum, else by it. ``"max"``: the file's maximum. Or a number.
     rgb_bits : {8, 16}, optional
-        Depth of colours in fields of 16 bits. None decides from a sample spread over the file.
+        Depth of colours in fields of 16 bits. None detects it from a sample spread over the file.
     time_scale : float, default 1.0
         Seconds in one unit of the file's times: 1e-6 where they are microseconds.
     time_offset : float, default 0.0
@@ -121,7 +121,7 @@ class ReadOptions(_Configured):
     crs : str, optional
         Coordinate reference system as WKT or as an authority's code ("EPSG:28992"), in place of the file's.
     reproject : str, optional
-        Coordinate reference system that the coordinates are turned into, as WKT or as a code; None leaves them.
+        Target coordinate reference system of the coordinates, as WKT or as a code; None: no reprojection.
     only : sequence of str, optional
         The columns to read besides the coordinates; None reads all.
     n_threads : int, default 1
@@ -176,7 +176,7 @@ class ReadOptions(_Configured):
 
     @property
     def metres(self) -> float:
-        """Return the factor that turns the file's coordinates into metres."""
+        """Return the factor from the file's unit to metres."""
         return _unit_factor(self.units)
 
 
@@ -225,5 +225,5 @@ class WriteOptions(_Configured):
 
     @property
     def metres(self) -> float:
-        """Return the factor that turns the file's coordinates into metres."""
+        """Return the factor from the file's unit to metres."""
         return _unit_factor(self.units)

@@ -1,4 +1,4 @@
-"""Parquet tables of points, as data scientists and cloud stores exchange them."""
+"""Parquet tables of points."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from mlsroad_pipeline.formats.standard_columns import COLOURS
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat
 
 GROUP = 1 << 18
-"""Rows of a row group: what is read at least."""
+"""Rows of a row group, the smallest unit of reading."""
 
 CRS_KEY = b"crs"
 VECTORS = {"rgb": COLOURS, "xyz": ("x", "y", "z")}
@@ -33,7 +33,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class _Column:
-    """A column of the table, or one place of a column of lists of fixed length."""
+    """A column of the table, or one index of a column of lists of fixed length."""
 
     source: str
     place: int | None
@@ -44,8 +44,8 @@ class ParquetFormat(TableFormat):
     """Reader and writer of Parquet.
 
     Numbers keep their types; logical values become uint8, times seconds since 1970 in float64, and lists of fixed
-    length numbered columns. A missing integer makes its column float64 with NaN. Columns of text are left out, and the
-    log names them. A CRS is kept as WKT in the schema's metadata under ``crs``.
+    length numbered columns. A missing integer makes its column float64 with NaN. Columns of text are left out and
+    logged. A CRS is kept as WKT in the schema's metadata under ``crs``.
     """
 
     name = "Parquet"
@@ -91,7 +91,7 @@ def _open(key: FileKey) -> PointTable:
         raise ReadError(f"{path} is damaged: row groups of {sizes} rows in a file of {file.metadata.num_rows}")
     try:
         columns, written_by = _columns(schema, path), file.metadata.created_by
-    except ValueError as error:  # names that are no text
+    except ValueError as error:  # names that are not valid text
         raise ReadError(f"{path} is damaged: {error}") from error
     ends = np.cumsum(sizes, dtype=np.int64)
 

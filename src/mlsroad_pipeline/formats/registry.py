@@ -28,11 +28,11 @@ FORMATS: tuple[PointFormat, ...] = (
 """All formats; a new one is one module and one entry here."""
 
 FOREIGN = {b"PK\x03\x04": "ZIP", GZIP: "gzip", b"\x89PNG": "PNG", b"\xff\xfe": "UTF-16 text"}
-"""Signatures of containers that are not read as they are, named in messages."""
+"""Signatures of unsupported containers, named in messages."""
 
 
 def known_extensions() -> tuple[str, ...]:
-    """Return the file name endings that some format reads.
+    """Return the file name endings of all formats.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def known_extensions() -> tuple[str, ...]:
 
 
 def format_of_name(path: str | Path) -> PointFormat | None:
-    """Return the format that a file's extension names.
+    """Return the format of a file's extension.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def get_format(path: str | Path) -> PointFormat:
     Raises
     ------
     ReadError
-        If the file cannot be opened, if its content is of another format than its name, or if neither is known.
+        If the file cannot be opened, if its content is of another format than its name, or if both are unknown.
     """
     path = check_file(path)
     packed, named = is_packed(path), format_of_name(path)

@@ -36,7 +36,7 @@ ALIASES: dict[str, tuple[str, ...]] = {
 }
 """Standard name to its names in other programs, in lower case."""
 
-COLOUR_DEPTH = "colours are taken for {} bits in fields of 16; rgb_bits changes that"
+COLOUR_DEPTH = "colours are read as {} bits in fields of 16; rgb_bits changes that"
 
 INTEGER_COLUMNS = ("label", "instance")
 NEAR = 1000.0
@@ -53,12 +53,12 @@ def resolve_columns(file_names: Sequence[str], options: ReadOptions, source: Pat
     options : ReadOptions
         Its `columns` and `only`.
     source : Path
-        What messages call the file.
+        File name in messages.
 
     Returns
     -------
     dict of str to str
-        Name given to name in the file; `red`, `green` and `blue` stand for the parts of `rgb`.
+        Standard name to name in the file; `red`, `green` and `blue` are the parts of `rgb`.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def resolve_columns(file_names: Sequence[str], options: ReadOptions, source: Pat
         meant = next((key for key, other in ALIASES.items() if lower in other), None)
         if meant is not None and meant not in exact and meant not in chosen:
             standard = meant
-            log_once(str(source), f"column {name!r} is taken for {meant}")
+            log_once(str(source), f"column {name!r} is read as {meant}")
         chosen[f"file_{name}" if standard in chosen else standard] = name
     for name in COORDINATES:
         if name not in chosen:
@@ -116,7 +116,7 @@ def origin_near(corner: NDArray[np.float64]) -> NDArray[np.float64]:
     Parameters
     ----------
     corner : ndarray of shape (3,), float64
-        Some point of the file, metres.
+        Any point of the file, metres.
 
     Returns
     -------
@@ -129,14 +129,14 @@ def origin_near(corner: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def check_finite(xyz: NDArray[np.float64], *, source: Path, start: int) -> None:
-    """Refuse NaN and infinite coordinates.
+    """Raise an error for NaN or infinite coordinates.
 
     Parameters
     ----------
     xyz : ndarray of shape (n, 3)
         Coordinates.
     source : Path
-        What the message calls the file.
+        File name in messages.
     start : int
         Row of the first point in the file.
 
@@ -146,7 +146,7 @@ def check_finite(xyz: NDArray[np.float64], *, source: Path, start: int) -> None:
         If there is one; the message gives file, count and first row.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        suspicious = not np.isfinite(xyz.sum())  # one pass without a mask; an overflowing sum costs a closer look only
+        suspicious = not np.isfinite(xyz.sum())  # one pass without a mask; an overflowing sum is only checked again
     if suspicious:
         bad = np.flatnonzero(~np.isfinite(xyz).all(axis=1))
         if len(bad):
@@ -173,7 +173,7 @@ def standard_cloud(
     Parameters
     ----------
     raw : mapping of str to ndarray
-        Columns under their given names (see `resolve_columns`), coordinates left out.
+        Columns by standard name (see `resolve_columns`), without coordinates.
     xyz : ndarray of shape (n, 3), float64
         Coordinates in metres relative to `origin`.
     options : ReadOptions
@@ -183,11 +183,11 @@ def standard_cloud(
     origin : ndarray of shape (3,)
         World coordinates of the local zero.
     crs : str or None
-        The file's own CRS as WKT; the options' one goes before it, that of a sidecar after it.
+        The file's own CRS as WKT; the one of the options takes precedence over it, and it over a sidecar.
     anchor : ndarray of shape (3,)
-        World coordinates of some point of the file, the same for all ranges: a reprojected cloud's origin is near it.
+        World coordinates of any point of the file, the same for all ranges: a reprojected cloud's origin is near it.
     maximum : callable
-        Takes given names, returns the greatest value of these columns over the whole file.
+        Maps standard names to the maximum of these columns over the whole file.
 
     Returns
     -------
@@ -199,7 +199,7 @@ def standard_cloud(
     DataError
         If an intensity, a colour or a label is outside its domain.
     UnknownClassError
-        If the coding does not name a label.
+        If a label is not in the coding.
     """
     columns = dict(raw)
     if "intensity" in columns:

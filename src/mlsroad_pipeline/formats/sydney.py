@@ -1,7 +1,7 @@
 """Sydney Urban Objects (De Deuge et al. 2013): one scanned object a file, as packed records or as text.
 
-Both forms have the fields t, intensity, id, x, y, z, azimuth, range and pid, without names. Nothing in a file says what
-it is, so it is known by its content: times of day, and ranges that agree with the coordinates.
+Both forms have the fields t, intensity, id, x, y, z, azimuth, range and pid, without names. Files have no signature;
+their content identifies them: times of day, and ranges that agree with the coordinates.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ RECORD = np.dtype(
     ]
 )
 NAMES = ("gps_time", *(RECORD.names or ())[1:])
-"""Columns that are read: the time is in seconds, all others are as the file has them."""
+"""Columns that are read: the time is in seconds, all others are unchanged."""
 
 MICRO = 1e-6
 EARLIEST, LATEST = 631_152_000_000_000, 4_102_444_800_000_000
-"""Microseconds since 1970 of the years 1990 and 2100: times outside are none."""
+"""Microseconds since 1970 of the years 1990 and 2100: times outside are invalid."""
 
 PROBED = 64
 """Records whose ranges are compared with their coordinates."""
@@ -51,7 +51,7 @@ def object_class(path: str | Path) -> str:
     Parameters
     ----------
     path : str or Path
-        A file called ``<class>.<instance>.<scan>.bin`` or ``.csv``.
+        A file named ``<class>.<instance>.<scan>.bin`` or ``.csv``.
 
     Returns
     -------
@@ -61,11 +61,11 @@ def object_class(path: str | Path) -> str:
     Raises
     ------
     ReadError
-        If the file is not called so.
+        If the file name differs from this pattern.
     """
     parts = Path(path).name.split(".")
     if len(parts) < 4 or not parts[0] or not all(part.isdigit() for part in parts[1:3]):
-        raise ReadError(f"{path} is not called <class>.<instance>.<scan>.bin, which would give its class")
+        raise ReadError(f"{path} is not named <class>.<instance>.<scan>.bin, so its class is unknown")
     return parts[0]
 
 
@@ -90,7 +90,7 @@ class SydneyFormat(TableFormat):
         if path.suffix.lower() != ".bin" or path.stat().st_size < RECORD.itemsize:
             return False
         records = np.fromfile(path, dtype=RECORD, count=PROBED)
-        with np.errstate(all="ignore"):  # bytes of other formats make any number
+        with np.errstate(all="ignore"):  # bytes of other formats are arbitrary numbers
             xyz = np.stack([records[axis] for axis in "xyz"], axis=1).astype(np.float64)
             near = np.abs(np.linalg.norm(xyz, axis=1) - records["range"]) <= RANGE_SLACK
         return bool((near & (records["t"] > EARLIEST) & (records["t"] < LATEST)).mean() > 0.5)
@@ -101,7 +101,7 @@ class SydneyFormat(TableFormat):
         Raises
         ------
         ReadError
-            If it has another number of bytes or values than whole records.
+            If its size is not a whole number of records.
         """
         del options
         if path.suffix.lower() == ".csv":
@@ -162,7 +162,7 @@ def _store(records: NDArray, name: str, values: NDArray, path: Path) -> None:
 
 @lru_cache(maxsize=8)
 def _text_records(key: FileKey) -> dict[str, NDArray]:
-    """Return the columns of a text file; times such as 20111104T013210.881031 are taken for UTC."""
+    """Return the columns of a text file; times such as 20111104T013210.881031 are read as UTC."""
     path = Path(key[0])
     types = {"gps_time": pa.string(), **{name: pa.from_numpy_dtype(RECORD[name]) for name in NAMES[1:]}}
     try:

@@ -22,7 +22,7 @@ logger = logging.getLogger(__name__)
 
 CHUNK = 1_000_000
 _MAXIMA: dict[tuple[FileKey, tuple[str, ...], tuple[object, ...]], float] = {}
-"""Greatest values of columns of a file, as these options read it."""
+"""Maxima of columns of a file under given options."""
 
 
 @dataclass(frozen=True)
@@ -32,18 +32,18 @@ class PointTable:
     Parameters
     ----------
     names : tuple of str
-        Its columns, each of one value a point.
+        Its columns, each with one value per point.
     n_points : int
-        Its rows.
+        Number of rows.
     rows : callable
-        ``rows(names, start, stop)`` returns these columns of a range of rows, each of shape (stop - start,), as the
-        file has them.
+        ``rows(names, start, stop)`` returns these columns of a range of rows, each of shape (stop - start,), as
+        stored in the file.
     crs : str, optional
         Its CRS as WKT.
     details : mapping
-        What `FileInfo.details` shall say.
+        Content of `FileInfo.details`.
     guess : mapping of str to Any
-        What columns without names seem to be, as `ReadOptions.columns` says it; used where that says nothing.
+        Detected mapping of unnamed columns, as in `ReadOptions.columns`; used where that is not set.
     """
 
     names: tuple[str, ...]
@@ -72,7 +72,7 @@ class TableFormat(PointFormat):
         path : Path
             An existing file that is not empty.
         options : ReadOptions
-            How to read it.
+            Options of reading.
 
         Returns
         -------
@@ -86,7 +86,7 @@ class TableFormat(PointFormat):
         """
 
     def info(self, path: Path, options: ReadOptions) -> FileInfo:
-        """Return what a file holds.
+        """Return the description of a file.
 
         Raises
         ------
@@ -153,14 +153,14 @@ def with_points_only(table: PointTable, path: Path) -> PointTable:
     Parameters
     ----------
     table : PointTable
-        The file as it stands.
+        The table of the file.
     path : Path
-        What the log calls it.
+        File name in the log.
 
     Returns
     -------
     PointTable
-        The same table where there are none; else one without them, the order kept. The log says how many.
+        The same table where there are none; else one without them, in the same order. Their number is logged.
     """
     if not set(COORDINATES) <= set(table.names):
         return table

@@ -168,7 +168,7 @@ def test_damage_is_named(tmp_path, rng):
     assert len(E57.read(path, DEFAULT)) == 200
     whole = path.read_bytes()
     path.write_bytes(whole[:-1024])
-    with pytest.raises(ReadError, match=r"a\.e57 is truncated: its header says \d+ bytes"):
+    with pytest.raises(ReadError, match=r"a\.e57 is truncated: its header states \d+ bytes"):
         E57.read(path, DEFAULT)
     flipped = bytearray(whole)
     flipped[1500] ^= 4
@@ -176,9 +176,9 @@ def test_damage_is_named(tmp_path, rng):
     with pytest.raises(ReadError, match=r"a\.e57 is damaged: the checksum of the page at byte 1024 is wrong"):
         E57.read(path, DEFAULT)
     for prototype, count, message in [
-        (FLOATS, 201, r"says 201 points, its field cartesianX holds 200"),
+        (FLOATS, 201, r"states 201 points, its field cartesianX holds 200"),
         (FLOATS + '<a type="Integer" minimum="5" maximum="1"/>', 200, r"field a has limits 5 to 1"),
-        (FLOATS, 10**15, r"says 1000000000000000 points"),
+        (FLOATS, 10**15, r"states 1000000000000000 points"),
         (FLOATS.replace("cartesianX", "other"), 200, r"scan 0 has no coordinates \(fields: other"),
         (FLOATS.replace('type="Float"', 'type="Blob"'), 200, r"is of type 'Blob'"),
     ]:

@@ -65,10 +65,10 @@ def test_lzf_against_a_plain_packer(rng):
     for size in (0, 1, 31, 1000, 20_000):
         data = bytes(rng.integers(0, 3, size, dtype=np.uint8).repeat(rng.integers(1, 300)))[:size]
         assert unpack(pack_lzf(data), size).tobytes() == data
-    with pytest.raises(ValueError, match="cannot unpack to 1000"):
+    with pytest.raises(ValueError, match="cannot decompress to 1000"):
         unpack(b"abc", 1000)
     for damaged in (b"\x05ab", b"\x20\x05", b"\xe0", b"\x00a\x40", b"\x01ab\x20\x02"):
-        with pytest.raises(ValueError, match="break off"):
+        with pytest.raises(ValueError, match=r"^they decompress to \d+ bytes instead of "):
             unpack(damaged, 12)
 
 
@@ -159,17 +159,17 @@ GOOD = ("x y z", "4 4 4", "F F F", "1 1 1")
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"# .PCD v0.7\nFIELDS x y z\n", r"truncated or no PCD file: its head has no line DATA"),
+        (b"# .PCD v0.7\nFIELDS x y z\n", r"truncated or no PCD file: its header has no line DATA"),
         (head(*GOOD, 5, "zipped"), r"line 10: DATA 'zipped'"),
-        (head(*GOOD, 5, "binary") + bytes(59), r"truncated: its head says 5 points of 12 bytes .* it holds 4"),
-        (head(*GOOD, 3, "ascii") + b"1 2 3\n4 5 6\n", r"truncated: its head says 3 points, it holds 2"),
+        (head(*GOOD, 5, "binary") + bytes(59), r"truncated: its header states 5 points of 12 bytes .* it holds 4"),
+        (head(*GOOD, 3, "ascii") + b"1 2 3\n4 5 6\n", r"truncated: its header states 3 points, it holds 2"),
         (head(*GOOD, 2, "ascii") + b"1 2 3\n4 a 6\n", r"line 12: 'a' is not a number"),
-        (head(*GOOD, 5, "binary", (2, 2)) + bytes(60), r"POINTS 5 in its head, but WIDTH x HEIGHT is 2 x 2"),
+        (head(*GOOD, 5, "binary", (2, 2)) + bytes(60), r"POINTS 5 in its header, but WIDTH x HEIGHT is 2 x 2"),
         (head("x y z", "4 3 4", "F F F", "1 1 1", 1, "binary"), r"field 'y' is of TYPE F and SIZE 3"),
-        (head("x y z", "4 4", "F F F", "1 1 1", 1, "binary"), r"SIZE '4 4' in its head is not 3 whole numbers"),
+        (head("x y z", "4 4", "F F F", "1 1 1", 1, "binary"), r"SIZE '4 4' in its header is not 3 whole numbers"),
         (head("x y z", "4 4 4", "F F F", "1 -1 1", 1, "binary"), r"COUNT '1 -1 1'"),
         (head("x y z", "4 4 4", "F F F", "1 1 999999999", 1, "binary"), r"records of over 1048576 bytes"),
-        (head("x y x", "4 4 4", "F F F", "1 1 1", 1, "binary"), r"'x' stands twice"),
+        (head("x y x", "4 4 4", "F F F", "1 1 1", 1, "binary"), r"'x' is duplicated"),
         (head(*GOOD, 4_000_000_000, "binary_compressed") + struct.pack("<II", 9, 9), r"9 bytes of data for 4000000000"),
         (head(*GOOD, 1, "binary_compressed") + struct.pack("<II", 9, 12), r"truncated: 0 of 9 compressed bytes"),
         (
@@ -186,7 +186,7 @@ def test_damage_is_named(tmp_path, content, message):
 
 
 @pytest.mark.real_data
-def test_offsets_that_the_head_states_wrong(real_data, caplog):
+def test_wrong_offsets_in_the_header(real_data, caplog):
     path = real_data("sustech", "000965.pcd")
     with caplog.at_level("INFO"):
         cloud = get_format(path).read(path, DEFAULT)

@@ -115,15 +115,15 @@ def test_no_point_and_one_point(tmp_path, rng, n, text):
     ("text", "message"),
     [
         (b"plx\n", r"is not a PLY file"),
-        (b"ply\nformat ascii 1.0\n", r"is truncated: its PLY head has no end_header"),
-        (b"ply\nformat ascii 1.0\nend_header", r"nothing follows its PLY head"),
+        (b"ply\nformat ascii 1.0\n", r"is truncated: its PLY header has no end_header"),
+        (b"ply\nformat ascii 1.0\nend_header", r"nothing follows its PLY header"),
         (b"ply\nformat middle 1.0\nelement vertex 1\nend_header\n", r"has PLY format 'middle'"),
         (b"ply\nformat ascii 1.0\nelement face 1\nend_header\n", r"no element 'vertex' \(elements: face\)"),
         (b"ply\nformat ascii 1.0\nelement vertex many\nend_header\n", r"line 3: not understood: 'element vertex many'"),
         (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty real x\nend_header\n", r"line 4: not understood"),
     ],
 )
-def test_bad_heads(tmp_path, text, message):
+def test_bad_headers(tmp_path, text, message):
     (tmp_path / "bad.ply").write_bytes(text)
     with pytest.raises(ReadError, match=r"bad\.ply.*" + message):
         PLY.info(tmp_path / "bad.ply", DEFAULT)
@@ -135,11 +135,11 @@ def test_truncated_and_wrong_values(tmp_path, rng):
     data = path.read_bytes()
     begin = data.index(b"end_header\n") + 11
     path.write_bytes(data[: begin + 42 * 5 + 3])
-    with pytest.raises(ReadError, match=r"cut\.ply is truncated: its head says 200 points, it holds 5"):
+    with pytest.raises(ReadError, match=r"cut\.ply is truncated: its header states 200 points, it holds 5"):
         PLY.read(path, DEFAULT)
     head = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(f"property float {n}\n" for n in "xyz")
     path.write_text(head + "end_header\n1 2 3\n4 5 6\n")
-    with pytest.raises(ReadError, match=r"cut\.ply is truncated: its head says 3 points, it holds 2"):
+    with pytest.raises(ReadError, match=r"cut\.ply is truncated: its header states 3 points, it holds 2"):
         PLY.read(path, DEFAULT)
     path.write_text(head + "end_header\n1 2 3\n4 5\n7 8 9\n")
     with pytest.raises(ReadError, match=r"cut\.ply, line 9: 2 values instead of 3: '4 5'"):

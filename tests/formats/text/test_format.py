@@ -108,7 +108,7 @@ def test_taken_names_are_kept_aside(tmp_path):
         ("x y z\n1 2 3\n4 5 6_0\n", r"a\.txt, line 3: '6_0' is not a number"),
         ("1 b 3\n4 5 6\n", r"a\.txt, line 1: neither numbers nor names: '1 b 3'"),
         ("x,y,z\n1,2,3,4\n", r"a\.txt, line 1: 3 names for 4 values"),
-        ("x,y,y\n1,2,3\n", r"a\.txt, line 1: a name stands twice"),
+        ("x,y,y\n1,2,3\n", r"a\.txt, line 1: a name is duplicated"),
         ("rechts,y,z\n1,2,3\n", r"a\.txt has no column 'x' \(columns: rechts, y, z\)"),
     ],
 )

@@ -34,7 +34,7 @@ def test_delimiters_and_decimal_marks(tmp_path, rng, caplog, delimiter, decimal,
     np.testing.assert_allclose(cloud[fourth], values[:, 3], rtol=1e-6)
     assert "30 rows" in caplog.text
     assert ("decimal comma" in caplog.text) == (decimal == ",")
-    assert ("column 'Reflectance' is taken for intensity" in caplog.text) == (fourth == "intensity")
+    assert ("column 'Reflectance' is read as intensity" in caplog.text) == (fourth == "intensity")
     assert TEXT.info(path, options).details["decimal"] == decimal
 
 
@@ -74,7 +74,7 @@ def test_colours_without_names(tmp_path, rng, caplog, columns):
     path.write_bytes(gzip.compress(f"200\n{rows}\n".encode()))
     with caplog.at_level("INFO"):
         cloud = get_format(path).read(path, DEFAULT)
-    assert "taken for rgb" in caplog.text
+    assert "read as rgb" in caplog.text
     np.testing.assert_array_equal(cloud["rgb"], rgb)
     np.testing.assert_array_equal(cloud.xyz, xyz)
     assert ("intensity" in cloud) == (columns == 7)

@@ -40,8 +40,8 @@ class E57Format(TableFormat):
 
     The scans are joined in their order; `scan` is the number of each point's scan where there are several. Poses are
     applied, angles and ranges become coordinates, time stamps count from the scan's start, intensity and colours are
-    scaled by the limits that the scan states. Points that the file flags as invalid are left out, and the log says how
-    many; an intensity flagged invalid is NaN. Every page that is read is checked against its checksum.
+    scaled by the limits of the scan. Points flagged as invalid are left out and their
+    number is logged; an intensity flagged invalid is NaN. Every page that is read is checked against its checksum.
     """
 
     name = "E57"
@@ -61,7 +61,7 @@ class E57Format(TableFormat):
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write a cloud as one scan without a pose, coordinates in float64, in metres.
 
-        Columns that the standard does not name keep their own names.
+        Columns outside the standard keep their names.
 
         Raises
         ------
@@ -221,12 +221,12 @@ def _joined(scans: Sequence[_Scan], ends: NDArray, name: str, dtype: np.dtype, s
 
 
 def _crs(root: Any) -> str | None:
-    """Return the file's CRS where its metadata are one."""
+    """Return the CRS in the file's coordinate metadata, if any."""
     text = (root.findtext(NAMESPACE + "coordinateMetadata") or "").strip()
     if not text:
         return None
     try:
         return str(pyproj.CRS.from_user_input(text).to_wkt())
     except pyproj.exceptions.CRSError:
-        logger.info("its coordinate metadata are no CRS that PROJ knows: %.80s", text)
+        logger.info("PROJ cannot parse its coordinate metadata as a CRS: %.80s", text)
         return None

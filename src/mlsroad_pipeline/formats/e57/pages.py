@@ -87,24 +87,24 @@ class E57Pages:
                 f"{path} is E57 {major}.{minor} with pages of {page} bytes; version 1 with {PAGE} can be read"
             )
         if length > size or size < PAGE:
-            raise ReadError(f"{path} is truncated: its header says {length} bytes, it has {size}")
+            raise ReadError(f"{path} is truncated: its header states {length} bytes, it has {size}")
         n_pages = size // PAGE
         self._pages = file.records(np.dtype("u1"), 0, n_pages * PAGE).reshape(n_pages, PAGE)
         self.size = n_pages * CONTENT
         self.xml_start = self.logical(xml_at)
 
     def logical(self, physical: int) -> int:
-        """Return where a byte of the file stands in its content.
+        """Return the offset in the content of a byte of the file.
 
         Parameters
         ----------
         physical : int
-            Position in the file.
+            Byte offset in the file.
 
         Returns
         -------
         int
-            Position in the content.
+            Byte offset in the content.
         """
         return physical // PAGE * CONTENT + min(physical % PAGE, CONTENT)
 
@@ -114,7 +114,7 @@ class E57Pages:
         Parameters
         ----------
         start, n_bytes : int
-            Position in the content and length.
+            Byte offset in the content and length.
 
         Returns
         -------
@@ -128,7 +128,7 @@ class E57Pages:
         """
         if start < 0 or n_bytes < 0 or start + n_bytes > self.size:
             raise ReadError(
-                f"{self.path} is damaged: bytes {start} to {start + n_bytes} of its {self.size} are asked for"
+                f"{self.path} is damaged: bytes {start} to {start + n_bytes} lie outside its {self.size} bytes"
             )
         if not n_bytes:
             return np.empty(0, np.uint8)

@@ -1,4 +1,4 @@
-"""The scans of an E57 file: what its XML says of them, and their columns by ranges of rows."""
+"""Scans of an E57 file: descriptions in its XML and byte offsets of their values."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class E57Field:
     kind : str
         ``Float``, ``Integer``, ``ScaledInteger`` or ``String``.
     bits : int
-        Bits of one value; 0 where it is always the least.
+        Bits of one value; 0 for a constant field.
     minimum, maximum : float or int
-        Least and greatest value, unscaled.
+        Minimum and maximum, unscaled.
     scale, offset : float
-        Of a scaled integer.
+        Scale and offset of a scaled integer.
     """
 
     name: str
@@ -78,7 +78,7 @@ class E57Scan:
     start : float
         Time that time stamps count from.
     streams : tuple of (ndarray, ndarray)
-        Per field: where its pieces are in the content, and how many bytes were before each; the last entry is the sum.
+        Per field: offsets of its pieces in the content, and the number of bytes before each; the last is the sum.
     """
 
     name: str
@@ -110,7 +110,7 @@ def parse_xml(pages: E57Pages) -> ET.Element:
         If it is not well-formed or declares entities.
     """
     if pages.xml_size > LARGEST_XML:
-        raise ReadError(f"{pages.path} is damaged: its header says {pages.xml_size} bytes of XML")
+        raise ReadError(f"{pages.path} is damaged: its header states {pages.xml_size} bytes of XML")
     text = pages.read(pages.xml_start, pages.xml_size).tobytes()
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
         raise ReadError(f"{pages.path}: its XML declares entities, which E57 does not allow")
@@ -138,7 +138,7 @@ def read_scans(pages: E57Pages, root: ET.Element) -> list[E57Scan]:
     Raises
     ------
     ReadError
-        If a description or a section is damaged, or holds fewer values than it says.
+        If a description or a section is damaged, or holds fewer values than it states.
     """
     scans = []
     for number, node in enumerate(root.findall(f"{NAMESPACE}data3D/*")):
@@ -217,7 +217,7 @@ def _streams(
     begin = pages.logical(data)
     end = min(pages.logical(at) + length, pages.size)
     if section != COMPRESSED_VECTOR:
-        raise ReadError(f"{pages.path} is damaged: the points of scan {number} at byte {at} are no section of points")
+        raise ReadError(f"{pages.path} is damaged: scan {number} has no section of points at byte {at}")
     starts: list[list[int]] = [[] for _ in fields]
     sizes: list[list[int]] = [[] for _ in fields]
     while begin + 4 <= end:
@@ -241,7 +241,7 @@ def _streams(
         before = np.concatenate([[0], np.cumsum(sizes[i], dtype=np.int64)])
         if spec.kind != "String" and 8 * int(before[-1]) < n_points * spec.bits:
             raise ReadError(
-                f"{pages.path} is truncated or damaged: scan {number} says {n_points} points, "
+                f"{pages.path} is truncated or damaged: scan {number} states {n_points} points, "
                 f"its field {spec.name} holds {8 * int(before[-1]) // spec.bits}"
             )
         found.append((np.array(starts[i], dtype=np.int64), before))

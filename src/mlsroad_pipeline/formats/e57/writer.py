@@ -1,4 +1,4 @@
-"""Writing E57 files of one scan."""
+"""Writer of E57 files with one scan."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ def write_e57(stream: BinaryIO, columns: Mapping[str, NDArray], *, crs: str | No
     Parameters
     ----------
     stream : binary stream
-        Where to write.
+        Output stream.
     columns : mapping of str to ndarray of shape (n,)
         The fields, ``cartesianX``, ``cartesianY`` and ``cartesianZ`` among them.
     crs : str or None
         The CRS as WKT.
     source : str
-        What messages call the file.
+        File name in messages.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def _section(fields: list[NDArray], n_points: int) -> bytes:
 
 
 def _raw(values: NDArray) -> NDArray:
-    """Return integers as their distance from the least of their type, as E57 stores them."""
+    """Return integers minus the minimum of their type, as E57 stores them."""
     if values.dtype.kind != "i":
         return values
     unsigned = values.view(values.dtype.str.replace("i", "u"))
@@ -94,7 +94,7 @@ def _raw(values: NDArray) -> NDArray:
 
 def _xml(fields: Mapping[str, NDArray], n_points: int, section_at: int, crs: str | None) -> bytes:
     prototype = "".join(_element(name, values) for name, values in fields.items())
-    # Named after the content, not drawn: same points, same bytes.
+    # Derived from the content, not random: same points, same bytes.
     guids = [f"{{{uuid.uuid5(uuid.NAMESPACE_URL, f'{EXTENSION}/{part}/{n_points}')}}}" for part in ("file", "scan")]
     text = f"""<?xml version="1.0" encoding="UTF-8"?>
 <e57Root type="Structure" xmlns={quoteattr(NAMESPACE[1:-1])} xmlns:{PREFIX}={quoteattr(EXTENSION)}>
@@ -129,7 +129,7 @@ def _element(name: str, values: NDArray) -> str:
 
 
 def _limits(fields: Mapping[str, NDArray]) -> str:
-    """State the range that intensity and colours have in a cloud, whatever values occur."""
+    """Return the XML of the nominal limits of intensity and colours."""
     text = ""
     if "intensity" in fields:
         text += (

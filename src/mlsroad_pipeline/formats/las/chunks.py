@@ -1,4 +1,4 @@
-"""The chunks of a LAZ file: their table, their layers, and ranges of those that differ in size."""
+"""Chunks of a LAZ file: chunk table, layers, and ranges of chunks of variable size."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LAYERS = {6: 9, 7: 10, 8: 11, 9: 10, 10: 12}
 
 
 def check_layers(stream: BinaryIO, header: LasHeader, chunk: tuple[int, int, int], path: Path) -> None:
-    """Refuse layers of a chunk that do not fit into its size, before memory is taken for them.
+    """Raise an error for layers larger than their chunk, before memory is allocated.
 
     Parameters
     ----------
@@ -28,9 +28,9 @@ def check_layers(stream: BinaryIO, header: LasHeader, chunk: tuple[int, int, int
     header : LasHeader
         Its header; point formats 0 to 5 have no layers.
     chunk : tuple of int
-        Where the chunk begins, its bytes and its points.
+        Byte offset, size in bytes and number of points of the chunk.
     path : Path
-        What messages call the file.
+        File name in messages.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def check_layers(stream: BinaryIO, header: LasHeader, chunk: tuple[int, int, int
 
 
 class VariableChunks:
-    """Ranges of files whose chunks differ in size, such as COPC: lazrs finds places in chunks of one size only.
+    """Reader of ranges of files with chunks of variable size, such as COPC; lazrs seeks only in chunks of one size.
 
     Parameters
     ----------
@@ -62,13 +62,13 @@ class VariableChunks:
     header : LasHeader
         Its header.
     path : Path
-        What messages call it.
+        File name in messages.
     record : bytes
         Its LASzip record.
     chunks : sequence of tuple of int
         Points and bytes of each chunk.
     select : int
-        Which fields are decompressed.
+        Fields to decompress (lazrs flags).
     """
 
     def __init__(
@@ -128,7 +128,7 @@ class VariableChunks:
 
 
 def check_chunk_table(stream: BinaryIO, header: LasHeader, laz: lazrs.LazVlr, path: Path) -> list[tuple[int, int]]:
-    """Refuse a chunk table that cannot be true, before the decompressor believes it.
+    """Raise an error for an inconsistent chunk table, before decompression.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def check_chunk_table(stream: BinaryIO, header: LasHeader, laz: lazrs.LazVlr, pa
     laz : lazrs.LazVlr
         Its LASzip record.
     path : Path
-        What messages call it.
+        File name in messages.
 
     Returns
     -------
@@ -157,7 +157,7 @@ def check_chunk_table(stream: BinaryIO, header: LasHeader, laz: lazrs.LazVlr, pa
         raise ReadError(f"{path} is truncated: it ends at byte {size}, its points begin at {begin}")
     stream.seek(begin)
     table = struct.unpack("<q", stream.read(8))[0]
-    if table == -1:  # a writer that could not seek back states it at the end
+    if table == -1:  # a writer that cannot seek back puts it at the end
         stream.seek(size - 8)
         table = struct.unpack("<q", stream.read(8))[0]
     if not begin + 8 <= table <= size - 8:

@@ -36,7 +36,7 @@ INFO_DATA = struct.Struct("<5d2Q2d88x")
 ENTRIES = np.dtype([("key", "<i4", 4), ("offset", "<u8"), ("size", "<i4"), ("count", "<i4")])
 CHUNK = 1_000_000
 GATHERED = 1 << 19
-"""Points that are gathered and compressed at a time."""
+"""Points per compressed batch."""
 
 
 def is_copc(header: LasHeader) -> bool:
@@ -56,7 +56,7 @@ def is_copc(header: LasHeader) -> bool:
 
 
 def copc_path(path: str) -> str:
-    """Return what the cloud-optimised copy of a file is called.
+    """Return the name of the cloud-optimised copy of a file.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def copc_path(path: str) -> str:
 
 
 def without_copc(header: LasHeader) -> LasHeader:
-    """Return a header without the records that tell where the nodes of an octree are in one file.
+    """Return a header without the COPC records, whose byte offsets hold for one file only.
 
     Parameters
     ----------
@@ -82,16 +82,16 @@ def without_copc(header: LasHeader) -> LasHeader:
     Returns
     -------
     LasHeader
-        The header for points in another place or order.
+        The header for points at other offsets or in another order.
     """
     vlrs = tuple(vlr for vlr in header.vlrs if vlr.key[0] != INFO[0])
     return replace(header, vlrs=vlrs, evlrs=tuple(vlr for vlr in header.evlrs if vlr.key[0] != INFO[0]))
 
 
 def write_copc(source: str | Path, target: str | Path, *, n_threads: int = 1) -> None:
-    """Copy a LAS or LAZ file to COPC: the same points with all they have, in the order of an octree.
+    """Copy a LAS or LAZ file to COPC: the same points with all dimensions, in the order of an octree.
 
-    Older point formats become their successors. Web viewers and QGIS read parts of the result as they need them. The
+    Point formats 0 to 5 become 6 to 10. Web viewers and QGIS read parts of the result on demand. The
     points pass through a temporary file beside the target; memory holds about 40 bytes per point.
 
     Parameters
@@ -168,7 +168,7 @@ def _write(
     compressor = kind(stream, laz)
     ends = np.cumsum(nodes.counts)
     first = 0
-    while first < len(ends):  # as many whole nodes as are gathered at a time
+    while first < len(ends):  # whole nodes, one batch at a time
         begin = int(ends[first] - nodes.counts[first])
         last = max(int(np.searchsorted(ends, begin + GATHERED, "right")), first + 1)
         gathered = records[nodes.order[begin : int(ends[last - 1])]]
@@ -206,7 +206,7 @@ def _compress(
 
 
 def _hierarchy(nodes: OctreeSample, chunks: list[tuple[int, int]], begin: int) -> bytes:
-    """Return the only page of the hierarchy: where each node's points are."""
+    """Return the only page of the hierarchy: byte offset, size and number of points of each node."""
     entries = np.zeros(len(nodes.counts), dtype=ENTRIES)
     sizes = np.array([n_bytes for _, n_bytes in chunks], dtype=np.int64)
     entries["key"], entries["count"], entries["size"] = nodes.keys, nodes.counts, sizes

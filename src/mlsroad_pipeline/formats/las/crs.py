@@ -25,12 +25,12 @@ def read_crs(header: LasHeader, path: Path | None = None) -> str | None:
     header : LasHeader
         The file's header.
     path : Path, optional
-        What the log calls the file where its keys are not understood; None logs nothing.
+        File name in the log where its keys are not supported; None logs nothing.
 
     Returns
     -------
     str or None
-        The WKT record's text where there is one; else the GeoTIFF keys as WKT where PROJ understands them.
+        The WKT record's text where there is one; else the GeoTIFF keys as WKT where they are supported.
     """
     record = header.find(WKT)
     if record is not None:
@@ -41,7 +41,7 @@ def read_crs(header: LasHeader, path: Path | None = None) -> str | None:
 
 
 def _geotiff_wkt(header: LasHeader, path: Path | None) -> str | None:
-    """Return the system that GeoTIFF keys name or spell out; the log says where they are not understood."""
+    """Return the system of the GeoTIFF keys; log keys that are not supported."""
     directory, doubles, texts = (header.find((PROJECTION, key)) for key in (DIRECTORY, DOUBLES, TEXTS))
     if directory is None:
         return None
@@ -55,7 +55,7 @@ def _geotiff_wkt(header: LasHeader, path: Path | None) -> str | None:
 
 
 def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path, metres: float = 1.0) -> LasHeader:
-    """Give another file's header the system of a cloud, where the two differ.
+    """Set the system of a cloud in another file's header, where the two differ.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path, metres: float 
     path : Path
         The file to write, for messages.
     metres : float, default 1.0
-        Factor from the unit that is written to metres.
+        Factor from the file's unit to metres.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path, metres: float 
 
 
 def with_wkt(header: LasHeader, crs: str | None) -> LasHeader:
-    """Give a header a WKT record, as point formats 6 to 10 require.
+    """Add a WKT record to a header, as point formats 6 to 10 require.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def with_wkt(header: LasHeader, crs: str | None) -> LasHeader:
     Returns
     -------
     LasHeader
-        The header with the record and the WKT bit. GeoTIFF keys that were there stay.
+        The header with the record and the WKT bit. Its GeoTIFF keys are kept.
     """
     if not crs:
         return header

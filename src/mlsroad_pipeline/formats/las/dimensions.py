@@ -35,7 +35,7 @@ def dimension_names(header: LasHeader) -> list[str]:
 
 
 def extra_dimension(header: LasHeader, name: str) -> ExtraDimension | None:
-    """Return the extra dimension that a field of the records stands for.
+    """Return the extra dimension of a field of the records.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def file_origin(header: LasHeader, metres: float) -> NDArray[np.float64]:
     Returns
     -------
     ndarray of shape (3,), float64
-        A round point near the header's least coordinates or, where these are not numbers, near its offset.
+        A round point near the header's minimum coordinates or, where these are not numbers, near its offset.
     """
     corner = header.bounds[0]
     return origin_near((corner if np.isfinite(corner).all() else header.offset) * metres)
@@ -133,7 +133,7 @@ def local_xyz(
         If scale and offset make a coordinate overflow.
     """
     xyz = np.empty((len(records), 3))
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below, by row
+    with np.errstate(over="ignore", invalid="ignore"):  # overflows raise below, with their row
         for axis, name in enumerate("XYZ"):
             np.multiply(records[name], header.scale[axis] * metres, out=xyz[:, axis])
             xyz[:, axis] += header.offset[axis] * metres - origin[axis]

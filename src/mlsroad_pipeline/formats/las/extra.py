@@ -28,7 +28,7 @@ class ExtraDimension:
     scale, offset : ndarray of shape (width,), float64, optional
         A value is its stored number times `scale`, plus `offset`; None where the descriptor has none.
     descriptor : bytes, default empty
-        The 192 bytes; empty where `pack_descriptors` is to make them.
+        The 192 bytes; empty where `pack_descriptors` creates them.
     """
 
     name: str
@@ -68,7 +68,7 @@ class ExtraDimension:
 
     @classmethod
     def create(cls, name: str, dtype: np.dtype, width: int = 1, description: str = "") -> ExtraDimension:
-        """Make an unscaled dimension; undocumented bytes where the width is above three.
+        """Create an unscaled dimension; undocumented bytes where the width is above three.
 
         Parameters
         ----------

@@ -39,7 +39,7 @@ from mlsroad_pipeline.formats.standard_columns import (
 )
 
 SAMPLES, SAMPLE_SIZE = 8, 2000
-"""Colour depth is decided from this many runs of this many points, evenly spread over the file."""
+"""Number of runs and points per run, evenly spread over the file, that determine the colour depth."""
 
 CHUNK = 1_000_000
 
@@ -47,7 +47,7 @@ CHUNK = 1_000_000
 class LasFormat(PointFormat):
     """Reader and writer of LAS and LAZ.
 
-    Columns are named as laspy names the dimensions; `intensity` becomes float32 in [0, 1], `red`, `green` and `blue`
+    Columns have the names of the dimensions in laspy; `intensity` becomes float32 in [0, 1], `red`, `green` and `blue`
     become `rgb` (uint8, with the 16-bit values beside it as `rgb16` where the file uses them), scaled extra dimensions
     become float64. A file without points gives an empty cloud.
     """
@@ -57,7 +57,7 @@ class LasFormat(PointFormat):
     signatures: tuple[bytes, ...] = (b"LASF",)
 
     def info(self, path: Path, options: ReadOptions) -> FileInfo:
-        """Return what a file's header says.
+        """Return the contents of a file's header.
 
         Raises
         ------
@@ -126,15 +126,15 @@ class LasFormat(PointFormat):
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write a cloud as LAS or, where the path ends in ``.laz``, as LAZ; ``.copc.laz`` is cloud-optimised.
 
-        With a file to be like, its header, records, scale, offset and layout are used, and columns that it lacks become
-        extra dimensions; without one, a LAS 1.4 header is made and every column is kept.
+        With a template (`like`), its header, records, scale, offset and layout are used; columns that it lacks become
+        extra dimensions; without one, the header is LAS 1.4 and every column is kept.
 
         Raises
         ------
         DataError
             If a coordinate or a column does not fit into the layout, or the file is named as gzip.
         ReadError
-            If the file to be like cannot be read.
+            If the template cannot be read.
         """
         path = Path(path)
         refuse_packed(path, self.name)
@@ -175,7 +175,7 @@ def _template(cloud: PointCloud, options: WriteOptions) -> Path | None:
 
 @lru_cache(maxsize=64)
 def colour_bits(key: FileKey) -> int:
-    """Return 8 where a file keeps 8-bit colours in its 16-bit fields, else 16.
+    """Return 8 where the 16-bit colour fields of a file hold 8-bit colours, else 16.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def colour_bits(key: FileKey) -> int:
 
 @lru_cache(maxsize=64)
 def file_maximum(key: FileKey, names: Sequence[str]) -> float:
-    """Return the greatest value of dimensions over a whole file.
+    """Return the maximum of dimensions over a whole file.
 
     Parameters
     ----------

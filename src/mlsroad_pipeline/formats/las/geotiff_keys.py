@@ -1,7 +1,7 @@
 """GeoTIFF keys in LAS files: systems named by EPSG codes, and systems spelled out by projection and ellipsoid.
 
-OGC GeoTIFF 1.1 (19-008r4), clause 7; key numbers and codes of transformations are those of its annexes. Only what the
-keys say is used: a system with a part that is not understood is None.
+OGC GeoTIFF 1.1 (19-008r4), clause 7; key numbers and codes of transformations are those of its annexes. Only
+explicit keys are used: a system with an unsupported part is None.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ EPSG_CODES = range(1024, 32767)
 
 LINEAR = {9001: (1.0, "EASTING_NORTHING"), 9002: (0.3048, "EASTING_NORTHING_FT")}
 LINEAR[9003] = (1200 / 3937, "EASTING_NORTHING_US_FT")
-"""Code of a unit to metres and to the axes that pyproj knows."""
+"""Code of a unit to its length in metres and to its axes in pyproj."""
 
 DATUMS_AS_SYSTEMS = {5101: 5701, 5102: 5702, 5103: 5703, 5104: 5736, 5105: 5705, 5106: 5706}
 """GeoTIFF 1.0 named vertical systems by the codes of their datums."""
@@ -66,14 +66,14 @@ METHODS: dict[int, tuple[Any, dict[str, tuple[int, ...]]]] = {
     10: (operations.LambertAzimuthalEqualAreaConversion, {**_NATURAL, **_FALSE}),
     11: (operations.AlbersEqualAreaConversion, {**_FALSE_ORIGIN, **_TWO_PARALLELS}),
 }
-"""Code of a transformation to its class and, for each of its parameters, the keys that may give it."""
+"""Code of a transformation to its class and, for each of its parameters, its possible keys."""
 
 _NEEDED = {"latitude_first_parallel", "latitude_second_parallel"}
 """Parameters without a sensible default."""
 
 
 class _NotUnderstood(Exception):
-    """A part of the keys that is not understood."""
+    """Unsupported part of the keys."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class GeotiffKeys:
         Raises
         ------
         DataError
-            If there are fewer keys than the directory says.
+            If there are fewer keys than the directory states.
         """
         words = np.frombuffer(directory[: len(directory) // 8 * 8], dtype="<u2").reshape(-1, 4)
         stated = int(words[0, 3]) if len(words) else 0
@@ -133,7 +133,7 @@ class GeotiffKeys:
         Raises
         ------
         DataError
-            If there is none, or a part of it is not understood; the message says which.
+            If there is none, or a part of it is not supported; the message names it.
         """
         try:
             crs = self._horizontal()

@@ -1,6 +1,6 @@
 """LAS headers and variable length records, byte for byte.
 
-What is not understood is carried along unchanged: the header keeps its bytes, and only fields that change are patched.
+Unknown content is kept unchanged: the header holds its original bytes, and only changed fields are patched.
 (ASPRS LAS specification 1.4 R15, sections 2.4 to 2.7; offsets below are from the start of the file.)
 """
 
@@ -27,7 +27,7 @@ RECORD_SIZES = (20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67)
 COMPRESSED = 0x80
 WKT_BIT = 0x10
 SMALLEST_STEP, LARGEST_STEP = 1e-20, 1e6
-"""Scales beyond these are damage."""
+"""Valid range of scales."""
 
 EXTRA_BYTES = (b"LASF_Spec", 4)
 LASZIP = (b"laszip encoded", 22204)
@@ -35,16 +35,16 @@ LASZIP = (b"laszip encoded", 22204)
 
 @dataclass(frozen=True)
 class LasHeader:
-    """Everything in a LAS or LAZ file but its points.
+    """Header and variable length records of a LAS or LAZ file.
 
     Parameters
     ----------
     block : bytes
-        The public header block with whatever the writer appended to it.
+        The public header block with bytes appended by its writer.
     vlrs : tuple of Vlr
         The records before the points, the LASzip one included.
     gap : bytes
-        What stands between the last of them and the points.
+        Bytes between the last of these records and the points.
     evlrs : tuple of Vlr
         The extended records behind the points.
     """
@@ -62,7 +62,7 @@ class LasHeader:
         form : str
             Format of the `struct` module.
         offset : int
-            Byte in the header.
+            Byte offset in the header.
 
         Returns
         -------
@@ -80,7 +80,7 @@ class LasHeader:
         form : str
             Format of the `struct` module.
         offset : int
-            Byte in the header.
+            Byte offset in the header.
 
         Returns
         -------
@@ -130,7 +130,7 @@ class LasHeader:
 
     @property
     def point_offset(self) -> int:
-        """Return where the points begin."""
+        """Return the byte offset of the points."""
         return self.integer("I", 96)
 
     @property
@@ -146,12 +146,12 @@ class LasHeader:
 
     @property
     def offset(self) -> NDArray[np.float64]:
-        """Return the coordinates of the integer zero."""
+        """Return the offset of x, y and z: the coordinates of the integer zero."""
         return np.frombuffer(self.block, "<f8", 3, 155).copy()
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """Return least and greatest coordinates, shape (2, 3), in the file's unit."""
+        """Return minimum and maximum coordinates, shape (2, 3), in the file's unit."""
         high_low = np.frombuffer(self.block, "<f8", 6, 179).reshape(3, 2)
         return np.array([high_low[:, 1], high_low[:, 0]])
 
@@ -172,7 +172,7 @@ class LasHeader:
 
     @property
     def extra_dimensions(self) -> tuple[ExtraDimension, ...]:
-        """Return the extra dimensions; bytes that no descriptor covers are one called ``extra_bytes``."""
+        """Return the extra dimensions; bytes without a descriptor are one named ``extra_bytes``."""
         spare = self.record_size - RECORD_SIZES[self.point_format]
         vlr = self.find(EXTRA_BYTES)
         found = []
@@ -200,7 +200,7 @@ def read_header(path: Path) -> LasHeader:
     Returns
     -------
     LasHeader
-        What the file holds besides its points.
+        Header and records of the file.
 
     Raises
     ------
@@ -266,7 +266,7 @@ def _read_vlr(stream: BinaryIO, path: Path, *, limit: int, extended: bool) -> Vl
 
 
 def _read_evlrs(stream: BinaryIO, header: LasHeader, path: Path, size: int) -> tuple[Vlr, ...]:
-    """Read the extended records; in LAS 1.3 the waveform packets are one, found by an offset of their own."""
+    """Read the extended records; in LAS 1.3 the waveform packets are one, with its own byte offset."""
     if header.minor >= 4:
         start, count = header.integer("Q", 235), header.integer("I", 243)
     else:
@@ -281,7 +281,7 @@ def _read_evlrs(stream: BinaryIO, header: LasHeader, path: Path, size: int) -> t
 
 
 def pack_header(header: LasHeader) -> bytes:
-    """Return header and records as they stand before the points, sizes and counts patched.
+    """Return the bytes of header and records before the points, sizes and counts patched.
 
     Parameters
     ----------
@@ -291,7 +291,7 @@ def pack_header(header: LasHeader) -> bytes:
     Returns
     -------
     bytes
-        What to write from the start of the file up to the first point.
+        Bytes from the start of the file to the first point.
     """
     records = b"".join(vlr.pack() for vlr in header.vlrs)
     point_offset = len(header.block) + len(records) + len(header.gap)

@@ -1,10 +1,10 @@
-"""Other classes and further dimensions for the points of a LAZ file, all else left compressed as it is.
+"""Replacement of the classes and addition of dimensions in a LAZ file; other layers stay compressed.
 
 In point formats 6 and above the fields of a chunk are compressed apart from each other, in layers (LASzip 3, "native
 LAS 1.4 compression"). The layer of the classification depends on returns and scanner channel besides itself, that of
-an extra byte on the scanner channel alone. So these layers are made by compressing records that hold nothing else, and
-take their place beside the others, which are copied: the file is the same, byte for byte, as if all had been
-compressed anew, for a third of the work.
+an extra byte on the scanner channel alone. These layers are compressed from records with only the fields needed;
+the other layers are copied. The file is identical, byte for byte, to one that is compressed as a whole, at about a
+third of the work.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def has_layers(header: LasHeader) -> bool:
     if not header.compressed or not header.n_points or header.point_format not in _FORMATS or found is None:
         return False
     own = bytes(_laszip(header.point_format, header.record_size).record_data())
-    # compressor and coder, points of a chunk, items with their versions; the rest says who wrote it
+    # compressor and coder, points of a chunk, items with their versions; the rest identifies the writer
     return all(found.data[part] == own[part] for part in (slice(4), slice(12, 16), slice(32, None)))
 
 
@@ -62,7 +62,7 @@ def _laszip(point_format: int, record_size: int) -> lazrs.LazVlr:
 
 
 class LayerCopier:
-    """Gives ranges of chunks of a LAZ file with other classes and with dimensions added; use it as a context manager.
+    """Copier of chunks of a LAZ file with replaced classes and added dimensions; a context manager.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class LayerCopier:
     header : LasHeader
         Its header.
     added : mapping of str to ExtraDimension
-        The dimensions that come after the file's own, by name.
+        Dimensions to append to those of the file, by name.
     classes : bool, default False
         Whether `read` decompresses the file's classes.
     n_threads : int, default 1
@@ -108,7 +108,7 @@ class LayerCopier:
         self._reader.__exit__(kind, error, trace)
 
     def read(self, start: int, stop: int) -> NDArray:
-        """Read what counts and bounds need of records.
+        """Read the fields of records that counts and bounds need.
 
         Parameters
         ----------
@@ -118,7 +118,7 @@ class LayerCopier:
         Returns
         -------
         structured ndarray of shape (n,)
-            Records with coordinates, returns, scanner channel and, if asked for, classes; the other fields are zero.
+            Records with coordinates, returns, scanner channel and, with `classes`, classes; the other fields are zero.
 
         Raises
         ------
@@ -128,7 +128,7 @@ class LayerCopier:
         return self._reader.read(start, stop)
 
     def chunks(self, start: int, records: NDArray, values: Mapping[str, NDArray]) -> list[tuple[int, bytes]]:
-        """Return compressed chunks with other values.
+        """Return compressed chunks with replaced values.
 
         Parameters
         ----------
@@ -167,7 +167,7 @@ class LayerCopier:
         return [stream.read(n_bytes) for n_bytes in sizes]
 
     def _spliced(self, old: bytes, new: bytes) -> bytes:
-        """Put the class and the added dimensions of one chunk into another, which has all else."""
+        """Insert the layers of classes and added dimensions into the chunk with the other layers."""
         old_first, count, old_layers = _parts(old, self._header.point_format, self._header.record_size)
         new_first, _, new_layers = _parts(new, 6, self._dtype.itemsize)
         first = [

@@ -1,4 +1,4 @@
-"""Laying a point cloud out as LAS records."""
+"""Layout of a point cloud as LAS records."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ DEGREE_STEP = 1e-7
 
 
 def with_extra(header: LasHeader, added: list[ExtraDimension], *, existing: list[ExtraDimension]) -> LasHeader:
-    """Give a header extra dimensions.
+    """Add extra dimensions to a header.
 
     Parameters
     ----------
@@ -45,12 +45,12 @@ def with_extra(header: LasHeader, added: list[ExtraDimension], *, existing: list
     added : list of ExtraDimension
         Dimensions to append.
     existing : list of ExtraDimension
-        Those that it has, in their order, perhaps renamed.
+        Dimensions of the header, in their order, possibly renamed.
 
     Returns
     -------
     LasHeader
-        The header with its record size and its extra bytes record changed, the record in its old place.
+        The header with its record size and its extra bytes record changed, the record at its previous index.
     """
     dimensions = [*existing, *added]
     if not dimensions:
@@ -99,7 +99,7 @@ def header_like(path: Path, cloud: PointCloud) -> LasHeader:
     path : Path
         A LAS or LAZ file.
     cloud : PointCloud
-        What is to be written.
+        Points to write.
 
     Returns
     -------
@@ -122,7 +122,7 @@ def new_header(cloud: PointCloud, options: WriteOptions) -> LasHeader:
     Parameters
     ----------
     cloud : PointCloud
-        What is to be written.
+        Points to write.
     options : WriteOptions
         Its `scale` and `units`; longitudes and latitudes are stored in steps of `DEGREE_STEP`.
 
@@ -149,7 +149,7 @@ def new_header(cloud: PointCloud, options: WriteOptions) -> LasHeader:
 
 
 def with_room(header: LasHeader, cloud: PointCloud, metres: float) -> LasHeader:
-    """Give another file's header a scale and an offset that hold the points where they have come to lie.
+    """Set a scale and an offset in another file's header that can represent the points.
 
     Parameters
     ----------
@@ -179,12 +179,12 @@ def with_room(header: LasHeader, cloud: PointCloud, metres: float) -> LasHeader:
 def pack_records(
     cloud: PointCloud, header: LasHeader, *, metres: float = 1.0, eight_bit_colours: bool = False
 ) -> NDArray:
-    """Lay points out as records.
+    """Convert points to records.
 
     Parameters
     ----------
     cloud : PointCloud
-        The points; each column is stored in the dimension of its name, absent dimensions are zero.
+        The points; each column is stored in the dimension of its name. Absent dimensions are zero.
     header : LasHeader
         The layout.
     metres : float, default 1.0
@@ -245,7 +245,7 @@ def _store(records: NDArray, header: LasHeader, name: str, values: NDArray, sour
 
 
 def _fitting(values: NDArray, dtype: np.dtype, name: str, source: str) -> NDArray:
-    """Return values in a narrower type, or say which of them does not fit."""
+    """Return values in a narrower type; raise `DataError` where one does not fit."""
     if dtype.kind == "f" or not len(values):
         return values.astype(dtype)
     limits = np.iinfo(dtype)

@@ -1,4 +1,4 @@
-"""Point records of LAS and LAZ files, by ranges, as they are stored."""
+"""Stored point records of LAS and LAZ files, by ranges."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def record_dtype(header: LasHeader) -> np.dtype:
     Returns
     -------
     dtype
-        Fields named as laspy names them, then the extra dimensions; one whose name is taken gets ``_extra`` appended.
+        Fields with the names of laspy, then the extra dimensions; one whose name is taken gets ``_extra`` appended.
     """
     fields = list(ALL_POINT_FORMATS_DTYPE[header.point_format].descr)
     taken = {name for name, _ in fields}
@@ -48,7 +48,7 @@ def record_dtype(header: LasHeader) -> np.dtype:
 
 
 class RecordReader:
-    """Reads ranges of records of one file; use it as a context manager.
+    """Reader of ranges of records of one file; a context manager.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class RecordReader:
     Raises
     ------
     ReadError
-        If the file holds fewer points than its header says, or its chunk table is damaged.
+        If the file holds fewer points than its header states, or its chunk table is damaged.
     """
 
     def __init__(self, path: Path, header: LasHeader, *, n_threads: int = 1, select: int = SELECT_ALL) -> None:
@@ -97,7 +97,7 @@ class RecordReader:
         Parameters
         ----------
         start, stop : int
-            First row and the row after the last; None is the end. Beyond the end is clipped.
+            First row and the row after the last; None is the end. Clipped to the end.
 
         Returns
         -------
@@ -156,7 +156,7 @@ class RecordReader:
         self._position = stop
 
     def _check_layers(self, start: int, stop: int) -> None:
-        """Look at the chunks of a range before they are decompressed, each once."""
+        """Check the chunks of a range before decompression, each once."""
         here = self._stream.tell()
         for number in range(start // self._chunk_size, -(-stop // self._chunk_size)):
             if number in self._unchecked:
@@ -170,7 +170,7 @@ class RecordReader:
         needed = header.point_offset + header.n_points * header.record_size
         if needed > size:
             have = (size - header.point_offset) // header.record_size
-            raise ReadError(f"{self.path} is truncated: its header says {header.n_points} points, it holds {have}")
+            raise ReadError(f"{self.path} is truncated: its header states {header.n_points} points, it holds {have}")
 
     def _open_laz(self, n_threads: int, select: int) -> lazrs.LasZipDecompressor | lazrs.ParLasZipDecompressor:
         vlr = self.header.find(LASZIP)

@@ -1,4 +1,4 @@
-"""From LAS point formats 0 to 5 to their successors 6 to 10, without loss."""
+"""Lossless conversion of LAS point formats 0 to 5 to formats 6 to 10."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ANGLE_STEP = 0.006
 
 COPC = b"copc"
 RECORD_1_0 = b"\xdd\xcc"
-"""Marker that LAS 1.0 writes before the points."""
+"""Signature before the points in LAS 1.0."""
 
 
 def upgraded_header(header: LasHeader) -> LasHeader:
@@ -34,8 +34,8 @@ def upgraded_header(header: LasHeader) -> LasHeader:
     -------
     LasHeader
         The header: dates, identifiers, scale, offset, records and bytes of unknown meaning are kept. A CRS in GeoTIFF
-        keys is added as WKT, which these formats require, where it is understood. Records of a cloud-optimised file
-        (COPC) are dropped: they tell where in the old file the points were.
+        keys is added as WKT, which these formats require, where they are supported. Records of a cloud-optimised file
+        (COPC) are dropped: their byte offsets hold for the old file only.
     """
     header = replace(
         header,
@@ -55,7 +55,7 @@ def upgraded_header(header: LasHeader) -> LasHeader:
 
 
 def upgrade_records(records: NDArray, header: LasHeader, target: LasHeader) -> NDArray:
-    """Lay records out in another file's layout that begins with the same fields.
+    """Convert records to another layout that begins with the same fields.
 
     Parameters
     ----------
@@ -64,12 +64,12 @@ def upgrade_records(records: NDArray, header: LasHeader, target: LasHeader) -> N
     header : LasHeader
         Their header.
     target : LasHeader
-        The same file's upgraded header, perhaps with more extra dimensions at the end.
+        The same file's upgraded header, possibly with more extra dimensions at the end.
 
     Returns
     -------
     structured ndarray of shape (n,)
-        The records; fields that the old ones lack are zero.
+        The records; new fields are zero.
     """
     out = np.zeros(len(records), dtype=record_dtype(target))
     size = (len(records), -1)

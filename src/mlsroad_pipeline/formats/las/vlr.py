@@ -13,15 +13,15 @@ class Vlr:
     Parameters
     ----------
     user_id : bytes
-        Whose record it is, up to 16 bytes; one that was read keeps its padding.
+        Identifier of the record's owner, up to 16 bytes; a record read from a file keeps its padding.
     record_id : int
-        Which of this user's records it is, 0 to 65535.
+        Number of the record among those of the user, 0 to 65535.
     data : bytes
-        What it holds, without its head.
+        Payload, without the record header.
     description : bytes, default empty
         Free text, up to 32 bytes.
     reserved : int, default 0
-        The head's first two bytes, as they were read.
+        First two bytes of the record header, as read.
     """
 
     user_id: bytes
@@ -32,11 +32,11 @@ class Vlr:
 
     @property
     def key(self) -> tuple[bytes, int]:
-        """Return user id (without padding) and record id, which together say what the record is."""
+        """Return user id (without padding) and record id, which together identify the type of the record."""
         return self.user_id.split(b"\0")[0], self.record_id
 
     def pack(self, *, extended: bool = False) -> bytes:
-        """Return the record as it stands in a file.
+        """Return the bytes of the record in a file.
 
         Parameters
         ----------
@@ -46,7 +46,7 @@ class Vlr:
         Returns
         -------
         bytes
-            Head and data.
+            Record header and data.
         """
         form = "<H16sHQ32s" if extended else "<H16sHH32s"
         head = struct.pack(form, self.reserved, self.user_id, self.record_id, len(self.data), self.description)

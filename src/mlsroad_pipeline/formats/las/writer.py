@@ -1,4 +1,4 @@
-"""Writing LAS and LAZ files record by record."""
+"""Sequential writer of LAS and LAZ files."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ CHANNEL_BITS = 0x30
 
 
 class RecordWriter:
-    """Writes records in order, then the header with their count, bounds and returns.
+    """Writer of records in order, then of the header with their count, bounds and returns.
 
     Parameters
     ----------
     stream : binary stream
         Writable and seekable, at its start.
     header : LasHeader
-        The header; counts, bounds, compression and the positions of records are set by the writer.
+        The header; counts, bounds, compression and byte offsets of records are set by the writer.
     compress : bool
         LAZ if true, else LAS.
     n_threads : int, default 1
@@ -42,7 +42,7 @@ class RecordWriter:
 
     def __init__(self, stream: BinaryIO, header: LasHeader, *, compress: bool, n_threads: int = 1) -> None:
         self._stream, self._compressor = stream, None
-        self._chunks: list[tuple[int, int]] = []  # of those that came compressed
+        self._chunks: list[tuple[int, int]] = []  # of the chunks appended compressed
         records = tuple(vlr for vlr in header.vlrs if vlr.key != LASZIP)
         layout = header.point_format | (COMPRESSED if compress else 0)
         self.header = replace(header, vlrs=records).patched(("B", 104, layout))
@@ -73,7 +73,7 @@ class RecordWriter:
         Raises
         ------
         DataError
-            If waveform packets of several scanner channels are to be compressed, which lazrs does not do without loss.
+            If waveform packets of several scanner channels are to be compressed, which lazrs cannot do without loss.
         """
         if not len(records):
             return
@@ -87,7 +87,7 @@ class RecordWriter:
             self._compressor.compress_many(data)
 
     def write_compressed(self, records: NDArray, chunks: Sequence[tuple[int, bytes]]) -> None:
-        """Append chunks of a LAZ file that are compressed already; a file is written in this way or by `write`.
+        """Append compressed chunks of a LAZ file; a file is written either this way or by `write`.
 
         Parameters
         ----------
@@ -98,13 +98,13 @@ class RecordWriter:
         """
         self.count_only(records)
         if not self._chunks:
-            self._stream.write(bytes(8))  # where the chunk table will be
+            self._stream.write(bytes(8))  # placeholder for the byte offset of the chunk table
         for n_points, data in chunks:
             self._stream.write(data)
             self._chunks.append((n_points, len(data)))
 
     def count_only(self, records: NDArray) -> None:
-        """Take records into counts and bounds without writing them.
+        """Update counts and bounds with records without writing them.
 
         Parameters
         ----------
@@ -129,12 +129,12 @@ class RecordWriter:
             )
 
     def close(self) -> None:
-        """Finish the points, write the extended records, and set the header right.
+        """Finish the points, write the extended records, and update the header.
 
         Raises
         ------
         DataError
-            If there are more points than the version can count.
+            If there are more points than the version can hold.
         """
         if self._chunks:
             self._write_chunk_table()
@@ -162,26 +162,26 @@ class RecordWriter:
         header : LasHeader
             The header.
         end : int
-            Where the extended records begin.
+            Byte offset of the extended records.
 
         Returns
         -------
         LasHeader
-            The header, right.
+            The updated header.
 
         Raises
         ------
         DataError
-            If there are more points than the version can count.
+            If there are more points than the version can hold.
         """
         empty = self.count == 0
         scaled = (np.stack([self._high, self._low], axis=1) * header.scale[:, None]) + header.offset[:, None]
         bounds = np.zeros(6) if empty else np.sort(scaled, axis=1)[:, ::-1].ravel()
         stated = header.bounds[::-1].T.ravel()
         if (np.abs(stated - bounds) <= np.repeat(np.abs(header.scale), 2) / 2).all():
-            bounds = stated  # the same, but for how the first writer rounded
+            bounds = stated  # equal up to the rounding of the first writer
         new_only = header.minor >= 4 and not header.integer("I", 107) and header.integer("Q", 247) > 0
-        legacy = header.point_format < 6 and self.count < 2**32 and not new_only  # as the first writer had it
+        legacy = header.point_format < 6 and self.count < 2**32 and not new_only  # as in the source file
         if header.minor < 4 and not legacy:
             raise DataError(f"LAS 1.{header.minor} cannot hold {self.count} points; write point format 6 or above")
         by_return = self._returns[1:]

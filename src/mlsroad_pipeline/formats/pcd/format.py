@@ -33,9 +33,9 @@ KINDS_WRITTEN = "iuf"
 class PcdFormat(TableFormat):
     """Reader and writer of PCD.
 
-    Fields keep their names and types; SIZE, COUNT and padding (``_``) are honoured, several values are numbered
-    (``fpfh_0``), a packed `rgb` or `rgba` is taken apart. Points whose three coordinates are NaN stand for
-    beams that did not return: they are left out, and the log says how many. The viewpoint is part of `info` and not
+    Fields keep their names and types; SIZE, COUNT and padding (``_``) are respected, several values are numbered
+    (``fpfh_0``), a packed `rgb` or `rgba` is split into channels. Points whose three coordinates are NaN stand for
+    beams that did not return: they are left out and their number is logged. The viewpoint is part of `info` and not
     applied.
     """
 
@@ -56,13 +56,13 @@ class PcdFormat(TableFormat):
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write a cloud as binary PCD 0.7.
 
-        Coordinates are float32 as the library expects them, or float64 where they are too great for that (1 km and more
+        Coordinates are float32 as the library expects them, or float64 where they are too large for that (1 km and more
         from zero). The CRS goes into a ``.prj`` beside the file.
 
         Raises
         ------
         DataError
-            If a column has a name with blanks or a type that PCD does not know.
+            If a column has a name with blanks or a type that PCD does not support.
         """
         dtype = _record_type(cloud, options, path)
         names = dtype.names or ()
@@ -103,7 +103,7 @@ def _record_type(cloud: PointCloud, options: WriteOptions, path: Path) -> np.dty
 
 
 Values = Callable[[PcdField, int, int], NDArray]
-"""Gives the values of a field for a range of rows, of shape (n, count)."""
+"""Function that returns the values of a field for a range of rows, of shape (n, count)."""
 
 
 @lru_cache(maxsize=2)
@@ -140,7 +140,7 @@ def _binary_values(path: Path, header: PcdHeader, threads: bool) -> Values:
     have = file.size - header.begin
     if have < header.n_points * header.record_size:
         raise ReadError(
-            f"{path} is truncated: its head says {header.n_points} points of {header.record_size} bytes from byte "
+            f"{path} is truncated: its header states {header.n_points} points of {header.record_size} bytes from byte "
             f"{header.begin}, it holds {have // max(header.record_size, 1)}"
         )
     if not header.n_points * header.record_size:
@@ -187,7 +187,7 @@ def _text_values(path: Path, header: PcdHeader, threads: bool) -> Values:
     first = {f: sum(g.count for g in header.fields[:i]) for i, f in enumerate(header.fields)}
     rows = index_rows(path, open_content(path), header.begin, header.n_lines + 1, limit=header.n_points)
     if rows.n_rows < header.n_points:
-        raise ReadError(f"{path} is truncated: its head says {header.n_points} points, it holds {rows.n_rows}")
+        raise ReadError(f"{path} is truncated: its header states {header.n_points} points, it holds {rows.n_rows}")
     parsed = _Parsed(rows, width, threads)
 
     def values(field: PcdField, start: int, stop: int) -> NDArray:
@@ -199,7 +199,7 @@ def _text_values(path: Path, header: PcdHeader, threads: bool) -> Values:
 
 
 class _Parsed:
-    """Parsed rows, the last range kept: columns are asked for one by one."""
+    """Parsed rows; the last range is cached, because columns are read one at a time."""
 
     def __init__(self, rows: TextRows, width: int, threads: bool) -> None:
         self._rows, self._width, self._threads = rows, width, threads

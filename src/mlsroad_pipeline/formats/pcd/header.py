@@ -1,4 +1,4 @@
-"""The head of a PCD file, version 0.7 and before: its fields and where the data begin."""
+"""Header of a PCD file, up to version 0.7: its fields and the byte offset of the data."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class PcdField:
     dtype : dtype
         Type of one value, little-endian.
     count : int
-        Values per point; 0 takes no room.
+        Values per point; 0 occupies no bytes.
     offset : int
-        First byte in a record.
+        Byte offset in a record.
     """
 
     name: str
@@ -58,7 +58,7 @@ class PcdField:
 
 @dataclass(frozen=True)
 class PcdHeader:
-    """The head of a PCD file.
+    """Header of a PCD file.
 
     Parameters
     ----------
@@ -69,11 +69,11 @@ class PcdHeader:
     encoding : str
         ``ascii``, ``binary`` or ``binary_compressed``.
     begin : int
-        Byte at which the data begin.
+        Byte offset of the data.
     n_lines : int
-        Lines of the head.
+        Lines of the header.
     entries : dict of str to str
-        All entries as they stand.
+        All entries, unchanged.
     """
 
     fields: tuple[PcdField, ...]
@@ -90,7 +90,7 @@ class PcdHeader:
 
 
 def read_pcd_header(path: Path) -> PcdHeader:
-    """Read the head of a PCD file.
+    """Read the header of a PCD file.
 
     Parameters
     ----------
@@ -100,12 +100,12 @@ def read_pcd_header(path: Path) -> PcdHeader:
     Returns
     -------
     PcdHeader
-        Its head.
+        Its header.
 
     Raises
     ------
     ReadError
-        If the head is not that of a PCD file, ends early or contradicts itself.
+        If the header is not that of a PCD file, ends early or contradicts itself.
     """
     data = open_content(path).read(HEAD)
     entries: dict[str, str] = {}
@@ -113,7 +113,7 @@ def read_pcd_header(path: Path) -> PcdHeader:
     while "DATA" not in entries:
         end = data.find(b"\n", at) + 1
         if not end:
-            raise ReadError(f"{path} is truncated or no PCD file: its head has no line DATA")
+            raise ReadError(f"{path} is truncated or no PCD file: its header has no line DATA")
         line = data[at:end].decode("utf-8", "replace").strip()
         at, n_lines = end, n_lines + 1
         if line and not line.startswith("#"):
@@ -128,14 +128,14 @@ def read_pcd_header(path: Path) -> PcdHeader:
 def _numbers(entries: dict[str, str], key: str, path: Path, *, length: int) -> list[int]:
     words = entries.get(key, "").split()
     if len(words) != length or not all(word.isascii() and word.isdigit() for word in words):
-        raise ReadError(f"{path}: {key} {entries.get(key)!r} in its head is not {length} whole numbers")
+        raise ReadError(f"{path}: {key} {entries.get(key)!r} in its header is not {length} whole numbers")
     return [int(word) for word in words]
 
 
 def _fields(entries: dict[str, str], path: Path) -> tuple[PcdField, ...]:
     names = (entries.get("FIELDS") or entries.get("COLUMNS") or "").split()
     if not names:
-        raise ReadError(f"{path}: its head has no FIELDS")
+        raise ReadError(f"{path}: its header has no FIELDS")
     sizes = _numbers(entries, "SIZE", path, length=len(names))
     counts = _numbers(entries, "COUNT", path, length=len(names)) if "COUNT" in entries else [1] * len(names)
     types = entries.get("TYPE", "").upper().split()
@@ -155,7 +155,7 @@ def _fields(entries: dict[str, str], path: Path) -> tuple[PcdField, ...]:
     columns = [column for field in fields for column in field.columns]
     twice = next((column for column in columns if columns.count(column) > 1), None)
     if twice is not None:
-        raise ReadError(f"{path}: field {twice!r} stands twice in its head")
+        raise ReadError(f"{path}: field {twice!r} is duplicated in its header")
     return _where_written(tuple(fields), path)
 
 
@@ -163,7 +163,7 @@ def _where_written(fields: tuple[PcdField, ...], path: Path) -> tuple[PcdField, 
     """Return the fields at the offsets where the library's writer puts them.
 
     It writes aligned structures, but states the padding before a field as if the field before had that field's size.
-    Where the stated offsets are not aligned and those that follow from this are, the latter are taken.
+    Where the stated offsets are not aligned and those that follow from this are, the latter are used.
     """
     if all(field.name != PADDING for field in fields):
         return fields
@@ -184,7 +184,7 @@ def _where_written(fields: tuple[PcdField, ...], path: Path) -> tuple[PcdField, 
     if end > size or _aligned(fields) or not _aligned(moved):
         return fields
     names = ", ".join(new.name for old, new in zip(fields, moved, strict=True) if old.offset != new.offset)
-    logger.info("%s: its head states the offsets of %s wrong; they are taken where they are aligned", path, names)
+    logger.info("%s: its header states wrong offsets of %s; aligned offsets are used", path, names)
     return tuple(moved)
 
 
@@ -196,8 +196,8 @@ def _n_points(entries: dict[str, str], path: Path) -> int:
     has_shape = "WIDTH" in entries and "HEIGHT" in entries
     shape = [_numbers(entries, key, path, length=1)[0] for key in ("WIDTH", "HEIGHT")] if has_shape else []
     if "POINTS" not in entries and not has_shape:
-        raise ReadError(f"{path}: its head has neither POINTS nor WIDTH and HEIGHT")
+        raise ReadError(f"{path}: its header has neither POINTS nor WIDTH and HEIGHT")
     n_points = _numbers(entries, "POINTS", path, length=1)[0] if "POINTS" in entries else shape[0] * shape[1]
     if has_shape and n_points != shape[0] * shape[1]:
-        raise ReadError(f"{path}: POINTS {n_points} in its head, but WIDTH x HEIGHT is {shape[0]} x {shape[1]}")
+        raise ReadError(f"{path}: POINTS {n_points} in its header, but WIDTH x HEIGHT is {shape[0]} x {shape[1]}")
     return n_points

@@ -11,18 +11,18 @@ from numba import njit
 from numpy.typing import NDArray
 
 LARGEST_RATIO = 132
-"""Three bytes give at most 264: what claims to be longer than this many times its packed form is damaged."""
+"""Maximum compression ratio: three bytes expand to at most 264. Data above it are damaged."""
 
 
 def unpack(packed: bytes, size: int) -> NDArray[np.uint8]:
-    """Unpack LZF data.
+    """Decompress LZF data.
 
     Parameters
     ----------
     packed : bytes
-        The packed data.
+        The compressed data.
     size : int
-        Bytes that they unpack to.
+        Number of bytes after decompression.
 
     Returns
     -------
@@ -32,20 +32,20 @@ def unpack(packed: bytes, size: int) -> NDArray[np.uint8]:
     Raises
     ------
     ValueError
-        If the data are damaged: they end early, refer to before their beginning, or give another size.
+        If the data are damaged: they end early, refer to bytes before their start, or have another size.
     """
     if size > LARGEST_RATIO * len(packed):
-        raise ValueError(f"{len(packed)} bytes cannot unpack to {size}")
+        raise ValueError(f"{len(packed)} bytes cannot decompress to {size}")
     out = np.empty(size, dtype=np.uint8)
     written = _unpack(np.frombuffer(packed, dtype=np.uint8), out)
     if written != size:
-        raise ValueError(f"they unpack to {written} bytes before they break off, instead of {size}")
+        raise ValueError(f"they decompress to {written} bytes instead of {size}")
     return out
 
 
 @njit(cache=True, nogil=True)
 def _unpack(packed: NDArray[np.uint8], out: NDArray[np.uint8]) -> int:
-    """Fill `out`; return how far it got."""
+    """Fill `out`; return the number of bytes written."""
     at, to = 0, 0
     while at < len(packed):
         control = int(packed[at])

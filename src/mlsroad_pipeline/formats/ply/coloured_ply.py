@@ -1,4 +1,4 @@
-"""PLY files whose points have the colours of their classes, for viewers that know no classes, or none above 31."""
+"""PLY files with points in the colours of their classes, for viewers without classes, or without those above 31."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NAMES = {"<f4": "float", "|u1": "uchar"}
 
 
 def coloured_path(path: str) -> str:
-    """Return what the coloured copy of a file is called.
+    """Return the name of the coloured copy of a file.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def coloured_path(path: str) -> str:
 def write_coloured_ply(source: str | Path, target: str | Path) -> None:
     """Write the points of a labelled LAS or LAZ file as PLY in the colours of their classes.
 
-    Coordinates are float32 relative to the file's origin, as simple viewers need them; the origin stands in a comment.
+    Coordinates are float32 relative to the file's origin, as simple viewers need them; the origin is in a comment.
     Class and confidence are kept.
 
     Parameters
@@ -58,7 +58,7 @@ def write_coloured_ply(source: str | Path, target: str | Path) -> None:
     ReadError
         If the source is damaged.
     DataError
-        If it is to be overwritten.
+        If the target is the source.
     """
     path, target = Path(source), Path(target)
     if target.exists() and target.samefile(path):

@@ -35,9 +35,9 @@ PLY_NAMES = {
 class PlyFormat(TableFormat):
     """Reader and writer of PLY.
 
-    Properties keep their types, but `rgb`, `intensity` and labels become what `PointCloud` says. List properties of the
-    vertices are left out; other elements, such as faces, are not points. Ranges are read from their place where the
-    vertices come first, as they do in practice; otherwise the file is held in memory.
+    Properties keep their types, but `rgb`, `intensity` and labels become those of `PointCloud`. List properties of the
+    vertices are left out; other elements, such as faces, are not points. Ranges are read at their byte offset where
+    the vertices come first, as is usual; otherwise the file is held in memory.
     """
 
     name = "PLY"
@@ -101,7 +101,7 @@ def read_vertices(
     path : Path
         The file.
     header : PlyHeader
-        Its head.
+        Its header.
     start, stop : int
         First row and the row after the last, inside the file.
     threads : bool, default False
@@ -115,7 +115,7 @@ def read_vertices(
     Raises
     ------
     ReadError
-        If the file ends early or a row of text is not understood.
+        If the file ends early or a row of text is invalid.
     """
     vertex = header.vertex
     if not header.vertex_first:
@@ -135,7 +135,7 @@ def read_vertices(
     size, needed = file.size - header.begin, vertex.count * dtype.itemsize
     if size < needed:
         have = size // dtype.itemsize
-        raise ReadError(f"{path} is truncated: its head says {vertex.count} points, it holds {have}")
+        raise ReadError(f"{path} is truncated: its header states {vertex.count} points, it holds {have}")
     table = file.records(dtype, header.begin, vertex.count)[start:stop]
     return {name: table[name] for name in dtype.names or ()}
 
@@ -148,21 +148,21 @@ def vertex_rows(path: Path, header: PlyHeader) -> TextRows:
     path : Path
         The file.
     header : PlyHeader
-        Its head.
+        Its header.
 
     Returns
     -------
     TextRows
-        The rows; remembered as long as the file does not change.
+        The rows; cached as long as the file does not change.
 
     Raises
     ------
     ReadError
-        If there are fewer rows than the head says.
+        If there are fewer rows than the header states.
     """
     rows = _vertex_rows(file_key(path), header.begin, header.text.count(b"\n") + 1, header.vertex.count)
     if rows.n_rows < header.vertex.count:
-        raise ReadError(f"{path} is truncated: its head says {header.vertex.count} points, it holds {rows.n_rows}")
+        raise ReadError(f"{path} is truncated: its header states {header.vertex.count} points, it holds {rows.n_rows}")
     return rows
 
 

@@ -1,4 +1,4 @@
-"""The head of a PLY file: what its elements are and where they lie."""
+"""Header of a PLY file: its elements and the byte offset of the data."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class PlyElement:
     name : str
         Its name; the points are ``vertex``.
     count : int
-        How many records it has.
+        Number of records.
     properties : dict of str to str or None
         Name to numpy type without byte order, such as ``f4``, in the order of the file; None for a list.
     """
@@ -62,7 +62,7 @@ class PlyElement:
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """The head of a PLY file.
+    """Header of a PLY file.
 
     Parameters
     ----------
@@ -71,9 +71,9 @@ class PlyHeader:
     elements : tuple of PlyElement
         The elements in the order of the file.
     text : bytes
-        The head itself, up to where the data begin.
+        Text of the header, up to the start of the data.
     comments : tuple of str
-        The comments, without the word.
+        The comments, without the keyword.
     """
 
     encoding: str
@@ -88,7 +88,7 @@ class PlyHeader:
 
     @property
     def begin(self) -> int:
-        """Return where the data begin."""
+        """Return the byte offset of the data."""
         return len(self.text)
 
     @property
@@ -98,17 +98,17 @@ class PlyHeader:
 
     @property
     def vertex_first(self) -> bool:
-        """Return whether the points come first and are all of one length, so that ranges can be found."""
+        """Return whether the points come first and are all of one length, so that ranges have known byte offsets."""
         return self.elements[0] is self.vertex and not self.vertex.has_lists
 
     @property
     def crs(self) -> str | None:
-        """Return the CRS that a ``comment crs`` line gives, as this project writes it."""
+        """Return the CRS of the ``comment crs`` line that this project writes, if any."""
         return next((unquote(text[4:]) for text in self.comments if text.startswith("crs ")), None)
 
 
 def read_ply_header(path: Path) -> PlyHeader:
-    """Read the head of a PLY file.
+    """Read the header of a PLY file.
 
     Parameters
     ----------
@@ -118,22 +118,22 @@ def read_ply_header(path: Path) -> PlyHeader:
     Returns
     -------
     PlyHeader
-        Its head.
+        Its header.
 
     Raises
     ------
     ReadError
-        If the head is not that of a PLY file, ends early, or names no vertices.
+        If the header is not that of a PLY file, ends early, or names no vertices.
     """
     data = open_content(path).read(HEAD)
     if data[:3] != b"ply":
         raise ReadError(f"{path} is not a PLY file: it begins with {data[:4]!r}")
     at = data.find(b"end_header")
     if at < 0:
-        raise ReadError(f"{path} is truncated: its PLY head has no end_header")
+        raise ReadError(f"{path} is truncated: its PLY header has no end_header")
     end = data.find(b"\n", at) + 1
     if not end:
-        raise ReadError(f"{path} is truncated: nothing follows its PLY head")
+        raise ReadError(f"{path} is truncated: nothing follows its PLY header")
     return _parsed(data[:end], path)
 
 

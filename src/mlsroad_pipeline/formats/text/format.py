@@ -1,4 +1,4 @@
-"""Text: one point a row, with or without a head of comments and a row of names, plain or gzip."""
+"""Text: one point per row, with or without header comments and a row of names, plain or gzip-compressed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mlsroad_pipeline.formats.text.values import parse_rows
 class TextFormat(TableFormat):
     """Reader and writer of text tables.
 
-    Without a row of names the columns are x, y, z, column_3, column_4 and so on, from 0; colours among them are found
+    Without a row of names the columns are x, y, z, column_3, column_4 and so on, from 0; colours are detected
     by their values (`text_layout`). Columns of words are left out. All values are float64, but `label` and `instance`
     int32, `rgb` uint8 and `intensity` float32.
     """
@@ -49,7 +49,7 @@ class TextFormat(TableFormat):
         return PointTable(found.numeric_names, found.rows.n_rows, rows, None, details, found.guess)
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
-        """Write a cloud as text with a row of names, packed where the path ends in ``.gz``.
+        """Write a cloud as text with a row of names, compressed where the path ends in ``.gz``.
 
         Floats other than coordinates are written with as many digits as it takes to read them back unchanged.
         """

@@ -32,22 +32,22 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class TextTable:
-    """A text file's rows and what was found out about them.
+    """Rows of a text file and their layout.
 
     Parameters
     ----------
     rows : TextRows
-        Where the rows are.
+        Byte offsets of the rows.
     names : tuple of str
-        Names of the columns: of the file, or else `LAYOUTS` or x, y, z, column_3, ...
+        Names of the columns: of the file, else of `LAYOUTS` or x, y, z, column_3, ...
     form : RowForm
-        How a row is laid out.
+        Layout of a row.
     head : bytes
         The lines before the first row: comments, and the names if there are any.
     has_names : bool
         Whether the file has a row of names.
     guess : mapping of str to Any
-        Without names: what columns seem to be, as `ReadOptions.columns` says it; used where that says nothing.
+        Detected mapping of unnamed columns, as in `ReadOptions.columns`; used where that is not set.
     """
 
     rows: TextRows
@@ -59,7 +59,7 @@ class TextTable:
 
     @property
     def delimiter(self) -> str:
-        """Return what stands between two values."""
+        """Return the delimiter."""
         return self.form.delimiter
 
     @property
@@ -69,7 +69,7 @@ class TextTable:
 
 
 def open_table(path: Path, options: ReadOptions) -> TextTable:
-    """Find a text file's delimiter, decimal mark, names and rows; the log says what was found.
+    """Detect and log a text file's delimiter, decimal mark, names and rows.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def open_table(path: Path, options: ReadOptions) -> TextTable:
     Returns
     -------
     TextTable
-        What was found; remembered as long as the file does not change.
+        The table; cached as long as the file does not change.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def _log(table: TextTable, path: Path) -> None:
     words.append(f"{'named' if table.has_names else 'unnamed'} columns {', '.join(table.names)}")
     skipped = [name for name in table.names if name not in table.numeric_names]
     words += [f"{', '.join(skipped)} left out, for they hold no numbers"] * bool(skipped)
-    words += [f"taken for {name}: {place}" for name, place in table.guess.items()]
+    words += [f"read as {name}: {place}" for name, place in table.guess.items()]
     logger.info("%s: %s", path, "; ".join(words))
 
 
@@ -174,7 +174,7 @@ def _is_count(lines: Sequence[bytes], path: Path) -> bool:
 
 
 def _sniffed(sample: Sequence[str], delimiter: str | None, decimal: str | None) -> tuple[str, str]:
-    """Return the delimiter and the decimal mark that make numbers of most of the values, equally many in each row."""
+    """Return the delimiter and the decimal mark for which most values are numbers, equally many in each row."""
     row = sample[-1 if len(sample) < 3 else 1]
     blanks = WHITESPACE if "  " in row or row != row.strip() else " "
     delimiters = [delimiter] if delimiter else [*(d for d in (";", ",", "\t") if d in row), blanks]
@@ -183,7 +183,7 @@ def _sniffed(sample: Sequence[str], delimiter: str | None, decimal: str | None) 
     for rows in (sample, sample[1:]):  # the first row may be names
         shares = [_numeric_share(rows, *candidate) for candidate in candidates]
         if rows and (max(shares) == 1.0 or (rows is not sample and max(shares) > 0)):
-            return candidates[int(np.argmax(shares))]  # of several the first: sorted by how sure a sign each is
+            return candidates[int(np.argmax(shares))]  # of several the first: sorted by reliability
     return candidates[0]
 
 
@@ -197,7 +197,7 @@ def _numeric_share(rows: Sequence[str], delimiter: str, decimal: str) -> float:
 
 
 def _numeric(body: Sequence[str], delimiter: str, decimal: str, width: int) -> tuple[int, ...] | None:
-    """Return the places of columns with a number in some row of the sample; None if all have."""
+    """Return the indices of columns with a number in some row of the sample; None if all have."""
     rows = [found for found in (split_row(line, delimiter) for line in body) if len(found) == width]
     kept = tuple(i for i in range(width) if any(is_number(found[i], decimal) for found in rows) or not rows)
     return None if len(kept) == width else kept
@@ -208,7 +208,7 @@ def _names(values: Sequence[str], width: int, path: Path, line: int) -> tuple[st
     if len(names) != width:
         raise ReadError(f"{path}, line {line}: {len(names)} names for {width} values")
     if len(set(names)) < len(names):
-        raise ReadError(f"{path}, line {line}: a name stands twice: {', '.join(names)}")
+        raise ReadError(f"{path}, line {line}: a name is duplicated: {', '.join(names)}")
     return names
 
 
@@ -236,14 +236,14 @@ def _default_names(path: Path, width: int) -> tuple[str, ...]:
     if known:
         return known
     if width < 3:
-        raise ReadError(f"{path} has {width} values a row; x, y and z are the least")
+        raise ReadError(f"{path} has {width} values a row; at least x, y and z are needed")
     return ("x", "y", "z", *(f"column_{i}" for i in range(3, width)))
 
 
 def _guessed(rows: TextRows, form: RowForm) -> dict[str, Any]:
-    """Find colours in unnamed columns: three whole numbers up to 255 right after x, y, z or after one more column.
+    """Detect colours in unnamed columns: three whole numbers up to 255 right after x, y, z or after one more column.
 
-    That one is the intensity where it is not negative. What else unnamed columns may be is left to the user.
+    That one is the intensity where it is not negative. Other unnamed columns are not interpreted.
     """
     if form.width < 6:
         return {}
@@ -254,7 +254,7 @@ def _guessed(rows: TextRows, form: RowForm) -> dict[str, Any]:
         try:
             parts.append(parse_rows(data, form, path=rows.path, first_line=rows.first_line + start))
         except ReadError:
-            return {}  # the row is named when it is read
+            return {}  # reading reports the row
     columns = [np.concatenate(values) for values in zip(*parts, strict=True)]
     for first in (3, 4):
         triple = columns[first : first + 3]

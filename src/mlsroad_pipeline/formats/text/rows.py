@@ -1,4 +1,4 @@
-"""Rows of text files, plain or gzip, found by range."""
+"""Index of the rows of text files, plain or gzip-compressed."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.formats.content import Content
 
 STRIDE = 50_000
-"""The position of every so-manieth row is remembered."""
+"""Rows between two indexed byte offsets."""
 
 BLOCK = 1 << 24
 
 
 @dataclass(frozen=True)
 class TextRows:
-    """The rows of a text file that follow its head.
+    """Rows of a text file after its header.
 
     Parameters
     ----------
@@ -29,11 +29,11 @@ class TextRows:
     first_line : int
         Line number of the first row, counted from 1.
     n_rows : int
-        Number of rows; blank lines at the end are none.
+        Number of rows; blank lines at the end are not counted.
     marks : ndarray of int64
-        Byte position of every `STRIDE`-th row.
+        Byte offset of every `STRIDE`-th row.
     end : int
-        Byte position after the last row.
+        Byte offset after the last row.
     """
 
     path: Path
@@ -44,7 +44,7 @@ class TextRows:
     end: int
 
     def read(self, start: int, stop: int) -> bytes:
-        """Return rows as they stand in the file.
+        """Return the text of rows.
 
         Parameters
         ----------
@@ -71,16 +71,16 @@ class TextRows:
 
 
 def index_rows(path: Path, text: Content, begin: int, first_line: int, *, limit: int | None = None) -> TextRows:
-    """Count rows and remember where they are.
+    """Count rows and index their byte offsets.
 
     Parameters
     ----------
     path : Path
-        What messages call the file.
+        File name in messages.
     text : Content
         Its bytes.
     begin : int
-        Byte position of the first row.
+        Byte offset of the first row.
     first_line : int
         Line number of the first row.
     limit : int, optional
@@ -109,7 +109,7 @@ def index_rows(path: Path, text: Content, begin: int, first_line: int, *, limit:
 
 
 def _end_of_text(text: Content, begin: int) -> int:
-    """Return where the last line that is not blank ends."""
+    """Return the byte offset of the end of the last line that is not blank."""
     end = text.size
     while end > begin:
         at = max(begin, end - 4096)

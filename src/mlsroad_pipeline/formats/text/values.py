@@ -1,4 +1,4 @@
-"""Rows of numbers parsed fast, and named by line when they are wrong."""
+"""Parser of rows of numbers; errors name the line."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class RowForm:
     delimiter : str
         One character, or ``"whitespace"`` for any run of blanks.
     decimal : str, default "."
-        What stands before the fraction.
+        Decimal mark.
     kept : tuple of int, optional
-        Places of the values that are numbers; None takes all.
+        Indices of the values that are numbers; None takes all.
     quoted : bool, default False
-        Whether values may stand in double quotes.
+        Whether values may be in double quotes.
     """
 
     width: int
@@ -45,7 +45,7 @@ class RowForm:
 
     @property
     def places(self) -> tuple[int, ...]:
-        """Return the places of the values that are parsed."""
+        """Return the indices of the values that are parsed."""
         return tuple(range(self.width)) if self.kept is None else self.kept
 
 
@@ -61,7 +61,7 @@ def parse_rows(
     form : RowForm
         Their layout.
     path : Path
-        What messages call the file.
+        File name in messages.
     first_line : int
         Line number of the first row.
     threads : bool, default False
@@ -114,7 +114,7 @@ def _parse(data: bytes, form: RowForm, threads: bool) -> list[NDArray[np.float64
 
 
 def typed_column(values: NDArray[np.float64], dtype: np.dtype, what: str, path: Path) -> NDArray:
-    """Return a parsed column as the type that the head of its file states.
+    """Return a parsed column in the type that the file header states.
 
     Parameters
     ----------
@@ -123,14 +123,14 @@ def typed_column(values: NDArray[np.float64], dtype: np.dtype, what: str, path: 
     dtype : dtype
         The stated type.
     what : str
-        What messages call the column.
+        Column name in messages.
     path : Path
-        What messages call the file.
+        File name in messages.
 
     Returns
     -------
     ndarray of shape (n,)
-        The values in that type; floats that are too great for it become infinite.
+        The values in that type; floats that are too large for it become infinite.
 
     Raises
     ------
@@ -167,14 +167,14 @@ def split_row(line: str, delimiter: str) -> list[str]:
 
 
 def is_number(text: str, decimal: str = ".") -> bool:
-    """Return whether a value is a number or stands for a missing one.
+    """Return whether a value is a number or denotes a missing one.
 
     Parameters
     ----------
     text : str
         The value.
     decimal : str, default "."
-        What stands before the fraction.
+        Decimal mark.
 
     Returns
     -------
