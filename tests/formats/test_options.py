@@ -88,4 +88,4 @@ def test_every_guess_is_told_once_and_how_to_change_it(tmp_path, rng, caplog):
     caplog.clear()
     with caplog.at_level("INFO"):
         get_format(tmp_path / "a.las").read(tmp_path / "a.las", ReadOptions(intensity_scale=65535, rgb_bits=16))
-    assert "is divided by" not in caplog.text and "colours are taken" not in caplog.text
+    assert "is divided by" not in caplog.text and "colours are read as" not in caplog.text

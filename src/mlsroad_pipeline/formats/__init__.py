@@ -1,1 +1,1 @@
-"""Readers and writers of point cloud formats, found through a registry."""
+"""Readers and writers of point cloud formats, selected through a registry."""

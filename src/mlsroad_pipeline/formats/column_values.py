@@ -124,7 +124,7 @@ def float_colours(values: NDArray, greatest: float, *, source: Path) -> NDArray[
     Raises
     ------
     DataError
-        If a colour is no number or outside 0 to 65535.
+        If a colour is not a number or outside 0 to 65535.
     """
     wrong = values[~((values >= 0) & (values <= 65535))]
     if len(wrong):

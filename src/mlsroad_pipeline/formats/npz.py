@@ -68,7 +68,7 @@ class NpzFormat(TableFormat):
         Raises
         ------
         ReadError
-            If it is no archive of arrays, or damaged.
+            If it is not an archive of arrays, or damaged.
         """
         del options
         return _open(file_key(path))
@@ -162,7 +162,7 @@ def _columns(arrays: Mapping[str, NDArray], path: Path) -> dict[str, NDArray]:
     columns = {name: v for name, (_, v) in flat.items() if v.dtype.kind in "biuf" and len(v) == len(coordinates)}
     lost = sorted(set(arrays) - {flat[name][0] for name in columns})
     if lost:
-        logger.info("%s: arrays that are no columns of the points are left out: %s", path, ", ".join(lost))
+        logger.info("%s: arrays that are not columns of the points are left out: %s", path, ", ".join(lost))
     return {n: v.astype(np.uint8) if v.dtype == np.bool_ else _native(v) for n, v in columns.items()}
 
 

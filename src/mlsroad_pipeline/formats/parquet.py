@@ -36,7 +36,7 @@ class _Column:
     """A column of the table, or one index of a column of lists of fixed length."""
 
     source: str
-    place: int | None
+    index: int | None
     dtype: np.dtype
 
 
@@ -97,12 +97,12 @@ def _open(key: FileKey) -> PointTable:
 
     def rows(names: Sequence[str], start: int, stop: int) -> Mapping[str, NDArray]:
         stop = max(start, stop)
-        wanted = [columns[name] for name in names]
+        selected = [columns[name] for name in names]
         groups = range(int(np.searchsorted(ends, start, "right")), int(np.searchsorted(ends, stop)) + (stop > start))
-        table = _read(file, list(groups), sorted({column.source for column in wanted}), path)
+        table = _read(file, list(groups), sorted({column.source for column in selected}), path)
         first = int(ends[groups[0]] - sizes[groups[0]]) if groups else start
         table = table.slice(start - first, stop - start)
-        return {name: _values(table[column.source], column) for name, column in zip(names, wanted, strict=True)}
+        return {name: _values(table[column.source], column) for name, column in zip(names, selected, strict=True)}
 
     crs = (schema.metadata or {}).get(CRS_KEY)
     details = {"row_groups": n_groups, "written_by": written_by}
@@ -152,10 +152,10 @@ def _read(file: pq.ParquetFile, groups: list[int], columns: list[str], path: Pat
         raise ReadError(f"{path} is damaged in row groups {groups[0]} to {groups[-1]}: {error}") from error
 
 
-def _values(column: pa.ChunkedArray, wanted: _Column) -> NDArray:
+def _values(column: pa.ChunkedArray, entry: _Column) -> NDArray:
     array = column.combine_chunks()
-    if wanted.place is not None:
-        array = pa.compute.list_element(array, wanted.place)
+    if entry.index is not None:
+        array = pa.compute.list_element(array, entry.index)
     if pa.types.is_timestamp(array.type):
         return np.asarray(array.cast(pa.timestamp("us")).cast(pa.int64()).to_numpy(zero_copy_only=False) * 1e-6)
     if pa.types.is_decimal(array.type):

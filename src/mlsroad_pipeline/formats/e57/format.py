@@ -191,9 +191,9 @@ def _joined_types(scans: Sequence[_Scan], path: Path) -> dict[str, np.dtype]:
     types: dict[str, np.dtype] = {}
     partial = []
     for name in {name: None for scan in scans for name in scan.types}:
-        found = [scan.types[name] for scan in scans if name in scan.types]
-        types[name] = np.result_type(*found)
-        if len(found) < len(scans):
+        present = [scan.types[name] for scan in scans if name in scan.types]
+        types[name] = np.result_type(*present)
+        if len(present) < len(scans):
             partial.append(name)
             if name not in COLOURS:
                 types[name] = np.result_type(types[name], np.dtype("f4"))

@@ -152,11 +152,11 @@ def read_scans(pages: E57Pages, root: ET.Element) -> list[E57Scan]:
 
 
 def _number(node: ET.Element, path: str, default: float) -> float:
-    found = node.find("/".join(NAMESPACE + step for step in path.split("/")))
-    if found is None:
+    element = node.find("/".join(NAMESPACE + step for step in path.split("/")))
+    if element is None:
         return default
-    value = float(found.text or 0)
-    return value * float(found.get("scale", 1)) + float(found.get("offset", 0))
+    value = float(element.text or 0)
+    return value * float(element.get("scale", 1)) + float(element.get("offset", 0))
 
 
 def _scan(pages: E57Pages, node: ET.Element, number: int) -> E57Scan:
@@ -236,7 +236,7 @@ def _streams(
                 sizes[i].append(n_bytes)
                 where += n_bytes
         begin += size + 1
-    found = []
+    streams = []
     for i, spec in enumerate(fields):
         before = np.concatenate([[0], np.cumsum(sizes[i], dtype=np.int64)])
         if spec.kind != "String" and 8 * int(before[-1]) < n_points * spec.bits:
@@ -244,5 +244,5 @@ def _streams(
                 f"{pages.path} is truncated or damaged: scan {number} states {n_points} points, "
                 f"its field {spec.name} holds {8 * int(before[-1]) // spec.bits}"
             )
-        found.append((np.array(starts[i], dtype=np.int64), before))
-    return tuple(found)
+        streams.append((np.array(starts[i], dtype=np.int64), before))
+    return tuple(streams)

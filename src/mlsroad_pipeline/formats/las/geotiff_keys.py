@@ -72,7 +72,7 @@ _NEEDED = {"latitude_first_parallel", "latitude_second_parallel"}
 """Parameters without a sensible default."""
 
 
-class _NotUnderstood(Exception):
+class _Unsupported(Exception):
     """Unsupported part of the keys."""
 
 
@@ -140,7 +140,7 @@ class GeotiffKeys:
             height = self._vertical()
             if height is not None:
                 crs = CompoundCRS(f"{crs.name} + {height.name}", [crs, height])
-        except (_NotUnderstood, pyproj.exceptions.CRSError) as error:
+        except (_Unsupported, pyproj.exceptions.CRSError) as error:
             raise DataError(str(error)) from error
         return str(crs.to_wkt())
 
@@ -157,19 +157,19 @@ class GeotiffKeys:
         if self.values.get(PROJECTED, 0) == USER_DEFINED or METHOD in self.values or self._code(CONVERSION):
             return self._projected()
         if self.values.get(MODEL) == 1:
-            raise _NotUnderstood("a projected system without its code")
+            raise _Unsupported("a projected system without its code")
         return self._geographic()
 
     def _geographic(self) -> pyproj.CRS:
         if code := self._code(GEOGRAPHIC):
             return pyproj.CRS.from_epsg(code)
         if GEOGRAPHIC not in self.values:
-            raise _NotUnderstood("they name no system")
+            raise _Unsupported("they name no system")
         if self.values.get(ANGULAR_UNIT, DEGREE) != DEGREE:
-            raise _NotUnderstood(f"angular unit {self.values[ANGULAR_UNIT]}")
+            raise _Unsupported(f"angular unit {self.values[ANGULAR_UNIT]}")
         datum = self._code(DATUM)
-        if datum and (found := _of_datum(datum)) is not None:
-            return found
+        if datum and (crs := _of_datum(datum)) is not None:
+            return crs
         major, inverse = self._number(SEMI_MAJOR), self._number(INVERSE_FLATTENING)
         minor = self._number(SEMI_MINOR)
         if code := self._code(ELLIPSOID):
@@ -178,13 +178,13 @@ class GeotiffKeys:
             size = {"inverse_flattening": inverse} if inverse is not None else {"semi_minor_axis": minor}
             ellipsoid = CustomEllipsoid(semi_major_axis=major, **size)
         else:
-            raise _NotUnderstood("a user-defined datum without an ellipsoid")
+            raise _Unsupported("a user-defined datum without an ellipsoid")
         return GeographicCRS(str(self.values.get(2049, "unnamed")), datum=CustomDatum(ellipsoid=ellipsoid))
 
     def _projected(self) -> pyproj.CRS:
         unit = self.values.get(LINEAR_UNIT, 9001)
         if unit not in LINEAR:
-            raise _NotUnderstood(f"linear unit {unit}")
+            raise _Unsupported(f"linear unit {unit}")
         metres, axes = LINEAR[int(unit)]
         if code := self._code(CONVERSION):
             conversion: Any = CoordinateOperation.from_epsg(code)
@@ -196,17 +196,17 @@ class GeotiffKeys:
     def _conversion(self, metres: float) -> Any:
         method = self.values.get(METHOD)
         if method not in METHODS:
-            raise _NotUnderstood(f"transformation {method}" if method else "a projection without a transformation")
-        kind, wanted = METHODS[int(method)]
-        given = {}
-        for name, keys in wanted.items():
+            raise _Unsupported(f"transformation {method}" if method else "a projection without a transformation")
+        kind, parameters = METHODS[int(method)]
+        arguments = {}
+        for name, keys in parameters.items():
             value = self._number(*keys)
             if value is None and name in _NEEDED:
-                raise _NotUnderstood(f"transformation {method} without key {keys[0]}")
+                raise _Unsupported(f"transformation {method} without key {keys[0]}")
             if value is None:
                 value = 1.0 if name.startswith("scale") else 0.0
-            given[name] = value * metres if keys in (EAST, NORTH) else value
-        return kind(**given)
+            arguments[name] = value * metres if keys in (EAST, NORTH) else value
+        return kind(**arguments)
 
     def _vertical(self) -> pyproj.CRS | None:
         code = self._code(VERTICAL)
@@ -214,20 +214,20 @@ class GeotiffKeys:
             return None
         code = DATUMS_AS_SYSTEMS.get(code, code)
         unit = self.values.get(VERTICAL_UNIT, 0)
-        found = pyproj.CRS.from_epsg(IN_FEET.get((code, int(unit)), code) if isinstance(unit, int) else code)
-        if not found.is_vertical:
-            raise _NotUnderstood(f"vertical system {code}")
-        return found
+        crs = pyproj.CRS.from_epsg(IN_FEET.get((code, int(unit)), code) if isinstance(unit, int) else code)
+        if not crs.is_vertical:
+            raise _Unsupported(f"vertical system {code}")
+        return crs
 
 
 def _of_datum(code: int) -> pyproj.CRS | None:
-    """Return the geographic system of a datum: EPSG numbers those of the first thousands alike."""
+    """Return the geographic system of a datum: EPSG code less 2000, if its datum has the given code."""
     try:
-        found = pyproj.CRS.from_epsg(code - 2000)
+        crs = pyproj.CRS.from_epsg(code - 2000)
     except pyproj.exceptions.CRSError:
         return None
-    stated = found.datum.to_json_dict().get("id", {}).get("code") if found.datum is not None else None
-    return found if found.is_geographic and stated == code else None
+    stated = crs.datum.to_json_dict().get("id", {}).get("code") if crs.datum is not None else None
+    return crs if crs.is_geographic and stated == code else None
 
 
 def pack_directory(crs: str) -> bytes:

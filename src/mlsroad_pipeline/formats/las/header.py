@@ -175,18 +175,18 @@ class LasHeader:
         """Return the extra dimensions; bytes without a descriptor are one named ``extra_bytes``."""
         spare = self.record_size - RECORD_SIZES[self.point_format]
         vlr = self.find(EXTRA_BYTES)
-        found = []
+        dimensions = []
         data = vlr.data if vlr is not None and spare else b""
         for at in range(0, len(data) - DESCRIPTOR_SIZE + 1, DESCRIPTOR_SIZE):
             dimension = ExtraDimension.parse(data[at : at + DESCRIPTOR_SIZE])
             size = dimension.dtype.itemsize * dimension.width
             if size > spare:
                 break
-            found.append(dimension)
+            dimensions.append(dimension)
             spare -= size
         if spare:
-            found.append(ExtraDimension("extra_bytes", np.dtype("u1"), spare))
-        return tuple(found)
+            dimensions.append(ExtraDimension("extra_bytes", np.dtype("u1"), spare))
+        return tuple(dimensions)
 
 
 def read_header(path: Path) -> LasHeader:

@@ -49,12 +49,12 @@ def has_layers(header: LasHeader) -> bool:
         True for LAZ of point formats 6 to 8 in chunks of `LAZ_CHUNK` points, compressed by the version that lazrs
         writes.
     """
-    found = header.find(LASZIP)
-    if not header.compressed or not header.n_points or header.point_format not in _FORMATS or found is None:
+    record = header.find(LASZIP)
+    if not header.compressed or not header.n_points or header.point_format not in _FORMATS or record is None:
         return False
     own = bytes(_laszip(header.point_format, header.record_size).record_data())
     # compressor and coder, points of a chunk, items with their versions; the rest identifies the writer
-    return all(found.data[part] == own[part] for part in (slice(4), slice(12, 16), slice(32, None)))
+    return all(record.data[part] == own[part] for part in (slice(4), slice(12, 16), slice(32, None)))
 
 
 def _laszip(point_format: int, record_size: int) -> lazrs.LazVlr:

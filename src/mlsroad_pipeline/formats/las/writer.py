@@ -149,10 +149,10 @@ class RecordWriter:
         self._stream.seek(0, 2)
 
     def _write_chunk_table(self) -> None:
-        place = self._stream.tell()
+        table_offset = self._stream.tell()
         lazrs.write_chunk_table(self._stream, self._chunks, self._laszip)
         self._stream.seek(self._begin)
-        self._stream.write(struct.pack("<q", place))
+        self._stream.write(struct.pack("<q", table_offset))
 
     def finished_header(self, header: LasHeader, end: int) -> LasHeader:
         """Return a header with the counts, bounds and returns of the records so far.

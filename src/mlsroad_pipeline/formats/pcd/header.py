@@ -145,7 +145,7 @@ def _fields(entries: dict[str, str], path: Path) -> tuple[PcdField, ...]:
     for name, kind, size, count in zip(names, types, sizes, counts, strict=True):
         letter = KINDS.get(kind, "")
         if size not in SIZES.get(letter, ()):
-            raise ReadError(f"{path}: field {name!r} is of TYPE {kind} and SIZE {size}, which is no type")
+            raise ReadError(f"{path}: field {name!r} is of TYPE {kind} and SIZE {size}, which is not supported")
         fields.append(PcdField(name, np.dtype(f"<{letter}{size}"), count, offset))
         offset += size * count
         if offset > LARGEST_RECORD:
