@@ -92,10 +92,6 @@ def recognise_sets(
         "n_classes": len(find_scheme(classes["schemes"], recognition.scheme)),
     }
     return {
-        key: SceneTask(
-            train_and_recognise,
-            {"train": {other: sets[other] for other in sets if other != key}, "test": sets[key]},
-            fixed,
-        )
+        key: SceneTask(train_and_recognise, {"train": {k: sets[k] for k in sets if k != key}, "test": sets[key]}, fixed)
         for key in sets
     }

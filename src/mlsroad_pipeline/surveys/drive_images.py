@@ -1,4 +1,4 @@
-"""Images of the drives of a comparison, and their labels for training."""
+"""Images of the drives of a comparison: labels for training, and labelling of a scene through them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.labels import ImagePredictions
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.image_labels.cityscapes import encode_label_image
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.surveys.camera_files import read_images
 from mlsroad_pipeline.surveys.images import SurveyImages
 from mlsroad_pipeline.surveys.plan import SurveyPlan, training_keys
@@ -104,3 +107,26 @@ class LabelledImages(Sequence[tuple[NDArray[np.uint8], NDArray[np.int16]]]):
             self._room -= pair[0].nbytes + labels.nbytes
             self._cache[index] = pair
         return pair
+
+
+def label_scene_through_images(
+    scene: PointCloud,
+    around: Sequence[PointCloud],
+    model: ModelBundle,
+    calibration: str | None,
+    pictures: str | None,
+    *,
+    reach: float,
+) -> ImagePredictions:
+    """Label a scene through the images taken within reach of it."""
+    from mlsroad_pipeline.algorithms.image_labels import labeller  # noqa: PLC0415  it imports torch
+
+    images = SurveyImages(()) if calibration is None else read_images(calibration, images=pictures)
+    places = scene.xyz[scene["core"], :2]
+    low, high = places.min(axis=0) - reach, places.max(axis=0) + reach
+    near = [
+        (image.group, image.camera, image.load)
+        for image in images.relative_to(scene.origin)
+        if ((image.camera.centre[:2] >= low) & (image.camera.centre[:2] <= high)).all()
+    ]
+    return labeller.label_scene(scene, around, near, model)

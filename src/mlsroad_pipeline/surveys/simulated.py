@@ -56,6 +56,16 @@ def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
     return replace(PRESETS[preset], **changes)
 
 
+def selected_surveys(simulation: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Return the configurations of the surveys to simulate: none if the simulator is off, or the only one chosen."""
+    only, surveys = simulation["only"], simulation["surveys"]
+    if not simulation["enabled"]:
+        return {}
+    if only not in (None, *surveys):
+        raise ParameterError(f"simulation.only {only!r} is none of {', '.join(surveys)}")
+    return {name: config for name, config in surveys.items() if config is not None and only in (None, name)}
+
+
 def survey_files(config: Mapping[str, Any]) -> SurveyFiles:
     """Return the file layout that a survey's configuration describes."""
     return SurveyFiles(**{name: config[name] for name in LAYOUT if name in config})

@@ -15,9 +15,13 @@ from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
-from mlsroad_pipeline.pipelines.image_labels.work import label_scene_through_images
 from mlsroad_pipeline.pipelines.schemes import training_scheme
-from mlsroad_pipeline.surveys.drive_images import DriveImages, LabelledImages, images_of_drives
+from mlsroad_pipeline.surveys.drive_images import (
+    DriveImages,
+    LabelledImages,
+    images_of_drives,
+    label_scene_through_images,
+)
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import held_out_keys, plan_comparison, training_keys
 

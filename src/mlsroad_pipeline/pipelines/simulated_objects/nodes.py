@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import chain
 from typing import Any
 
 import pandas as pd
@@ -38,8 +39,7 @@ def cut_streets(
             },
         )
         for name, config in parameters.chosen_sets().items()
-        for seeds in config.seeds_of_splits().values()
-        for seed in seeds
+        for seed in chain.from_iterable(config.seeds_of_splits().values())
     }
 
 
