@@ -1,1 +1,1 @@
-"""The science of mlsroad: NumPy in, NumPy out. Knows nothing of Kedro or MLflow."""
+"""The science of mlsroad: NumPy in, NumPy out. Imports neither Kedro nor MLflow."""

@@ -208,6 +208,6 @@ def _check_tasks(data: object) -> None:
         raise DataError(f"a scene store takes a mapping of scene to SceneTask, got {type(data).__name__}")
     for key, task in data.items():
         if not is_valid_name(key) or key == MANIFEST:
-            raise DataError(f"a scene cannot be called {key!r}: use letters, digits, '_', '.' and '-'")
+            raise DataError(f"scene key {key!r} is invalid or reserved: use letters, digits, '_', '.' and '-'")
         if not isinstance(task, SceneTask):
             raise DataError(f"scene {key!r}: a scene store takes SceneTasks, got {type(task).__name__}")

@@ -171,7 +171,7 @@ def label_report_sections(
     outputs = pd.DataFrame({"file": [str(n) for key, part in written.items() if key != OBJECTS for n in part["files"]]})
     shares = dict(zip((*scheme.classes, "unlabelled"), total.tolist(), strict=True))
     return [
-        FactsSection("What was run", facts),
+        FactsSection("Run", facts),
         WarningsSection("Warnings", [*low_confidence, *image_warnings(bundle, counts), *_warnings(bundle, quality)]),
         DistributionSection("Classes", shares, scheme=scheme),
         TableSection("Confidence", confidences, note=CONFIDENCE_NOTE),

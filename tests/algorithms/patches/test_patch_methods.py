@@ -122,7 +122,7 @@ def flat(seed):
     [
         ("patch_svm", "patch_svm needs patches of at least two classes, got only class 0"),
         ("max_margin_markov", "all training patches are of class 0: training needs at least two classes"),
-        ("shape_based", "no labelled object in the training scenes: is everything ground"),
+        ("shape_based", "no labelled object in the training scenes: check their labels and the ground filter"),
     ],
 )
 def test_training_scenes_of_one_class_are_an_error(method, message):

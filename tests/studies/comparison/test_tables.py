@@ -95,6 +95,6 @@ def test_the_page_shows_every_part(scores):
         {"survey": "x"}, [compared], pd.DataFrame({"method": ["a"]}), {"Maps": {"a": picture}}
     )
     titles = [section.title for section in sections]
-    assert titles[0] == "What was run" and titles[-2:] == ["Times and memory", "Maps"]
+    assert titles[0] == "Runs" and titles[-2:] == ["Times and memory", "Maps"]
     assert len(titles) == 7
     assert all(section.body() for section in sections)

@@ -1,1 +1,1 @@
-"""The rivals that the papers compare their methods with, one module each."""
+"""Baselines of the papers, one package each."""

@@ -114,7 +114,7 @@ def supervoxel_probabilities(
     Returns
     -------
     ndarray of float32, shape (s, classes)
-        Probabilities, smoothed over first-order neighbours if the model's parameters ask for it.
+        Probabilities, smoothed over first-order neighbours if the smoothing weight of the model is above 0.
 
     Raises
     ------

@@ -10,7 +10,7 @@ import json
 import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -208,7 +208,7 @@ def _labeller(bundle: ModelBundle) -> Labeller:
     return labeller
 
 
-def refuse_points(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.integer], NDArray[np.floating]]:
+def refuse_points(cloud: PointCloud, bundle: ModelBundle) -> NoReturn:
     """Raise an error: a model that needs images cannot label points alone.
 
     Parameters
@@ -217,11 +217,6 @@ def refuse_points(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.in
         Points.
     bundle : ModelBundle
         The model.
-
-    Returns
-    -------
-    labels, confidence : ndarray
-        Nothing is returned.
 
     Raises
     ------

@@ -243,6 +243,6 @@ def needs_images(slug: str) -> bool:
     Returns
     -------
     bool
-        Whether `label` looks for images.
+        Whether a model of the method labels points through images.
     """
     return slug in METHODS and METHODS[slug].needs_images

@@ -81,7 +81,7 @@ def _plates(
     z, distance = places[:, 2], mast.distance(places[:, :3])
     radius = _mast_radius(distance, z, mast, p)
     beside = np.flatnonzero(distance > radius)
-    bodies = _bodies(places, beside, distance[beside], mast, free_length, p)
+    bodies = _candidates(places, beside, distance[beside], mast, free_length, p)
     others = np.setdiff1d(beside, np.concatenate([*bodies, beside[:0]]))
     plates = []
     for body in bodies:
@@ -117,7 +117,7 @@ def _mast_radius(
     return float(np.clip(measured, p.mast_min_radius, p.mast_max_radius))
 
 
-def _bodies(
+def _candidates(
     places: NDArray[np.float64],
     beside: NDArray[np.int64],
     distance: NDArray[np.float64],

@@ -65,7 +65,7 @@ class PoleRefinementParameters:
         order of `measure_stem`. The intercept contains 0.41, the logarithm of 3/2, so that a stem is a pole from odds
         of two to three.
     trunk_weight : float, default -2.44
-        Added for the least pole-like of neighbouring stems, fitted: something has to carry the crown.
+        Added for the least pole-like of neighbouring stems, fitted: every crown has a trunk.
     beam_height, beam_min_span, beam_min_voxels, beam_density : float, float, int, float, default 1.0, 5.0, 100, 80.0
         Largest height of a beam and of its distance from the post's top, least distance between two legs, least number
         of voxels around a leg, and least number of voxels per metre of span: wires have fewer.
@@ -102,13 +102,13 @@ class PoleRefinementParameters:
     plate_max_thickness, plate_max_tilt : float, default 0.075, 0.5
         Largest deviation from a plane, and largest vertical component of the normal (without unit).
     plate_min_voxels, plate_min_piece, plate_tolerance : int, int, float, default 8, 4, 0.2
-        Fewest voxels of a plate and of a piece of one, and distance between voxels of a piece.
+        Least number of voxels of a plate and of a connected part of it, and largest distance between voxels of a part.
     plate_min_contrast : float, default 0.02
         Least difference of mean intensities between plate and mast, of intensities in [0, 1]. Larger takes off fewer.
     plate_back_factor : float, default 1.5
         Voxels on the mast belong to a plate within this multiple of its thickness from its plane.
     sheet_max_thickness, sheet_max_tilt, sheet_min_contrast : float, default 0.02, 0.1, -0.05
-        The same of sheet metal, which may be no brighter than its mast.
+        The same limits for plates of sheet metal, which need not be brighter than the mast.
     sheet_min_width, sheet_max_width, sheet_max_extent : float, default 0.5, 1.3, 1.0
         Range of widths and largest height of such a sheet.
     sheet_max_neighbors : int, default 12

@@ -204,7 +204,7 @@ def measure_stem(
 def find_least_pole_like(
     stems: list[Stem], likeness: NDArray[np.float64], refinement: PoleRefinementParameters = POLE_REFINEMENT
 ) -> NDArray[np.bool_]:
-    """Find the stems that are less pole-like than all near them: one stem has to carry the crown.
+    """Find the stems that are less pole-like than all near them: every crown has a trunk.
 
     Parameters
     ----------

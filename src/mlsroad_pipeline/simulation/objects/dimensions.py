@@ -113,7 +113,7 @@ def tilt(mesh: Mesh) -> float:
     """Return the angle in degrees between a mast's axis and the vertical; the mesh must reach below the ground."""
     z = mesh.vertices[:, 2]
     if z.min() > -0.5 * UNDERGROUND:
-        raise ParameterError(f"the mesh ends {z.min():.2f} m above the ground: only what is let into it has a foot")
+        raise ParameterError(f"the mesh ends at a height of {z.min():.2f} m: extend the foot below the ground")
     return _off_vertical(_axis(mesh))
 
 

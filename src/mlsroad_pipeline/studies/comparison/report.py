@@ -83,7 +83,7 @@ def comparison_sections(
     pictures: Mapping[str, Mapping[str, NDArray[np.uint8]]],
 ) -> list[Section]:
     """Return the sections of the report."""
-    sections: list[Section] = [FactsSection("What was run", facts)]
+    sections: list[Section] = [FactsSection("Runs", facts)]
     for one in tasks:
         name, metric = one.task.name, one.task.metrics[0].replace("_", " ")
         sections += [

@@ -61,7 +61,7 @@ def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figur
     note = "Ours ± standard deviation over test streets (paper in brackets). "
     note += "The paper swaps the names of precision and recall; here both have their usual meaning."
     return [
-        FactsSection("What was run", facts),
+        FactsSection("Runs", facts),
         *(
             TableSection(f"Table III: {name}", wide_table(tables.table_3, metric), note=note)
             for name, metric in (("F1", "f1"), ("precision", "precision"), ("recall", "recall"))

@@ -36,7 +36,7 @@ def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figur
     three = [TableSection("Table 3: Sydney Urban Objects", tables.table_3)] if len(tables.table_3) else []
     tuned = [TableSection("Settings tried on validation objects", tables.tuning)] if len(tables.tuning) else []
     return [
-        FactsSection("What was run", facts),
+        FactsSection("Runs", facts),
         FiguresSection("Figures", dict(zip(CAPTIONS.values(), figures, strict=True))),
         TableSection("Table 2: methods", tables.table_2, note=means),
         *three,

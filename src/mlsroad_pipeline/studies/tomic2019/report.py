@@ -36,7 +36,7 @@ def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figur
         "Forests": (tables.forests, ""),
     }
     return [
-        FactsSection("What was run", facts),
+        FactsSection("Runs", facts),
         FiguresSection("Figures", dict(zip(CAPTIONS.values(), figures, strict=True))),
         *(TableSection(title, table.round(3), note=note) for title, (table, note) in numbered.items()),
     ]

@@ -21,7 +21,7 @@ def study_sections(plan: StudyPlan, tables: StudyTables, figures: Sequence[Figur
     }
     spread = "Over the objects of all test streets; spread is the standard deviation between streets."
     return [
-        FactsSection("What was run", facts),
+        FactsSection("Runs", facts),
         FiguresSection("Figures", dict(zip(CAPTIONS.values(), figures, strict=True))),
         TableSection(
             "Segmentation",

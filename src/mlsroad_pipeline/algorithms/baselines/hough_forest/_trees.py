@@ -198,7 +198,7 @@ def _leaf_of(row: NDArray, root: int, feature: NDArray, threshold: NDArray, left
 def _extent(
     centres: NDArray, first: int, last: int, cell: float, height_cell: float, corner: NDArray, shape: NDArray
 ) -> None:
-    """Write corner and shape of the vote space of an object, with a margin for the blur."""
+    """Write the corner and the shape of an object's vote space, with a margin for the blur."""
     for axis in range(3):
         low, high = np.inf, -np.inf
         for p in range(first, last):
@@ -213,7 +213,7 @@ def vote(
     features: NDArray[np.float32],
     centres: NDArray[np.float64],
     bounds: NDArray[np.int64],
-    asked: NDArray[np.bool_],
+    selected: NDArray[np.bool_],
     roots: NDArray[np.int64],
     feature: NDArray[np.int16],
     threshold: NDArray[np.float32],
@@ -228,12 +228,12 @@ def vote(
     start: int,
     stop: int,
 ) -> None:
-    """Write the highest peak of each object's vote space for each class, over the trees selected in `asked`."""
+    """Write the highest peak of each object's vote space for each class, over its `selected` trees."""
     n_classes = out.shape[1]
     corner, shape = np.zeros(3), np.zeros(3, np.int64)
     for o in range(start, stop):
         first, last = bounds[o], bounds[o + 1]
-        used = np.flatnonzero(asked[:, o])
+        used = np.flatnonzero(selected[:, o])
         if first == last or len(used) == 0:
             continue
         _extent(centres, first, last, cell, height_cell, corner, shape)

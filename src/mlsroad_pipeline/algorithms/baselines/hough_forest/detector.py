@@ -147,14 +147,14 @@ class HoughForest:
         bounds = object_bounds(parts)
         n_trees = len(self.arrays["roots"]) - 1
         out = np.zeros((len(bounds) - 1, self.arrays["shares"].shape[1]))
-        asked = np.ones((n_trees, len(out)), dtype=np.bool_) if unseen is None else unseen
+        selected = np.ones((n_trees, len(out)), dtype=np.bool_) if unseen is None else unseen
         features = part_features(parts, intensity=self.intensity)
         cell, height_cell = self.arrays["cells"]
         forest = [self.arrays[name] for name in _FOREST]
         centres = np.ascontiguousarray(parts["centres"], dtype=np.float64)
 
         def work(start: int, stop: int) -> None:
-            vote(features, centres, bounds, asked, *forest, float(cell), float(height_cell), out, start, stop)
+            vote(features, centres, bounds, selected, *forest, float(cell), float(height_cell), out, start, stop)
 
         run_in_chunks(work, len(out), n_threads=n_threads)
         return out

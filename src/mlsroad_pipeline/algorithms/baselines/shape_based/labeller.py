@@ -232,7 +232,7 @@ def fit(
     """
     filled = [scene for scene in scenes if len(scene["label"])]
     if not filled:
-        raise DataError("no labelled object in the training scenes: is everything ground?")
+        raise DataError("no labelled object in the training scenes: check their labels and the ground filter")
     features = np.concatenate([scene["features"] for scene in filled])
     labels = np.concatenate([scene["label"] for scene in filled])
     known = np.unique(labels)
