@@ -26,8 +26,9 @@ from mlsroad_pipeline.algorithms.detection.thresholds import best_threshold, det
 from mlsroad_pipeline.algorithms.visual_words.queries import HeldOut
 from mlsroad_pipeline.algorithms.visual_words.training import train_variant
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.studies.yu2016.keys import run_key, street_key
 from mlsroad_pipeline.studies.yu2016.parameters import CUT, WORDS
-from mlsroad_pipeline.studies.yu2016.plan import StudyPlan, run_key, street_key
+from mlsroad_pipeline.studies.yu2016.plan import StudyPlan
 from mlsroad_pipeline.studies.yu2016.runs import joint_prevalence
 
 Streets = Sequence[tuple[str, int]]

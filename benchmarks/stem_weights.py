@@ -32,7 +32,7 @@ from mlsroad_pipeline.algorithms.segmentation.stems import Stem, find_stems, who
 from mlsroad_pipeline.algorithms.segmentation.trunks import classify_stems, find_least_pole_like, measure_crowned
 from mlsroad_pipeline.algorithms.stages import inliers
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.studies.yu2016.plan import street_key
+from mlsroad_pipeline.studies.yu2016.keys import street_key
 
 MEASURES = ["bend", "lean", "spread", "aside", "reached", "under"]
 POLES = [TAXONOMY[name] for name in ("utility_pole", "light_pole", "traffic_sign", "traffic_light", "post", "gantry",

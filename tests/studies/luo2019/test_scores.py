@@ -26,6 +26,7 @@ from mlsroad_pipeline.studies.luo2019.set_parameters import (
     SimulatedObjectsParameters,
 )
 from mlsroad_pipeline.studies.luo2019.sets import (
+    SplitKey,
     composition_table,
     draw_split,
     name_segments,
@@ -117,7 +118,8 @@ def test_a_split_has_the_papers_imbalance_as_far_as_there_are_objects(rng):
     every = {points.tobytes(): label for points, label in zip(joined.objects, joined.label, strict=True)}
     drawn = ObjectSet.from_arrays(found)
     assert [every[points.tobytes()] for points in drawn.objects] == drawn.label.tolist()
-    table = composition_table({"smd6.train": found}, {"smd6.train": wanted}, {"smd6": scheme}).set_index("class")
+    key = SplitKey("smd6", "train")
+    table = composition_table({key: found}, {key: wanted}, {"smd6": scheme}).set_index("class")
     assert table.loc["traffic sign", ["paper", "wanted", "found", "objects"]].tolist() == [2930, 21, 20, 20]
     assert np.isnan(table.loc["tree", "median_points"])
 

@@ -13,9 +13,9 @@ from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.simulation.parameters.presets import PRESETS
 from mlsroad_pipeline.studies.yu2016 import paper as yu2016_paper
 from mlsroad_pipeline.studies.yu2016 import scores as yu2016
+from mlsroad_pipeline.studies.yu2016.keys import model_key, run_key
 from mlsroad_pipeline.studies.yu2016.objects import touching_instances
 from mlsroad_pipeline.studies.yu2016.parameters import StudyParameters, StudyScale, StudySurvey
-from mlsroad_pipeline.studies.yu2016.plan import run_key
 from mlsroad_pipeline.studies.yu2016.results import found_by_detector
 from mlsroad_pipeline.studies.yu2016.runs import joint_prevalence
 from mlsroad_pipeline.studies.yu2016.streets import (
@@ -121,7 +121,12 @@ def test_models_of_one_detector_are_joined_by_street():
     scale = StudyScale(surveys, ["single"], [0.1], [0])
     assert scale.learned_together() == [["RRS", "SPP"]]
     assert replace(scale, pooled=False).learned_together() == [["RRS"], ["SPP"]]
-    models = {"a.RRS": {"RRS_2": ONE, "facts": {}}, "a.SPP": {"SPP_2": TWO, "facts": {}}, "b.RRS_SPP": {"RRS_2": TWO}}
+    models = {
+        model_key("a", ["RRS"]): {"RRS_2": ONE, "facts": {}},
+        model_key("a", ["SPP"]): {"SPP_2": TWO, "facts": {}},
+        model_key("b", ["RRS", "SPP"]): {"RRS_2": TWO},
+    }
+    assert list(models) == ["a.RRS", "a.SPP", "b.RRS_SPP"]
     assert found_by_detector(models) == {"a": {"RRS_2": ONE, "SPP_2": TWO}, "b": {"RRS_2": TWO}}
 
 

@@ -13,6 +13,7 @@ from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.labels import ImagePredictions, PointLabels
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.fusion.log_linear_pool import PoolParameters
 from mlsroad_pipeline.algorithms.fusion.two_methods import TwoMethodFusion, spread_confidence
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -95,7 +96,7 @@ def divide_scenes(keys: Sequence[str], share: float) -> tuple[list[str], list[st
     Parameters
     ----------
     keys : sequence of str
-        Names of scenes, ``<drive>.<number>``, in the order of the road.
+        Keys of scenes, see `SceneKey`, in the order of the road.
     share : float
         Share of each drive's scenes, from its beginning, in the first set.
 
@@ -111,7 +112,7 @@ def divide_scenes(keys: Sequence[str], share: float) -> tuple[list[str], list[st
     """
     drives: dict[str, list[str]] = {}
     for key in keys:
-        drives.setdefault(key.rpartition(".")[0], []).append(key)
+        drives.setdefault(SceneKey.parse(key).parent, []).append(key)
     if not drives:
         raise DataError("fusion needs scenes that the methods were not trained on")
     first, second = [], []

@@ -15,7 +15,7 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.studies.luo2019.paper import OBJECTS
 from mlsroad_pipeline.studies.luo2019.set_parameters import SimulatedObjectsParameters
-from mlsroad_pipeline.studies.luo2019.sets import composition_table, cut_street, draw_split, wanted_objects
+from mlsroad_pipeline.studies.luo2019.sets import SplitKey, composition_table, cut_street, draw_split, wanted_objects
 from mlsroad_pipeline.surveys.simulated import simulation_parameters
 
 
@@ -48,7 +48,7 @@ def draw_splits(
 ) -> dict[str, SceneTask]:
     """Create one task per split of each set: sampling of the objects."""
     return {
-        f"{name}.{split}": SceneTask(
+        str(SplitKey(name, split)): SceneTask(
             draw_split,
             {"streets": {f"seed_{seed}": streets[f"{name}.seed_{seed}"] for seed in seeds}},
             {
@@ -67,8 +67,8 @@ def tabulate_sets(
     """Return the composition of the sets."""
     schemes = {name: find_scheme(classes["schemes"], name) for name in parameters.chosen_sets()}
     wanted = {
-        f"{name}.{split}": limits
+        SplitKey(name, split): limits
         for name, config in parameters.chosen_sets().items()
         for split, limits in wanted_objects(name, config, schemes[name]).items()
     }
-    return composition_table({key: sets[key].load() for key in wanted}, wanted, schemes)
+    return composition_table({key: sets[str(key)].load() for key in wanted}, wanted, schemes)

@@ -22,7 +22,7 @@ def tabulate_study(plan: StudyPlan, *stores: SceneCollection) -> StudyTables:
     return study_tables(
         plan,
         streets.load_all("facts"),
-        yu2016_results.segmentations_of_tests(plan, {**compared.load_all("scores"), **segmented.load_all("scores")}),
+        {**compared.load_all("scores"), **segmented.load_all("scores")},
         described.load_all("facts"),
         yu2016_results.found_by_detector(runs.load_all()),
         yu2016_results.runs_of_settings(plan, settings.load_all()),

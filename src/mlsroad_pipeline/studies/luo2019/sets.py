@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -24,6 +25,17 @@ from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.studies.luo2019 import paper as luo2019_paper
 from mlsroad_pipeline.studies.luo2019.set_parameters import BY_HAND, CutParameters, ObjectSetParameters
 from mlsroad_pipeline.studies.streets import make_street
+
+
+class SplitKey(NamedTuple):
+    """Split of a set of objects; as text, its key in the store."""
+
+    name: str  # name of the set
+    split: str
+
+    def __str__(self) -> str:
+        """Return the stored key."""
+        return f"{self.name}.{self.split}"
 
 
 class StreetObjects(ObjectArrays):
@@ -138,16 +150,15 @@ def wanted_objects(name: str, parameters: ObjectSetParameters, scheme: ClassSche
 
 
 def composition_table(
-    sets: Mapping[str, SplitObjects],
-    wanted: Mapping[str, Mapping[int, int]],
+    sets: Mapping[SplitKey, SplitObjects],
+    wanted: Mapping[SplitKey, Mapping[int, int]],
     schemes: Mapping[str, ClassScheme],
 ) -> pd.DataFrame:
     """Return the wanted, available and sampled objects of each class and split."""
     rows = []
-    for key, one in sets.items():
-        name, _, split = key.partition(".")
+    for (name, split), one in sets.items():
         sizes = np.diff(one["indptr"])
-        for label, number in wanted[key].items():
+        for label, number in wanted[SplitKey(name, split)].items():
             mine, named = one["label"] == label, schemes[name].classes[label]
             rows.append(
                 {

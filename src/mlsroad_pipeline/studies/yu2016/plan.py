@@ -19,6 +19,7 @@ from mlsroad_pipeline.algorithms.visual_words.training import VisualWordsParamet
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred, SceneTask
 from mlsroad_pipeline.studies.parameters import changed
+from mlsroad_pipeline.studies.yu2016.keys import model_key, run_key, setting_key, street_key
 from mlsroad_pipeline.studies.yu2016.objects import DESCRIPTIONS, describe_street, segment_street
 from mlsroad_pipeline.studies.yu2016.parameters import (
     CUT,
@@ -29,16 +30,6 @@ from mlsroad_pipeline.studies.yu2016.parameters import (
     StudyScale,
 )
 from mlsroad_pipeline.studies.yu2016.runs import train_and_detect
-
-
-def street_key(survey: str, seed: int) -> str:
-    """Return the key of a street."""
-    return f"{survey}.seed_{seed}"
-
-
-def run_key(survey: str, seed: int) -> str:
-    """Return the key of a street in the result of a run."""
-    return f"{survey}_{seed}"
 
 
 class Setting(NamedTuple):
@@ -111,11 +102,6 @@ class StudyPlan:
         return {**detectors, **settings}
 
 
-def setting_key(name: str) -> str:
-    """Return the key of a setting in a store."""
-    return name.replace("=", "-").replace(".", "_")
-
-
 def plan_study(
     study: StudyParameters,
     classes: Mapping[str, Any],
@@ -184,7 +170,7 @@ def describe_surveys(plan: StudyPlan, streets: SceneCollection, segmented: Scene
 def run_detectors(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTask]:
     """Create one task per detector and model that trains it and detects in the test streets of its surveys."""
     return {
-        f"{slug}.{'_'.join(surveys)}": _run(plan, slug, surveys, _Stores(*stores), slug, plan.methods[slug])
+        model_key(slug, surveys): _run(plan, slug, surveys, _Stores(*stores), slug, plan.methods[slug])
         for slug in DETECTORS
         for surveys in plan.scale.learned_together()
     }

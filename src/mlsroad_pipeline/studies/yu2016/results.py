@@ -13,9 +13,10 @@ from mlsroad_pipeline.algorithms.detection.scoring import detection_table
 from mlsroad_pipeline.studies.tables import Tables, mean_and_spread
 from mlsroad_pipeline.studies.yu2016 import paper as yu2016_paper
 from mlsroad_pipeline.studies.yu2016 import scores as yu2016
+from mlsroad_pipeline.studies.yu2016.keys import detector_of_model, run_key, setting_key, street_key
 from mlsroad_pipeline.studies.yu2016.objects import DescriptionFacts, SegmentationScores
 from mlsroad_pipeline.studies.yu2016.parameters import CUT, DETECTORS, SEGMENTATIONS, WORDS
-from mlsroad_pipeline.studies.yu2016.plan import StudyPlan, run_key, setting_key, street_key
+from mlsroad_pipeline.studies.yu2016.plan import StudyPlan
 from mlsroad_pipeline.studies.yu2016.runs import StreetDetections
 from mlsroad_pipeline.studies.yu2016.streets import StreetFacts
 
@@ -58,7 +59,7 @@ def found_by_detector(models: Mapping[str, Mapping[str, Any]]) -> dict[str, dict
     """Join the detections of the models of each detector: detector to street to detections."""
     joined: dict[str, dict[str, StreetDetections]] = {}
     for key, streets in models.items():
-        own = joined.setdefault(key.split(".")[0], {})
+        own = joined.setdefault(detector_of_model(key), {})
         own |= {street: result for street, result in streets.items() if street != "facts"}
     return joined
 
@@ -66,12 +67,6 @@ def found_by_detector(models: Mapping[str, Mapping[str, Any]]) -> dict[str, dict
 def runs_of_settings(plan: StudyPlan, runs: Mapping[str, Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
     """Return the run of each setting of Figure 12."""
     return {name: runs[setting_key(setting.run)] for name, setting in plan.settings().items()}
-
-
-def segmentations_of_tests(plan: StudyPlan, scores: Segmentations) -> dict[str, SegmentationScores]:
-    """Return the scores of the segmentations of test streets, in the order of the paper."""
-    tests = sorted(street_key(name, seed) for name, survey in plan.scale.surveys.items() for seed in survey.test)
-    return {f"{method}.{key}": scores[f"{method}.{key}"] for method in SEGMENTATIONS for key in tests}
 
 
 def study_tables(
@@ -140,11 +135,12 @@ def _wide(figures: pd.DataFrame) -> pd.DataFrame:
 
 
 def _segmentation(plan: StudyPlan, segmented: Segmentations) -> pd.DataFrame:
+    """Return the scores of the segmentations over test streets, in the order of the paper."""
+    tests = sorted((street_key(name, seed), name) for name, each in plan.scale.surveys.items() for seed in each.test)
     rows = []
-    for key, scores in segmented.items():
-        method, survey, seed = key.split(".")
-        if int(seed.removeprefix("seed_")) in plan.scale.surveys[survey].test:
-            figures = cast(Mapping[str, NDArray], scores)
+    for method in SEGMENTATIONS:
+        for key, survey in tests:
+            figures = cast(Mapping[str, NDArray], segmented[f"{method}.{key}"])
             values = {name: float(figures[name]) for name in SEGMENTATION_FIGURES}
             rows.append({"survey": survey, "method": method, **values})
     return mean_and_spread(pd.DataFrame(rows), ["survey", "method"], SEGMENTATION_FIGURES)

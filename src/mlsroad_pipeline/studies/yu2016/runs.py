@@ -14,6 +14,7 @@ from mlsroad_pipeline.algorithms.detection.detector import DetectionStages
 from mlsroad_pipeline.algorithms.detection.scoring import DetectionParameters, ObjectClasses, count_detections_of_scene
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.studies.streets import timed
+from mlsroad_pipeline.studies.yu2016.keys import survey_of_run
 
 
 class TrainingStreet(TypedDict):
@@ -95,7 +96,7 @@ def joint_prevalence(
     """Return the prevalence factors of the joined surveys of one model."""
     expected, counted = np.zeros(len(classes)), np.zeros(len(classes))
     for street, objects in labels.items():
-        own = prevalence[street.rpartition("_")[0]]
+        own = prevalence[survey_of_run(street)]
         mine = objects["label"][objects["own"]]
         number = np.bincount(mine[mine >= 0], minlength=len(classes))
         counted += number
