@@ -1,31 +1,43 @@
 """A method is a folder and a line of the table: it gets a pipeline, is trained, scored and used by `label`."""
 
+import re
 import sys
 
 import laspy
 import numpy as np
 import pandas as pd
 import pytest
-from helpers import toy
-from helpers.wiring import TINY, label, make_project, run, session_of
+from helpers.wiring import REPOSITORY, TINY, label, make_project, run, session_of
 from kedro.framework.project import pipelines
 
+from mlsroad_pipeline.algorithms import baselines
 from mlsroad_pipeline.algorithms.models.methods import METHODS, Method
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
-LINE = Method("toy", "labelling", "toy", "toy:ToyParameters", "toy:ToyClassifier", "toy:train", "toy:label_cloud")
+PAGE = (REPOSITORY / "docs/how_to/add_a_method.md").read_text(encoding="utf-8")
+FOLDERS = REPOSITORY / "tests/helpers/methods"
+"""Folder of the method's folder."""
+
+
+def line_of_the_page():
+    """Return the line that the page adds to the table, for the toy method in place of the example."""
+    [block] = [code for code in re.findall(r"```python\n(.*?)```", PAGE, re.S) if code.startswith("Method(")]
+    [method] = eval(block.replace("my_forest", "toy").replace("MyForest", "Toy"), {"Method": Method})
+    return method
 
 
 @pytest.fixture
 def project(tmp_path, monkeypatch):
     """A project with the folder, the line and the parameters of the method."""
-    monkeypatch.setitem(sys.modules, "mlsroad_pipeline.algorithms.toy", toy)
-    monkeypatch.setitem(METHODS, "toy", LINE)
+    monkeypatch.setattr(baselines, "__path__", [*baselines.__path__, str(FOLDERS)])
+    monkeypatch.setitem(METHODS, "toy", line_of_the_page())
     (tmp_path / "project").mkdir()
     project = make_project(tmp_path / "project")
     (project / "conf/base/parameters_toy.yml").write_text("toy:\n  height: 0.3\n", encoding="utf-8")
-    return project
+    yield project
+    for name in [name for name in sys.modules if name.startswith("mlsroad_pipeline.algorithms.baselines.toy")]:
+        del sys.modules[name]
 
 
 def test_a_method_of_one_line_is_trained_scored_and_used(project, tmp_path):
@@ -37,7 +49,7 @@ def test_a_method_of_one_line_is_trained_scored_and_used(project, tmp_path):
     assert scores["test", "all", "overall_accuracy"] > 0.5
     with session_of(project, **TINY) as session:
         bundle = session.load_context().catalog.load("toy.registered_model")
-    assert bundle.slug == "toy" and bundle.metadata["entry_point"] == "mlsroad_pipeline.algorithms.toy:label_cloud"
+    assert bundle.slug == "toy" and bundle.metadata["entry_point"] == f"{baselines.__name__}.toy.classifier:label_cloud"
     assert bundle.metadata["parameters"]["toy"] == {"height": 0.3}
     [survey] = (project / "data/01_raw").rglob("test/*.laz")
     output = label(project, survey, tmp_path / "labelled", method="toy")

@@ -1,4 +1,4 @@
-"""A method as `docs/how_to/add_a_method.md` adds one: two classes of patches, below and above a height."""
+"""Two classes of patches, below and above a height."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -16,7 +16,7 @@ class ToyParameters:
     height: float = 0.3
 
 
-class ToyClassifier:
+class Toy:
     """The most frequent training class of the patches below and above a height."""
 
     def __init__(self, height, classes, n_classes):
@@ -45,5 +45,5 @@ class ToyClassifier:
         return cls(float(arrays["height"]), np.asarray(arrays["classes"]), int(arrays["n_classes"]))
 
 
-train = partial(train_model, slug="toy", fit=ToyClassifier.fit)
-label_cloud = partial(label_patch_cloud, classifier=ToyClassifier)
+train = partial(train_model, slug="toy", fit=Toy.fit)
+label_cloud = partial(label_patch_cloud, classifier=Toy)

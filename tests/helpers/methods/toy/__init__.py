@@ -1,0 +1,1 @@
+"""A method as `docs/how_to/add_a_method.md` adds one."""
