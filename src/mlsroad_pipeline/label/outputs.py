@@ -36,6 +36,7 @@ from mlsroad_pipeline.reporting.html.sections import (
 )
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
+from mlsroad_pipeline.surveys.reading import FileClasses
 
 logger = logging.getLogger(__name__)
 
@@ -97,7 +98,7 @@ class PlannedOutput:
         }
 
 
-def _had_classes(file: PlannedFile, classes: Mapping[str, Mapping[str, NDArray]]) -> bool | None:
+def _had_classes(file: PlannedFile, classes: Mapping[str, FileClasses]) -> bool | None:
     ranges = [part["has_classes"] for key, part in classes.items() if SceneKey.parse(key).parent == file.key]
     return bool(np.any(np.concatenate(ranges))) if ranges and all(map(len, ranges)) else None
 

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.algorithms.scenes.corridor import Corridor
-from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters, corridor_from_arrays
+from mlsroad_pipeline.algorithms.scenes.cutting import BinCounts, IngestParameters, corridor_from_arrays
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
@@ -81,7 +80,7 @@ class _Surroundings:
             return 0
         return int(np.ceil(self.reach / self.ingest.bin_length))
 
-    def pieces(self, scene: PlannedScene, bins: Mapping[str, Mapping[str, NDArray]]) -> tuple[str, ...]:
+    def pieces(self, scene: PlannedScene, bins: Mapping[str, BinCounts]) -> tuple[str, ...]:
         """Return the keys of the pieces before and behind the buffers of a scene."""
         span = scene.span
         before = pieces_between(span.first - self._bins, span.buffer_first, bins)

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.algorithms.scenes.cutting import corridor_from_arrays, join_pieces
+from mlsroad_pipeline.algorithms.scenes.cutting import CorridorArrays, corridor_from_arrays, join_pieces
 from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.execution.task import StoredResult
@@ -148,7 +148,7 @@ class _StoredObjects(Sequence[SceneObjects]):
 
 
 def join_objects(
-    corridors: Mapping[str, Mapping[str, NDArray]],
+    corridors: Mapping[str, CorridorArrays],
     objects: Mapping[str, Sequence[StoredResult]],
     fragments: Mapping[str, Sequence[StoredResult]],
     *,

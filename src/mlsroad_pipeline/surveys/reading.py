@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import NotRequired, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,10 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud, concatenate
 from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk
 from mlsroad_pipeline.algorithms.quality.tables import chunk_to_arrays
+from mlsroad_pipeline.algorithms.scenes.corridor import Corridor
 from mlsroad_pipeline.algorithms.scenes.cutting import (
+    CorridorArrays,
+    CutPoints,
     axis_of_samples,
     corridor_from_arrays,
     corridor_to_arrays,
@@ -79,6 +82,25 @@ class FileDescription(TypedDict):
     windows: PointCloud
 
 
+class DriveCorridor(CorridorArrays):
+    """Corridor of a drive, with a note for the log."""
+
+    note: NotRequired[NDArray[np.str_]]
+
+
+class FileClasses(TypedDict):
+    """Whether any row of a range has a class, shape (1,); empty if the column was not read."""
+
+    has_classes: NDArray[np.bool_]
+
+
+class CutRange(CutPoints):
+    """Stored parts of a range of rows."""
+
+    quality: dict[str, NDArray]  # arrays of `chunk_to_arrays`
+    classes: FileClasses
+
+
 def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: bool) -> FileDescription:
     """Return the number of points of a file, a sample, and time windows for the estimation of the trajectory."""
     form = get_format(path)
@@ -99,7 +121,7 @@ def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: boo
 
 def find_corridor(
     samples: Sequence[PointCloud], windows: Sequence[PointCloud], *, trajectory: str | None, along: bool
-) -> dict[str, NDArray]:
+) -> DriveCorridor:
     """Return the corridor of a drive as arrays, with a note for the log."""
     other = next((sample for sample in samples if sample.crs != samples[0].crs), None)
     if other is not None:
@@ -111,20 +133,24 @@ def find_corridor(
         path = read_trajectory(trajectory, crs=samples[0].crs if samples else None)
         times = _times_of(samples)
         path = in_weeks_of(path, *times)
-        note = coverage_note(path, *times)
-        return {**corridor_to_arrays(path), **({"note": np.array(note)} if note else {})}
+        return _with_note(path, coverage_note(path, *times))
     if not along:
-        return corridor_to_arrays(None)
+        return _with_note(None)
     filled = [part for part in windows if len(part)]
     if not filled:
-        return corridor_to_arrays(axis_of_samples(samples))
+        return _with_note(axis_of_samples(samples))
     try:
         estimated = trajectory_from_windows(filled)
     except DataError as error:
-        note = f"{error}; cut along the main axis of the points"
-        return {**corridor_to_arrays(axis_of_samples(samples)), "note": np.array(note)}
-    note = f"{estimated.source}: {estimated.length:.0f} m of trajectory"
-    return {**corridor_to_arrays(estimated), "note": np.array(note)}
+        return _with_note(axis_of_samples(samples), f"{error}; cut along the main axis of the points")
+    return _with_note(estimated, f"{estimated.source}: {estimated.length:.0f} m of trajectory")
+
+
+def _with_note(corridor: Corridor, note: str = "") -> DriveCorridor:
+    arrays: DriveCorridor = {**corridor_to_arrays(corridor)}
+    if note:
+        arrays["note"] = np.array(note)
+    return arrays
 
 
 def _times_of(samples: Sequence[PointCloud]) -> tuple[float, float]:
@@ -135,7 +161,7 @@ def _times_of(samples: Sequence[PointCloud]) -> tuple[float, float]:
 
 def read_and_cut(
     path: str,
-    corridor: dict[str, NDArray],
+    corridor: CorridorArrays,
     *,
     options: ReadOptions,
     labels: bool,
@@ -148,7 +174,7 @@ def read_and_cut(
     bin_length: float,
     time_gap: float,
     constant: Sequence[str] = (),
-) -> dict[str, Any]:
+) -> CutRange:
     """Read a range of rows, inspect its quality and sort it into bins of the corridor."""
     chosen = _scene_options(path, options, labels=labels, constant=constant)
     cloud = get_format(path).read(Path(path), chosen, start=start, stop=stop)

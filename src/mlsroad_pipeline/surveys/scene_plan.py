@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
-from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.algorithms.scenes.cutting import BinCounts, IngestParameters
 from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan, plan_scenes
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
+from mlsroad_pipeline.surveys.reading import FileFacts
 
 MESSAGE_FILES = 3
 """Largest number of files that a message names for a scene."""
@@ -62,9 +63,7 @@ class RangeOfRows:
         }
 
 
-def cut_ranges(
-    plan: SurveyPlan, info: Mapping[str, Mapping[str, NDArray]], ingest: IngestParameters
-) -> list[RangeOfRows]:
+def cut_ranges(plan: SurveyPlan, info: Mapping[str, FileFacts], ingest: IngestParameters) -> list[RangeOfRows]:
     """Divide the files of a survey into ranges of rows."""
     ranges = []
     for file in plan.files:
@@ -98,7 +97,7 @@ class PlannedScene:
 
 
 def plan_drive(
-    drive: str, plan: SurveyPlan, bins: Mapping[str, Mapping[str, NDArray]], ingest: IngestParameters
+    drive: str, plan: SurveyPlan, bins: Mapping[str, BinCounts], ingest: IngestParameters
 ) -> list[PlannedScene]:
     """Plan the scenes of a drive from the bins of its ranges."""
     files = {file.key: file.source.name for file in plan.files if file.drive == drive}
@@ -128,7 +127,7 @@ def _planned(key: str, span: SceneSpan, pieces: tuple[str, ...], files: Mapping[
     return PlannedScene(key, span, pieces, f"{', '.join(names[:MESSAGE_FILES])}{more} ({span.id})")
 
 
-def pieces_between(first: int, stop: int, bins: Mapping[str, Mapping[str, NDArray]]) -> tuple[str, ...]:
+def pieces_between(first: int, stop: int, bins: Mapping[str, BinCounts]) -> tuple[str, ...]:
     """Return the keys of the ranges with points in the bins `first` to `stop`."""
 
     def holds(numbers: NDArray) -> bool:

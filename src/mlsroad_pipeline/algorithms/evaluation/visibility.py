@@ -12,12 +12,15 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.evaluation.labelling import count_labels, scores_table, sum_by_split
 
+LabelNames = Mapping[str, str]
+"""Method to the name of its labels in the stored labels of a scene."""
+
 
 def count_seen_scene(
     scene: PointCloud,
     labels: Mapping[str, NDArray],
     *,
-    answers: Mapping[str, str],
+    answers: LabelNames,
     trained: ClassScheme,
     scored: ClassScheme,
 ) -> dict[str, NDArray[np.int64]]:
@@ -29,7 +32,7 @@ def count_seen_scene(
         The scene, with `label` and `core`.
     labels : mapping
         ``seen`` bool (n,), and the labels of `trained` under the names of `answers`, int16 (n,).
-    answers : mapping of str to str
+    answers : LabelNames
         Method to the name of its labels in `labels`.
     trained, scored : ClassScheme
         The schemes.

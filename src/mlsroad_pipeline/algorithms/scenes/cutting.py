@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +105,32 @@ class IngestParameters:
             raise ParameterError(f"ingest.buffer must be a finite number >= 0, got {self.buffer!r}")
 
 
-def corridor_to_arrays(corridor: Corridor) -> dict[str, NDArray]:
+class CorridorArrays(TypedDict, total=False):
+    """A stored corridor: the arrays of a trajectory, of a main axis, or `none`."""
+
+    trajectory: NDArray[np.float64]  # (n, 3): points of the trajectory, metres
+    station: NDArray[np.float64]  # (n,): stations of its points, metres
+    time: NDArray[np.float64]  # (n,): times of its points, seconds; empty without times
+    centre: NDArray[np.float64]  # (2,): point of the main axis in plan, metres
+    direction: NDArray[np.float64]  # (2,): direction of the main axis in plan
+    none: NDArray[np.float64]  # empty
+
+
+class BinCounts(TypedDict):
+    """Occupied bins of a range of rows, ascending, and their numbers of points."""
+
+    bins: NDArray[np.int32]
+    counts: NDArray[np.int64]
+
+
+class CutPoints(TypedDict):
+    """Stored parts of the points of a range of rows."""
+
+    points: dict[str, NDArray]  # arrays of a `PiecedCloud`
+    bins: BinCounts
+
+
+def corridor_to_arrays(corridor: Corridor) -> CorridorArrays:
     """Return a corridor as named arrays for storage.
 
     Parameters
@@ -115,7 +140,7 @@ def corridor_to_arrays(corridor: Corridor) -> dict[str, NDArray]:
 
     Returns
     -------
-    dict of str to ndarray
+    CorridorArrays
         Arrays for `corridor_from_arrays`.
     """
     if isinstance(corridor, Trajectory):
@@ -126,12 +151,12 @@ def corridor_to_arrays(corridor: Corridor) -> dict[str, NDArray]:
     return {"none": np.zeros(0)}
 
 
-def corridor_from_arrays(arrays: Mapping[str, NDArray]) -> Corridor:
+def corridor_from_arrays(arrays: CorridorArrays) -> Corridor:
     """Return the corridor of stored arrays.
 
     Parameters
     ----------
-    arrays : mapping of str to ndarray
+    arrays : CorridorArrays
         Arrays of `corridor_to_arrays`.
 
     Returns
@@ -175,7 +200,7 @@ def cut_points(
     bin_length: float,
     first_row: int,
     file: int,
-) -> dict[str, dict[str, NDArray]]:
+) -> CutPoints:
     """Return the stored parts of a range of rows: its points sorted into bins, and their counts.
 
     Parameters
@@ -197,8 +222,8 @@ def cut_points(
 
     Returns
     -------
-    dict of str to dict
-        ``points``: arrays of a `PiecedCloud`; ``bins``: occupied bins and their number of points.
+    CutPoints
+        Points sorted into bins, and the occupied bins.
 
     Raises
     ------

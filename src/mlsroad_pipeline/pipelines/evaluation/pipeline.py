@@ -1,13 +1,13 @@
 """Pipeline of the evaluation, the same nodes for every labeller and for every detector."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.detection.scoring import count_detections_of_scene
 from mlsroad_pipeline.algorithms.evaluation.labelling import count_scene
-from mlsroad_pipeline.algorithms.evaluation.visibility import count_seen_scene
+from mlsroad_pipeline.algorithms.evaluation.visibility import LabelNames, count_seen_scene
 from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.pipelines.evaluation.nodes import (
     picture_detections,
@@ -59,7 +59,7 @@ def _picturing(slug: str) -> Node:
     )
 
 
-def evaluate_seen(slug: str, answers: Mapping[str, str], *, suffix: str = "") -> list[Node]:
+def evaluate_seen(slug: str, answers: LabelNames, *, suffix: str = "") -> list[Node]:
     """Return the nodes that score a method with images, over all points and over those inside images."""
     configured = ["params:survey", "params:classes"]
     return [
