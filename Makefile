@@ -16,7 +16,7 @@ run: setup
 
 compare: setup
 	@$(BIN)/kedro run --env=compare
-	@$(BIN)/kedro run --env=compare --pipeline=comparison_report
+	@$(BIN)/kedro run --env=compare --pipelines=comparison_report
 
 test: setup lint
 	@$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder

@@ -157,7 +157,7 @@ def bench_records(laz: Path, out: Path) -> None:
 
 
 def bench_inspect(laz: Path, out: Path) -> None:
-    """Look through the file once, as `kedro run --pipeline=inspect` does."""
+    """Look through the file once, as `kedro run --pipelines=inspect` does."""
     del out
 
     def inspect() -> int:

@@ -1,4 +1,4 @@
-"""`kedro run --pipeline=label` from LAZ to LAZ: points per second, and peak memory of the whole process tree.
+"""`kedro run --pipelines=label` from LAZ to LAZ: points per second, and peak memory of the whole process tree.
 
     python benchmarks/bench_label.py --millions 5 20 100 --folder FOLDER
     python benchmarks/bench_label.py --millions 5 20 --methods patch_graph_mrf visual_words    # or --methods all
@@ -89,7 +89,7 @@ def digest(folder: Path) -> str:
 
 def run_label(survey: Path, output: Path, env: str, method: str, backend: str, n_workers: int) -> dict[str, Any]:
     """Label a survey in a fresh process and watch it."""
-    command = [sys.executable, "-m", "kedro", "run", f"--env={env}", "--pipeline=label"]
+    command = [sys.executable, "-m", "kedro", "run", f"--env={env}", "--pipelines=label"]
     command.append(
         f"--params=label.survey={survey.parent},label.output={output},label.method={method},"
         f"execution.backend={backend},execution.n_workers={n_workers}"

@@ -1,6 +1,6 @@
 """Measure the effect of intensity on the cuts: weighted coverage per street with and without intensity.
 
-    kedro run --pipeline=yu2016_study --to-nodes=segment_yu2016_streets
+    kedro run --pipelines=yu2016_study --to-nodes=segment_yu2016_streets
     python benchmarks/cut_intensity.py [--jobs 2]
 
 Reads the training streets of the study of Yu et al. 2016 and their stored segmentation with intensity, and segments

@@ -1,6 +1,6 @@
 """Score the visual words on held-out training streets, by weight of the rare streets in threshold selection.
 
-    kedro run --pipeline=yu2016_study --to-nodes=describe_yu2016_objects
+    kedro run --pipelines=yu2016_study --to-nodes=describe_yu2016_objects
     python benchmarks/held_out_streets.py [--weights 0 0.1 0.2 0.5 1] [--divisions 10]
 
 Parameters are chosen here, as the test streets of the study of Yu et al. 2016 are used once. The detector is trained on

@@ -56,7 +56,7 @@ def make_project(folder: Path) -> Path:
 def start(project: Path, pipeline: str) -> subprocess.Popen[bytes]:
     """Start a run in a process group of its own."""
     parameters = ",".join(filter(None, [PIPELINES[pipeline], "execution.n_workers=2"]))
-    named = [f"--pipeline={pipeline}", f"--params={parameters}"]
+    named = [f"--pipelines={pipeline}", f"--params={parameters}"]
     command = [sys.executable, "-W", "ignore", "-m", "kedro", "run", *named]
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY / "src"), "MLFLOW_TRACKING_URI": ""}
     with (project / "log.txt").open("ab") as log:

@@ -1,6 +1,6 @@
 """Fit the weights that separate poles in crowns from trunks, on the training streets of the study of Yu et al. 2016.
 
-    kedro run --pipeline=yu2016_study --to-nodes=make_yu2016_streets
+    kedro run --pipelines=yu2016_study --to-nodes=make_yu2016_streets
     python benchmarks/stem_weights.py [--jobs 2] [--folds 8]
 
 Every stem in a crown that belongs to a pole, a sign, a mast or a trunk is measured. The predictors of a logistic

@@ -1,6 +1,6 @@
 """Recognisers that learned simulated objects, on poles that were cut from a survey in Taiwan.
 
-    kedro run --pipeline=simulated_objects
+    kedro run --pipelines=simulated_objects
     python benchmarks/taiwan_recognition.py FOLDER --methods jointnet hierarchy_descriptor
 
 Reads the environment `taiwan_poles` for how the files are read. Pedestrian signals count as traffic lights; poles and

@@ -6,7 +6,7 @@
 Trains `detrended_forest` on streets that are simulated with the scanner of the recording (presets ``oakland`` and
 ``hdl64``), scores it on the recording below $MLSROAD_DATA, and beside it a forest that was trained on the recording's
 own training split (conf/oakland, conf/semantickitti) and is scored on its test split. `--surveys` trains on the LAZ
-files below a folder, as `kedro run --pipeline=simulate` writes them, instead. Parameters are those of conf/base and of
+files below a folder, as `kedro run --pipelines=simulate` writes them, instead. Parameters are those of conf/base and of
 the recording's environment. Prints a table with confusion matrices, and one JSON line per row.
 """
 

@@ -15,16 +15,17 @@ from mlsroad_pipeline.hooks.early_workers import EarlyWorkersHooks, execution_of
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["/venv/bin/kedro", "run", "--pipeline=label"], Execution()),
+        (["/venv/bin/kedro", "run", "--pipelines=label"], Execution()),
         (["python -m kedro", "run", "--pipeline", "label", "--env=oakland"], Execution()),
+        (["kedro", "run", "--pipeline=label"], Execution()),
         (["/site/mlsroad_pipeline/__main__.py", "-p", "label"], Execution()),
         (["kedro", "run", "--pipelines=label", "--params=a=1,execution.n_workers=3"], Execution(n_workers=3)),
-        (["kedro", "run", "--pipeline=label", "--params=execution.n_workers=0"], Execution()),
-        (["kedro", "run", "--pipeline=label", "--params=execution.backend=threading"], None),
-        (["kedro", "run", "--pipeline=labels"], None),
+        (["kedro", "run", "--pipelines=label", "--params=execution.n_workers=0"], Execution()),
+        (["kedro", "run", "--pipelines=label", "--params=execution.backend=threading"], None),
+        (["kedro", "run", "--pipelines=labels"], None),
         (["kedro", "run", "--params=label.survey=label"], None),
-        (["kedro", "catalog", "list", "--pipeline=label"], None),
-        (["/venv/bin/pytest", "run", "--pipeline=label"], None),
+        (["kedro", "catalog", "list", "--pipelines=label"], None),
+        (["/venv/bin/pytest", "run", "--pipelines=label"], None),
         (["kedro", "run"], None),
         ([], None),
     ],
@@ -67,7 +68,7 @@ def loaded(number):
 def alive(pid):
     return os.path.exists(f"/proc/{pid}") and open(f"/proc/{pid}/stat").read().split()[2] != "Z"
 
-hooks = EarlyWorkersHooks(["kedro", "run", "--pipeline=label", "--params=execution.n_workers=2"])
+hooks = EarlyWorkersHooks(["kedro", "run", "--pipelines=label", "--params=execution.n_workers=2"])
 assert "mlsroad_pipeline.label.warm_up" not in sys.modules
 print(not gc.isenabled())
 hooks.before_pipeline_run()

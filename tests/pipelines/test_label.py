@@ -153,7 +153,7 @@ def test_classes_of_a_coarser_scheme_are_written_as_private_codes(label_project,
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"survey": ""}, r"label\.survey is not set: kedro run --pipeline=label --params=label\.survey="),
+        ({"survey": ""}, r"label\.survey is not set: kedro run --pipelines=label --params=label\.survey="),
         ({"output": ""}, r"label\.output is not set"),
         ({"survey": "nowhere.laz"}, r"nowhere\.laz does not exist"),
         ({"method": "luck"}, r"method 'luck'.*detrended_forest|no model 'mlsroad-luck'"),
@@ -198,7 +198,7 @@ def test_killed_labelling_goes_on_where_it_stopped_with_the_bytes_of_an_undistur
     whole = label(with_models(shared, tmp_path / "other"), survey, tmp_path / "whole", ingest={"scene_length": 5.0})
     results = project / "data/02_intermediate/label/results"
     command = [
-        *(sys.executable, "-W", "ignore", "-m", "kedro", "run", "--pipeline=label"),
+        *(sys.executable, "-W", "ignore", "-m", "kedro", "run", "--pipelines=label"),
         f"--params=label.survey={survey},label.output={tmp_path / 'out'},ingest.scene_length=5.0,"
         "execution.backend=sequential",
     ]

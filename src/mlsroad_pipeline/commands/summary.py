@@ -10,7 +10,7 @@ TABLES = ("comparison.csv", "image_comparison.csv", "detection_comparison.csv", 
 NEXT = (
     (
         "label a survey of your own",
-        ".venv/bin/kedro run --pipeline=label --params=label.survey=FILE_OR_FOLDER,label.output=FOLDER",
+        ".venv/bin/kedro run --pipelines=label --params=label.survey=FILE_OR_FOLDER,label.output=FOLDER",
     ),
     ("look at runs and models", ".venv/bin/mlflow ui --backend-store-uri sqlite:///mlflow.db"),
     ("compare all methods on five streets", "make compare"),

@@ -1,6 +1,6 @@
 """Early start of the worker pool of `label`, while the driver is still importing its libraries.
 
-Before the first scene of `kedro run --pipeline=label`, the driver spends 5 s of processor time on Kedro, MLflow, the
+Before the first scene of `kedro run --pipelines=label`, the driver spends 5 s of processor time on Kedro, MLflow, the
 configuration and the pipeline, and each worker 1.5 s on libraries and compiled kernels. With the early start both
 happen at the same time. Kedro calls no hook of a project before its settings are imported, so the settings start the
 workers, and the command line shows whether they are needed. On two busy cores, `label` of a simulated street of

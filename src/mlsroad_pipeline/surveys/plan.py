@@ -128,7 +128,7 @@ def plan_labelling(parameters: LabelParameters, ingest: IngestParameters) -> Sur
     """Plan the labelling of a survey."""
     for name in ("survey", "output"):
         if not getattr(parameters, name):
-            raise ParameterError(f"label.{name} is not set: kedro run --pipeline=label --params=label.{name}=...")
+            raise ParameterError(f"label.{name} is not set: kedro run --pipelines=label --params=label.{name}=...")
     survey = Survey(str(parameters.survey))
     files = files_to_label(survey, str(parameters.output), trajectory=parameters.trajectory)
     options = ReadOptions.from_config(parameters.read)
