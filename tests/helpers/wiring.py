@@ -95,8 +95,10 @@ def session_of(project: Path, *, env: str | None = None, **parameters: Any) -> I
     """Open a session in a project's folder, and leave MLflow afterwards as it was."""
     before = mlflow.get_tracking_uri()
     bootstrap_project(project)
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("MLFLOW_")}
     try:
         with (
+            mock.patch.dict(os.environ, environment, clear=True),  # MLflow copies the address in use to the environment
             parsed_once(),
             contextlib.chdir(project),
             KedroSession.create(project, env=env, runtime_params=parameters) as session,

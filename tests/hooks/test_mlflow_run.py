@@ -13,6 +13,7 @@ import yaml
 from kedro_mlflow.config.kedro_mlflow_config import KedroMlflowConfig
 
 from mlsroad_pipeline.hooks.mlflow_run import MlflowDetailsHooks
+from mlsroad_pipeline.hooks.tracking_store import resolve_server
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 FILES = {
@@ -260,7 +261,8 @@ def test_node_inputs_are_left_alone_while_nothing_is_tracked():
         (None, None),
     ],
 )
-def test_only_relative_databases_are_moved_below_the_project(uri, expected):
+def test_only_relative_databases_are_moved_below_the_project(uri, expected, monkeypatch):
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
     loader = SimpleNamespace(config_patterns={"mlflow": []})
 
     class Loader(dict):
@@ -271,6 +273,31 @@ def test_only_relative_databases_are_moved_below_the_project(uri, expected):
     )
     MlflowDetailsHooks().after_context_created(context)
     assert context.config_loader["mlflow"]["server"]["mlflow_tracking_uri"] == expected
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"), [("https://host", "https://host"), ("sqlite:///a.db", "sqlite:///{}/a.db")]
+)
+def test_the_environment_variable_has_precedence_over_the_configuration(given, expected, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", given)
+    server = resolve_server({"mlflow_tracking_uri": "sqlite:///mlflow.db"}, Path("/project"))
+    assert server["mlflow_tracking_uri"] == expected.format(tmp_path)
+
+
+def test_an_address_that_mlflow_copied_to_the_environment_is_no_wish_of_the_user(monkeypatch):
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    first = resolve_server({"mlflow_tracking_uri": "sqlite:///mlflow.db"}, Path("/first"))["mlflow_tracking_uri"]
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", first)  # as `mlflow.set_tracking_uri` does
+    second = resolve_server({"mlflow_tracking_uri": "sqlite:///mlflow.db"}, Path("/second"))["mlflow_tracking_uri"]
+    assert second == "sqlite:////second/mlflow.db"
+
+
+def test_the_settings_import_neither_mlflow_nor_its_hooks():
+    code = "import sys, mlsroad_pipeline.settings; print({'mlflow', 'kedro_mlflow', 'matplotlib'} & set(sys.modules))"
+    environment = {"PYTHONPATH": str(REPOSITORY / "src")}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
 
 
 def test_a_project_without_configuration_is_left_alone():

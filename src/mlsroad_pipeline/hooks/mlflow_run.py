@@ -1,65 +1,39 @@
-"""Records of a tracked run in addition to kedro-mlflow: parameters, scores, figures, data, code and environment.
+"""Hooks of a tracked run, in addition to those of kedro-mlflow, which open and close the run.
 
-The hook of kedro-mlflow opens and closes the run; these hooks add to it.
+This module imports MLflow only where a run is tracked: `mlsroad` also runs pipelines without kedro-mlflow.
 """
 
 from __future__ import annotations
 
-import json
-import re
-import tempfile
-import time
-from collections.abc import Iterable
+import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import mlflow
 from kedro.config import MissingConfigException
 from kedro.framework.context import KedroContext
 from kedro.framework.hooks import hook_impl
 from kedro.io import CatalogProtocol
 from kedro.pipeline import Pipeline
-from mlflow.entities import Metric, Param, RunTag
-from mlflow.utils.validation import MAX_PARAM_VAL_LENGTH
 
-from mlsroad_pipeline.algorithms.metrics.scores import scores_to_metrics
-from mlsroad_pipeline.datasets.reports.figure_dataset import FigureDataset
-from mlsroad_pipeline.datasets.reports.html_report_dataset import HtmlReportDataset
-from mlsroad_pipeline.datasets.reports.metric_series_dataset import MetricSeriesDataset
-from mlsroad_pipeline.datasets.reports.report_file import ReportFileDataset
-from mlsroad_pipeline.datasets.reports.scores_dataset import ScoresDataset
-from mlsroad_pipeline.hooks.data_fingerprint import fingerprint_files, source_files
-from mlsroad_pipeline.hooks.run_details import environment, flatten_parameters, git_state
-from mlsroad_pipeline.hooks.tracking_store import check_tracking_store
+from mlsroad_pipeline.hooks.run_details import is_parameter
+from mlsroad_pipeline.hooks.tracking_store import check_tracking_store, resolve_server
 
-_BATCH = 100
-_RELATIVE_SQLITE = re.compile(r"sqlite:///(?!/)(?!:memory:)(?P<path>.+)")
-
-
-def _batches(entries: list[Any]) -> Iterable[list[Any]]:
-    """Split a list into batches of the size that MLflow accepts."""
-    return (entries[start : start + _BATCH] for start in range(0, len(entries), _BATCH))
-
-
-def _is_parameter(name: str) -> bool:
-    return name == "parameters" or name.startswith("params:")
+if TYPE_CHECKING:
+    from mlsroad_pipeline.hooks.run_records import RunRecords
 
 
 class MlflowDetailsHooks:
     """Add parameters, scores, figures, the fingerprint of the data, the commit and the environment to a run.
 
-    Records go to the run that was active when the pipeline started, through separate clients, so that threads of a
-    runner cannot write to another run. Without tracking, nothing is recorded.
+    Without tracking, nothing is recorded.
     """
 
     def __init__(self) -> None:
-        self._run_id: str | None = None
-        self._catalog: CatalogProtocol | None = None
-        self._sources: set[str] = set()
+        self._records: RunRecords | None = None
 
     @hook_impl(tryfirst=True)
     def after_context_created(self, context: KedroContext) -> None:
-        """Resolve a relative SQLite store against the project folder and check it."""
+        """Set the store of the environment variables or of the configuration, and check it."""
         loader = context.config_loader
         if "mlflow" not in getattr(loader, "config_patterns", {}):
             return
@@ -67,123 +41,43 @@ class MlflowDetailsHooks:
             config = dict(loader["mlflow"])
         except MissingConfigException:
             return
-        server = dict(config.get("server") or {})
-        for key in ("mlflow_tracking_uri", "mlflow_registry_uri"):
-            match = _RELATIVE_SQLITE.fullmatch(server.get(key) or "")
-            if match:
-                server[key] = f"sqlite:///{Path(context.project_path).resolve() / match['path']}"
+        server = resolve_server(config.get("server") or {}, Path(context.project_path))
         loader["mlflow"] = {**config, "server": server}
         check_tracking_store(server.get("mlflow_tracking_uri") or "")
 
     @hook_impl(trylast=True)
     def before_pipeline_run(self, run_params: dict[str, Any], pipeline: Pipeline, catalog: CatalogProtocol) -> None:
         """Take the run that kedro-mlflow has opened, and record parameters, code and environment."""
-        run = mlflow.active_run()
-        self._run_id = run.info.run_id if run else None
-        self._catalog = catalog
-        self._sources = set()
-        if self._run_id is None:
+        self._records = None
+        run = sys.modules["mlflow"].active_run() if "mlflow" in sys.modules else None
+        if run is None:
             return
-        self.log_parameters(pipeline, catalog)
-        self.log_code_and_environment(Path(run_params.get("project_path") or Path.cwd()))
-        for name in pipeline.inputs():
-            dataset = None if _is_parameter(name) else catalog.get(name)
-            if dataset is not None and hasattr(dataset, "source_files"):
-                self._sources.update(map(str, dataset.source_files()))
+        from mlsroad_pipeline.hooks.run_records import RunRecords  # noqa: PLC0415  # imports MLflow
+
+        self._records = RunRecords(run.info.run_id, catalog)
+        self._records.start(pipeline, Path(run_params.get("project_path") or Path.cwd()))
 
     @hook_impl(tryfirst=True)
     def before_node_run(self, inputs: dict[str, Any]) -> None:
         """Remove parameters, which kedro-mlflow would record again per node, with dataclasses as one string."""
-        if self._run_id is not None:
-            for name in [name for name in inputs if _is_parameter(name)]:
+        if self._records is not None:
+            for name in [name for name in inputs if is_parameter(name)]:
                 del inputs[name]
 
     @hook_impl
     def after_dataset_saved(self, dataset_name: str, data: Any) -> None:
         """Record scores and series as metrics, figures and reports as artifacts; collect the raw files of tasks."""
-        if self._run_id is None or self._catalog is None:
-            return
-        self._sources.update(source_files(data))
-        dataset = self._catalog.get(dataset_name)
-        if isinstance(dataset, ScoresDataset):
-            self.log_scores(dataset)
-        elif isinstance(dataset, MetricSeriesDataset):
-            self.log_series(dataset, dataset_name.split(".", maxsplit=1)[0])
-        elif isinstance(dataset, FigureDataset):
-            self.log_file(dataset, "figures")
-        elif isinstance(dataset, HtmlReportDataset):
-            self.log_file(dataset, "reports")
+        if self._records is not None:
+            self._records.add(dataset_name, data)
 
     @hook_impl(tryfirst=True)
     def after_pipeline_run(self) -> None:
         """Record the fingerprint of the raw files of the run."""
-        if self._run_id is not None and self._sources:
-            self.log_fingerprint(sorted(self._sources))
-        self._discard()
+        if self._records is not None:
+            self._records.finish()
+        self._records = None
 
     @hook_impl
     def on_pipeline_error(self) -> None:
         """Discard the run."""
-        self._discard()
-
-    def _discard(self) -> None:
-        self._run_id, self._catalog, self._sources = None, None, set()
-
-    def log_parameters(self, pipeline: Pipeline, catalog: CatalogProtocol) -> None:
-        """Record every parameter of the pipeline under its dotted name, and all in full as `parameters.json`."""
-        parameters: dict[str, Any] = {}
-        for name in sorted(filter(_is_parameter, pipeline.inputs())):
-            value = catalog.load(name)
-            parameters.update(value if name == "parameters" else {name.removeprefix("params:"): value})
-        # `a` and `a.b`, inputs of two nodes, are one parameter
-        inner = {name for name in parameters if any(name.startswith(f"{other}.") for other in parameters)}
-        flat = flatten_parameters({name: value for name, value in parameters.items() if name not in inner})
-        client = mlflow.MlflowClient()
-        limit = MAX_PARAM_VAL_LENGTH
-        written = [Param(n, v if len(v) <= limit else v[: limit - 1] + "…") for n, v in flat.items()]
-        for batch in _batches(written):
-            client.log_batch(self._run_id, params=batch)
-        client.log_text(self._run_id, json.dumps(flat, indent=2, ensure_ascii=False), "parameters.json")
-
-    def log_code_and_environment(self, project: Path) -> None:
-        """Record the commit and whether files differ from it, Python, the platform and all packages."""
-        python = environment()
-        tags = python.tags | git_state(project)
-        if "git.commit" in tags:
-            tags["mlflow.source.git.commit"] = tags["git.commit"]
-        client = mlflow.MlflowClient()
-        client.log_batch(self._run_id, tags=[RunTag(name, value) for name, value in tags.items()])
-        client.log_text(self._run_id, "\n".join(python.packages) + "\n", "environment/pip_freeze.txt")
-
-    def log_scores(self, dataset: ScoresDataset) -> None:
-        """Record every defined score as the metric ``<slug>/<split>/<metric>/<class>``."""
-        now = int(time.time() * 1000)
-        metrics = [Metric(name, value, now, 0) for name, value in scores_to_metrics(dataset.load()).items()]
-        for batch in _batches(metrics):
-            mlflow.MlflowClient().log_batch(self._run_id, metrics=batch)
-
-    def log_series(self, dataset: MetricSeriesDataset, slug: str) -> None:
-        """Record every column as the metric ``<slug>/<column>`` by step."""
-        now, table = int(time.time() * 1000), dataset.load()
-        steps = table.iloc[:, 0].astype(int).tolist()
-        metrics = [
-            Metric(f"{slug}/{name}", value, now, step)
-            for name in table.columns[1:]
-            for step, value in zip(steps, table[name].astype(float).tolist(), strict=True)
-        ]
-        for batch in _batches(metrics):
-            mlflow.MlflowClient().log_batch(self._run_id, metrics=batch)
-
-    def log_file(self, dataset: ReportFileDataset, folder: str) -> None:
-        """Record a file as an artifact."""
-        with tempfile.TemporaryDirectory() as temporary:
-            path = Path(temporary) / dataset.filename
-            path.write_bytes(dataset.read_bytes())
-            mlflow.MlflowClient().log_artifact(self._run_id, str(path), folder)
-
-    def log_fingerprint(self, paths: list[str]) -> None:
-        """Record the digest of all raw files as a tag and those of the files in `data_fingerprint.json`."""
-        fingerprint = fingerprint_files(paths)
-        client = mlflow.MlflowClient()
-        client.set_tag(self._run_id, "data.fingerprint", fingerprint.digest)
-        client.log_dict(self._run_id, fingerprint.table(), "data_fingerprint.json")
+        self._records = None

@@ -18,6 +18,11 @@ _ILLEGAL = re.compile(r"[^/\w.\- :]")
 _FIELD = re.compile(r"^(Name|Version): *(.*?)\r?$", re.MULTILINE)
 
 
+def is_parameter(name: str) -> bool:
+    """Return whether a dataset is a parameter."""
+    return name == "parameters" or name.startswith("params:")
+
+
 def _children(value: Any) -> dict[str, Any] | None:
     """Return the named parts of a value, or None if it has none."""
     if isinstance(value, BaseModel):

@@ -1,17 +1,24 @@
-"""Check of the database of runs and models, with an error of one line before MLflow fails with many."""
+"""Address and check of the database of runs and models, with an error of one line before MLflow fails with many."""
 
 from __future__ import annotations
 
+import os
 import re
 import sqlite3
+from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 
 WAIT = 10.0
 """Time to wait for another program that holds the database, seconds."""
 
+TRACKING_URI, REGISTRY_URI = "MLFLOW_TRACKING_URI", "MLFLOW_REGISTRY_URI"
+"""Environment variables of MLflow."""
+
+_RELATIVE = re.compile(r"sqlite:///(?!/)(?!:memory:)(?P<path>.+)")
 _SQLITE = re.compile(r"sqlite:///(?!:memory:)(?P<path>.+)")
 _ADVICE = {
     "locked": "another program holds it; wait for it or end it, or set another store in conf/local/mlflow.yml",
@@ -22,6 +29,33 @@ _ADVICE = {
 
 class TrackingStoreError(MlsRoadError):
     """Unusable database of runs and models; the message names it and a remedy."""
+
+
+_configured: dict[str, str] = {}
+"""Variable to the address that a configuration gave last; MLflow copies the address in use to the environment."""
+
+
+def resolve_server(server: Mapping[str, Any], project: Path) -> dict[str, Any]:
+    """Return the section `server` of `mlflow.yml` with the addresses in use.
+
+    An environment variable replaces the configured address. A relative SQLite file of the configuration lies below the
+    project folder, one of an environment variable below the working directory, as everywhere in MLflow.
+    """
+    resolved = dict(server)
+    for key, variable in (("mlflow_tracking_uri", TRACKING_URI), ("mlflow_registry_uri", REGISTRY_URI)):
+        given = os.environ.get(variable) or ""
+        if given and given != _configured.get(variable):
+            resolved[key] = _absolute(given, Path.cwd())
+            continue
+        if resolved.get(key):
+            resolved[key] = _absolute(resolved[key], project.resolve())
+        _configured[variable] = resolved.get(key) or ""
+    return resolved
+
+
+def _absolute(uri: str, folder: Path) -> str:
+    match = _RELATIVE.fullmatch(uri)
+    return f"sqlite:///{folder / match['path']}" if match else uri
 
 
 def check_tracking_store(uri: str, *, wait: float = WAIT) -> None:
