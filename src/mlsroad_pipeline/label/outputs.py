@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -23,8 +22,9 @@ from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.ply.coloured_ply import coloured_path
 from mlsroad_pipeline.label.confidence import confidence_table, confidence_warnings
 from mlsroad_pipeline.label.images import effect_without_images
-from mlsroad_pipeline.label.inventory import OBJECTS, scenes_of
+from mlsroad_pipeline.label.inventory import scenes_of
 from mlsroad_pipeline.label.scene import LabelCounts
+from mlsroad_pipeline.label.summary import class_counts, summed_counts, written_clouds
 from mlsroad_pipeline.label.work import WrittenFile
 from mlsroad_pipeline.reporting.html.report import Section
 from mlsroad_pipeline.reporting.html.sections import (
@@ -37,8 +37,6 @@ from mlsroad_pipeline.reporting.html.sections import (
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
 from mlsroad_pipeline.surveys.reading import FileClasses
-
-logger = logging.getLogger(__name__)
 
 WRITING_THREADS = 2
 _NOT_LISTED = ("scene", "method", "model_version", "footprint")  # columns of the inventory that the report omits
@@ -144,6 +142,12 @@ def _plain_text(value: object) -> str:
     return ", ".join(f"{name} {item}" for name, item in value.items()) if isinstance(value, Mapping) else str(value)
 
 
+def label_warnings(bundle: ModelBundle, quality: pd.DataFrame, counts: Mapping[str, LabelCounts]) -> list[str]:
+    """Return the warnings about the labels, the images and the survey."""
+    confidences = confidence_table(summed_counts(counts)["confidences"], bundle_scheme(bundle).classes)
+    return [*confidence_warnings(confidences), *image_warnings(bundle, counts), *_warnings(bundle, quality)]
+
+
 def label_report_sections(
     bundle: ModelBundle,
     parameters: LabelParameters,
@@ -151,14 +155,11 @@ def label_report_sections(
     counts: Mapping[str, LabelCounts],
     written: Mapping[str, WrittenFile],
     objects: pd.DataFrame,
+    warnings: Sequence[str],
 ) -> list[Section]:
-    """Return the sections of the report and log the confidence warnings."""
+    """Return the sections of the report."""
     scheme = bundle_scheme(bundle)
-    total = np.sum([scene["counts"] for scene in counts.values()], axis=0)
-    confidences = confidence_table(np.sum([scene["confidences"] for scene in counts.values()], axis=0), scheme.classes)
-    low_confidence = confidence_warnings(confidences)
-    for warning in low_confidence:
-        logger.warning(warning)
+    total = summed_counts(counts)
     facts = {
         "survey": parameters.survey,
         "output": parameters.output,
@@ -169,16 +170,14 @@ def label_report_sections(
         "points": int(quality["n_points"].sum()),
     }
     facts |= _seen_by_cameras(bundle, counts)
-    outputs = pd.DataFrame({"file": [str(n) for key, part in written.items() if key != OBJECTS for n in part["files"]]})
-    shares = dict(zip((*scheme.classes, "unlabelled"), total.tolist(), strict=True))
     return [
         FactsSection("Run", facts),
-        WarningsSection("Warnings", [*low_confidence, *image_warnings(bundle, counts), *_warnings(bundle, quality)]),
-        DistributionSection("Classes", shares, scheme=scheme),
-        TableSection("Confidence", confidences, note=CONFIDENCE_NOTE),
+        WarningsSection("Warnings", list(warnings)),
+        DistributionSection("Classes", class_counts(bundle, total), scheme=scheme),
+        TableSection("Confidence", confidence_table(total["confidences"], scheme.classes), note=CONFIDENCE_NOTE),
         InventorySection("Inventory", objects.drop(columns=list(_NOT_LISTED)), geopackage="inventory.gpkg"),
         TableSection("Quality of the survey", quality),
-        TableSection("Files written", outputs),
+        TableSection("Files written", pd.DataFrame({"file": written_clouds(written)})),
     ]
 
 

@@ -17,8 +17,9 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.label.images import LabelImages, images_to_label
 from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, objects_task, survey_crs
-from mlsroad_pipeline.label.outputs import attribute_warnings, label_report_sections, planned_outputs
+from mlsroad_pipeline.label.outputs import attribute_warnings, label_report_sections, label_warnings, planned_outputs
 from mlsroad_pipeline.label.scene import LabelSettings, object_rules, output_codes
+from mlsroad_pipeline.label.summary import LabelSummary, summarise_labels
 from mlsroad_pipeline.label.tasks import label_tasks
 from mlsroad_pipeline.label.work import write_file
 from mlsroad_pipeline.reporting.html.report import build_report
@@ -103,9 +104,12 @@ def write_report(
     inventory: RoadInventory,
     model: ModelFile,
     parameters: LabelParameters,
-) -> str:
-    """Return the report of the labelled survey as HTML."""
-    sections = label_report_sections(
-        model.load(), parameters, quality, results.load_all("counts"), written.load_all(), inventory.objects
-    )
-    return build_report(sections, title="Labelled survey", subtitle=str(parameters.survey))
+) -> tuple[str, LabelSummary]:
+    """Return the report of the labelled survey as HTML and its summary, and log the warnings."""
+    bundle, counts, objects = model.load(), results.load_all("counts"), inventory.objects
+    warnings = label_warnings(bundle, quality, counts)
+    for warning in (text for text in warnings if text not in attribute_warnings(bundle, quality)):  # logged before
+        logger.warning(warning)
+    sections = label_report_sections(bundle, parameters, quality, counts, written.load_all(), objects, warnings)
+    summary = summarise_labels(bundle, parameters, quality, results, written, objects, warnings)
+    return build_report(sections, title="Labelled survey", subtitle=summary["survey"]), summary

@@ -92,7 +92,7 @@ def _reporting() -> list[Node]:
                 "label_model",
                 "params:label",
             ],
-            outputs="label_report",
+            outputs=["label_report", "label_summary"],
             name="write_label_report",
         ),
     ]

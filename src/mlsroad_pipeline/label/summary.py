@@ -1,0 +1,117 @@
+"""Summary of a labelled survey: counts, confidences, warnings and paths, printed and logged at the end of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypedDict
+
+import numpy as np
+import pandas as pd
+
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.label.confidence import LOW, confidence_table
+from mlsroad_pipeline.label.inventory import OBJECTS
+from mlsroad_pipeline.label.scene import LabelCounts
+from mlsroad_pipeline.label.work import WrittenFile
+from mlsroad_pipeline.surveys.parameters import LabelParameters
+
+UNLABELLED = "unlabelled"
+"""Name of the points without a class."""
+
+
+class ConfidenceSummary(TypedDict):
+    """Confidences of the labelled points: share below 0.5, medians over all and per class; None without points."""
+
+    low_share: float | None
+    median: float | None
+    class_medians: dict[str, float]
+
+
+class OutputPaths(TypedDict):
+    """Paths of the results."""
+
+    clouds: list[str]
+    inventory: str
+    inventory_table: str
+    report: str
+
+
+class LabelSummary(TypedDict):
+    """What `label` found and wrote; JSON values only."""
+
+    survey: str
+    output: str
+    method: str
+    model: Any
+    trained_on: Any
+    n_files: int
+    n_points: int
+    classes: dict[str, int]
+    confidence: ConfidenceSummary
+    objects: dict[str, int]
+    warnings: list[str]
+    outputs: OutputPaths
+
+
+def written_clouds(written: Mapping[str, WrittenFile]) -> list[str]:
+    """Return the paths of the labelled point clouds, in the order of the files."""
+    return [str(name) for key, part in written.items() if key != OBJECTS for name in part["files"]]
+
+
+def summed_counts(counts: Mapping[str, LabelCounts]) -> LabelCounts:
+    """Return the counts of all scenes together."""
+    return {
+        "counts": np.sum([scene["counts"] for scene in counts.values()], axis=0),
+        "confidences": np.sum([scene["confidences"] for scene in counts.values()], axis=0),
+    }
+
+
+def class_counts(bundle: ModelBundle, total: LabelCounts) -> dict[str, int]:
+    """Return the number of points per class and without a class."""
+    names = (*bundle_scheme(bundle).classes, UNLABELLED)
+    return dict(zip(names, total["counts"].tolist(), strict=True))
+
+
+def summarise_labels(
+    bundle: ModelBundle,
+    parameters: LabelParameters,
+    quality: pd.DataFrame,
+    results: SceneCollection,
+    written: SceneCollection,
+    objects: pd.DataFrame,
+    warnings: Sequence[str],
+) -> LabelSummary:
+    """Return the summary of a labelled survey."""
+    total = summed_counts(results.load_all("counts"))
+    output = Path(str(parameters.output))
+    return {
+        "survey": str(parameters.survey),
+        "output": str(output),
+        "method": bundle.slug,
+        "model": bundle.metadata.get("registered", bundle.slug),
+        "trained_on": bundle.metadata.get("trained_on"),
+        "n_files": len(quality),
+        "n_points": int(quality["n_points"].sum()),
+        "classes": {name: count for name, count in class_counts(bundle, total).items() if count},
+        "confidence": _confidence(confidence_table(total["confidences"], bundle_scheme(bundle).classes)),
+        "objects": {str(kind): int(count) for kind, count in objects["kind"].value_counts(sort=False).items()},
+        "warnings": list(warnings),
+        "outputs": {
+            "clouds": written_clouds(written.load_all()),
+            "inventory": str(output / "inventory.gpkg"),
+            "inventory_table": str(output / "inventory.parquet"),
+            "report": str(output / "report.html"),
+        },
+    }
+
+
+def _confidence(table: pd.DataFrame) -> ConfidenceSummary:
+    rows = {str(row["class"]): row for row in table.to_dict("records")}
+    whole = rows.pop("all")
+    return {
+        "low_share": float(whole[f"share_below_{LOW}"]) if whole["points"] else None,
+        "median": float(whole["median_confidence"]) if whole["points"] else None,
+        "class_medians": {name: float(row["median_confidence"]) for name, row in rows.items()},
+    }
