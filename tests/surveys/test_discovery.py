@@ -61,7 +61,7 @@ def test_nothing_found(root):
 
 
 def split_files(root, splits):
-    return Survey(str(root)).split_files({name: split_config(value) for name, value in splits.items()})
+    return Survey.at(root).split_files({name: split_config(value) for name, value in splits.items()})
 
 
 def test_splits(root):
@@ -80,3 +80,15 @@ def test_splits(root):
         split_files(root, {})
     with pytest.raises(ReadError, match=r"a\.las is not a folder"):
         split_files(root / "a.las", {"test": "*"})
+
+
+def test_a_survey_of_several_places_is_named_below_their_common_folder(tmp_path, monkeypatch):
+    for name in ("a/one,two.las", "a/b.las", "c/d.laz"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    survey = Survey.at([tmp_path / "a" / "one,two.las", tmp_path / "c"])
+    assert [(file.name, file.folder) for file in survey.files()] == [("a/one,two.las", "a"), ("c/d.laz", "c")]
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert [file.name for file in Survey.at(["~/a/b.las", "~/a/*.las"]).files()] == ["b.las", "one,two.las"]
+    with pytest.raises(ParameterError, match="at least one file, folder or glob, got none"):
+        Survey.at([])

@@ -161,7 +161,7 @@ def label_report_sections(
     scheme = bundle_scheme(bundle)
     total = summed_counts(counts)
     facts = {
-        "survey": parameters.survey,
+        "survey": parameters.survey_name,
         "output": parameters.output,
         "model": _plain_text(bundle.metadata.get("registered", bundle.slug)),
         "trained on": _plain_text(bundle.metadata.get("trained_on", "")),

@@ -87,7 +87,7 @@ def summarise_labels(
     total = summed_counts(results.load_all("counts"))
     output = Path(str(parameters.output))
     return {
-        "survey": str(parameters.survey),
+        "survey": parameters.survey_name,
         "output": str(output),
         "method": bundle.slug,
         "model": bundle.metadata.get("registered", bundle.slug),

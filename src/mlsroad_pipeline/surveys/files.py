@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -45,25 +46,34 @@ class SurveyFile:
 
 @dataclass(frozen=True)
 class Survey:
-    """A survey's root: a file, a folder or a glob.
+    """Places of a survey's files.
 
     Parameters
     ----------
-    root : str
-        Path or glob, as configured.
+    roots : tuple of str
+        Files, folders and globs. Named files may lie in different folders.
     """
 
-    root: str
+    roots: tuple[str, ...]
+
+    @classmethod
+    def at(cls, places: str | Path | Sequence[str | Path]) -> Survey:
+        """Return the survey at a file, a folder or a glob, or at several of them; ``~`` is the home folder."""
+        listed = [places] if isinstance(places, str | Path) else list(places)
+        if not listed:
+            raise ParameterError("a survey needs at least one file, folder or glob, got none")
+        return cls(tuple(dict.fromkeys(os.path.expanduser(str(place)) for place in listed)))
+
+    @property
+    def root(self) -> str:
+        """The places as text."""
+        return ", ".join(self.roots)
 
     @property
     def folder(self) -> Path:
         """Folder that the names of the files are relative to."""
-        path = Path(self.root)
-        if path.is_dir():
-            return path
-        parts = path.parts
-        magic = next((i for i, part in enumerate(parts) if any(c in part for c in "*?[")), len(parts) - 1)
-        return Path(*parts[:magic])
+        folders = [_folder_of(Path(root)) for root in self.roots]
+        return folders[0] if len(folders) == 1 else Path(os.path.commonpath([folder.absolute() for folder in folders]))
 
     def files(self, *, trajectory: str | None = None) -> list[SurveyFile]:
         """Return all files of points.
@@ -71,9 +81,12 @@ class Survey:
         Tables (`TABLES`) beside point clouds of another format are left out with a warning, since surveys are delivered
         with trajectories, lists of objects and calibrations. A glob or the path of such a file includes it.
         """
-        paths = find_point_files(self.root)
-        if Path(self.root).is_dir():
-            paths = _without_tables(paths, trajectory)
+        paths: list[Path] = []
+        for root in self.roots:
+            below = find_point_files(root)
+            paths += _without_tables(below, trajectory) if Path(root).is_dir() else below
+        if len(self.roots) > 1:
+            paths = sorted({path.absolute() for path in paths})
         return self._described(paths, trajectory)
 
     def split_files(
@@ -83,7 +96,7 @@ class Survey:
         if not splits:
             raise ParameterError("survey.splits must name at least one split, got none")
         split_files = {
-            name: self._described(find_split_files(self.root, name, globs), trajectory)
+            name: self._described(find_split_files(self.roots[0], name, globs), trajectory)
             for name, (globs, _) in splits.items()
         }
         for (one, files), (other, others) in combinations(split_files.items(), 2):
@@ -104,6 +117,14 @@ class Survey:
         if not files:
             raise ReadError(f"{self.root} holds no point cloud, only the trajectory {trajectory}")
         return files
+
+
+def _folder_of(root: Path) -> Path:
+    """Return a folder itself, the folder of a file, or that before the first wildcard of a glob."""
+    if root.is_dir():
+        return root
+    magic = next((i for i, part in enumerate(root.parts) if any(c in part for c in "*?[")), len(root.parts) - 1)
+    return Path(*root.parts[:magic])
 
 
 def _without_tables(paths: Sequence[Path], trajectory: str | None) -> list[Path]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -44,8 +44,8 @@ class InspectParameters:
 
     Parameters
     ----------
-    survey : str, default ""
-        File, folder or glob; empty takes the survey of the comparison.
+    survey : str or sequence of str, default ""
+        File, folder or glob, or several of them; empty takes the survey of the comparison.
     trajectory : str, optional
         Name of the trajectory file beside the points.
     max_gap : float, default 1.0
@@ -59,7 +59,7 @@ class InspectParameters:
         If `max_gap` is not positive.
     """
 
-    survey: str = ""
+    survey: str | Sequence[str] = ""
     trajectory: str | None = "trajectory.csv"
     max_gap: float = 1.0
     read: Mapping[str, Any] = field(default_factory=dict)
@@ -94,12 +94,12 @@ class FileInspection:
 
 
 def inspect_survey(
-    parameters: InspectParameters, *, root: str, read: Mapping[str, Any]
+    parameters: InspectParameters, *, root: str | Sequence[str], read: Mapping[str, Any]
 ) -> tuple[list[FileInspection], dict[str, str]]:
     """Inspect all files of a survey; return the results, and the error of each file that cannot be read."""
     options = ReadOptions.from_config(read)
     files, unread = [], {}
-    for file in Survey(root).files(trajectory=parameters.trajectory):
+    for file in Survey.at(root).files(trajectory=parameters.trajectory):
         logger.info("Inspecting %s", file.name)
         try:
             inspected = inspect_file(

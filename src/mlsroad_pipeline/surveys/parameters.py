@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -78,8 +78,8 @@ class LabelParameters:
 
     Parameters
     ----------
-    survey : str
-        File, folder or glob.
+    survey : str or sequence of str
+        File, folder or glob, or several of them.
     output : str
         Folder for the results; not a folder of the survey.
     method : str, default "detrended_forest"
@@ -108,7 +108,7 @@ class LabelParameters:
         If `model` is not a version number.
     """
 
-    survey: str
+    survey: str | Sequence[str]
     output: str
     method: str = "detrended_forest"
     model: int | str | None = None
@@ -125,3 +125,8 @@ class LabelParameters:
             raise ParameterError(
                 f"label.model must be a version such as 3, or null for the highest; got {self.model!r}"
             )
+
+    @property
+    def survey_name(self) -> str:
+        """The survey as text, for reports."""
+        return self.survey if isinstance(self.survey, str) else ", ".join(map(str, self.survey))

@@ -119,7 +119,7 @@ def plan_comparison(parameters: SurveyParameters, ingest: IngestParameters, codi
     """Plan a comparison."""
     parameters.check_root()
     configured = {name: split_config(value) for name, value in parameters.splits.items() if value is not None}
-    files = Survey(str(parameters.root)).split_files(configured, trajectory=parameters.trajectory)
+    files = Survey.at(parameters.root).split_files(configured, trajectory=parameters.trajectory)
     parts = {name: part for name, (_, part) in configured.items()}
     return plan_survey(files, parts, options=parameters.options(codings), labels=True, ingest=ingest)
 
@@ -129,7 +129,7 @@ def plan_labelling(parameters: LabelParameters, ingest: IngestParameters) -> Sur
     for name in ("survey", "output"):
         if not getattr(parameters, name):
             raise ParameterError(f"label.{name} is not set: kedro run --pipelines=label --params=label.{name}=...")
-    survey = Survey(str(parameters.survey))
+    survey = Survey.at(parameters.survey)
     files = files_to_label(survey, str(parameters.output), trajectory=parameters.trajectory)
     options = ReadOptions.from_config(parameters.read)
     return plan_survey({"survey": files}, {}, options=options, labels=False, ingest=ingest)

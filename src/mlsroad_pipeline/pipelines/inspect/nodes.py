@@ -6,6 +6,7 @@ from typing import Any
 import pandas as pd
 
 from mlsroad_pipeline.reporting.inspection_page import survey_facts, survey_page, survey_warnings
+from mlsroad_pipeline.surveys.files import Survey
 from mlsroad_pipeline.surveys.inspection import InspectParameters, inspect_survey
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
@@ -14,8 +15,9 @@ logger = logging.getLogger(__name__)
 
 def inspect_files(parameters: InspectParameters, survey: SurveyParameters) -> tuple[dict[str, Any], str, pd.DataFrame]:
     """Inspect the files of a survey, log the warnings, and return facts, report page and warnings."""
-    root = parameters.survey or str(survey.root)
-    files, unread = inspect_survey(parameters, root=root, read=parameters.read if parameters.survey else survey.read)
+    places, read = (parameters.survey, parameters.read) if parameters.survey else (str(survey.root), survey.read)
+    files, unread = inspect_survey(parameters, root=places, read=read)
+    root = Survey.at(places).root
     warnings = survey_warnings(files, unread)
     for row in warnings.itertuples():
         logger.warning("%s: %s", row.file, row.warning)
