@@ -1,14 +1,21 @@
-"""Configuration loader: catalogs may refer to parameters, and their entries carry the layer of their data."""
+"""Configuration loader: checked names of parameters, catalogs that refer to them, and the layer of each data set."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from copy import deepcopy
+from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
 
 from kedro.config import OmegaConfigLoader
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+
+SETTINGS = ("default_pipeline", "execution", "stage_costs")
+"""Sections that the base environment leaves to the globals, to other environments and to the command line."""
 
 _LAYER = re.compile(r"data/(\d\d_\w+?)(/|$)")
 
@@ -29,12 +36,57 @@ def with_layers(catalog: Mapping[str, Any]) -> dict[str, Any]:
     return layered
 
 
-class ParameterConfigLoader(OmegaConfigLoader):
-    """Kedro's configuration loader with an additional resolver in catalogs: ``${params:label.output,default}``.
+def check_names(given: Mapping[str, Any], base: Mapping[str, Any], source: str) -> None:
+    """Check that sections and their keys are those of the base environment; others are misspelt.
 
-    It resolves to the value of the parameter, whether set in the base, in the environment or on the command line
-    (Kedro's ``runtime_params`` covers the command line only), or to the default if the parameter is missing, null or
-    empty.
+    Parameters
+    ----------
+    given : mapping
+        Parameters of an environment, a file or the command line.
+    base : mapping
+        Parameters of the base environment.
+    source : str
+        Where they were given, for messages.
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown. The message has the nearest known name.
+
+    Examples
+    --------
+    >>> check_names({"labl": {"survey": "a.laz"}}, {"label": {"survey": ""}}, "--params")
+    Traceback (most recent call last):
+    ...
+    mlsroad_pipeline.algorithms.core.exceptions.ParameterError: --params: labl is no section; did you mean label?
+    """
+    for section, values in given.items():
+        if section not in base and section not in SETTINGS:
+            near = nearest_name(section, (*base, *SETTINGS))
+            raise ParameterError(f"{source}: {section} is no section; {near}")
+        known = base.get(section)
+        if isinstance(values, Mapping) and isinstance(known, Mapping):
+            for key in values:
+                if key not in known:
+                    near = nearest_name(f"{section}.{key}", [f"{section}.{name}" for name in known])
+                    raise ParameterError(f"{source}: {section}.{key} is no parameter; {near}")
+
+
+def nearest_name(name: str, known: Iterable[str]) -> str:
+    """Return a question with the known name that is nearest to a misspelt one, or else all of them."""
+    names = sorted(map(str, known))
+    near = get_close_matches(name, names, n=1)
+    return f"did you mean {near[0]}?" if near else f"known: {', '.join(names)}"
+
+
+class ParameterConfigLoader(OmegaConfigLoader):
+    """Kedro's configuration loader with checked names of parameters and a resolver in catalogs.
+
+    A section or a key that the base environment lacks is an error.
+
+    The resolver ``${params:label.output,default}`` gives the value of the parameter, whether set in the base, in the
+    environment or on the command line (Kedro's ``runtime_params`` covers the command line only), or the default if the
+    parameter is missing, null or empty.
 
     Parameters
     ----------
@@ -66,3 +118,25 @@ class ParameterConfigLoader(OmegaConfigLoader):
             OmegaConf.register_new_resolver("params", value_of, replace=True)
         loaded: dict[str, Any] = super().__getitem__(key)
         return with_layers(loaded) if key == "catalog" else loaded
+
+    def _read_raw_config(self, key: str) -> tuple[dict[Path, DictConfig], dict[Path, DictConfig], str, str, set[Path]]:
+        """Read the files of a kind, and check the names of parameters."""
+        read: tuple[dict[Path, DictConfig], dict[Path, DictConfig], str, str, set[Path]] = super()._read_raw_config(key)
+        if key == "parameters":
+            base: dict[str, Any] = {}
+            for config in read[0].values():
+                base |= _plain(config)
+            for path, config in read[1].items():
+                check_names(_plain(config), base, str(path))
+            check_names(self.runtime_params or {}, base, "--params")
+        return read
+
+
+def _plain(config: DictConfig) -> dict[str, Any]:
+    """Return a configuration as plain data, without the anchors that Kedro leaves out."""
+    plain = OmegaConf.to_container(config, resolve=False)
+    return (
+        {str(name): value for name, value in plain.items() if not str(name).startswith("_")}
+        if isinstance(plain, dict)
+        else {}
+    )

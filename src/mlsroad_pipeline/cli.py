@@ -1,0 +1,68 @@
+"""Kedro's command `run` with configuration files that are checked; Kedro loads a project's commands from this module.
+
+`--config` takes a file with options of the command under `run`, or one with parameters alone.
+"""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+from typing import Any
+
+import click
+import yaml
+from kedro.framework.cli import utils
+from kedro.framework.cli.project import run as kedro_run
+
+
+def options_of(text: str) -> dict[str, Any]:
+    """Return the options of `kedro run` that a configuration file describes.
+
+    Examples
+    --------
+    >>> options_of("run: {pipelines: inspect}")
+    {'pipelines': 'inspect'}
+    >>> options_of("ingest: {scene_length: 15.0}")
+    {'params': {'ingest': {'scene_length': 15.0}}}
+    """
+    try:
+        content = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ValueError(" ".join(str(error).split())) from error
+    if not isinstance(content, dict):
+        raise ValueError("it holds neither options under `run:` nor sections of parameters")
+    if "run" not in content:
+        return {"params": content}
+    if not isinstance(content["run"], dict):
+        raise ValueError("`run:` holds no options such as `pipelines` and `params`")
+    return dict(content["run"])
+
+
+def _read_options(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    """Make the options of a configuration file the defaults of the command."""
+    if value:
+        try:
+            options = options_of(Path(value).read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, ValueError) as error:
+            raise click.BadParameter(f"{value}: {error}", context, parameter) from error
+        for name in options:
+            utils._validate_config_file(name)
+        context.default_map = {**(context.default_map or {}), **options}
+    return value
+
+
+def _with_checked_config(command: click.Command) -> click.Command:
+    """Return a copy of a command that reads `--config` by `_read_options`."""
+    changed = copy.copy(command)
+    changed.params = [copy.copy(parameter) for parameter in command.params]
+    for parameter in changed.params:
+        if parameter.name == "config":
+            parameter.callback = _read_options
+    return changed
+
+
+run = _with_checked_config(kedro_run)
+"""`kedro run` of this project."""
+
+cli = click.Group("mlsroad_pipeline", {"run": run})
+"""Commands of this project, in place of Kedro's of the same name."""

@@ -1,0 +1,63 @@
+"""Misspelt sections and keys of parameters, and configuration files: errors of one line with the nearest right name."""
+
+import pytest
+import yaml
+from click.testing import CliRunner
+from helpers.conf import from_command_line, parameters_of
+from helpers.wiring import REPOSITORY, last_line, make_project
+
+from mlsroad_pipeline import cli
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    return make_project(tmp_path_factory.mktemp("conf"), tiny=False)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("labl.survey=a.laz", "--params: labl is no section; did you mean label?"),
+        ("label.survy=a.laz", "--params: label.survy is no parameter; did you mean label.survey?"),
+        ("exekution.n_workers=2", "--params: exekution is no section; did you mean execution?"),
+        ("foo.bar=1", "--params: foo is no section; known: "),
+        ("simulation.survey.mine.length=4", "simulation.survey is no parameter; did you mean simulation.surveys?"),
+    ],
+)
+def test_misspelt_name_on_the_command_line(project, text, message):
+    with pytest.raises(ParameterError) as caught:
+        parameters_of(project, **from_command_line(text))
+    assert message in last_line(caught.value)
+
+
+def test_misspelt_name_in_a_file_of_an_environment(tmp_path):
+    folder = make_project(tmp_path, tiny=False)
+    file = folder / "conf/local/parameters.yml"
+    file.write_text(yaml.safe_dump({"inspekt": {"survey": "a.laz"}}), encoding="utf-8")
+    with pytest.raises(ParameterError) as caught:
+        parameters_of(folder, "local")
+    assert str(file) in str(caught.value) and "inspekt is no section; did you mean inspect?" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("run: {pipelins: label}", "Key `pipelins` in provided configuration is not valid"),
+        ("run: label", "`run:` holds no options such as `pipelines` and `params`"),
+        ("- label", "it holds neither options under `run:` nor sections of parameters"),
+        ("{", "while parsing a flow node"),
+    ],
+)
+def test_file_that_describes_no_run_is_an_error_of_one_line(tmp_path, content, message):
+    file = tmp_path / "mine.yml"
+    file.write_text(content, encoding="utf-8")
+    result = CliRunner().invoke(cli.run, [f"--config={file}"])
+    assert result.exit_code != 0 and message in result.output and "Traceback" not in result.output
+
+
+@pytest.mark.parametrize("name", ["tiny", "quick"])
+def test_configurations_of_the_project_are_options_of_the_command(project, name):
+    options = cli.options_of((REPOSITORY / f"conf/{name}.yml").read_text(encoding="utf-8"))
+    assert set(options) <= {parameter.name for parameter in cli.run.params}
+    assert parameters_of(project, **options["params"])["detrended_forest"].n_trees > 0
