@@ -43,7 +43,7 @@ def test_misspelt_name_in_a_file_of_an_environment(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("run: {pipelins: label}", "Key `pipelins` in provided configuration is not valid"),
+        ("run: {pipelins: label}", "run.pipelins is no option of the command; did you mean pipelines?"),
         ("run: label", "`run:` holds no options such as `pipelines` and `params`"),
         ("- label", "it holds neither options under `run:` nor sections of parameters"),
         ("{", "while parsing a flow node"),

@@ -10,9 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import click
-import yaml
-from kedro.framework.cli import utils
 from kedro.framework.cli.project import run as kedro_run
+from omegaconf import OmegaConf
+from yaml import YAMLError
+
+from mlsroad_pipeline.config import nearest_name
+
+_OPTIONS = [parameter.name for parameter in kedro_run.params if parameter.name and parameter.name != "config"]
 
 
 def options_of(text: str) -> dict[str, Any]:
@@ -26,16 +30,20 @@ def options_of(text: str) -> dict[str, Any]:
     {'params': {'ingest': {'scene_length': 15.0}}}
     """
     try:
-        content = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+        content = OmegaConf.to_container(OmegaConf.create(text))
+    except YAMLError as error:
         raise ValueError(" ".join(str(error).split())) from error
-    if not isinstance(content, dict):
+    if not isinstance(content, dict) or None in content.values():
         raise ValueError("it holds neither options under `run:` nor sections of parameters")
     if "run" not in content:
         return {"params": content}
-    if not isinstance(content["run"], dict):
+    options = content["run"]
+    if not isinstance(options, dict):
         raise ValueError("`run:` holds no options such as `pipelines` and `params`")
-    return dict(content["run"])
+    for name in options:
+        if name not in _OPTIONS:
+            raise ValueError(f"run.{name} is no option of the command; {nearest_name(str(name), _OPTIONS)}")
+    return {str(name): value for name, value in options.items()}
 
 
 def _read_options(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
@@ -45,8 +53,6 @@ def _read_options(context: click.Context, parameter: click.Parameter, value: str
             options = options_of(Path(value).read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError, ValueError) as error:
             raise click.BadParameter(f"{value}: {error}", context, parameter) from error
-        for name in options:
-            utils._validate_config_file(name)
         context.default_map = {**(context.default_map or {}), **options}
     return value
 
