@@ -1,17 +1,27 @@
-"""Run the project as a module: `python -m mlsroad_pipeline`."""
+"""Run the project as a module: `python -m mlsroad_pipeline`, outside a project with the package's configuration."""
 
+import os
 import sys
+from importlib.resources import files
 from pathlib import Path
 
-from kedro.framework.cli.utils import find_run_command
-from kedro.framework.project import configure_project
+PACKAGE = "mlsroad_pipeline"
+CONF_SOURCE = "--conf-source"
 
 
 def main() -> None:
     """Run `kedro run` with the arguments of the command line."""
-    package_name = Path(__file__).parent.name
-    configure_project(package_name)
-    find_run_command(package_name)(args=sys.argv[1:], standalone_mode=True)
+    arguments = sys.argv[1:]
+    configuration = Path(str(files(PACKAGE) / "conf"))
+    if not Path("conf").is_dir():
+        os.environ.setdefault("KEDRO_LOGGING_CONFIG", str(configuration / "logging.yml"))
+        if not any(argument.split("=")[0] == CONF_SOURCE for argument in arguments):
+            arguments = [f"{CONF_SOURCE}={configuration}", *arguments]
+    from kedro.framework.cli.utils import find_run_command  # noqa: PLC0415  # Kedro configures the logging on import
+    from kedro.framework.project import configure_project  # noqa: PLC0415
+
+    configure_project(PACKAGE)
+    find_run_command(PACKAGE)(args=arguments, standalone_mode=True)
 
 
 if __name__ == "__main__":

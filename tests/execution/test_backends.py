@@ -27,8 +27,8 @@ from helpers.store import (
 from kedro.io import DatasetError
 
 from mlsroad_pipeline.datasets.scene_store_dataset import SceneStoreDataset
-from mlsroad_pipeline.execution import settings as execution
-from mlsroad_pipeline.execution.settings import Progress
+from mlsroad_pipeline.execution import progress as execution
+from mlsroad_pipeline.execution.progress import start_progress
 from mlsroad_pipeline.execution.task import SceneError, SceneTask
 from mlsroad_pipeline.execution.worker import SharedLimit
 
@@ -222,7 +222,7 @@ def test_large_common_parameter_is_written_once_and_gone_afterwards(tmp_path, ma
 def test_log_tells_how_far_a_stage_is(caplog, monkeypatch):
     caplog.set_level(logging.INFO)
     monkeypatch.setattr(execution, "LOG_INTERVAL", 0.0)
-    progress = Progress("stage", 3, shown=True)
+    progress = start_progress("stage", 3, shown=True)
     for _ in range(3):
         progress.step()
     progress.close()
@@ -232,7 +232,7 @@ def test_log_tells_how_far_a_stage_is(caplog, monkeypatch):
 
 def test_terminal_gets_a_bar_with_the_time_left(monkeypatch, capsys):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    progress = Progress("stage", 3, shown=True)
+    progress = start_progress("stage", 3, shown=True)
     time.sleep(0.15)
     progress.step()
     progress.close()

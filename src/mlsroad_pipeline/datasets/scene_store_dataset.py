@@ -16,8 +16,9 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError
 from mlsroad_pipeline.execution.backends import run_jobs
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.fingerprints import Fingerprinter
+from mlsroad_pipeline.execution.progress import start_progress
 from mlsroad_pipeline.execution.result_files import is_valid_name
-from mlsroad_pipeline.execution.settings import Execution, Progress
+from mlsroad_pipeline.execution.settings import Execution
 from mlsroad_pipeline.execution.shared_values import share_values
 from mlsroad_pipeline.execution.store import MANIFEST, Record, SceneStore
 from mlsroad_pipeline.execution.store_files import StoreFiles
@@ -185,7 +186,7 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
             return {key: record for key, record in records if record is not None}
 
     def _run(self, jobs: list[SceneJob]) -> Iterator[Outcome]:
-        progress = Progress(self._store.name, len(jobs), shown=self._execution.progress)
+        progress = start_progress(self._store.name, len(jobs), shown=self._execution.progress)
         try:
             with closing(run_jobs(jobs, self._execution)) as outcomes:
                 for outcome in outcomes:

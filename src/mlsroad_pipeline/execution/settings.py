@@ -1,25 +1,17 @@
-"""Settings of a stage, and its progress report."""
+"""Settings of a stage."""
 
 from __future__ import annotations
 
-import logging
-import sys
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
 import joblib
-from tqdm import tqdm
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 
 BACKENDS = ("loky", "threading", "sequential", "dask")
 CHECKS = ("checksum", "size")
-LOG_INTERVAL = 15.0
-"""Seconds between two progress lines in the log, written where there is no terminal for a bar."""
-
-logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -77,32 +69,3 @@ class Execution:
     def n_local_workers(self) -> int:
         """Number of workers on this machine."""
         return self.n_workers or int(joblib.cpu_count())
-
-
-class Progress:
-    """Progress of a stage with an estimate of the time left: a bar on a terminal, otherwise lines in the log."""
-
-    def __init__(self, stage: str, n_scenes: int, *, shown: bool) -> None:
-        self._stage = stage
-        self._total = n_scenes
-        self._done = 0
-        self._start = self._last = time.monotonic()
-        self._shown = shown
-        terminal = shown and sys.stderr.isatty()
-        self._bar = tqdm(total=n_scenes, desc=stage, unit="scene", dynamic_ncols=True) if terminal else None
-
-    def step(self) -> None:
-        """Count one scene."""
-        self._done += 1
-        now = time.monotonic()
-        if self._bar is not None:
-            self._bar.update()
-        elif self._shown and now - self._last >= LOG_INTERVAL and self._done < self._total:
-            self._last = now
-            left = (now - self._start) / self._done * (self._total - self._done)
-            logger.info("%s: %d of %d scenes, about %.0f s left", self._stage, self._done, self._total, left)
-
-    def close(self) -> None:
-        """Remove the bar."""
-        if self._bar is not None:
-            self._bar.close()

@@ -24,20 +24,22 @@ WARM_UP = "mlsroad_pipeline.label.warm_up.run_stages"
 """Function that the workers call first; the driver does not import it."""
 
 _PIPELINE = re.compile(r"(?:--pipelines?[= ]|-p ?)label(?: |$)")
+_WORKERS = re.compile(r"--workers[= ](\d+)")
 _SETTING = re.compile(r"execution\.(backend|n_workers)=(\w+)")
 
 
 def execution_of(arguments: Sequence[str]) -> Execution | None:
     """Return the execution settings of a command line that runs `label` in processes, None for other commands."""
-    # /usr/bin/kedro, "python -m kedro" or mlsroad_pipeline/__main__.py
+    # /usr/bin/kedro, "python -m kedro", mlsroad_pipeline/__main__.py or mlsroad
     program = set(re.split(r"[\s/\\]+", arguments[0])) if arguments else set()
-    if "mlsroad_pipeline" not in program and not ("kedro" in program and "run" in arguments):
-        return None
     line = " ".join(arguments)
-    settings = dict(_SETTING.findall(line))
-    if not _PIPELINE.search(line) or settings.get("backend", "loky") != "loky":
+    is_command = "mlsroad" in program and arguments[1:2] == ["label"]
+    if not is_command and "mlsroad_pipeline" not in program and not ("kedro" in program and "run" in arguments):
         return None
-    n_workers = settings.get("n_workers", "")
+    settings = dict(_SETTING.findall(line))
+    if not (is_command or _PIPELINE.search(line)) or settings.get("backend", "loky") != "loky":
+        return None
+    n_workers = "".join(_WORKERS.findall(line)[-1:]) or settings.get("n_workers", "")
     return Execution(n_workers=int(n_workers) if re.fullmatch("[1-9][0-9]*", n_workers) else None)
 
 

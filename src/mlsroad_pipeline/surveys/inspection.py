@@ -46,6 +46,8 @@ class InspectParameters:
     ----------
     survey : str or sequence of str, default ""
         File, folder or glob, or several of them; empty takes the survey of the comparison.
+    output : str, default ""
+        Folder of the report; empty takes the folder of the reports of the project.
     trajectory : str, optional
         Name of the trajectory file beside the points.
     max_gap : float, default 1.0
@@ -60,6 +62,7 @@ class InspectParameters:
     """
 
     survey: str | Sequence[str] = ""
+    output: str = ""
     trajectory: str | None = "trajectory.csv"
     max_gap: float = 1.0
     read: Mapping[str, Any] = field(default_factory=dict)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import TracebackType
@@ -106,11 +106,17 @@ class SurveyFiles:
 
 
 def write_simulated_survey(
-    *, parameters: SimulationParameters, folder: str, n_threads: int, files: SurveyFiles | None = None
+    *,
+    parameters: SimulationParameters,
+    folder: str,
+    n_threads: int,
+    files: SurveyFiles | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> dict[str, NDArray]:
     """Simulate a survey and write it into a folder, which appears complete or not at all.
 
     Points are written as they are simulated: a street of kilometres takes no more memory than one of some 200 m.
+    `progress` is called with the distance covered so far, metres.
     """
     files = SurveyFiles() if files is None else files
     target = Path(folder)
@@ -125,6 +131,10 @@ def write_simulated_survey(
         for cloud, images in pieces:
             points.write(cloud)
             n_points += len(cloud)
+            if progress is not None and len(cloud):
+                number, seconds = pieces.pass_of(cloud["gps_time"][-1:])
+                driven = min(parameters.speed * float(seconds[0]), parameters.length)
+                progress(parameters.length * int(number[0]) + driven)
             views += _write_images(images, fresh)
             if frames is not None:
                 frames.write(cloud)

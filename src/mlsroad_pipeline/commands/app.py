@@ -1,0 +1,45 @@
+"""The command `mlsroad`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from mlsroad_pipeline import __version__
+from mlsroad_pipeline.commands.inspect import inspect
+from mlsroad_pipeline.commands.label import label
+from mlsroad_pipeline.commands.models import models
+from mlsroad_pipeline.commands.open_results import open_results
+from mlsroad_pipeline.commands.simulate import simulate
+
+app = typer.Typer(
+    name="mlsroad",
+    help="Label mobile laser scanning surveys of roads and map their objects.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["--help", "-h"]},
+)
+for command in (label, inspect, simulate, models):
+    app.command()(command)
+app.command("open")(open_results)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"mlsroad {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Options of `mlsroad` itself; typer takes the help from the application."""
+
+
+def main() -> None:
+    """Run the command line."""
+    app()

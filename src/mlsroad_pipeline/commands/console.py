@@ -1,0 +1,159 @@
+"""Terminal output of `mlsroad`: progress, log records of a run, tables and paths."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from mlsroad_pipeline.execution.progress import reporting_to
+
+PACKAGE_LOGGER = "mlsroad_pipeline"
+
+
+class Stages:
+    """One progress bar over the stages of a pipeline.
+
+    Parameters
+    ----------
+    stages : mapping of str to tuple
+        Name of a stage to its description and its usual share of the time; the shares add up to 1.
+    console : Console
+        Terminal; without one, nothing is drawn.
+    """
+
+    def __init__(self, stages: Mapping[str, tuple[str, float]], console: Console) -> None:
+        self._stages = stages
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.percentage:>3.0f} %"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        self._task: TaskID = self._bar.add_task("starting", total=1.0)
+        self._done = 0.0
+
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        """Draw the bar while the body runs."""
+        with self._bar, reporting_to(self.start):
+            yield
+
+    def start(self, stage: str, n_scenes: int) -> _Stage:
+        """Start a stage; stages that are not listed leave the bar where it is."""
+        description, share = self._stages.get(stage, (stage, 0.0))
+        self._bar.update(self._task, description=description)
+        return _Stage(self, share, n_scenes)
+
+    def advance(self, share: float) -> None:
+        """Move the bar by a share of the time."""
+        self._done += share
+        self._bar.update(self._task, completed=min(self._done, 1.0))
+
+
+class _Stage:
+    """Progress of one stage, which ends at its share of the bar also where scenes were stored before."""
+
+    def __init__(self, bar: Stages, share: float, n_scenes: int) -> None:
+        self._bar, self._left, self._step = bar, share, share / max(n_scenes, 1)
+
+    def step(self) -> None:
+        self._left -= self._step
+        self._bar.advance(self._step)
+
+    def close(self) -> None:
+        self._bar.advance(max(self._left, 0.0))
+
+
+@contextmanager
+def survey_progress(console: Console, length: float) -> Iterator[Callable[[float], None]]:
+    """Draw a bar over a street of a length in metres; the function that is yielded moves it to a distance."""
+    bar = Progress(
+        TextColumn("Simulating"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f} of {task.total:.0f} m"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
+    task = bar.add_task("", total=length)
+    with bar:
+        yield lambda distance: bar.update(task, completed=distance)
+
+
+class _Collector(logging.Handler):
+    """Handler that keeps warnings, to be printed once at the end."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.messages: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.levelno < logging.ERROR:  # an error ends the run, and the command prints it
+            self.messages.append(record.getMessage())
+
+
+@contextmanager
+def collected_warnings(*, verbose: bool) -> Iterator[list[str]]:
+    """Collect the warnings that the package logs, instead of printing them; with `verbose` print every record too."""
+    collector = _Collector()
+    package, root = logging.getLogger(PACKAGE_LOGGER), logging.getLogger()
+    package.addHandler(collector)
+    before, propagate = root.handlers[:], package.propagate
+    if not verbose:
+        root.handlers = [logging.NullHandler()]
+    try:
+        yield collector.messages
+    finally:
+        package.removeHandler(collector)
+        root.handlers, package.propagate = before, propagate
+
+
+def error_console() -> Console:
+    """Return the console of progress and errors."""
+    return Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+def output_console() -> Console:
+    """Return the console of results; the width is that of the terminal, and lines of pipes are not wrapped."""
+    return Console(highlight=False, markup=False, soft_wrap=True, width=None if sys.stdout.isatty() else 200)
+
+
+def count_table(rows: Sequence[tuple[str, ...]], titles: tuple[str, ...]) -> Table:
+    """Return a plain table, its first column to the left and numbers to the right."""
+    table = Table(box=None, pad_edge=False, padding=(0, 2), show_header=True, header_style="dim")
+    for number, title in enumerate(titles):
+        table.add_column(title, justify="left" if number == 0 else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def shown_path(path: str | Path) -> str:
+    """Return a path relative to the working folder if it lies below, else as it is."""
+    resolved, here = Path(path).absolute(), Path.cwd()
+    return str(resolved.relative_to(here)) if resolved.is_relative_to(here) else str(resolved)
+
+
+def print_warnings(console: Console, messages: list[Any]) -> None:
+    """Print each warning on a line of its own, once."""
+    unique = list(dict.fromkeys(" ".join(str(message).split()) for message in messages))
+    if unique:
+        console.print("\nWarnings")
+        for message in unique:
+            console.print(f"  {message}")

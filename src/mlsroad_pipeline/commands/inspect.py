@@ -1,0 +1,54 @@
+"""Command `mlsroad inspect`: a quality report of a survey, before it is labelled."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from mlsroad_pipeline.commands.options import (
+    Output,
+    Params,
+    Surveys,
+    Verbose,
+    default_output,
+    expanded,
+    merged,
+    nested,
+)
+
+
+def inspect(files: Surveys, output: Output = None, params: Params = None, verbose: Verbose = False) -> None:
+    """Report the quality of point clouds: extent, density, attributes, coordinate system, gaps, warnings."""
+    from mlsroad_pipeline.commands.console import collected_warnings, output_console
+    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
+
+    places = expanded(files)
+    folder = Path(expanded([output])[0]) if output else default_output(places)
+    parameters = {"inspect": {"survey": places[0] if len(places) == 1 else places, "output": str(folder)}}
+    with one_line_errors(verbose=verbose):
+        place = find_place()
+        configure(place)
+        with collected_warnings(verbose=verbose):
+            catalog = run_pipeline("inspect", merged(parameters, nested(params or [])), place=place)
+        print_facts(output_console(), catalog.load("inspection"), folder / "inspection.html")
+
+
+def print_facts(console: Any, facts: dict[str, Any], report: Path) -> None:
+    """Print the number of points, one line per file, warnings and the path of the report."""
+    from mlsroad_pipeline.commands.console import count_table, print_warnings, shown_path
+
+    files = facts["files"]
+    console.print(f"{facts['n_points']:,} points in {len(files)} file{'s' * (len(files) != 1)}.\n")
+    rows = [
+        (
+            file["file"],
+            f"{file['n_points']:,}",
+            f"{file['density']:.0f}" if file["density"] else "",
+            file["crs_name"] or "none",
+        )
+        for file in files
+    ]
+    console.print(count_table(rows, ("file", "points", "points per m²", "coordinate system")))
+    print_warnings(console, [f"{row['file']}: {row['warning']}" for row in facts["warnings"]])
+    console.print(f"\nReport: {shown_path(report)}")

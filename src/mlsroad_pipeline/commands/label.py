@@ -1,0 +1,121 @@
+"""Command `mlsroad label`: a labelled survey, an inventory and a report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.commands.options import (
+    Output,
+    Params,
+    Surveys,
+    Verbose,
+    Workers,
+    default_output,
+    expanded,
+    merged,
+    nested,
+)
+
+STAGES = {
+    "files": ("Reading headers", 0.04),
+    "corridors": ("Finding the trajectory", 0.04),
+    "pieces": ("Cutting into scenes", 0.32),
+    "results": ("Labelling", 0.42),
+    "written": ("Writing", 0.18),
+}
+"""Stage to its description and its share of the time on two cores, from a survey of 5 million points."""
+
+
+def _methods() -> list[str]:
+    return list(METHODS)
+
+
+def label(  # typer reads the options from the signature
+    files: Surveys,
+    output: Output = None,
+    method: Annotated[
+        str | None,
+        typer.Option(help="Method of a registered model, such as patch_graph_mrf.", autocompletion=_methods),
+    ] = None,
+    model: Annotated[
+        str | None, typer.Option(help="Shipped model by name, or version or alias of a registered one.")
+    ] = None,
+    crs: Annotated[str | None, typer.Option(metavar="EPSG:...", help="Coordinate system of the survey.")] = None,
+    copc: Annotated[bool, typer.Option("--copc", help="Also write a cloud-optimised copy (.copc.laz).")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace results of another survey or other settings, and edited ones.")
+    ] = False,
+    params: Params = None,
+    workers: Workers = None,
+    verbose: Verbose = False,
+) -> None:
+    """Label point clouds, and map their poles, signs, vehicles and trees.
+
+    Writes every point with a classification and a confidence as LAZ, the objects as GeoPackage and GeoParquet, and a
+    report. A killed run continues with the same command.
+    """
+    from mlsroad_pipeline.commands.console import Stages, collected_warnings, error_console, output_console
+    from mlsroad_pipeline.commands.errors import one_line_errors
+    from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
+
+    begin, places = time.perf_counter(), expanded(files)
+    folder = Path(expanded([output])[0]) if output else default_output(places)
+    options = {"method": method, "model": model, "crs": crs, "copc": copc or None, "overwrite": overwrite or None}
+    chosen = {name: value for name, value in options.items() if value is not None}
+    parameters: dict[str, Any] = {
+        "label": {"survey": places[0] if len(places) == 1 else places, "output": str(folder), **chosen}
+    }
+    if workers is not None:
+        parameters["execution"] = {"n_workers": workers}
+    parameters = merged(parameters, nested(params or []))
+    with one_line_errors(verbose=verbose):
+        place = find_place()
+        configure(place)
+        with collected_warnings(verbose=verbose) as logged, Stages(STAGES, error_console()).shown():
+            summary = run_pipeline("label", parameters, place=place).load("label_summary")
+        print_summary(output_console(), summary, logged, seconds=time.perf_counter() - begin)
+
+
+def print_summary(console: Console, summary: Mapping[str, Any], logged: list[str], *, seconds: float) -> None:
+    """Print counts per class and kind of object, warnings and paths."""
+    from mlsroad_pipeline.commands.console import count_table, print_warnings, shown_path
+
+    confidence, n_points = summary["confidence"], summary["n_points"]
+    files = "1 file" if summary["n_files"] == 1 else f"{summary['n_files']} files"
+    median = "" if confidence["median"] is None else f", median confidence {confidence['median']:.2f}"
+    console.print(f"Labelled {n_points:,} points of {files} in {seconds:.1f} s with {_model(summary)}{median}.\n")
+    rows = [
+        (name, f"{count:,}", f"{100 * count / max(n_points, 1):.1f} %", _median(confidence["class_medians"], name))
+        for name, count in sorted(summary["classes"].items(), key=lambda item: -item[1])
+    ]
+    console.print(count_table(rows, ("class", "points", "share", "confidence")))
+    objects = [(kind, f"{count:,}") for kind, count in summary["objects"].items()]
+    console.print()
+    if objects:
+        console.print(count_table(objects, ("object", "count")))
+    else:
+        console.print("No poles, signs, vehicles or trees were found.")
+    print_warnings(console, [*summary["warnings"], *logged])
+    outputs = summary["outputs"]
+    clouds = [shown_path(path) for path in outputs["clouds"]]
+    console.print("\nResults")
+    console.print(f"  points     {clouds[0] if len(clouds) == 1 else f'{len(clouds)} files, the first is {clouds[0]}'}")
+    console.print(f"  inventory  {shown_path(outputs['inventory'])}")
+    console.print(f"  report     {shown_path(outputs['report'])}")
+    console.print(f"\nOpen the report: mlsroad open {shown_path(summary['output'])}")
+
+
+def _model(summary: Mapping[str, Any]) -> str:
+    model = summary["model"]
+    return f"{model['name']} {model['version']}" if isinstance(model, Mapping) else str(model)
+
+
+def _median(medians: Mapping[str, float], name: str) -> str:
+    return f"{medians[name]:.2f}" if name in medians else ""

@@ -1,0 +1,5 @@
+"""Command `mlsroad models`."""
+
+
+def models() -> None:
+    """List the models."""

@@ -1,0 +1,82 @@
+"""Options that several commands of `mlsroad` share, and the folders that commands write to by default."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+SUFFIX = "_mlsroad"
+"""Ending of the folder of results beside a survey."""
+
+Surveys = Annotated[
+    list[str],
+    typer.Argument(metavar="FILE...", help="Files, folders or globs of point clouds; several form one survey."),
+]
+Output = Annotated[
+    str | None,
+    typer.Option("--output", "-o", metavar="FOLDER", help="Folder of the results. Default: FILE_mlsroad beside FILE."),
+]
+Params = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--params", metavar="KEY=VALUE", help="Change a parameter, such as label.read.delimiter=';'. May be repeated."
+    ),
+]
+Workers = Annotated[
+    int | None, typer.Option("--workers", min=1, metavar="N", help="Number of processes. Default: one per core.")
+]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print the log, and the traceback of an error.")]
+
+
+def expanded(places: Sequence[str]) -> list[str]:
+    """Return places as absolute paths; ``~`` is the home folder."""
+    return [os.path.abspath(os.path.expanduser(place)) for place in places]
+
+
+def default_output(places: Sequence[str]) -> Path:
+    """Return the folder of results of a survey.
+
+    That of a file or folder lies beside it: ``street.laz`` and ``street`` have ``street_mlsroad``. That of several
+    files or of a glob lies in their common folder and has its name.
+    """
+    single = Path(places[0])
+    if len(places) == 1 and (single.exists() or not any(c in places[0] for c in "*?[")):
+        stem = single.name if single.is_dir() else single.name.removesuffix(".gz")
+        stem = stem if single.is_dir() else Path(stem).stem.removesuffix(".copc")
+        return single.parent / f"{stem or 'survey'}{SUFFIX}"
+    folders = [_folder(Path(place)) for place in places]
+    common = Path(os.path.commonpath(folders))
+    return common / f"{common.name or 'survey'}{SUFFIX}"
+
+
+def _folder(place: Path) -> Path:
+    magic = next((i for i, part in enumerate(place.parts) if any(c in part for c in "*?[")), None)
+    if magic is not None and not place.exists():
+        return Path(*place.parts[:magic])
+    return place if place.is_dir() else place.parent
+
+
+def nested(pairs: Sequence[str]) -> dict[str, Any]:
+    """Return ``a.b=value`` options as nested parameters; values are read as YAML scalars, as `kedro run` does."""
+    from omegaconf import OmegaConf
+
+    for pair in pairs:
+        key, sign, _ = pair.partition("=")
+        if not sign or not all(key.split(".")):
+            raise typer.BadParameter(f"{pair!r} must have the form SECTION.KEY=VALUE", param_hint="--params")
+    values = OmegaConf.to_container(OmegaConf.from_dotlist(list(pairs)), resolve=False)
+    assert isinstance(values, dict)
+    return {str(key): value for key, value in values.items()}
+
+
+def merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Return nested parameters with changes, which take precedence."""
+    result = dict(base)
+    for key, value in changes.items():
+        old = result.get(key)
+        result[key] = merged(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+    return result

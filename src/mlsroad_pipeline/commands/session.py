@@ -1,0 +1,127 @@
+"""Run of a pipeline from the command `mlsroad`, inside a project or in any other folder.
+
+`kedro run` loads every installed plugin, and with kedro-mlflow also MLflow, which takes 3 s. This session loads
+kedro-mlflow only where a run is tracked, and no other plugin.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from kedro.io import CatalogProtocol
+
+PACKAGE = "mlsroad_pipeline"
+STORE = "mlflow.db"
+"""File below a project with its runs and models."""
+
+
+class Place(NamedTuple):
+    """Where a command runs: folder and configuration, whether it is a project, and whether MLflow tracks the run."""
+
+    folder: Path
+    configuration: str
+    is_project: bool
+    tracked: bool
+
+
+def find_place() -> Place:
+    """Return the project that the working folder belongs to, or the working folder with the package's configuration."""
+    tracked = bool(os.environ.get("MLFLOW_TRACKING_URI"))
+    here = Path.cwd()
+    for folder in (here, *here.parents):
+        project = folder / "pyproject.toml"
+        if project.is_file() and f'package_name = "{PACKAGE}"' in project.read_text(encoding="utf-8"):
+            return Place(folder, str(folder / "conf"), True, tracked or (folder / STORE).is_file())
+    return Place(here, str(files(PACKAGE) / "conf"), False, tracked)
+
+
+def configure(place: Place) -> None:
+    """Configure the logging and Kedro for the package; Kedro configures the logging when it is imported."""
+    os.environ.setdefault("KEDRO_LOGGING_CONFIG", str(Path(place.configuration) / "logging.yml"))
+    from kedro.framework.project import configure_project
+
+    configure_project(PACKAGE)
+
+
+def run_pipeline(name: str, parameters: Mapping[str, Any], *, place: Place) -> CatalogProtocol:
+    """Run a pipeline with changed parameters, nested by section, and return its catalog; `configure` comes first."""
+    from kedro import __version__
+    from kedro.framework.context import KedroContext
+    from kedro.framework.project import pipelines, settings
+    from kedro.io.core import generate_timestamp
+    from kedro.runner import SequentialRunner
+
+    from mlsroad_pipeline.hooks.progress import ProgressHooks
+    from mlsroad_pipeline.hooks.stage_costs import StageCostsHooks
+
+    own = [hook for hook in settings.HOOKS if place.is_project or not isinstance(hook, ProgressHooks | StageCostsHooks)]
+    hooks = _hook_manager([*own, *_tracking_hooks(place)])
+    pipelines.set_requested([name])
+    context = KedroContext(
+        package_name=PACKAGE,
+        project_path=place.folder,
+        config_loader=settings.CONFIG_LOADER_CLASS(
+            conf_source=place.configuration,
+            env=None,
+            runtime_params=dict(parameters),
+            **settings.CONFIG_LOADER_ARGS,
+        ),
+        env=None,
+        runtime_params=dict(parameters),  # type: ignore[arg-type]  # attrs derives the type from a generic converter
+        hook_manager=hooks,
+    )
+    hooks.hook.after_context_created(context=context)
+    catalog, pipeline, run_id = context.catalog, pipelines[name], generate_timestamp()
+    run_params: dict[str, Any] = {
+        "run_id": run_id,
+        "project_path": place.folder.as_posix(),
+        "env": None,
+        "kedro_version": __version__,
+        "pipeline_names": [name],
+        "runtime_params": dict(parameters),
+        "runner": SequentialRunner.__name__,
+        "only_missing_outputs": False,
+    }
+    run_params |= dict.fromkeys(
+        ("tags", "from_nodes", "to_nodes", "node_names", "from_inputs", "to_outputs", "load_versions", "namespaces")
+    )
+    hooks.hook.before_pipeline_run(run_params=run_params, pipeline=pipeline, catalog=catalog)
+    try:
+        result = SequentialRunner().run(pipeline, catalog, hooks, run_id=run_id)
+    except BaseException as error:
+        hooks.hook.on_pipeline_error(error=error, run_params=run_params, pipeline=pipeline, catalog=catalog)
+        raise
+    hooks.hook.after_pipeline_run(run_params=run_params, run_result=result, pipeline=pipeline, catalog=catalog)
+    return catalog
+
+
+def _tracking_hooks(place: Place) -> list[Any]:
+    if not place.tracked:
+        return []
+    from kedro_mlflow.framework.hooks.mlflow_hook import mlflow_hook
+
+    return [mlflow_hook]
+
+
+def _hook_manager(hooks: list[Any]) -> Any:
+    from kedro.framework.hooks import specs
+    from kedro.framework.hooks.markers import HOOK_NAMESPACE
+    from pluggy import PluginManager
+
+    manager = PluginManager(HOOK_NAMESPACE)
+    for spec in (
+        specs.NodeSpecs,
+        specs.PipelineSpecs,
+        specs.DataCatalogSpecs,
+        specs.DatasetSpecs,
+        specs.KedroContextSpecs,
+    ):
+        manager.add_hookspecs(spec)
+    for hook in hooks:
+        manager.register(hook)
+    return manager
