@@ -55,7 +55,7 @@ def test_geometries_are_wkb_and_what_is_not_known_is_null(inventory, tmp_path):
     path = tmp_path / "inventory.parquet"
     write_geoparquet(inventory, path)
     rows = pq.read_table(path).to_pylist()
-    assert rows[0]["geometry"] == struct.pack("<BI3d", 1, 0x80000001, 583_001.0, 4_477_000.5, 12.25)
+    assert rows[0]["geometry"] == struct.pack("<BI3d", 1, 1001, 583_001.0, 4_477_000.5, 12.25)
     assert rows[0]["bbox"] == {"xmin": 583_001.0, "ymin": 4_477_000.5, "xmax": 583_001.0, "ymax": 4_477_000.5}
     assert shapely.from_wkb(rows[0]["footprint"]).equals(shapely.from_wkt(SQUARE))
     assert (rows[0]["tilt"], rows[0]["method"]) == (1.5, "any_method")

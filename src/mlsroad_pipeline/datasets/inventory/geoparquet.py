@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import json
+from io import BytesIO
 from pathlib import Path
-from typing import Any
 
+import geopandas as gpd
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import shapely
-from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.datasets.inventory.road_inventory import (
+    MAY_LACK,
     RoadInventory,
     attributes,
     base_points,
@@ -26,36 +28,25 @@ from mlsroad_pipeline.datasets.inventory.road_inventory import (
 from mlsroad_pipeline.formats.files import atomic_file
 
 VERSION = "1.1.0"
-_CORNERS = ("xmin", "ymin", "xmax", "ymax")
-_TYPES = {"int64": pa.int64(), "float64": pa.float64(), "str": pa.string()}
 
 
-def _geo_metadata(points: np.ndarray, footprints: np.ndarray, crs: CRS | None) -> dict[str, Any]:
-    """Return the file metadata that GeoParquet 1.1 requires."""
-    system = None if crs is None else crs.to_json_dict()
-    columns: dict[str, dict[str, Any]] = {
-        "geometry": {"encoding": "WKB", "geometry_types": ["Point Z"], "crs": system},
-        "footprint": {
-            "encoding": "WKB",
-            "geometry_types": ["Polygon"],
-            "crs": system,
-            "orientation": "counterclockwise",
-            "edges": "planar",
-        },
-    }
-    columns["geometry"]["covering"] = {"bbox": {corner: ["bbox", corner] for corner in _CORNERS}}
+def _corrected(metadata: bytes, points: np.ndarray) -> str:
+    """Return the metadata of geopandas with the range of heights; `bbox` covers the base points, not the footprints."""
+    geo = json.loads(metadata)
+    del geo["columns"]["footprint"]["covering"]
+    geo["columns"]["footprint"]["orientation"] = "counterclockwise"
     if len(points):
         xyz = shapely.get_coordinates(points, include_z=True)
-        columns["geometry"]["bbox"] = [*xyz.min(axis=0).tolist(), *xyz.max(axis=0).tolist()]
-        if not shapely.is_missing(footprints).all():
-            columns["footprint"]["bbox"] = shapely.total_bounds(footprints).tolist()
-    return {"version": VERSION, "primary_column": "geometry", "columns": columns}
+        geo["columns"]["geometry"]["bbox"] = [*xyz.min(axis=0).tolist(), *xyz.max(axis=0).tolist()]
+    return json.dumps(geo)
 
 
-def _boxes(points: np.ndarray) -> pa.StructArray:
-    xy = shapely.get_coordinates(points)
-    arrays = [pa.array(xy[:, axis], pa.float64()) for axis in (0, 1, 0, 1)]
-    return pa.StructArray.from_arrays(arrays, fields=[pa.field(corner, pa.float64()) for corner in _CORNERS])
+def _described(field: pa.Field) -> pa.Field:
+    """Return a field of a schema with the heading and the definition of its column."""
+    if field.name not in FIELDS or field.name == "footprint":
+        return field
+    column = FIELDS[field.name]
+    return field.with_metadata({"alias": column.alias, "description": column.description})
 
 
 def write_geoparquet(inventory: RoadInventory, path: str | Path) -> None:
@@ -79,20 +70,17 @@ def write_geoparquet(inventory: RoadInventory, path: str | Path) -> None:
     """
     target = Path(path)
     table, crs = checked(inventory, target)
-    points, footprints = base_points(table), hulls(table)
-    columns, fields = [], []
-    for name, values in attributes(table).items():
-        field = FIELDS[str(name)]
-        columns.append(pa.array(values, _TYPES[field.dtype], from_pandas=True))
-        metadata = {"alias": field.alias, "description": field.description}
-        fields.append(pa.field(str(name), _TYPES[field.dtype], metadata=metadata))
-    columns += [pa.array(shapely.to_wkb(shapes), pa.binary()) for shapes in (points, footprints)]
-    fields += [pa.field(name, pa.binary()) for name in ("geometry", "footprint")]
-    boxes = _boxes(points)
-    schema = pa.schema([*fields, pa.field("bbox", boxes.type)])
-    schema = schema.with_metadata({"geo": json.dumps(_geo_metadata(points, footprints, crs))})
+    points = base_points(table)
+    columns = attributes(table).astype(dict.fromkeys(MAY_LACK, "str"))
+    frame = gpd.GeoDataFrame(columns, geometry=gpd.GeoSeries(points, crs=crs))
+    frame["footprint"] = gpd.GeoSeries(hulls(table), crs=crs)
+    written = BytesIO()
+    frame.to_parquet(written, index=False, schema_version=VERSION, write_covering_bbox=True)
+    plain = pq.read_table(written)
+    metadata = plain.schema.metadata | {b"geo": _corrected(plain.schema.metadata[b"geo"], points)}
+    schema = pa.schema([_described(field) for field in plain.schema], metadata=metadata)
     with atomic_file(target) as stream:
-        pq.write_table(pa.Table.from_arrays([*columns, boxes], schema=schema), stream, compression="zstd")
+        pq.write_table(plain.cast(schema), stream, compression="zstd")
 
 
 def read_geoparquet(path: str | Path) -> RoadInventory:
@@ -117,17 +105,15 @@ def read_geoparquet(path: str | Path) -> RoadInventory:
     if not source.is_file():
         raise ReadError(f"{source}: no such GeoParquet file")
     try:
-        table = pq.read_table(source)
+        table = gpd.read_parquet(source)
     except pa.ArrowInvalid as error:
         raise ReadError(f"{source}: not a Parquet file") from error
-    metadata = table.schema.metadata or {}
-    if b"geo" not in metadata:
-        raise ReadError(f"{source}: Parquet without the metadata of GeoParquet")
-    missing = [name for name in OBJECT_FIELDS if name not in table.column_names]
+    except ValueError as error:
+        raise ReadError(f"{source}: Parquet without the metadata of GeoParquet") from error
+    missing = [name for name in OBJECT_FIELDS if name not in table]
     if missing:
         raise ReadError(f"{source}: no column {missing[0]!r}")
-    objects = table.select(list(OBJECT_FIELDS)).to_pandas()
-    objects["footprint"] = footprint_text(shapely.from_wkb(objects["footprint"].to_numpy(dtype=object)))
-    system = json.loads(metadata[b"geo"])["columns"]["geometry"]["crs"]
-    crs = None if system is None else CRS.from_json_dict(system).to_wkt()
+    objects = pd.DataFrame(table[list(OBJECT_FIELDS)])
+    objects["footprint"] = footprint_text(table["footprint"].to_numpy())
+    crs = None if table.crs is None else table.crs.to_wkt()
     return RoadInventory(with_empty_text(objects).astype(OBJECT_FIELDS), crs)
