@@ -15,10 +15,24 @@ from mlsroad_pipeline.pipelines.label import create_pipeline as create_label
 
 def test_each_node_of_the_default_is_tagged_with_a_pipeline_that_has_it():
     configure_project("mlsroad_pipeline")
-    holders = {name: {node.name for node in pipelines[name].nodes} for name in comparison()}
+    holders = {name: {node.short_name for node in pipelines[name].nodes} for name in comparison()}
     for node in pipelines["__default__"].nodes:
-        assert node.tags and all(node.name in holders[tag] for tag in node.tags), node.name
+        assert node.tags == {name for name, held in holders.items() if node.short_name in held}, node.name
     assert set().union(*(node.tags for node in pipelines["__default__"].nodes)) >= set(comparison()) - {"simulate"}
+
+
+def test_namespaces_collapse_the_default_to_its_stages_and_leave_datasets_alone():
+    configure_project("mlsroad_pipeline")
+    default = pipelines["__default__"]
+    assert next(iter(pipelines)) == "__default__"  # Kedro-Viz draws the namespaces of the first pipeline with a node
+    groups = {group.name: set(group.dependencies) for group in default.group_nodes_by("namespace")}
+    stages = {"survey", "ground_removal", "supervoxelise", "features", "patches", "segmentation"}
+    assert set(groups) == stages | {"labelling", "detection", "evaluation"}
+    assert {"features", "patches"} <= groups["labelling"] and {"labelling", "detection"} <= groups["evaluation"]
+    parts = [pipelines[name] for name in comparison()]
+    assert default.datasets() == set().union(*(part.datasets() for part in parts))
+    of_one = {node.namespace for node in default.nodes if "patch_svm" in node.tags}
+    assert of_one == {"labelling", "labelling.patch_svm"}
 
 
 def test_every_method_has_a_pipeline_of_its_name():

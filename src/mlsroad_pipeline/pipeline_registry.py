@@ -17,6 +17,7 @@ def register_pipelines() -> dict[str, Pipeline]:
     if named is None or "__default__" in named:
         named = pipeline_names()
     pipelines = {name: create_pipeline(name) for name in pipeline_names() if name in named}
-    if set(comparison()) <= set(pipelines):
-        pipelines["__default__"] = joined({name: pipelines[name] for name in comparison()})
-    return pipelines
+    if not set(comparison()) <= set(pipelines):
+        return pipelines
+    # Kedro-Viz draws a node in the namespace of the first pipeline that has it.
+    return {"__default__": joined({name: pipelines[name] for name in comparison()}), **pipelines}

@@ -88,7 +88,7 @@ def test_what_a_first_run_expects_names_the_nodes_of_make_run():
     from kedro.framework.project import configure_project, pipelines
 
     configure_project("mlsroad_pipeline")
-    names = {node.name for node in pipelines["all_methods"].nodes}
+    names = {node.short_name for node in pipelines["all_methods"].nodes}
     assert set(pd.read_csv(MEASURED)["node"]) == names
 
 

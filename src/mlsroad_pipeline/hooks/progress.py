@@ -68,7 +68,7 @@ class ProgressHooks:
         self._catalog, self._seconds, self._node = catalog, {}, ""
         before = catalog.load(KEY) if catalog.exists(KEY) else pd.read_csv(MEASURED)
         kept = dict(zip(before["node"], before["seconds"].astype(float), strict=True))
-        names = [node.name for node in pipeline.nodes]
+        names = [node.short_name for node in pipeline.nodes]
         self._known = sum(name in kept for name in names) > len(names) / 2
         usual = float(before["seconds"].median())
         self._expected = {name: kept.get(name, usual) for name in names}
@@ -77,8 +77,8 @@ class ProgressHooks:
     @hook_impl
     def before_dataset_loaded(self, node: Node) -> None:
         """Record the start of a node, at its first input, and the end of the previous one."""
-        if self._catalog is not None and node.name != self._node:
-            self._start_node(node.name)
+        if self._catalog is not None and node.short_name != self._node:
+            self._start_node(node.short_name)
 
     def _start_node(self, name: str) -> None:
         now = time.perf_counter()

@@ -101,10 +101,10 @@ class StageCostsHooks:
         if self._catalog is None:
             return
         used = _processor_seconds()
-        if node.name not in self._rows:
+        if node.short_name not in self._rows:
             self._start, self._used, self._peak = time.perf_counter(), used, 0
         self._peak = max(self._peak, _memory())
-        self._rows[node.name] = {
+        self._rows[node.short_name] = {
             "makes": node.outputs[0] if node.outputs else "",
             "seconds": time.perf_counter() - self._start,
             "cpu_seconds": sum(max(total - self._used.get(pid, 0.0), 0.0) for pid, total in used.items()),

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pkgutil import iter_modules
 
-from kedro.pipeline import Pipeline
+from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline import pipelines
 from mlsroad_pipeline.algorithms.models.methods import METHODS, methods_of
 
 _OF_TASK = {"labelling": "patch_labellers", "detection": "detectors", "recognition": "recognisers"}
 """Modules with the pipelines of methods that have no folder of their own."""
+
+_NAMESPACES = {
+    "simulate": "survey",
+    "ingest": "survey",
+    "evaluation": "evaluation.scores",
+    "compare": "evaluation.tables",
+    "report": "evaluation.report",
+}
+"""Namespaces of parts that are not named after their pipeline; few of them are shown at first."""
 
 
 def comparison() -> tuple[str, ...]:
@@ -46,8 +55,29 @@ def create_pipeline(name: str) -> Pipeline:
 
 
 def joined(parts: Mapping[str, Pipeline]) -> Pipeline:
-    """Join pipelines and tag the nodes of each with its name.
+    """Join pipelines: tag the nodes of each with its name and put them into its namespace; datasets keep their names.
 
-    `kedro viz` filters by the tags, and ``kedro run --tags=patch_graph`` runs a single method.
+    `kedro viz` collapses the namespaces, and ``kedro run --tags=patch_graph`` runs a single method.
     """
-    return sum((Pipeline(part, tags=name) for name, part in parts.items()), Pipeline([]))
+    holders: dict[str, list[str]] = {}
+    for name, part in parts.items():
+        for node in part.nodes:
+            holders.setdefault(node.name, []).append(name)
+    placed = [_placed(node, holders[node.name]) for part in parts.values() for node in part.nodes]
+    return Pipeline({node.name: node for node in placed}.values())
+
+
+def _placed(node: Node, parts: Sequence[str]) -> Node:
+    """Return a node in the namespace of its part, or in that of the task if several methods share it."""
+    namespace = _namespace(parts[0])
+    if len(parts) > 1:
+        namespace = namespace.partition(".")[0]
+    (placed,) = Pipeline([node], tags=parts, namespace=namespace, prefix_datasets_with_namespace=False).nodes
+    return placed
+
+
+def _namespace(part: str) -> str:
+    """Return the namespace of a part of the default pipeline: methods are grouped by their task."""
+    if part in METHODS:
+        return f"{METHODS[part].task}.{part}"
+    return _NAMESPACES.get(part, part)
