@@ -56,10 +56,7 @@ def run_pipeline(name: str, parameters: Mapping[str, Any], *, place: Place) -> C
     from kedro.io.core import generate_timestamp
     from kedro.runner import SequentialRunner
 
-    from mlsroad_pipeline.hooks.progress import ProgressHooks
-    from mlsroad_pipeline.hooks.stage_costs import StageCostsHooks
-
-    own = [hook for hook in settings.HOOKS if place.is_project or not isinstance(hook, ProgressHooks | StageCostsHooks)]
+    own = [hook for hook in settings.HOOKS if place.is_project or not getattr(hook, "writes_to_project", False)]
     hooks = _hook_manager([*own, *_tracking_hooks(place)])
     pipelines.set_requested([name])
     context = KedroContext(

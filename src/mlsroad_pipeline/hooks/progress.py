@@ -51,6 +51,9 @@ class ProgressHooks:
     are faster than expected, which the pace corrects. Nodes must run sequentially, which is the default.
     """
 
+    writes_to_project = True
+    """`mlsroad` leaves the hook out where there is no project."""
+
     def __init__(self) -> None:
         self._catalog: CatalogProtocol | None = None
         self._expected: dict[str, float] = {}

@@ -54,6 +54,9 @@ class StageCostsHooks:
     node is not counted. Nodes must run sequentially, which is the default.
     """
 
+    writes_to_project = True
+    """`mlsroad` leaves the hook out where there is no project."""
+
     def __init__(self) -> None:
         self._interval: float | None = None
         self._catalog: CatalogProtocol | None = None

@@ -56,6 +56,11 @@ def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
     return replace(PRESETS[preset], **changes)
 
 
+def presets() -> tuple[str, ...]:
+    """Return the names of the presets."""
+    return tuple(PRESETS)
+
+
 def selected_surveys(simulation: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """Return the configurations of the surveys to simulate: none if the simulator is off, or the only one chosen."""
     only, surveys = simulation["only"], simulation["surveys"]
