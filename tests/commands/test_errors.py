@@ -1,0 +1,62 @@
+"""Errors of `mlsroad` in one line."""
+
+import errno
+
+import pytest
+from kedro.io import DatasetError
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.commands.errors import describe, one_line_errors
+from mlsroad_pipeline.execution.task import SceneError, SceneFailure
+
+
+def caused(error, cause):
+    try:
+        raise error from cause
+    except type(error) as raised:
+        return raised
+
+
+def test_the_projects_own_error_is_shown_and_not_what_kedro_wraps_it_in():
+    own = ReadError("/data/a.las: header ends after 3 bytes")
+    assert describe(caused(DatasetError("Failed while loading\n'label'"), own)) == str(own)
+
+
+def test_a_failed_stage_names_its_first_scenes():
+    failures = tuple(SceneFailure(f"s{i}", f"/data/{i}.laz", f"cause\n{i}") for i in range(5))
+    text = describe(caused(DatasetError("store"), SceneError("results", failures, 9)))
+    assert "\n" not in text
+    assert text.endswith("; and 2 more scenes")
+    assert [f"/data/{i}.laz" in text for i in range(5)] == [True, True, True, False, False]
+
+
+def test_an_error_of_the_system_names_the_file():
+    full = OSError(errno.ENOSPC, "No space left on device", "/out/a.laz")
+    assert describe(caused(RuntimeError("writer"), full)) == "/out/a.laz: No space left on device"
+
+
+def test_any_other_error_names_its_type_and_how_to_see_more():
+    assert describe(KeyError("run")) == "KeyError: 'run' (--verbose shows the traceback)"
+    assert describe(ValueError()) == "ValueError: no message (--verbose shows the traceback)"
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "text"),
+    [
+        (ParameterError("label.crs 'x' is no system"), 1, "Error: label.crs 'x' is no system"),
+        (KeyboardInterrupt(), 130, "Interrupted. The same command continues from here."),
+    ],
+)
+def test_the_exit_code_and_the_line(capsys, error, code, text):
+    with pytest.raises(SystemExit) as ended, one_line_errors(verbose=False):
+        raise error
+    assert ended.value.code == code
+    assert capsys.readouterr().err.strip() == text
+
+
+def test_verbose_prints_the_traceback_first(capsys):
+    with pytest.raises(SystemExit), one_line_errors(verbose=True):
+        raise ParameterError("bad")
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert lines[0].startswith("Traceback")
+    assert lines[-1] == "Error: bad"

@@ -1,0 +1,73 @@
+"""Options of `mlsroad`: places, default folders, parameters."""
+
+from pathlib import Path
+
+import pytest
+import typer
+
+from mlsroad_pipeline.commands.options import default_output, expanded, merged, nested
+
+
+@pytest.fixture
+def street(tmp_path):
+    folder = tmp_path / "street"
+    (folder / "north").mkdir(parents=True)
+    for name in ("a.laz", "b, c.laz", "c.copc.laz", "d.txt.gz", "north/e.laz"):
+        (folder / name).touch()
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["a.laz"], "a_mlsroad"),
+        (["b, c.laz"], "b, c_mlsroad"),
+        (["c.copc.laz"], "c_mlsroad"),
+        (["d.txt.gz"], "d_mlsroad"),
+        (["north"], "north_mlsroad"),
+        (["a.laz", "c.copc.laz"], "street_mlsroad"),
+        (["a.laz", "north/e.laz"], "street_mlsroad"),
+        (["north/*.laz"], "north/north_mlsroad"),
+        (["*.laz"], "street_mlsroad"),
+        (["missing.laz"], "missing_mlsroad"),
+    ],
+)
+def test_results_lie_beside_the_survey_in_a_folder_of_their_own(street, names, expected):
+    assert default_output([str(street / name) for name in names]) == street / expected
+
+
+def test_places_are_absolute_and_may_begin_at_home(monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    assert expanded(["~/a.laz", "b.laz", "../c"]) == [
+        str(tmp_path / "a.laz"),
+        str(tmp_path / "b.laz"),
+        str(tmp_path.parent / "c"),
+    ]
+
+
+def test_parameters_are_nested_by_their_dots_and_typed():
+    assert nested(["label.read.delimiter=;", "ingest.scene_length=20.5", "label.copc=true"]) == {
+        "label": {"read": {"delimiter": ";"}, "copc": True},
+        "ingest": {"scene_length": 20.5},
+    }
+    assert nested(["label.read.units=m", "label.survey=/x/a,b.laz"])["label"]["survey"] == "/x/a,b.laz"
+
+
+@pytest.mark.parametrize("text", ["label.copc", "=3", "label..copc=1", ".=1"])
+def test_a_parameter_without_a_name_or_a_value_is_an_error(text):
+    with pytest.raises(typer.BadParameter, match="must have the form SECTION.KEY=VALUE"):
+        nested([text])
+
+
+def test_merging_keeps_what_a_change_does_not_name():
+    base = {"label": {"survey": "a", "read": {"units": "m"}}, "x": 1}
+    assert merged(base, {"label": {"read": {"delimiter": ";"}}}) == {
+        "label": {"survey": "a", "read": {"units": "m", "delimiter": ";"}},
+        "x": 1,
+    }
+    assert base["label"]["read"] == {"units": "m"}
+
+
+def test_the_root_folder_has_a_name_too():
+    assert default_output(["/"]) == Path("/survey_mlsroad")
