@@ -1,7 +1,6 @@
 # The commands of the project. Each installs what is missing first; `make setup` does that alone.
 SHELL := /bin/bash
 BIN := .venv/bin
-export MLFLOW_TRACKING_URI ?= sqlite:///mlflow.db
 export KEDRO_DISABLE_TELEMETRY := true
 export DO_NOT_TRACK := 1
 

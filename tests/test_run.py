@@ -14,11 +14,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from helpers.wiring import REPOSITORY, TINY, run, session_of, shared_run, stage_counts
+from helpers.wiring import REPOSITORY, TINY, run, session_of, shared_run, stage_counts, tracked_runs
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme
 from mlsroad_pipeline.algorithms.metrics.scores import COLUMNS
-from mlsroad_pipeline.algorithms.models.methods import methods_of
+from mlsroad_pipeline.algorithms.models.methods import METHODS, methods_of
+from mlsroad_pipeline.hooks.data_fingerprint import fingerprint_files
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -175,28 +176,67 @@ def test_figures_are_pictures_with_something_on_them(project, figure):
     assert min(picture.shape) >= 150 and picture.std() > 5
 
 
-def test_one_tracked_run_holds_parameters_scores_and_figures(project):
-    with session_of(project):
-        mlflow.set_tracking_uri(f"sqlite:///{project / 'mlflow.db'}")
-        client = mlflow.MlflowClient()
-        (found,) = client.search_runs([e.experiment_id for e in client.search_experiments()])
-        artifacts = {a.path for a in client.list_artifacts(found.info.run_id, "figures")}
-        versions = client.search_model_versions("name='mlsroad-detrended_forest'")
-        objective = client.get_metric_history(found.info.run_id, "patch_graph/objective")
-    assert found.info.status == "FINISHED"
-    assert found.data.params["detrended_forest.n_trees"] == "10"
-    assert found.data.params["supervoxelise.voxel_size"] == "0.2"
-    assert len(found.data.tags["data.fingerprint"]) >= 32
+@pytest.fixture(scope="module")
+def client(project):
+    return mlflow.MlflowClient(f"sqlite:///{project / 'mlflow.db'}")
+
+
+def test_the_tracked_run_holds_parameters_data_and_figures_of_stages(project, client):
+    runs = tracked_runs(project)
+    whole = runs["all_methods"]
+    assert whole.info.run_name == "all_methods simulated" and whole.info.status == "FINISHED"
+    assert whole.data.params["detrended_forest.n_trees"] == "10"
+    assert whole.data.params["supervoxelise.voxel_size"] == "0.2"
+    assert len(whole.data.tags["data.fingerprint"]) >= 32 and whole.data.tags["runner"] == "SequentialRunner"
+    data = {found.dataset.name: found.dataset.digest for found in whole.inputs.dataset_inputs}
+    survey = [project / "data/01_raw/simulated/test/survey.laz"]
+    assert data["simulated test"] == fingerprint_files(survey).digest and "simulated train" in data
+    for name, stage in (("ground_scores", "ground"), ("segmentation_scores", "segmentation")):
+        table = pd.read_csv(reporting(project, f"{name}.csv")).set_index("split")
+        logged = {key: value for key, value in whole.data.metrics.items() if key.startswith(f"test/{stage}/")}
+        assert logged == {f"test/{stage}/{key}": pytest.approx(value) for key, value in table.loc["test"].items()}
+    children = {name for name, run in runs.items() if run.data.tags.get("mlflow.parentRunId") == whole.info.run_id}
+    assert children == {*runs} - {"all_methods"}
+    assert {run.info.status for run in runs.values()} == {"FINISHED"}
+    assert children == {*METHODS, "fusion_pool"}
+
+
+def test_the_run_of_a_method_holds_its_scores_series_and_figures(project, client):
+    runs = tracked_runs(project)
     scores = pd.read_csv(reporting(project, f"scores/{METHOD}.csv")).dropna(subset="value")
+    assert len(scores) > 20
     for row in scores.to_dict("records"):
-        name = f"{METHOD}/{row['split']}/{row['metric']}/{row['class']}"
-        assert found.data.metrics[name] == pytest.approx(row["value"])
-    assert f"figures/{METHOD}_birds_eye.png" in artifacts
+        levels = [row["split"], row["metric"], *([] if row["class"] == "all" else [row["class"]])]
+        assert runs[METHOD].data.metrics["/".join(levels)] == pytest.approx(row["value"])
+    assert runs[METHOD].data.params["detrended_forest.n_trees"] == "10"
+    assert "patch_svm.cv_per_class" not in runs[METHOD].data.params
+    assert f"figures/{METHOD}_birds_eye.png" in figures(client, runs[METHOD])
+    objective = client.get_metric_history(runs["patch_graph"].info.run_id, "objective")
     assert [metric.step for metric in objective] == list(range(len(objective))) and len(objective) > 1
     assert objective[-1].value < objective[0].value
-    assert "figures/patch_graph_objective.png" in artifacts
-    assert [int(version.version) for version in versions] == [1]
-    assert versions[0].run_id == found.info.run_id
+    assert "figures/patch_graph_objective.png" in figures(client, runs["patch_graph"])
+
+
+def figures(client, run):
+    return {artifact.path for artifact in client.list_artifacts(run.info.run_id, "figures")}
+
+
+def test_every_registered_model_has_the_metrics_of_its_own_method_and_only_those(project, client):
+    runs = tracked_runs(project)
+    registered = client.search_registered_models(max_results=100)
+    assert {model.name for model in registered} == {f"mlsroad-{method}" for method in METHODS}
+    for model in registered:
+        run = runs[model.name.removeprefix("mlsroad-")]
+        (version,) = client.search_model_versions(f"name='{model.name}'")
+        assert (version.version, version.run_id) == (1, run.info.run_id)
+        logged = client.get_logged_model(version.source.removeprefix("models:/"))
+        assert logged.metrics and {metric.run_id for metric in logged.metrics} == {run.info.run_id}
+        assert {metric.key for metric in logged.metrics} == set(run.data.metrics)
+        assert all(run.data.params[key] == value for key, value in logged.params.items())
+        assert "simulated train" in {found.dataset.name for found in run.inputs.dataset_inputs}
+        assert client.get_model_version_by_alias(model.name, "challenger").version == 1
+        assert "champion" not in client.get_registered_model(model.name).aliases
+        assert "Trained on" in version.description and "Scores: test" in version.description
 
 
 def test_registered_model_labels_a_table_in_a_process_that_knows_only_the_package(project, tmp_path):

@@ -1,7 +1,5 @@
 """Project settings: the configuration loader and the hooks."""
 
-import warnings
-
 from mlsroad_pipeline.hooks.early_workers import EarlyWorkersHooks
 
 early_workers = EarlyWorkersHooks()  # `label` gains 1.3 s by a start before the imports below; see the module
@@ -10,12 +8,12 @@ from omegaconf.resolvers import oc  # noqa: E402
 
 from mlsroad_pipeline.config import ParameterConfigLoader  # noqa: E402
 from mlsroad_pipeline.hooks.default_pipeline import DefaultPipelineHooks  # noqa: E402
+from mlsroad_pipeline.hooks.library_warnings import silence  # noqa: E402
 from mlsroad_pipeline.hooks.mlflow_run import MlflowDetailsHooks  # noqa: E402
 from mlsroad_pipeline.hooks.progress import ProgressHooks  # noqa: E402
 from mlsroad_pipeline.hooks.stage_costs import StageCostsHooks  # noqa: E402
 
-# Dots in dataset names serve catalog factories such as "{method}.labels"; Kedro would warn at every command.
-warnings.filterwarnings("ignore", message="One or more dataset names contain '.'", category=UserWarning)
+silence()
 
 HOOKS = (MlflowDetailsHooks(), DefaultPipelineHooks(), StageCostsHooks(), ProgressHooks(), early_workers)
 

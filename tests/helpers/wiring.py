@@ -22,6 +22,7 @@ import yaml
 from filelock import FileLock
 from kedro.framework.session import KedroSession
 from kedro.framework.startup import bootstrap_project
+from mlflow.entities import Run
 from omegaconf import OmegaConf
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -121,6 +122,13 @@ def run(
     """Run a pipeline in a project's folder, as `kedro run` does, whole or up to some nodes."""
     with session_of(project, env=env, **parameters) as session:
         return session.run(pipeline_names=None if pipeline is None else [pipeline], to_nodes=to_nodes)
+
+
+def tracked_runs(project: Path) -> dict[str, Run]:
+    """Return the tracked runs of a project by the first word of their names: pipelines, and methods below them."""
+    client = mlflow.MlflowClient(f"sqlite:///{project / 'mlflow.db'}")
+    found = client.search_runs([experiment.experiment_id for experiment in client.search_experiments()])
+    return {(run.info.run_name or "").split()[0]: run for run in found}
 
 
 def shared_run(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -12,8 +12,9 @@ import pytest
 import yaml
 from kedro_mlflow.config.kedro_mlflow_config import KedroMlflowConfig
 
+from mlsroad_pipeline.hooks.data_fingerprint import fingerprint_files
 from mlsroad_pipeline.hooks.mlflow_run import MlflowDetailsHooks
-from mlsroad_pipeline.hooks.tracking_store import resolve_server
+from mlsroad_pipeline.hooks.tracking_store import resolve_store
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 FILES = {
@@ -61,7 +62,7 @@ FILES = {
 
 
         def tasks(files: list, execution: dict) -> dict:
-            return {"scene_00000": Task({"files": [Source(path) for path in files]})}
+            return {"test.a.scene_00000": Task({"files": [Source(path) for path in files]})}
 
 
         def evaluate(tasks, forest: Forest, execution: dict, n_workers: int, note: str):
@@ -173,7 +174,12 @@ def runs(client):
 
 @pytest.fixture(scope="module")
 def run(runs):
-    return runs[0]["__default__"]
+    return runs[0]["compare"]
+
+
+@pytest.fixture(scope="module")
+def child(runs):
+    return runs[0]["demo"]
 
 
 def artifact(run, *parts):
@@ -181,10 +187,14 @@ def artifact(run, *parts):
     return path.read_text() if path.suffix != ".png" else path.read_bytes()
 
 
-def test_one_run_per_command_and_none_where_tracking_is_off(runs):
+def test_one_run_per_command_with_one_per_method_and_none_where_tracking_is_off(runs, run, child):
     named, found = runs
-    assert len(found) == 2
-    assert {name: run.info.status for name, run in named.items()} == {"__default__": "FINISHED", "bad": "FAILED"}
+    assert len(found) == 3
+    statuses = {name: run.info.status for name, run in named.items()}
+    assert statuses == {"compare": "FINISHED", "demo": "FINISHED", "bad": "FAILED"}
+    assert child.data.tags["mlflow.parentRunId"] == run.info.run_id
+    assert child.data.tags["mlsroad.method"] == "demo"
+    assert run.data.tags["runner"] == "SequentialRunner"
 
 
 def test_every_parameter_is_recorded_flat_and_once(run, project):
@@ -204,11 +214,21 @@ def test_parameters_are_kept_in_full_beside(run):
     assert json.loads(artifact(run, "parameters.json"))["note"] == "x" * 7000
 
 
-def test_scores_become_metrics_and_undefined_ones_are_left_out(run):
-    assert run.data.metrics["demo/test/recall/road"] == 0.8
-    assert run.data.metrics["demo/test/overall_accuracy/all"] == 0.8
-    assert run.data.metrics["demo/test/f1/car"] == 0.0
-    assert "demo/test/recall/car" not in run.data.metrics
+def test_scores_become_metrics_of_the_method_and_undefined_ones_are_left_out(run, child):
+    assert child.data.metrics["test/recall/road"] == 0.8
+    assert child.data.metrics["test/overall_accuracy"] == 0.8
+    assert child.data.metrics["test/f1/car"] == 0.0
+    assert "test/recall/car" not in child.data.metrics
+    assert not any(name.startswith("test/") for name in run.data.metrics)
+
+
+def test_the_data_set_of_the_scores_is_an_input_with_its_digest(run, child, project):
+    (found,) = child.inputs.dataset_inputs
+    digest = fingerprint_files([project / "raw" / name for name in ("a.laz", "b.laz")]).digest
+    assert (found.dataset.name, found.dataset.digest) == ("test", digest)
+    assert [(tag.key, tag.value) for tag in found.tags] == [("mlflow.data.context", "testing")]
+    assert [found.dataset.digest for found in run.inputs.dataset_inputs] == [digest]
+    assert mlflow.data.get_source(found.dataset).load() == str(project / "raw")
 
 
 def test_figures_and_reports_become_artifacts(run, project):
@@ -230,9 +250,14 @@ def test_the_commit_and_the_environment_are_recorded(run, project):
     assert "numpy==" in artifact(run, "environment", "pip_freeze.txt")
 
 
-def test_a_model_is_registered_by_the_run_that_trained_it(run, client):
-    versions = client.search_model_versions("name='mlsroad-demo'")
-    assert [(version.version, version.run_id) for version in versions] == [(1, run.info.run_id)]
+def test_a_model_is_registered_by_the_run_of_its_method_and_has_its_metrics(child, client):
+    (version,) = client.search_model_versions("name='mlsroad-demo'")
+    assert (version.version, version.run_id) == (1, child.info.run_id)
+    assert version.description.startswith("Trained on unknown data.\n\nClasses: road, car.\n\nScores: test: ")
+    assert client.get_model_version_by_alias("mlsroad-demo", "challenger").version == 1
+    model = client.get_logged_model(version.source.removeprefix("models:/"))
+    assert {metric.key: metric.value for metric in model.metrics} == child.data.metrics
+    assert {metric.dataset_name for metric in model.metrics} == {"test"}
 
 
 def test_a_failed_run_keeps_its_parameters(runs):
@@ -281,16 +306,21 @@ def test_only_relative_databases_are_moved_below_the_project(uri, expected, monk
 def test_the_environment_variable_has_precedence_over_the_configuration(given, expected, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MLFLOW_TRACKING_URI", given)
-    server = resolve_server({"mlflow_tracking_uri": "sqlite:///mlflow.db"}, Path("/project"))
-    assert server["mlflow_tracking_uri"] == expected.format(tmp_path)
+    own = {"experiment": {"name": "mlsroad", "create_experiment_kwargs": {"artifact_location": "mlartifacts"}}}
+    config = {"server": {"mlflow_tracking_uri": "sqlite:///mlflow.db"}, "tracking": own}
+    resolved = resolve_store(config, Path("/project"))
+    assert resolved["server"]["mlflow_tracking_uri"] == expected.format(tmp_path)
+    place = resolved["tracking"]["experiment"]["create_experiment_kwargs"]["artifact_location"]
+    assert place == ((tmp_path / "mlartifacts").as_uri() if given.startswith("sqlite") else None)
+    assert own["experiment"]["create_experiment_kwargs"]["artifact_location"] == "mlartifacts"
 
 
 def test_an_address_that_mlflow_copied_to_the_environment_is_no_wish_of_the_user(monkeypatch):
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-    first = resolve_server({"mlflow_tracking_uri": "sqlite:///mlflow.db"}, Path("/first"))["mlflow_tracking_uri"]
+    config = {"server": {"mlflow_tracking_uri": "sqlite:///mlflow.db"}}
+    first = resolve_store(config, Path("/first"))["server"]["mlflow_tracking_uri"]
     monkeypatch.setenv("MLFLOW_TRACKING_URI", first)  # as `mlflow.set_tracking_uri` does
-    second = resolve_server({"mlflow_tracking_uri": "sqlite:///mlflow.db"}, Path("/second"))["mlflow_tracking_uri"]
-    assert second == "sqlite:////second/mlflow.db"
+    assert resolve_store(config, Path("/second"))["server"]["mlflow_tracking_uri"] == "sqlite:////second/mlflow.db"
 
 
 def test_the_settings_import_neither_mlflow_nor_its_hooks():

@@ -4,7 +4,7 @@ import mlflow
 import numpy as np
 import pandas as pd
 import pytest
-from helpers.wiring import make_project, run, session_of, stage_counts
+from helpers.wiring import make_project, run, stage_counts, tracked_runs
 
 from mlsroad_pipeline.studies.luo2016.parameters import METHODS
 
@@ -49,13 +49,11 @@ def test_the_mean_in_the_scores_is_that_of_its_classes_without_other(project):
 def test_report_and_tracked_run_hold_the_figures(project):
     page = (project / "data/08_reporting/luo2016_study/report.html").read_text(encoding="utf-8")
     assert "(0.862)" in page and page.count("data:image/") == 3
-    with session_of(project):
-        client = mlflow.MlflowClient(f"sqlite:///{project / 'mlflow.db'}")
-        (found,) = client.search_runs([e.experiment_id for e in client.search_experiments()])
-        steps = client.get_metric_history(found.info.run_id, "luo2016_study/patch_size_objective")
+    runs, client = tracked_runs(project), mlflow.MlflowClient(f"sqlite:///{project / 'mlflow.db'}")
+    steps = client.get_metric_history(runs["luo2016_study"].info.run_id, "by_size/patch_size_objective")
     scores = table(project, "scores").set_index(["method", "split", "class", "metric"])["value"]
-    name = "patch_graph_mrf/test_11/f1/grass"
-    assert found.data.metrics[name] == pytest.approx(scores["patch_graph_mrf", "test_11", "grass", "f1"])
+    found = runs["patch_graph_mrf"].data.metrics["test_11/f1/grass"]
+    assert found == pytest.approx(scores["patch_graph_mrf", "test_11", "grass", "f1"])
     assert [step.step for step in steps] == [200, 400]
 
 

@@ -5,10 +5,12 @@ This module imports MLflow only where a run is tracked: `mlsroad` also runs pipe
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import psutil
 from kedro.config import MissingConfigException
 from kedro.framework.context import KedroContext
 from kedro.framework.hooks import hook_impl
@@ -16,10 +18,14 @@ from kedro.io import CatalogProtocol
 from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.hooks.run_details import is_parameter
-from mlsroad_pipeline.hooks.tracking_store import check_tracking_store, resolve_server
+from mlsroad_pipeline.hooks.tracking_store import check_tracking_store, resolve_store
 
 if TYPE_CHECKING:
     from mlsroad_pipeline.hooks.run_records import RunRecords
+
+
+SYSTEM_METRICS = {"MLFLOW_ENABLE_SYSTEM_METRICS_LOGGING": "true", "MLFLOW_SYSTEM_METRICS_SAMPLING_INTERVAL": "5"}
+"""Environment variables of MLflow: processor, memory, disk and network of a run, every 5 s."""
 
 
 class MlflowDetailsHooks:
@@ -41,9 +47,11 @@ class MlflowDetailsHooks:
             config = dict(loader["mlflow"])
         except MissingConfigException:
             return
-        server = resolve_server(config.get("server") or {}, Path(context.project_path))
-        loader["mlflow"] = {**config, "server": server}
-        check_tracking_store(server.get("mlflow_tracking_uri") or "")
+        loader["mlflow"] = resolve_store(config, Path(context.project_path))
+        check_tracking_store(loader["mlflow"]["server"].get("mlflow_tracking_uri") or "")
+        for variable, value in SYSTEM_METRICS.items():
+            os.environ.setdefault(variable, value)  # MLflow reads them when kedro-mlflow starts the run
+        psutil.cpu_percent()  # its first value, which MLflow would record for a short run, is always zero
 
     @hook_impl(trylast=True)
     def before_pipeline_run(self, run_params: dict[str, Any], pipeline: Pipeline, catalog: CatalogProtocol) -> None:
@@ -54,8 +62,7 @@ class MlflowDetailsHooks:
             return
         from mlsroad_pipeline.hooks.run_records import RunRecords  # noqa: PLC0415  # imports MLflow
 
-        self._records = RunRecords(run.info.run_id, catalog)
-        self._records.start(pipeline, Path(run_params.get("project_path") or Path.cwd()))
+        self._records = RunRecords(run, run_params, pipeline, catalog)
 
     @hook_impl(tryfirst=True)
     def before_node_run(self, inputs: dict[str, Any]) -> None:
@@ -65,19 +72,28 @@ class MlflowDetailsHooks:
                 del inputs[name]
 
     @hook_impl
+    def before_dataset_saved(self, dataset_name: str) -> None:
+        """Open the run of a method before its model is registered."""
+        if self._records is not None:
+            self._records.before_saving(dataset_name)
+
+    @hook_impl
     def after_dataset_saved(self, dataset_name: str, data: Any) -> None:
-        """Record scores and series as metrics, figures and reports as artifacts; collect the raw files of tasks."""
+        """Record scores and series as metrics, figures, reports and inventories as artifacts; collect raw files."""
         if self._records is not None:
             self._records.add(dataset_name, data)
 
     @hook_impl(tryfirst=True)
     def after_pipeline_run(self) -> None:
-        """Record the fingerprint of the raw files of the run."""
-        if self._records is not None:
-            self._records.finish()
-        self._records = None
+        """Record the raw files of the run, and end the runs of the methods."""
+        self._end("FINISHED")
 
-    @hook_impl
+    @hook_impl(tryfirst=True)
     def on_pipeline_error(self) -> None:
-        """Discard the run."""
-        self._records = None
+        """End the runs of the methods."""
+        self._end("FAILED")
+
+    def _end(self, status: str) -> None:
+        records, self._records = self._records, None
+        if records is not None:
+            records.finish(status)

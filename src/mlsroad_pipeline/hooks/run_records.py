@@ -5,127 +5,167 @@ from __future__ import annotations
 import json
 import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import mlflow
+import pandas as pd
 from kedro.io import CatalogProtocol
 from kedro.pipeline import Pipeline
-from mlflow.entities import Metric, Param, RunTag
-from mlflow.utils.validation import MAX_PARAM_VAL_LENGTH
+from mlflow.entities import LoggedModelInput, Run, RunTag
 
-from mlsroad_pipeline.algorithms.metrics.scores import scores_to_metrics
+from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.datasets.inventory.inventory_dataset import RoadInventoryDataset
+from mlsroad_pipeline.datasets.models.model_registry_dataset import RegisteredModelDataset
 from mlsroad_pipeline.datasets.reports.figure_dataset import FigureDataset
 from mlsroad_pipeline.datasets.reports.html_report_dataset import HtmlReportDataset
 from mlsroad_pipeline.datasets.reports.metric_series_dataset import MetricSeriesDataset
 from mlsroad_pipeline.datasets.reports.report_file import ReportFileDataset
 from mlsroad_pipeline.datasets.reports.scores_dataset import ScoresDataset
 from mlsroad_pipeline.hooks.data_fingerprint import fingerprint_files, source_files
+from mlsroad_pipeline.hooks.data_sets import DataSets
+from mlsroad_pipeline.hooks.label_metrics import STAGE_TABLES, SUMMARY, label_metrics, stage_metrics
+from mlsroad_pipeline.hooks.method_runs import MethodRuns
+from mlsroad_pipeline.hooks.mlflow_batches import log_metrics, log_params, plain_metrics, series_metrics
 from mlsroad_pipeline.hooks.run_details import environment, flatten_parameters, git_state, is_parameter
+from mlsroad_pipeline.hooks.run_names import model_name, run_name, runner_name, survey_name
 
-_BATCH = 100
-
-
-def _batches(entries: list[Any]) -> Iterable[list[Any]]:
-    """Split a list into batches of the size that MLflow accepts."""
-    return (entries[start : start + _BATCH] for start in range(0, len(entries), _BATCH))
+MAX_TABLE_ROWS = 10_000
+"""Largest inventory that is also shown as a table; larger ones are files alone."""
 
 
 class RunRecords:
-    """Records of one run.
+    """Records of the run of one command and of its children, one per method.
 
-    They go to the run that was active when the pipeline started, through separate clients, so that threads of a runner
+    They go through separate clients to the run that was active when the pipeline started, so that threads of a runner
     cannot write to another run.
     """
 
-    def __init__(self, run_id: str, catalog: CatalogProtocol) -> None:
-        self._run_id = run_id
-        self._catalog = catalog
+    def __init__(self, run: Run, run_params: Mapping[str, Any], pipeline: Pipeline, catalog: CatalogProtocol) -> None:
+        self._run_id, self._run_params = run.info.run_id, run_params
+        self._pipeline, self._catalog = pipeline, catalog
         self._sources: set[str] = set()
+        self._name, survey = run_name(run_params, pipeline, catalog), survey_name(pipeline, catalog)
+        self._data_sets = DataSets(survey)
+        self._began = time.perf_counter()
+        self._start(run)
+        parent = mlflow.get_run(self._run_id)
+        self._methods = MethodRuns(parent, survey, self._data_sets, self._parameters_of)
 
-    def start(self, pipeline: Pipeline, project: Path) -> None:
-        """Record parameters, code and environment."""
-        self.log_parameters(pipeline)
-        self.log_code_and_environment(project)
-        for name in pipeline.inputs():
-            dataset = None if is_parameter(name) else self._catalog.get(name)
-            if dataset is not None and hasattr(dataset, "source_files"):
-                self._sources.update(map(str, dataset.source_files()))
+    def _start(self, run: Run) -> None:
+        names = self._run_params.get("pipeline_names") or [self._run_params.get("pipeline_name") or "__default__"]
+        if run.info.run_name == "+".join(names):  # the name by kedro-mlflow, not one of the user's
+            mlflow.MlflowClient().update_run(self._run_id, name=self._name)
+        else:
+            self._name = run.info.run_name
+        self._log_parameters()
+        self._log_code_and_environment(Path(self._run_params.get("project_path") or Path.cwd()))
 
-    def add(self, dataset_name: str, data: Any) -> None:
-        """Record a saved result."""
-        self._sources.update(source_files(data))
-        dataset = self._catalog.get(dataset_name)
-        if isinstance(dataset, ScoresDataset):
-            self.log_scores(dataset)
-        elif isinstance(dataset, MetricSeriesDataset):
-            self.log_series(dataset, dataset_name.split(".", maxsplit=1)[0])
-        elif isinstance(dataset, FigureDataset):
-            self.log_file(dataset, "figures")
-        elif isinstance(dataset, HtmlReportDataset):
-            self.log_file(dataset, "reports")
-
-    def finish(self) -> None:
-        """Record the fingerprint of the raw files."""
-        if self._sources:
-            self.log_fingerprint(sorted(self._sources))
-
-    def log_parameters(self, pipeline: Pipeline) -> None:
-        """Record every parameter of the pipeline under its dotted name, and all in full as `parameters.json`."""
+    def _parameters(self, nodes: Pipeline) -> dict[str, str]:
+        """Return the parameters that nodes take, flat."""
         parameters: dict[str, Any] = {}
-        for name in sorted(filter(is_parameter, pipeline.inputs())):
+        taken = {name for node in nodes.nodes for name in node.inputs if is_parameter(name)}
+        for name in sorted(taken):
             value = self._catalog.load(name)
             parameters.update(value if name == "parameters" else {name.removeprefix("params:"): value})
         # `a` and `a.b`, inputs of two nodes, are one parameter
         inner = {name for name in parameters if any(name.startswith(f"{other}.") for other in parameters)}
-        flat = flatten_parameters({name: value for name, value in parameters.items() if name not in inner})
-        client = mlflow.MlflowClient()
-        limit = MAX_PARAM_VAL_LENGTH
-        written = [Param(n, v if len(v) <= limit else v[: limit - 1] + "…") for n, v in flat.items()]
-        for batch in _batches(written):
-            client.log_batch(self._run_id, params=batch)
-        client.log_text(self._run_id, json.dumps(flat, indent=2, ensure_ascii=False), "parameters.json")
+        return flatten_parameters({name: value for name, value in parameters.items() if name not in inner})
 
-    def log_code_and_environment(self, project: Path) -> None:
-        """Record the commit and whether files differ from it, Python, the platform and all packages."""
+    def _parameters_of(self, method: str) -> dict[str, str]:
+        own = [n for n in self._pipeline.nodes if any(made.startswith(f"{method}.") for made in n.outputs)]
+        return self._parameters(Pipeline(own))
+
+    def before_saving(self, dataset_name: str) -> None:
+        """Open the run of the method whose model is registered now."""
+        dataset = self._catalog.get(dataset_name)
+        if isinstance(dataset, RegisteredModelDataset):
+            self._methods.open(dataset.method)
+
+    def add(self, dataset_name: str, data: Any) -> None:
+        """Record a saved result."""
+        self._sources.update(source_files(data))
+        self._data_sets.add(data)
+        dataset, (owner, _, rest) = self._catalog.get(dataset_name), dataset_name.partition(".")
+        run_id = self._methods.run_id(owner) if owner in METHODS and _is_record(dataset) else self._run_id
+        if isinstance(dataset, RegisteredModelDataset):
+            self._methods.close(dataset)
+        elif isinstance(dataset, ScoresDataset):
+            self._methods.log_scores(dataset.load())
+        elif isinstance(dataset, MetricSeriesDataset) and owner in METHODS:
+            self._methods.log_series(owner, dataset.load())
+        elif isinstance(dataset, MetricSeriesDataset):
+            log_metrics(run_id, series_metrics(dataset.load(), prefix=f"{rest}/"))
+        elif isinstance(dataset, FigureDataset | HtmlReportDataset):
+            self._log_file(run_id, dataset, "figures" if isinstance(dataset, FigureDataset) else "reports")
+        elif isinstance(dataset, RoadInventoryDataset):
+            self._log_inventory(dataset, data)
+        elif dataset_name in STAGE_TABLES:
+            log_metrics(run_id, plain_metrics(stage_metrics(data, STAGE_TABLES[dataset_name])))
+        elif dataset_name == SUMMARY:
+            self._log_label(data)
+
+    def finish(self, status: str) -> None:
+        """Record the data sets and the fingerprint of the raw files, and end the children."""
+        client = mlflow.MlflowClient()
+        if status == "FINISHED":
+            if found := self._data_sets.all():
+                client.log_inputs(self._run_id, datasets=[one.as_input() for one in found])
+            if self._sources:
+                fingerprint = fingerprint_files(sorted(self._sources))
+                client.set_tag(self._run_id, "data.fingerprint", fingerprint.digest)
+                client.log_dict(self._run_id, fingerprint.table(), "data_fingerprint.json")
+        self._methods.finish(status)
+
+    def _log_parameters(self) -> None:
+        """Record every parameter of the pipeline under its dotted name, and all in full as `parameters.json`."""
+        flat = self._parameters(self._pipeline)
+        log_params(self._run_id, flat)
+        text = json.dumps(flat, indent=2, ensure_ascii=False)
+        mlflow.MlflowClient().log_text(self._run_id, text, "parameters.json")
+
+    def _log_code_and_environment(self, project: Path) -> None:
+        """Record the commit and whether files differ from it, the runner, Python, the platform and all packages."""
         python = environment()
         tags = python.tags | git_state(project)
         if "git.commit" in tags:
             tags["mlflow.source.git.commit"] = tags["git.commit"]
+        tags["runner"] = runner_name(self._run_params.get("runner"))
         client = mlflow.MlflowClient()
+        command = client.get_run(self._run_id).data.tags.get("kedro_command", "")
+        tags["kedro_command"] = command.replace("--pipeline=", "--pipelines=").replace("--pipeline ", "--pipelines ")
         client.log_batch(self._run_id, tags=[RunTag(name, value) for name, value in tags.items()])
         client.log_text(self._run_id, "\n".join(python.packages) + "\n", "environment/pip_freeze.txt")
 
-    def log_scores(self, dataset: ScoresDataset) -> None:
-        """Record every defined score as the metric ``<slug>/<split>/<metric>/<class>``."""
-        now = int(time.time() * 1000)
-        metrics = [Metric(name, value, now, 0) for name, value in scores_to_metrics(dataset.load()).items()]
-        for batch in _batches(metrics):
-            mlflow.MlflowClient().log_batch(self._run_id, metrics=batch)
+    def _log_label(self, summary: Mapping[str, Any]) -> None:
+        """Record what `label` found, and name the run after the model."""
+        client, model = mlflow.MlflowClient(), summary.get("model")
+        log_metrics(self._run_id, plain_metrics(label_metrics(summary, time.perf_counter() - self._began)))
+        labelled_with = model_name(model, str(summary["method"]))
+        for tag, value in {"mlsroad.method": summary["method"], "mlsroad.model": labelled_with}.items():
+            client.set_tag(self._run_id, tag, str(value))
+        client.update_run(self._run_id, name=f"{self._name} with {labelled_with}")
+        if isinstance(model, Mapping) and model.get("run_id"):
+            version = client.get_model_version(str(model["name"]), str(model["version"]))
+            model_id = version.model_id or version.source.removeprefix("models:/")
+            client.log_inputs(self._run_id, models=[LoggedModelInput(model_id)])
 
-    def log_series(self, dataset: MetricSeriesDataset, slug: str) -> None:
-        """Record every column as the metric ``<slug>/<column>`` by step."""
-        now, table = int(time.time() * 1000), dataset.load()
-        steps = table.iloc[:, 0].astype(int).tolist()
-        metrics = [
-            Metric(f"{slug}/{name}", value, now, step)
-            for name in table.columns[1:]
-            for step, value in zip(steps, table[name].astype(float).tolist(), strict=True)
-        ]
-        for batch in _batches(metrics):
-            mlflow.MlflowClient().log_batch(self._run_id, metrics=batch)
-
-    def log_file(self, dataset: ReportFileDataset, folder: str) -> None:
+    def _log_file(self, run_id: str, dataset: ReportFileDataset[Any, Any], folder: str) -> None:
         """Record a file as an artifact."""
         with tempfile.TemporaryDirectory() as temporary:
             path = Path(temporary) / dataset.filename
             path.write_bytes(dataset.read_bytes())
-            mlflow.MlflowClient().log_artifact(self._run_id, str(path), folder)
+            mlflow.MlflowClient().log_artifact(run_id, str(path), folder)
 
-    def log_fingerprint(self, paths: list[str]) -> None:
-        """Record the digest of all raw files as a tag and those of the files in `data_fingerprint.json`."""
-        fingerprint = fingerprint_files(paths)
-        client = mlflow.MlflowClient()
-        client.set_tag(self._run_id, "data.fingerprint", fingerprint.digest)
-        client.log_dict(self._run_id, fingerprint.table(), "data_fingerprint.json")
+    def _log_inventory(self, dataset: RoadInventoryDataset, inventory: Any) -> None:
+        """Record the file of an inventory and, once, its objects as a table."""
+        client, path = mlflow.MlflowClient(), dataset.filepath
+        client.log_artifact(self._run_id, str(path), "inventory")
+        objects: pd.DataFrame = inventory.objects
+        if path.suffix == ".parquet" and len(objects) <= MAX_TABLE_ROWS:
+            client.log_table(self._run_id, data=objects, artifact_file="inventory/objects.json")
+
+
+def _is_record(dataset: Any) -> bool:
+    return isinstance(dataset, FigureDataset | HtmlReportDataset)

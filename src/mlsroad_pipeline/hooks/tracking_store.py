@@ -35,22 +35,34 @@ _configured: dict[str, str] = {}
 """Variable to the address that a configuration gave last; MLflow copies the address in use to the environment."""
 
 
-def resolve_server(server: Mapping[str, Any], project: Path) -> dict[str, Any]:
-    """Return the section `server` of `mlflow.yml` with the addresses in use.
+def resolve_store(config: Mapping[str, Any], project: Path) -> dict[str, Any]:
+    """Return the content of `mlflow.yml` with the addresses in use.
 
     An environment variable replaces the configured address. A relative SQLite file of the configuration lies below the
     project folder, one of an environment variable below the working directory, as everywhere in MLflow.
     """
-    resolved = dict(server)
+    server = dict(config.get("server") or {})
+    resolved = {**config, "server": server}
     for key, variable in (("mlflow_tracking_uri", TRACKING_URI), ("mlflow_registry_uri", REGISTRY_URI)):
         given = os.environ.get(variable) or ""
         if given and given != _configured.get(variable):
-            resolved[key] = _absolute(given, Path.cwd())
+            server[key] = _absolute(given, Path.cwd())
+            if key == "mlflow_tracking_uri":
+                resolved["tracking"] = _with_artifacts_of(server[key], config.get("tracking") or {})
             continue
-        if resolved.get(key):
-            resolved[key] = _absolute(resolved[key], project.resolve())
-        _configured[variable] = resolved.get(key) or ""
+        if server.get(key):
+            server[key] = _absolute(server[key], project.resolve())
+        _configured[variable] = server.get(key) or ""
     return resolved
+
+
+def _with_artifacts_of(uri: str, tracking: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the section `tracking` with artifacts beside an SQLite store; a server has a place of its own."""
+    experiment = dict(tracking.get("experiment") or {})
+    match = _SQLITE.fullmatch(uri)
+    place = (Path(match["path"]).parent / "mlartifacts").as_uri() if match else None
+    arguments = {**(experiment.get("create_experiment_kwargs") or {}), "artifact_location": place}
+    return {**tracking, "experiment": {**experiment, "create_experiment_kwargs": arguments}}
 
 
 def _absolute(uri: str, folder: Path) -> str:

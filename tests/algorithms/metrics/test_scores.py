@@ -38,11 +38,14 @@ def test_csv_round_trip_writes_undefined_values_as_empty_cells(table):
     pd.testing.assert_frame_equal(check_scores(pd.read_csv(StringIO(text))), table)
 
 
-def test_metrics_are_named_by_slug_split_metric_class_and_leave_undefined_ones_out(table):
-    metrics = scores_to_metrics(table)
-    assert metrics["detrended_forest/test/recall/road"] == 0.8
-    assert metrics["detrended_forest/test/mean_f1/all"] == pytest.approx(table["value"].iloc[-2])
-    assert metrics["detrended_forest/test/f1/car _ van"] > 0
+def test_metrics_of_a_method_are_named_by_split_metric_class_and_leave_undefined_ones_out(table):
+    other = labelling_scores(MATRIX.T[:, :3] * 2, method="baseline", split="test", classes=CLASSES)
+    by_method = scores_to_metrics(pd.concat([table, other]))
+    assert list(by_method) == ["detrended_forest", "baseline"]
+    metrics = by_method["detrended_forest"]
+    assert metrics["test/recall/road"] == 0.8
+    assert metrics["test/mean_f1"] == pytest.approx(table["value"].iloc[-2])
+    assert metrics["test/f1/car _ van"] > 0
     assert not any("wire" in name for name in metrics)
     for name in metrics:
         _validate_metric_name(name)
@@ -50,12 +53,12 @@ def test_metrics_are_named_by_slug_split_metric_class_and_leave_undefined_ones_o
 
 def test_a_slash_in_a_class_name_does_not_add_a_level():
     table = labelling_scores(np.eye(1, dtype=int), method="m", split="s", classes=["pole/sign"])
-    assert "m/s/f1/pole_sign" in scores_to_metrics(table)
+    assert "s/f1/pole_sign" in scores_to_metrics(table)["m"]
 
 
 def test_two_classes_of_one_metric_name_are_refused():
     table = labelling_scores(np.eye(2, dtype=int), method="m", split="s", classes=["a&b", "a%b"])
-    with pytest.raises(DataError, match="two scores are called 'm/s/precision/a_b'"):
+    with pytest.raises(DataError, match="two scores of m are called 's/precision/a_b'"):
         scores_to_metrics(table)
 
 

@@ -175,8 +175,8 @@ def check_scores(frame: pd.DataFrame, *, source: str = "scores") -> pd.DataFrame
     return table
 
 
-def scores_to_metrics(frame: pd.DataFrame) -> dict[str, float]:
-    """Return all defined scores as metrics for an experiment tracker.
+def scores_to_metrics(frame: pd.DataFrame) -> dict[str, dict[str, float]]:
+    """Return all defined scores as metrics for an experiment tracker, by method.
 
     Parameters
     ----------
@@ -185,24 +185,25 @@ def scores_to_metrics(frame: pd.DataFrame) -> dict[str, float]:
 
     Returns
     -------
-    dict of str to float
-        ``<method>/<split>/<metric>/<class>`` to the value. Undefined values are omitted; characters other than
-        letters, digits, ``_``, ``-``, ``.``, space and ``/`` become ``_``.
+    dict of str to dict of str to float
+        Per method, ``<split>/<metric>`` over all classes and ``<split>/<metric>/<class>`` to the value. Undefined
+        values are omitted; characters other than letters, digits, ``_``, ``-``, ``.``, space and ``/`` become ``_``.
 
     Raises
     ------
     DataError
-        If the table is not a table of scores, or if two scores have the same name.
+        If the table is not a table of scores, or if two scores of a method have the same name.
     """
     table = check_scores(frame)
-    metrics: dict[str, float] = {}
+    metrics: dict[str, dict[str, float]] = {}
     for row in table[table["value"].notna()].itertuples(index=False, name=None):
         method, split, class_name, metric, value, _ = row
-        parts = [str(part).replace("/", "_") for part in (method, split, metric, class_name)]
-        name = _ILLEGAL.sub("_", "/".join(parts))
-        if name in metrics:
-            raise DataError(f"two scores are called {name!r}: rename the class {class_name!r}")
-        metrics[name] = float(value)
+        levels = (split, metric) if class_name == ALL else (split, metric, class_name)
+        name = _ILLEGAL.sub("_", "/".join(str(level).replace("/", "_") for level in levels))
+        of_method = metrics.setdefault(str(method), {})
+        if name in of_method:
+            raise DataError(f"two scores of {method} are called {name!r}: rename the class {class_name!r}")
+        of_method[name] = float(value)
     return metrics
 
 

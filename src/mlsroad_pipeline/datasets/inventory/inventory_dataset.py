@@ -75,6 +75,11 @@ class RoadInventoryDataset(AbstractDataset[RoadInventory, RoadInventory]):
         self._filepath.parent.mkdir(parents=True, exist_ok=True)
         self._format.write(data, self._filepath)
 
+    @property
+    def filepath(self) -> Path:
+        """Path of the file."""
+        return self._filepath
+
     def _exists(self) -> bool:
         return self._filepath.is_file()
 

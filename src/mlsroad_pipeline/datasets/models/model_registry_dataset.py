@@ -20,6 +20,7 @@ from mlflow.exceptions import MlflowException
 from mlsroad_pipeline import __version__
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
+from mlsroad_pipeline.datasets.models.model_notes import annotate_version
 from mlsroad_pipeline.datasets.models.point_labeller import signature
 from mlsroad_pipeline.execution.digests import digest_file
 
@@ -191,6 +192,7 @@ def register_bundle(bundle: ModelBundle, name: str, *, input_example: pd.DataFra
     client.set_model_version_tag(name, str(number), FINGERPRINT, fingerprint)
     client.set_model_version_tag(name, str(number), "slug", bundle.slug)
     client.set_model_version_tag(name, str(number), "trained_on", str(metadata.get("trained_on", "")))
+    annotate_version(name, number, bundle.slug, metadata)
     return number, True
 
 
@@ -224,7 +226,18 @@ class RegisteredModelDataset(AbstractDataset[ModelBundle, ModelBundle]):
     ) -> None:
         self._name = name
         self._model_version = model_version
+        self.saved_version: int | None = None  # version of the last saved model
         self.metadata = metadata
+
+    @property
+    def registered_name(self) -> str:
+        """Name of the model in the registry."""
+        return self._name
+
+    @property
+    def method(self) -> str:
+        """Slug of the method, as in the name."""
+        return self._name.removeprefix("mlsroad-")
 
     def load(self) -> ModelBundle:
         """Return the model, with ``registered`` in its metadata."""
@@ -233,6 +246,7 @@ class RegisteredModelDataset(AbstractDataset[ModelBundle, ModelBundle]):
     def save(self, data: ModelBundle) -> None:
         """Register the model as a new version, unless the highest version is the same model."""
         number, is_new = register_bundle(data, self._name)
+        self.saved_version = number
         LOGGER.info("%s %s version %s", "Registered" if is_new else "Unchanged:", self._name, number)
 
     def _exists(self) -> bool:

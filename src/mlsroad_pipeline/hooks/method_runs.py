@@ -1,0 +1,139 @@
+"""Child runs of a tracked run, one per method: scores, series, figures and the registered model of that method."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+
+import mlflow
+import pandas as pd
+from mlflow.entities import LoggedModelInput, Metric, Run
+from mlflow.utils.mlflow_tags import MLFLOW_PARENT_RUN_ID
+
+from mlsroad_pipeline.algorithms.core.scene_key import TRAIN
+from mlsroad_pipeline.algorithms.metrics.scores import scores_to_metrics, summary
+from mlsroad_pipeline.datasets.models.model_notes import describe_version
+from mlsroad_pipeline.datasets.models.model_registry_dataset import RegisteredModelDataset
+from mlsroad_pipeline.hooks.data_sets import DataSet, DataSets
+from mlsroad_pipeline.hooks.mlflow_batches import log_metrics, log_params, now, series_metrics
+
+METHOD = "mlsroad.method"
+"""Tag of a child run: the slug of the method."""
+_INHERITED = ("mlflow.user", "mlflow.source.name", "mlflow.source.type", "mlflow.source.git.commit", "git.commit")
+
+
+@dataclass
+class _Child:
+    run_id: str
+    model: tuple[str, str, str] | None = None  # name, version, identifier of the logged model
+    unlinked: list[Metric] = field(default_factory=list)
+    inputs: set[tuple[str, str]] = field(default_factory=set)
+    scores: list[pd.DataFrame] = field(default_factory=list)
+
+
+def _copied(metric: Metric, model_id: str | None) -> Metric:
+    names = (metric.key, metric.value, metric.timestamp, metric.step)
+    return Metric(*names, model_id=model_id, dataset_name=metric.dataset_name, dataset_digest=metric.dataset_digest)
+
+
+class MethodRuns:
+    """Child runs by method; a child is created with the first record of its method.
+
+    Parameters
+    ----------
+    parent : Run
+        The run of the command.
+    survey : str
+        Name of the survey, for the names of the children.
+    data_sets : DataSets
+        Data sets of the run.
+    parameters : callable
+        Returns the parameters of a method, flat.
+    """
+
+    def __init__(
+        self, parent: Run, survey: str, data_sets: DataSets, parameters: Callable[[str], Mapping[str, str]]
+    ) -> None:
+        self._parent, self._survey, self._data_sets, self._parameters = parent, survey, data_sets, parameters
+        self._children: dict[str, _Child] = {}
+        self._lock = threading.RLock()
+
+    def __contains__(self, method: str) -> bool:
+        """Return whether a method has a run."""
+        return method in self._children
+
+    def run_id(self, method: str) -> str:
+        """Return the identifier of the run of a method, which is created if there is none."""
+        return self._child(method).run_id
+
+    def _child(self, method: str) -> _Child:
+        with self._lock:
+            if method not in self._children:
+                info, tags = self._parent.info, self._parent.data.tags
+                kept = {name: tags[name] for name in _INHERITED if name in tags}
+                run = mlflow.MlflowClient().create_run(
+                    info.experiment_id,
+                    run_name=f"{method} on {self._survey}" if self._survey else method,
+                    tags={**kept, MLFLOW_PARENT_RUN_ID: info.run_id, METHOD: method},
+                )
+                self._children[method] = _Child(run.info.run_id)
+                log_params(run.info.run_id, self._parameters(method))
+            return self._children[method]
+
+    def open(self, method: str) -> None:
+        """Make the run of a method the active one: what MLflow records now belongs to it."""
+        mlflow.start_run(run_id=self.run_id(method), nested=True, log_system_metrics=False)
+
+    def close(self, dataset: RegisteredModelDataset) -> None:
+        """Make the parent active again and link the scores of the method to the model that was registered."""
+        mlflow.end_run()
+        client, child = mlflow.MlflowClient(), self._child(dataset.method)
+        name, number = dataset.registered_name, str(dataset.saved_version)
+        version = client.get_model_version(name, number)
+        model_id = version.model_id or version.source.removeprefix("models:/")
+        child.model = (name, number, model_id)
+        if version.run_id != child.run_id:  # unchanged: the model of an earlier run
+            client.log_inputs(child.run_id, models=[LoggedModelInput(model_id)])
+        self._log_inputs(child, [self._data_sets.of(TRAIN)])
+        log_metrics(child.run_id, [_copied(metric, model_id) for metric in child.unlinked])
+        child.unlinked = []
+
+    def log_scores(self, frame: pd.DataFrame) -> None:
+        """Record a table of scores, each method in its run and linked to its model and data set."""
+        for method, values in scores_to_metrics(frame).items():
+            child = self._child(method)
+            child.scores.append(frame[frame["method"] == method])
+            stamp, metrics = now(), []
+            for name, value in values.items():
+                data = self._data_sets.of(name.split("/", maxsplit=1)[0])
+                self._log_inputs(child, [data])
+                named = {"dataset_name": data.name, "dataset_digest": data.digest} if data else {}
+                metrics.append(Metric(name, value, stamp, 0, **named))
+            self._log(child, metrics)
+
+    def log_series(self, method: str, table: pd.DataFrame) -> None:
+        """Record every column of a table by step."""
+        self._log(self._child(method), series_metrics(table))
+
+    def _log(self, child: _Child, metrics: list[Metric]) -> None:
+        if child.model is None:
+            child.unlinked += metrics
+            log_metrics(child.run_id, metrics)
+        else:
+            log_metrics(child.run_id, [_copied(metric, child.model[2]) for metric in metrics])
+
+    def _log_inputs(self, child: _Child, data: Iterable[DataSet | None]) -> None:
+        fresh = [one for one in data if one is not None and (one.name, one.digest) not in child.inputs]
+        if fresh:
+            mlflow.MlflowClient().log_inputs(child.run_id, datasets=[one.as_input() for one in fresh])
+            child.inputs |= {(one.name, one.digest) for one in fresh}
+
+    def finish(self, status: str) -> None:
+        """End all children, and add the scores to the descriptions of their models."""
+        client = mlflow.MlflowClient()
+        for child in self._children.values():
+            client.set_terminated(child.run_id, status)
+            if child.model is not None and child.scores:
+                name, number, _ = child.model
+                describe_version(name, number, summary(pd.concat(child.scores)))
