@@ -12,7 +12,7 @@ from typing import Any
 import click
 from kedro.framework.cli.project import run as kedro_run
 from omegaconf import OmegaConf
-from yaml import YAMLError  # type: ignore[import-untyped]  # it has no stubs
+from yaml import YAMLError
 
 from mlsroad_pipeline.config import nearest_name
 

@@ -30,8 +30,8 @@ def inspect(files: Surveys, output: Output = None, params: Params = None, verbos
         place = find_place()
         configure(place)
         with collected_warnings(verbose=verbose):
-            catalog = run_pipeline("inspect", merged(parameters, nested(params or [])), place=place)
-        print_facts(output_console(), catalog.load("inspection"), folder / "inspection.html")
+            run = run_pipeline("inspect", merged(parameters, nested(params or [])), place=place)
+        print_facts(output_console(), run.catalog.load("inspection"), folder / "inspection.html")
 
 
 def print_facts(console: Any, facts: dict[str, Any], report: Path) -> None:

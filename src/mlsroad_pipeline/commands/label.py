@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any
 
 import typer
@@ -31,6 +32,9 @@ STAGES = {
     "written": ("Writing", 0.18),
 }
 """Stage to its description and its share of the time on two cores, from a survey of 5 million points."""
+
+REPEATED = "repeat_label_summary"
+"""Node that runs in place of all others where the results of the same run are there and unchanged."""
 
 
 def _methods() -> list[str]:
@@ -79,18 +83,22 @@ def label(  # typer reads the options from the signature
         place = find_place()
         configure(place)
         with collected_warnings(verbose=verbose) as logged, Stages(STAGES, error_console()).shown():
-            summary = run_pipeline("label", parameters, place=place).load("label_summary")
-        print_summary(output_console(), summary, logged, seconds=time.perf_counter() - begin)
+            run = run_pipeline("label", parameters, place=place)
+            summary = run.catalog.load("label_summary")
+        seconds = None if REPEATED in run.nodes else time.perf_counter() - begin
+        print_summary(output_console(), summary, logged, seconds=seconds)
 
 
-def print_summary(console: Console, summary: Mapping[str, Any], logged: list[str], *, seconds: float) -> None:
-    """Print counts per class and kind of object, warnings and paths."""
+def print_summary(console: Console, summary: Mapping[str, Any], logged: list[str], *, seconds: float | None) -> None:
+    """Print counts per class and kind of object, warnings and paths; without seconds, the run was finished before."""
     from mlsroad_pipeline.commands.console import count_table, print_warnings, shown_path
 
     confidence, n_points = summary["confidence"], summary["n_points"]
     files = "1 file" if summary["n_files"] == 1 else f"{summary['n_files']} files"
     median = "" if confidence["median"] is None else f", median confidence {confidence['median']:.2f}"
-    console.print(f"Labelled {n_points:,} points of {files} in {seconds:.1f} s with {_model(summary)}{median}.\n")
+    begin = "Already labelled:" if seconds is None else "Labelled"
+    duration = "" if seconds is None else f" in {seconds:.1f} s"
+    console.print(f"{begin} {n_points:,} points of {files}{duration} with {_model(summary)}{median}.\n")
     rows = [
         (name, f"{count:,}", f"{100 * count / max(n_points, 1):.1f} %", _median(confidence["class_medians"], name))
         for name, count in sorted(summary["classes"].items(), key=lambda item: -item[1])
@@ -109,7 +117,7 @@ def print_summary(console: Console, summary: Mapping[str, Any], logged: list[str
     console.print(f"  points     {clouds[0] if len(clouds) == 1 else f'{len(clouds)} files, the first is {clouds[0]}'}")
     console.print(f"  inventory  {shown_path(outputs['inventory'])}")
     console.print(f"  report     {shown_path(outputs['report'])}")
-    console.print(f"\nOpen the report: mlsroad open {shown_path(summary['output'])}")
+    console.print(f"\nOpen the report: mlsroad open {quote(shown_path(summary['output']))}")
 
 
 def _model(summary: Mapping[str, Any]) -> str:

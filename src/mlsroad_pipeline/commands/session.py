@@ -40,6 +40,13 @@ def find_place() -> Place:
     return Place(here, str(files(PACKAGE) / "conf"), False, tracked)
 
 
+class Run(NamedTuple):
+    """Catalog of a run, and the names of the nodes that ran."""
+
+    catalog: CatalogProtocol
+    nodes: frozenset[str]
+
+
 def configure(place: Place) -> None:
     """Configure the logging and Kedro for the package; Kedro configures the logging when it is imported."""
     os.environ.setdefault("KEDRO_LOGGING_CONFIG", str(Path(place.configuration) / "logging.yml"))
@@ -48,8 +55,8 @@ def configure(place: Place) -> None:
     configure_project(PACKAGE)
 
 
-def run_pipeline(name: str, parameters: Mapping[str, Any], *, place: Place) -> CatalogProtocol:
-    """Run a pipeline with changed parameters, nested by section, and return its catalog; `configure` comes first."""
+def run_pipeline(name: str, parameters: Mapping[str, Any], *, place: Place) -> Run:
+    """Run a pipeline with changed parameters, nested by section; `configure` comes first."""
     from kedro import __version__
     from kedro.framework.context import KedroContext
     from kedro.framework.project import pipelines, settings
@@ -94,7 +101,7 @@ def run_pipeline(name: str, parameters: Mapping[str, Any], *, place: Place) -> C
         hooks.hook.on_pipeline_error(error=error, run_params=run_params, pipeline=pipeline, catalog=catalog)
         raise
     hooks.hook.after_pipeline_run(run_params=run_params, run_result=result, pipeline=pipeline, catalog=catalog)
-    return catalog
+    return Run(catalog, frozenset(node.name for node in pipeline.nodes))
 
 
 def _tracking_hooks(place: Place) -> list[Any]:

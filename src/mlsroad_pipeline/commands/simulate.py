@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any
 
 import typer
@@ -62,4 +63,4 @@ def write_street(config: dict[str, Any], folder: Path, *, overwrite: bool) -> No
     console.print(f"Simulated {parameters.length:g} m of street: {int(written['n_points']):,} points.\n")
     console.print(f"  points   {shown_path(folder / files[0])}" + (f" and {len(files) - 1} more" if files[1:] else ""))
     console.print(f"  objects  {shown_path(folder / 'objects.csv')}")
-    console.print(f"\nLabel it: mlsroad label {shown_path(folder)}")
+    console.print(f"\nLabel it: mlsroad label {quote(shown_path(folder))}")
