@@ -43,6 +43,28 @@ def parse_crs(crs: str) -> str:
         raise ParameterError(f"crs {crs!r} is not a coordinate reference system: {error}") from error
 
 
+@lru_cache(maxsize=64)
+def is_same_crs(one: str, other: str) -> bool:
+    """Return whether two systems are equal, whatever their names and the order of their axes.
+
+    Parameters
+    ----------
+    one, other : str
+        The systems as WKT.
+
+    Returns
+    -------
+    bool
+        False where the texts differ and PROJ cannot parse one of them.
+    """
+    if one == other:
+        return True
+    try:
+        return bool(pyproj.CRS.from_user_input(one).equals(pyproj.CRS.from_user_input(other), ignore_axis_order=True))
+    except pyproj.exceptions.CRSError:
+        return False
+
+
 def _stem(path: Path) -> str:
     name = unpacked_name(path)
     return name.rpartition(".")[0] or name

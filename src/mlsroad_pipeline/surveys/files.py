@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import re
 import tempfile
@@ -15,11 +14,13 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadErro
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, check_splits_along, check_splits_sectors
 from mlsroad_pipeline.formats.registry import format_of_name
 from mlsroad_pipeline.surveys.discovery import find_point_files, find_split_files
-
-logger = logging.getLogger(__name__)
+from mlsroad_pipeline.surveys.probing import no_points_reason
 
 TABLES = ("text", "Parquet", "NPZ")
 """Formats whose files may hold something other than points."""
+
+TABLE = "is a table beside point clouds of another format: skipped"
+"""Reason for which a table is left out."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,22 @@ class SurveyFile:
     name: str
     folder: str
     trajectory: str | None
+
+
+@dataclass(frozen=True)
+class SurveyListing:
+    """Files of a survey, and those left out.
+
+    Parameters
+    ----------
+    files : list of SurveyFile
+        Files of points.
+    skipped : mapping of str to str
+        Name of each file left out to the reason.
+    """
+
+    files: list[SurveyFile]
+    skipped: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -76,18 +93,37 @@ class Survey:
         return folders[0] if len(folders) == 1 else Path(os.path.commonpath([folder.absolute() for folder in folders]))
 
     def files(self, *, trajectory: str | None = None) -> list[SurveyFile]:
-        """Return all files of points.
+        """Return all files of points."""
+        return self.listing(trajectory=trajectory).files
 
-        Tables (`TABLES`) beside point clouds of another format are left out with a warning, since surveys are delivered
-        with trajectories, lists of objects and calibrations. A glob or the path of such a file includes it.
+    def listing(self, *, trajectory: str | None = None, text: bool = True) -> SurveyListing:
+        """Return all files of points, and those left out of folders and globs.
+
+        Tables (`TABLES`) beside point clouds of another format are left out, since surveys are delivered with
+        trajectories, lists of objects and calibrations; a glob of such files includes them. Files without points are
+        left out (`no_points_reason`; `text` is passed on). A file that is named itself is never left out.
         """
         paths: list[Path] = []
+        reasons: dict[Path, str] = {}
+        named = {Path(root).absolute() for root in self.roots}
         for root in self.roots:
             below = find_point_files(root)
-            paths += _without_tables(below, trajectory) if Path(root).is_dir() else below
+            if Path(root).is_dir():
+                tables = _tables_beside(below)
+                reasons |= {path: TABLE for path in tables if path.name != trajectory}
+                below = [path for path in below if path not in tables]
+            for path in (path for path in below if path.absolute() not in named and path.name != trajectory):
+                reason = no_points_reason(path, text=text)
+                reasons |= {path: f"{reason}: skipped"} if reason else {}
+            paths += [path for path in below if path not in reasons]
         if len(self.roots) > 1:
             paths = sorted({path.absolute() for path in paths})
-        return self._described(paths, trajectory)
+            reasons = {path.absolute(): reason for path, reason in reasons.items() if path.absolute() not in paths}
+        skipped = {path.relative_to(self.folder).as_posix(): reason for path, reason in sorted(reasons.items())}
+        if not paths:
+            listed = "; ".join(f"{name} {reason.removesuffix(': skipped')}" for name, reason in skipped.items())
+            raise ReadError(f"{self.root} holds no point cloud: {listed}")
+        return SurveyListing(self._described(paths, trajectory), skipped)
 
     def split_files(
         self, splits: Mapping[str, tuple[Sequence[str], SplitPart]], *, trajectory: str | None = None
@@ -127,15 +163,11 @@ def _folder_of(root: Path) -> Path:
     return Path(*root.parts[:magic])
 
 
-def _without_tables(paths: Sequence[Path], trajectory: str | None) -> list[Path]:
-    """Leave out tables in folders that hold point clouds of another format."""
+def _tables_beside(paths: Sequence[Path]) -> set[Path]:
+    """Return the tables in folders that hold point clouds of another format."""
     tables = {path for path in paths if getattr(format_of_name(path), "name", None) in TABLES}
     clouds = {path.parent for path in paths if path not in tables}
-    beside = [path for path in paths if path in tables and path.parent in clouds]
-    named = [str(path) for path in beside if path.name != trajectory]
-    if named:
-        logger.warning("Skipped tables beside point clouds of another format: %s", ", ".join(named))
-    return [path for path in paths if path not in beside]
+    return {path for path in tables if path.parent in clouds}
 
 
 def _check_disjoint(file: str, parts: Mapping[str, SplitPart]) -> None:

@@ -20,14 +20,17 @@ from mlsroad_pipeline.algorithms.quality.inspection import (
     ScanLines,
     SurveyMap,
     column_warnings,
+    constant_columns,
     summarise,
     time_base,
 )
+from mlsroad_pipeline.algorithms.quality.report import QualityReport
 from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions
-from mlsroad_pipeline.formats.crs import SAME_UNIT, crs_unit
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.surveys.files import Survey
+from mlsroad_pipeline.surveys.reading import has_whole_numbers, replaced_crs
 from mlsroad_pipeline.surveys.sbet import coverage_note, in_weeks_of
+from mlsroad_pipeline.surveys.survey_warnings import SurveyFacts, file_warnings
 from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
 
 logger = logging.getLogger(__name__)
@@ -85,40 +88,53 @@ class FileInspection:
         Map of the point density.
     facts : dict
         Figures as plain data for JSON.
-    warnings : list of str
-        One sentence per problem.
+    overview : SurveyFacts
+        Facts of the warnings that `label` has too.
+    more : list of str
+        Further warnings.
     """
 
     name: str
     info: FileInfo
     picture: SurveyMap
-    facts: dict[str, Any] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
+    facts: dict[str, Any]
+    overview: SurveyFacts
+    more: list[str]
+
+    @property
+    def warnings(self) -> list[str]:
+        """One sentence per problem."""
+        return [*file_warnings(self.overview), *self.more]
 
 
 def inspect_survey(
     parameters: InspectParameters, *, root: str | Sequence[str], read: Mapping[str, Any]
 ) -> tuple[list[FileInspection], dict[str, str]]:
-    """Inspect all files of a survey; return the results, and the error of each file that cannot be read."""
+    """Inspect all files of a survey; return the results, and the reason of each file that is left out."""
     options = ReadOptions.from_config(read)
-    files, unread = [], {}
-    for file in Survey.at(root).files(trajectory=parameters.trajectory):
+    listing = Survey.at(root).listing(trajectory=parameters.trajectory)
+    files, unread = [], dict(listing.skipped)
+    for file in listing.files:
         logger.info("Inspecting %s", file.name)
         try:
             inspected = inspect_file(
-                *(file.path, file.name), options=options, max_gap=parameters.max_gap, trajectory=file.trajectory
+                *(file.path, file.name),
+                options=options,
+                max_gap=parameters.max_gap,
+                trajectory=file.trajectory,
+                wanted=parameters.trajectory is not None,
             )
         except DataError as error:
-            unread[file.name] = str(error)
+            unread[file.name] = f"cannot be read: {error}"
         else:
             files.append(inspected)
     return files, unread
 
 
 def inspect_file(
-    path: str, name: str, *, options: ReadOptions, max_gap: float, trajectory: str | None = None
+    path: str, name: str, *, options: ReadOptions, max_gap: float, trajectory: str | None = None, wanted: bool = False
 ) -> FileInspection:
-    """Inspect one file."""
+    """Inspect one file; a missing trajectory is a warning if one is wanted."""
     form = get_format(path)
     info = form.info(Path(path), options)
     columns: dict[str, ColumnSummary] = {}
@@ -135,26 +151,25 @@ def inspect_file(
             summarise(cloud, columns)
             lines.add(cloud)
             picture.add(cloud)
-    result = FileInspection(name, info, picture)
-    _report(result, chunks, columns, lines)
-    result.warnings += _unit_warnings(form, info, options)
-    if trajectory is not None:
-        result.warnings += _trajectory_warnings(trajectory, result.facts["time"], info.crs)
-    return result
+    quality = merge(chunks)
+    more = [*column_warnings(columns), *_header_warnings(info, np.array(quality.low), np.array(quality.high))]
+    more += [] if trajectory is None else _trajectory_warnings(trajectory, quality, info.crs)
+    overview = SurveyFacts(
+        quality,
+        info.crs,
+        info.format,
+        trajectory="beside" if trajectory is not None else "none" if wanted else "off",
+        constant=constant_columns(columns),
+        whole_numbers=_whole_numbers(form, info, options),
+        in_metres=options.metres == 1.0,
+        stated_crs=replaced_crs(form, path, options),
+    )
+    return FileInspection(name, info, picture, _facts(name, info, quality, columns, lines), overview, more)
 
 
-def _unit_warnings(form: PointFormat, info: FileInfo, options: ReadOptions) -> list[str]:
-    if options.metres != 1.0:
-        return []
-    unit = None if info.crs is None else crs_unit(info.crs)
-    if unit is not None and abs(unit[1] - 1.0) > SAME_UNIT:
-        return [
-            f"its coordinate reference system has the unit {unit[0]}, but coordinates are read as metres; set units"
-        ]
-    units = form.read(info.path, replace(options, only=(), coding=None), stop=SAMPLE_RUNS * SAMPLE_SIZE).world_xyz()
-    if len(units) < SAMPLE_SIZE or np.abs(units - np.rint(units)).max() > 1e-6:
-        return []
-    return ["coordinates are whole numbers: perhaps millimetres or centimetres; set units"]
+def _whole_numbers(form: PointFormat, info: FileInfo, options: ReadOptions) -> bool:
+    only = replace(options, only=(), coding=None)
+    return has_whole_numbers(form.read(info.path, only, stop=SAMPLE_RUNS * SAMPLE_SIZE))
 
 
 def _empty_map(form: PointFormat, info: FileInfo, options: ReadOptions) -> SurveyMap:
@@ -171,14 +186,14 @@ def _empty_map(form: PointFormat, info: FileInfo, options: ReadOptions) -> Surve
     return SurveyMap.over(low - wider, high + wider)
 
 
-def _report(
-    result: FileInspection, chunks: list[ChunkQuality], columns: dict[str, ColumnSummary], lines: ScanLines
-) -> None:
-    info, quality = result.info, merge(chunks)
+def _facts(
+    name: str, info: FileInfo, quality: QualityReport, columns: Mapping[str, ColumnSummary], lines: ScanLines
+) -> dict[str, Any]:
+    """Return the figures of a file as plain data for JSON."""
     low, high = np.array(quality.low), np.array(quality.high)
     seconds = quality.time_end - quality.time_start
-    result.facts = {
-        **{"file": result.name, "bytes": info.path.stat().st_size, "format": info.format},
+    return {
+        **{"file": name, "bytes": info.path.stat().st_size, "format": info.format},
         "details": {key: _plain(value) for key, value in info.details.items()},
         **{"n_points": quality.n_points, "low": _plain(low), "high": _plain(high), "crs": info.crs},
         **{"crs_name": _crs_name(info.crs), "density": _plain(quality.density)},
@@ -195,11 +210,6 @@ def _report(
             "lines_per_second": _plain(lines.n_jumps / seconds) if seconds > 0 else None,
         },
     }
-    skipped = "label codes outside the taxonomy"  # not applicable without a coding
-    prefix = f"{result.name}: "
-    result.warnings = [w.removeprefix(prefix) for w in quality.warnings() if skipped not in w]
-    result.warnings += column_warnings(columns, low, high, info.crs)
-    result.warnings += _header_warnings(info, low, high)
 
 
 def _header_warnings(info: FileInfo, low: np.ndarray, high: np.ndarray) -> list[str]:
@@ -212,11 +222,11 @@ def _header_warnings(info: FileInfo, low: np.ndarray, high: np.ndarray) -> list[
     return [f"its header states the bounds {stated[0]} to {stated[1]}, its points have {real[0]} to {real[1]}"]
 
 
-def _trajectory_warnings(trajectory: str, time: dict[str, Any], crs: str | None) -> list[str]:
-    if time["start"] is None:
+def _trajectory_warnings(trajectory: str, quality: QualityReport, crs: str | None) -> list[str]:
+    first, last = quality.time_start, quality.time_end
+    if not np.isfinite(first):
         return []
-    path = in_weeks_of(read_trajectory(trajectory, crs=crs), time["start"], time["end"])
-    note = coverage_note(path, time["start"], time["end"])
+    note = coverage_note(in_weeks_of(read_trajectory(trajectory, crs=crs), first, last), first, last)
     return [note] if note else []
 
 

@@ -25,6 +25,8 @@ from mlsroad_pipeline.algorithms.scenes.cutting import (
 )
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
 from mlsroad_pipeline.algorithms.scenes.trajectory_estimation import trajectory_from_windows
+from mlsroad_pipeline.formats.base import PointFormat
+from mlsroad_pipeline.formats.crs import is_same_crs, parse_crs
 from mlsroad_pipeline.formats.files import spread_starts
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
@@ -38,7 +40,10 @@ SAMPLE_RUNS, SAMPLE_SIZE = 16, 256
 SCENE_COLUMNS = ("rgb", "intensity", "gps_time", "scanner", "label", "instance")
 """Attributes of a file that scenes keep; the others are read again by the writer."""
 
-CLASS = "classification"
+CLASS, WITHHELD = "classification", "withheld"
+
+WHOLE_SAMPLE = 1024
+"""Number of coordinates that are tested for whole numbers."""
 
 UNUSED_COLUMNS = ("gps_time", "scanner")
 """Columns that only the quality report and the training need; `label` drops them."""
@@ -48,13 +53,13 @@ FEATURE_COLUMNS = ("rgb", "intensity")
 
 
 def _scene_options(path: str, options: ReadOptions, *, labels: bool, constant: Sequence[str] = ()) -> ReadOptions:
-    """Return options to read the scene columns of a file, and the classification of LAS files to label."""
+    """Return options to read the scene columns of a file, and classification and flags of LAS files to label."""
     form = get_format(path)
     columns = form.info(Path(path), replace(options, coding=options.coding if labels else None)).columns
     skipped = {*constant, *(() if labels else ("label", "instance"))}
     selected = [name for name in SCENE_COLUMNS if name in columns and name not in skipped]
-    if not labels and form.name == "LAS" and CLASS in columns:
-        selected.append(CLASS)
+    if not labels and form.name == "LAS":
+        selected += [name for name in (CLASS, WITHHELD) if name in columns]
     return replace(options, only=tuple(selected), coding=options.coding if "label" in selected else None)
 
 
@@ -67,11 +72,29 @@ def constant_columns(sample: PointCloud) -> list[str]:
     ]
 
 
+def has_whole_numbers(cloud: PointCloud) -> bool:
+    """Return whether coordinates are whole numbers, as millimetres are; False for fewer than 64 points."""
+    units = cloud.world_xyz()[:WHOLE_SAMPLE]
+    return len(units) >= 64 and bool(np.abs(units - np.rint(units)).max() <= 1e-6)
+
+
+def replaced_crs(form: PointFormat, path: str, options: ReadOptions) -> str | None:
+    """Return the system that a file states, if the option `crs` replaces it by another."""
+    if options.crs is None:
+        return None
+    stated = form.info(Path(path), replace(options, crs=None, reproject=None, coding=None)).crs
+    return None if stated is None or is_same_crs(stated, parse_crs(options.crs)) else stated
+
+
 class FileFacts(TypedDict):
-    """Number of points, shape (1,), and names of the feature columns with a single value."""
+    """Facts of a file: numbers and flags of shape (1,), systems as WKT or empty."""
 
     n_points: NDArray[np.int64]
-    constant: NDArray[np.str_]
+    constant: NDArray[np.str_]  # names of the feature columns with a single value
+    crs: NDArray[np.str_]
+    stated_crs: NDArray[np.str_]  # if an option replaces it
+    whole_numbers: NDArray[np.bool_]
+    form: NDArray[np.str_]
 
 
 class FileDescription(TypedDict):
@@ -113,7 +136,14 @@ def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: boo
     sample = concatenate(runs)
     time_windows = read_time_windows(form, path, chosen, sample=sample, n_points=n_points) if windows else None
     return {
-        "info": {"n_points": np.array([n_points]), "constant": np.array(constant_columns(sample), dtype=np.str_)},
+        "info": {
+            "n_points": np.array([n_points]),
+            "constant": np.array(constant_columns(sample), dtype=np.str_),
+            "crs": np.array([sample.crs or ""]),
+            "stated_crs": np.array([replaced_crs(form, path, options) or ""]),
+            "whole_numbers": np.array([has_whole_numbers(sample)]),
+            "form": np.array([form.name]),
+        },
         "sample": sample,
         "windows": sample.select(np.zeros(0, dtype=np.int64)) if time_windows is None else time_windows,
     }
@@ -179,8 +209,8 @@ def read_and_cut(
     chosen = _scene_options(path, options, labels=labels, constant=constant)
     cloud = get_format(path).read(Path(path), chosen, start=start, stop=stop)
     has_classes = np.array([cloud[CLASS].any()] if CLASS in cloud else [], dtype=np.bool_)
-    cloud = cloud.without_columns([CLASS])
     quality = chunk_to_arrays(inspect_chunk(cloud, max_gap=time_gap, n_total=n_total))
+    cloud = cloud.without_columns([CLASS, WITHHELD])
     pieces = cut_points(
         cloud if labels else cloud.without_columns(UNUSED_COLUMNS),
         corridor_from_arrays(corridor),

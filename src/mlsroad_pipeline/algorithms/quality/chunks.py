@@ -21,6 +21,7 @@ from mlsroad_pipeline.algorithms.quality.duplicates import (
     merge_sketches,
     sketch_of,
 )
+from mlsroad_pipeline.algorithms.quality.places import cell_positions, count_places
 from mlsroad_pipeline.algorithms.quality.report import STANDARD_COLUMNS, QualityReport
 
 __all__ = ["STANDARD_COLUMNS", "ChunkQuality", "QualityReport", "TimeQuality", "inspect_chunk", "merge"]
@@ -71,8 +72,9 @@ class ChunkQuality:
     ----------
     source : str
         The file.
-    n_points, n_not_finite, n_duplicates : int
-        Numbers of points, of points with a NaN or infinite coordinate, of exact duplicates within the chunk.
+    n_points, n_not_finite, n_duplicates, n_withheld : int
+        Numbers of points, of points with a NaN or infinite coordinate, of exact duplicates within the chunk, of points
+        flagged withheld.
     low, high : ndarray of shape (3,), float64
         World extent of the finite points, metres; infinite without finite points.
     cells : ndarray of shape (m,), int64
@@ -97,6 +99,7 @@ class ChunkQuality:
     n_points: int
     n_not_finite: int
     n_duplicates: int
+    n_withheld: int
     low: NDArray[np.float64]
     high: NDArray[np.float64]
     cells: NDArray[np.int64]
@@ -143,6 +146,7 @@ def inspect_chunk(cloud: PointCloud, *, max_gap: float = 1.0, n_total: int | Non
         n_points=len(cloud),
         n_not_finite=len(cloud) - len(world),
         n_duplicates=count_duplicates(world, hashes),
+        n_withheld=int(np.count_nonzero(cloud["withheld"])) if "withheld" in cloud else 0,
         low=np.array([axis.min(initial=np.inf) for axis in world.T]),
         high=np.array([axis.max(initial=-np.inf) for axis in world.T]),
         cells=_occupied_cells(world),
@@ -221,7 +225,7 @@ def merge(chunks: Sequence[ChunkQuality]) -> QualityReport:
     n_points = sum(chunk.n_points for chunk in chunks)
     n_not_finite = sum(chunk.n_not_finite for chunk in chunks)
     has_extent = n_points > n_not_finite
-    n_cells = len(np.unique(np.concatenate([chunk.cells for chunk in chunks])))
+    cells = np.unique(np.concatenate([chunk.cells for chunk in chunks]))
     low = np.min([chunk.low for chunk in chunks], axis=0) if has_extent else np.full(3, np.nan)
     high = np.max([chunk.high for chunk in chunks], axis=0) if has_extent else np.full(3, np.nan)
     columns = frozenset.intersection(*(chunk.columns for chunk in chunks))
@@ -233,9 +237,11 @@ def merge(chunks: Sequence[ChunkQuality]) -> QualityReport:
         n_not_finite=n_not_finite,
         n_duplicates=n_duplicates,
         duplicates_exact=duplicates_exact,
+        n_withheld=sum(chunk.n_withheld for chunk in chunks),
+        n_places=count_places(cell_positions(cells, DENSITY_CELL)),
         low=tuple(low.tolist()),
         high=tuple(high.tolist()),
-        density=(n_points - n_not_finite) / (n_cells * DENSITY_CELL**2) if has_extent else float("nan"),
+        density=(n_points - n_not_finite) / (len(cells) * DENSITY_CELL**2) if has_extent else float("nan"),
         present=tuple(name for name in STANDARD_COLUMNS if name in columns),
         missing=tuple(name for name in STANDARD_COLUMNS if name not in columns),
         classes=_merge_classes(chunks),

@@ -233,17 +233,13 @@ def time_base(start: float, end: float) -> str:
     return "GPS seconds since 1980" if end < 1_450_000_000 else "seconds since 1970"
 
 
-def column_warnings(columns: Mapping[str, ColumnSummary], low: NDArray, high: NDArray, crs: str | None) -> list[str]:
-    """Return warnings about the columns and the location of a file.
+def column_warnings(columns: Mapping[str, ColumnSummary]) -> list[str]:
+    """Return warnings about the columns of a file.
 
     Parameters
     ----------
     columns : mapping of str to ColumnSummary
         Columns of the file.
-    low, high : ndarray of shape (3,)
-        Extent of the file, metres.
-    crs : str or None
-        CRS of the file as WKT.
 
     Returns
     -------
@@ -251,24 +247,29 @@ def column_warnings(columns: Mapping[str, ColumnSummary], low: NDArray, high: ND
         One sentence per warning.
     """
     warnings = []
-    if crs is None:
-        warnings.append("no coordinate reference system: results have no position on a map; set crs")
-    extent = high - low
-    if np.isfinite(extent).all():
-        if (np.abs([low[:2], high[:2]]) <= [[180, 90], [180, 90]]).all() and extent[:2].max() < 1e-2 and extent[2] > 1:
-            warnings.append("coordinates look like degrees, not metres; reproject the file first")
-        if extent.max() > 1e5:
-            warnings.append(
-                f"the points extend over {extent.max() / 1000:,.6g} km: stray points, or units other than metres"
-            )
     for name, summary in columns.items():
         if summary.n_missing:
             warnings.append(f"column {name} has {summary.n_missing} NaN or infinite values")
-        if name in ("rgb", "intensity", "gps_time") and summary.minimum == summary.maximum:
-            warnings.append(f"column {name} is {summary.minimum:g} for all points and carries no information")
     codes = columns["classification"].counts if "classification" in columns else None
     if codes and max(codes) > 31:
         warnings.append(
             "classification has codes above 31, which LAS point formats 0 to 5 and old viewers do not support"
         )
     return warnings
+
+
+def constant_columns(columns: Mapping[str, ColumnSummary]) -> tuple[str, ...]:
+    """Return the names of colour, intensity and time if all points have the same value.
+
+    Parameters
+    ----------
+    columns : mapping of str to ColumnSummary
+        Columns of the file.
+
+    Returns
+    -------
+    tuple of str
+        Names of columns without information.
+    """
+    names = ("rgb", "intensity", "gps_time")
+    return tuple(n for n in names if n in columns and columns[n].minimum == columns[n].maximum)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, Self
 
 STANDARD_COLUMNS = ("rgb", "intensity", "gps_time", "scanner", "label", "instance")
 """Columns that a report lists as present or missing."""
@@ -22,6 +24,10 @@ class QualityReport:
         Number of exact duplicates; an estimate if `duplicates_exact` is False, at least the number within chunks.
     duplicates_exact : bool
         Whether `n_duplicates` is exact: the file is one chunk or fits into the sketch.
+    n_withheld : int
+        Number of points flagged withheld (LAS).
+    n_places : int
+        Number of places that lie more than 500 m apart.
     low, high : tuple of float
         World extent, metres; NaN without finite points.
     density : float
@@ -51,6 +57,8 @@ class QualityReport:
     n_not_finite: int
     n_duplicates: int
     duplicates_exact: bool
+    n_withheld: int
+    n_places: int
     low: tuple[float, ...]
     high: tuple[float, ...]
     density: float
@@ -71,7 +79,10 @@ class QualityReport:
         """Return the report as a flat row with ``min_x`` to ``max_z``, ``has_<column>`` and ``class_<name>``."""
         row: dict[str, str | int | float | bool] = {
             name: getattr(self, name)
-            for name in ("source", "n_points", "n_not_finite", "n_duplicates", "duplicates_exact", "density")
+            for name in (
+                *("source", "n_points", "n_not_finite", "n_duplicates", "duplicates_exact", "n_withheld", "n_places"),
+                "density",
+            )
         }
         for axis, low, high in zip("xyz", self.low, self.high, strict=True):
             row[f"min_{axis}"], row[f"max_{axis}"] = low, high
@@ -80,18 +91,33 @@ class QualityReport:
             name: getattr(self, name)
             for name in (
                 *("time_start", "time_end", "n_gaps", "longest_gap", "n_backward", "n_times_not_finite"),
-                *("intensity_min", "intensity_max"),
+                *("intensity_min", "intensity_max", "max_gap"),
             )
         }
         return row | {f"class_{name}": count for name, count in self.classes.items()}
 
+    @classmethod
+    def from_row(cls, row: Mapping[str, Any]) -> Self:
+        """Return the report that `as_row` made a row of."""
+        present = tuple(name for name in STANDARD_COLUMNS if row[f"has_{name}"])
+        low, high = (tuple(float(row[f"{end}_{axis}"]) for axis in "xyz") for end in ("min", "max"))
+        return cls(
+            **{name: row[name] for name in cls.__dataclass_fields__ if name in row},
+            **{"low": low, "high": high, "present": present},
+            missing=tuple(name for name in STANDARD_COLUMNS if name not in present),
+            classes={name.removeprefix("class_"): int(row[name]) for name in row if name.startswith("class_")},
+        )
+
     def warnings(self) -> list[str]:
         """Return one sentence per problem of the file."""
         about = "" if self.duplicates_exact else "about "
+        absent = [name for name in self.missing if name not in ("scanner", "label", "instance")]
         unknown = sorted(name for name in self.classes if name.startswith("unknown_"))
         problems = (
             (self.n_points == 0, "no points"),
-            (bool(self.missing), f"no column {', '.join(self.missing)}: features that need them are not computed"),
+            (bool(absent), f"no column {', '.join(absent)}: features that need them are not computed"),
+            (self.n_withheld > 0, f"{self.n_withheld} points are flagged withheld; they are used like the others"),
+            (self.n_places > 1, f"the points lie in {self.n_places} places more than 500 m apart"),
             (self.n_not_finite > 0, f"{self.n_not_finite} points with NaN or infinite coordinates"),
             (self.n_duplicates > 0, f"{about}{self.n_duplicates} points repeat another exactly"),
             (

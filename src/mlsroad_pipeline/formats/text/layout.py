@@ -29,6 +29,9 @@ SAMPLE = 20
 
 logger = logging.getLogger(__name__)
 
+LAST_LINES = 20
+"""Number of lines among which `holds_rows` searches a row of numbers."""
+
 
 @dataclass(frozen=True)
 class TextTable:
@@ -147,6 +150,24 @@ def looks_like_table(path: Path) -> bool:
         return False
     row = [_decoded(lines[-1])]
     return _numeric_share(row, *_sniffed(row, None, None)) > 0.5
+
+
+def holds_rows(path: Path) -> bool:
+    """Return whether a text file holds a row of at least three numbers.
+
+    Parameters
+    ----------
+    path : Path
+        An existing file.
+
+    Returns
+    -------
+    bool
+        Whether one of the last lines of its first 64 KiB is such a row.
+    """
+    data = first_bytes(path, 1 << 16)
+    lines = [_decoded(line) for line in data.splitlines()[: None if len(data) < 1 << 16 else -1] if line.strip()]
+    return any(_numeric_share([line], *_sniffed([line], None, None)) > 0.5 for line in lines[-LAST_LINES:])
 
 
 def _log(table: TextTable, path: Path) -> None:

@@ -1,0 +1,196 @@
+"""Warnings on a survey, the same for `inspect` and `label`: from facts of its files to one line per cause."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+
+import numpy as np
+
+from mlsroad_pipeline.algorithms.quality.places import count_places
+from mlsroad_pipeline.algorithms.quality.report import QualityReport
+from mlsroad_pipeline.formats.crs import SAME_UNIT, crs_unit, is_geographic
+
+BYTE = 255.5 / 65535
+"""Bound of the intensities of a LAS file that uses 8 of its 16 bits, after scaling to [0, 1]."""
+
+LONG = 1e5
+"""Extent in metres above which coordinates are probably wrong."""
+
+
+@dataclass(frozen=True)
+class SurveyFacts:
+    """Facts of a file that warnings are made of.
+
+    Parameters
+    ----------
+    quality : QualityReport
+        Quality of the points; its `source` is the name of the file.
+    crs : str or None
+        Coordinate reference system as WKT.
+    form : str
+        Name of the format.
+    trajectory : str, default "none"
+        ``"none"``, ``"beside"`` the points, or ``"off"`` if the user wants none.
+    constant : tuple of str
+        Columns with a single value.
+    whole_numbers : bool, default False
+        Whether a sample of the coordinates has whole numbers only.
+    in_metres : bool, default True
+        Whether the coordinates of the file are taken for metres.
+    stated_crs : str or None
+        System that the file states, if the options of the reader replace it by another.
+    notes : tuple of str
+        Further sentences, such as on the trajectory.
+    """
+
+    quality: QualityReport
+    crs: str | None
+    form: str
+    trajectory: str = "none"
+    constant: tuple[str, ...] = ()
+    whole_numbers: bool = False
+    in_metres: bool = True
+    stated_crs: str | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the file below the root of the survey."""
+        return self.quality.source
+
+
+def file_warnings(facts: SurveyFacts) -> list[str]:
+    """Return one sentence per problem of a file."""
+    prefix = f"{facts.name}: "
+    skipped = "label codes outside the taxonomy"  # of files with labels; training checks the codes itself
+    told = [text.removeprefix(prefix) for text in facts.quality.warnings() if skipped not in text]
+    told = [text for text in told if not (text.startswith("no column") and set(_named(text)) <= set(facts.constant))]
+    return [*_crs_warnings(facts), *_trajectory_warnings(facts), *told, *_value_warnings(facts), *facts.notes]
+
+
+def _named(text: str) -> list[str]:
+    """Return the columns that a sentence on missing columns names."""
+    return text.removeprefix("no column ").partition(":")[0].split(", ")
+
+
+def _crs_warnings(facts: SurveyFacts) -> list[str]:
+    found = []
+    if facts.crs is None:
+        found.append("no coordinate reference system: results have no position on a map; set crs")
+    if facts.stated_crs is not None:
+        found.append(
+            f"the file states the coordinate reference system {crs_label(facts.stated_crs)}, the option crs replaces it by "
+            f"{crs_label(facts.crs)}; coordinates are not transformed"
+        )
+    unit = None if facts.crs is None else crs_unit(facts.crs)
+    if facts.in_metres and unit is not None and abs(unit[1] - 1.0) > SAME_UNIT:
+        found.append(
+            f"its coordinate reference system has the unit {unit[0]}, but coordinates are read as metres; set units"
+        )
+    if facts.in_metres and facts.whole_numbers:
+        found.append("coordinates are whole numbers: perhaps millimetres or centimetres; set units")
+    return found
+
+
+def _trajectory_warnings(facts: SurveyFacts) -> list[str]:
+    if facts.trajectory != "none":
+        return []
+    return ["no trajectory: scenes follow the times of the points where possible, else the main axis"]
+
+
+def _value_warnings(facts: SurveyFacts) -> list[str]:
+    quality, found = facts.quality, []
+    low, high = np.array(quality.low), np.array(quality.high)
+    extent = high - low
+    if np.isfinite(extent).all():
+        inside = (np.abs([low[:2], high[:2]]) <= [[180, 90], [180, 90]]).all()
+        if is_geographic(facts.crs) or (inside and extent[:2].max() < 1e-2 and extent[2] > 1):
+            found.append("coordinates look like degrees, not metres; set reproject")
+        if extent.max() > LONG:
+            found.append(
+                f"the points extend over {extent.max() / 1000:,.6g} km: stray points, or units other than metres"
+            )
+    found += [f"column {name} has a single value and carries no information" for name in facts.constant]
+    if facts.form == "LAS" and "intensity" not in facts.constant and 0 < quality.intensity_max <= BYTE:
+        found.append("intensity has 8 bits in a field of 16: all values are below 0.004; set intensity_scale to 255")
+    return found
+
+
+def crs_label(crs: str | None) -> str:
+    """Return a short name of a CRS for messages."""
+    return "none" if crs is None else crs.partition('"')[2].partition('"')[0] or crs[:40]
+
+
+def survey_warnings(
+    files: Sequence[SurveyFacts], skipped: Mapping[str, str], more: Mapping[str, Sequence[str]] | None = None
+) -> list[tuple[str, str]]:
+    """Return the warnings on a survey, one per cause, as pairs of the files and a sentence.
+
+    Parameters
+    ----------
+    files : sequence of SurveyFacts
+        The files of the survey.
+    skipped : mapping of str to str
+        Name of each file that is left out to its reason.
+    more : mapping of str to sequence of str, optional
+        Name of a file to further sentences on it.
+    """
+    more = more or {}
+    rows = [(name, reason) for name, reason in skipped.items()]
+    rows += [(facts.name, text) for facts in files for text in (*file_warnings(facts), *more.get(facts.name, ()))]
+    gathered = gather(rows, len(files) + len(skipped))
+    systems = {facts.crs: facts.name for facts in reversed(files)}
+    if len(systems) > 1:
+        examples = "; ".join(f"{name}: {crs_label(crs)}" for crs, name in systems.items())
+        gathered.append((files[0].name, f"files have different coordinate reference systems ({examples})"))
+    partial = _partial_columns(files)
+    if partial:
+        gathered.append((files[0].name, f"only some of the files have {', '.join(partial)}"))
+    return gathered + _far_files(files)
+
+
+def _partial_columns(files: Sequence[SurveyFacts]) -> list[str]:
+    sets = [set(facts.quality.present) for facts in files]
+    return sorted(set().union(*sets) - set.intersection(*sets)) if sets else []
+
+
+def _far_files(files: Sequence[SurveyFacts]) -> list[tuple[str, str]]:
+    """Return a warning for each folder whose files lie in separate places; they are cut together."""
+    folders: dict[str, list[SurveyFacts]] = {}
+    for facts in files:
+        folders.setdefault(PurePosixPath(facts.name).parent.as_posix(), []).append(facts)
+    found = []
+    for folder, members in folders.items():
+        boxes = np.array([[facts.quality.low[:2], facts.quality.high[:2]] for facts in members])
+        boxes = boxes[np.isfinite(boxes).all(axis=(1, 2)) & ((boxes[:, 1] - boxes[:, 0]).max(axis=1) <= LONG)]
+        n_places = count_places(np.concatenate([_box(low, high) for low, high in boxes])) if len(boxes) > 1 else 1
+        if n_places > 1:
+            name = members[0].name if folder == "." else f"{folder}/"
+            found.append((name, f"{len(members)} files of the folder lie in {n_places} places more than 500 m apart"))
+    return found
+
+
+def _box(low: np.ndarray, high: np.ndarray, step: float = 250.0) -> np.ndarray:
+    """Return positions that fill a rectangle."""
+    axes = [np.append(np.arange(a, b, step), b) for a, b in zip(low, high, strict=True)]
+    return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+
+
+def gather(rows: Sequence[tuple[str, str]], n_files: int) -> list[tuple[str, str]]:
+    """Return pairs of a file and a sentence, with sentences that differ at most in their numbers merged into the first.
+
+    Examples
+    --------
+    >>> gather([("a.laz", "3 gaps"), ("b.laz", "2 gaps"), ("b.laz", "no colour")], 2)
+    [('2 of 2 files, the first a.laz', '3 gaps'), ('b.laz', 'no colour')]
+    """
+    causes: dict[str, list[tuple[str, str]]] = {}
+    for name, text in rows:
+        causes.setdefault(re.sub(r"[\d.,]+", "#", text), []).append((name, text))
+    return [
+        (found[0][0] if len(found) == 1 else f"{len(found)} of {n_files} files, the first {found[0][0]}", found[0][1])
+        for found in causes.values()
+    ]
