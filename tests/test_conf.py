@@ -54,7 +54,14 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
     in_memory = {n for n in names if type(catalog.get(n)).__name__ == "MemoryDataset" and not n.startswith("params:")}
     plans = {"survey_plan", "label_plan", "luo2016_study.plan", "luo2019_study.plan", "tomic2019_study.plan",
              "yu2016_study.plan"}  # fmt: skip
-    assert in_memory == {*plans, "image_labels.drives", "label_images", "label_quality", "patch_training"}
+    assert in_memory == {
+        *plans,
+        "image_labels.drives",
+        "label_images",
+        "label_quality",
+        "label_warnings",
+        "patch_training",
+    }
 
 
 def paths_below_data(env, catalog):

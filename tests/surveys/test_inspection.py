@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.quality.inspection import ColumnSummary, ScanLi
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.formats.las.format import LasFormat
-from mlsroad_pipeline.reporting.inspection_page import survey_facts, survey_page, survey_warnings
+from mlsroad_pipeline.reporting.inspection_page import inspection_warnings, survey_facts, survey_page
 from mlsroad_pipeline.surveys import inspection as inspect_work
 from mlsroad_pipeline.surveys.inspection import InspectParameters, inspect_file, inspect_survey
 
@@ -53,7 +53,13 @@ def test_planted_faults_are_found(tmp_path, rng, monkeypatch, chunk):
     np.testing.assert_allclose(facts["high"], world.max(axis=0), atol=5e-4)
     assert facts["time"]["gaps"] == 1 and facts["time"]["longest_gap"] == pytest.approx(30, abs=1)
     assert facts["crs_name"] == "ETRS89 / UTM zone 32N"
-    for part in ("40 points repeat", "1 gaps in gps_time", "intensity is 0.5", "codes above 31", "steps back 1 times"):
+    for part in (
+        "40 points repeat",
+        "1 gaps in gps_time",
+        "intensity has a single value",
+        "codes above 31",
+        "steps back 1 times",
+    ):
         assert part in told, part
     assert "the trajectory short.csv covers 0.000 to 10.000 s, the points have" in told
     assert found.picture.counts.sum() == 3040 and found.picture.n_outside == 0
@@ -70,7 +76,7 @@ def test_a_survey_of_several_files(tmp_path, rng):
     files, unread = inspect_survey(InspectParameters(), root=str(tmp_path), read={})
     assert [file.name for file in files] == ["a.laz", "b/b.laz"]
     assert list(unread) == ["c.laz"] and "truncated" in unread["c.laz"]
-    table = survey_warnings(files, unread)
+    table = inspection_warnings(files, unread)
     told = table.groupby("file")["warning"].apply(" ".join)
     assert "cannot be read" in told["c.laz"]
     assert (
@@ -83,7 +89,7 @@ def test_a_survey_of_several_files(tmp_path, rng):
     assert page.count("<img") == 2 and "&lt;street&gt;" in page and "different coordinate reference systems" in page
     with pytest.raises(ParameterError, match=r"inspect\.max_gap"):
         InspectParameters(max_gap=0)
-    assert list(survey_warnings(files[:1], {}).columns) == ["file", "warning"]
+    assert list(inspection_warnings(files[:1], {}).columns) == ["file", "warning"]
     assert survey_page("none", [], pd.DataFrame(columns=["file", "warning"])).startswith("<!DOCTYPE")
 
 
@@ -144,7 +150,7 @@ def test_a_warning_of_many_files_is_given_once(tmp_path, rng):
         columns = {"level": np.zeros(40, np.uint8)} if number == 2 else {}
         write(tmp_path / f"{number:02}.laz", PointCloud(np.round(rng.random((40, 3)), 3), columns, ORIGIN))
     files, unread = inspect_survey(InspectParameters(), root=str(tmp_path), read={})
-    table = survey_warnings(files, unread)
+    table = inspection_warnings(files, unread)
     told = table[table["warning"].str.startswith("no coordinate reference system")]
     assert told["file"].tolist() == ["13 of 13 files, the first 00.laz"]
     assert "only some of the files have level" in table["warning"].tolist()

@@ -19,13 +19,15 @@ SAME_UNIT = 1e-7
 """Relative tolerance within which two units are equal: a foot and a US survey foot differ by 2e-6."""
 
 
-def parse_crs(crs: str) -> str:
+def parse_crs(crs: str, *, option: str = "crs") -> str:
     """Return a coordinate reference system as WKT.
 
     Parameters
     ----------
     crs : str
         WKT, PROJ or an authority's code.
+    option : str, default "crs"
+        Name of the option in messages.
 
     Returns
     -------
@@ -40,7 +42,10 @@ def parse_crs(crs: str) -> str:
     try:
         return str(pyproj.CRS.from_user_input(crs).to_wkt())
     except pyproj.exceptions.CRSError as error:
-        raise ParameterError(f"crs {crs!r} is not a coordinate reference system: {error}") from error
+        reason = " ".join(str(error).split())
+        raise ParameterError(
+            f"{option} {crs!r} is not a coordinate reference system ({reason}); give a code such as EPSG:28992, or WKT"
+        ) from error
 
 
 @lru_cache(maxsize=64)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, missing_attributes
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred
@@ -66,6 +66,8 @@ class PlannedOutput:
         Whether to write a cloud-optimised copy.
     coloured_ply : bool, default False
         Whether to write a PLY with class colours.
+    class_names : mapping of int to str, optional
+        Names of the codes.
     """
 
     file: PlannedFile
@@ -75,6 +77,7 @@ class PlannedOutput:
     had_classes: bool | None
     copc: bool = False
     coloured_ply: bool = False
+    class_names: Mapping[int, str] | None = None
 
     @property
     def written(self) -> tuple[str, ...]:
@@ -93,6 +96,7 @@ class PlannedOutput:
             "had_classes": self.had_classes,
             "copc": self.copc,
             "coloured_ply": self.coloured_ply,
+            "class_names": self.class_names,
         }
 
 
@@ -102,7 +106,7 @@ def _had_classes(file: PlannedFile, classes: Mapping[str, FileClasses]) -> bool 
 
 
 def planned_outputs(
-    plan: SurveyPlan, pieces: SceneCollection, results: SceneCollection, folder: str, **copies: bool
+    plan: SurveyPlan, pieces: SceneCollection, results: SceneCollection, folder: str, **settings: Any
 ) -> list[PlannedOutput]:
     """Return the files to write; subfolders are mirrored."""
     spans = results.load_all("spans")
@@ -131,7 +135,7 @@ def planned_outputs(
                 Deferred(tuple(scenes)),
                 np.array(rows, dtype=np.int64).reshape(-1, 2),
                 _had_classes(file, classes),
-                **copies,
+                **settings,
             )
         )
     return outputs
@@ -142,10 +146,10 @@ def _plain_text(value: object) -> str:
     return ", ".join(f"{name} {item}" for name, item in value.items()) if isinstance(value, Mapping) else str(value)
 
 
-def label_warnings(bundle: ModelBundle, quality: pd.DataFrame, counts: Mapping[str, LabelCounts]) -> list[str]:
-    """Return the warnings about the labels, the images and the survey."""
+def label_warnings(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> list[str]:
+    """Return the warnings about the labels and the images."""
     confidences = confidence_table(summed_counts(counts)["confidences"], bundle_scheme(bundle).classes)
-    return [*confidence_warnings(confidences), *image_warnings(bundle, counts), *_warnings(bundle, quality)]
+    return [*confidence_warnings(confidences), *image_warnings(bundle, counts)]
 
 
 def label_report_sections(
@@ -196,29 +200,3 @@ def image_warnings(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> li
     if not needs_images(bundle.slug) or not without:
         return []
     return [f"There are no images for {', '.join(without)}: {effect_without_images(bundle)}."]
-
-
-def attribute_warnings(bundle: ModelBundle, quality: pd.DataFrame) -> list[str]:
-    """Return a warning for each file that lacks attributes of the training data."""
-    warnings = []
-    for row in quality.to_dict("records"):
-        have = [str(name).removeprefix("has_") for name, value in row.items() if str(name).startswith("has_") and value]
-        absent = missing_attributes(bundle, have)
-        if absent:
-            missing = " and no ".join(absent)
-            warnings.append(
-                f"{row['source']} has no {missing}, which the model was trained with: accuracy may be lower."
-            )
-    return warnings
-
-
-def _warnings(bundle: ModelBundle, quality: pd.DataFrame) -> list[str]:
-    warnings = attribute_warnings(bundle, quality)
-    for row in quality.to_dict("records"):
-        if row["n_duplicates"]:
-            warnings.append(f"{row['source']} has {row['n_duplicates']} points that repeat another one exactly.")
-        if row["n_gaps"]:
-            warnings.append(
-                f"{row['source']} has {row['n_gaps']} gaps in time, the longest of {row['longest_gap']:.1f} s."
-            )
-    return warnings

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
 from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
@@ -25,6 +26,9 @@ from mlsroad_pipeline.label.confidence import count_confidences
 
 UNCLASSIFIED, NOISE = 1, 7
 """LAS codes of points without a class and of outliers."""
+
+PRIVATE = 64
+"""First LAS code that producers of data may define."""
 
 
 @dataclass(frozen=True)
@@ -172,3 +176,18 @@ def output_codes(bundle: ModelBundle, scheme: str, schemes: Mapping[str, Any]) -
     if scheme not in schemes:
         raise ParameterError(f"label.scheme {scheme!r} is not configured (schemes: {', '.join(schemes)})")
     return trained.codes(ClassScheme.from_config(scheme, schemes[scheme]))
+
+
+def code_names(bundle: ModelBundle, scheme: str, schemes: Mapping[str, Any]) -> dict[int, str]:
+    """Return the names of the LAS codes that are written: standard ones, and those of the classes from 64."""
+    codes = output_codes(bundle, scheme, schemes)
+    private: dict[int, list[str]] = {}
+    if scheme == "asprs":
+        for name, code in zip(bundle_scheme(bundle).classes, codes.tolist(), strict=True):
+            private.setdefault(code, []).append(name)
+    else:
+        private = {
+            k + PRIVATE: [name] for k, name in enumerate(ClassScheme.from_config(scheme, schemes[scheme]).classes)
+        }
+    written = sorted({*codes.tolist(), UNCLASSIFIED, NOISE})
+    return {code: CODE_NAMES[code] if code in CODE_NAMES else "/".join(private[code]) for code in written}

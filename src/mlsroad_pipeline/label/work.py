@@ -111,11 +111,18 @@ def write_file(
     had_classes: bool | None,
     copc: bool = False,
     coloured_ply: bool = False,
+    class_names: Mapping[int, str] | None = None,
 ) -> WrittenFile:
     """Write a file of a survey with the labels of its points."""
     Path(target).parent.mkdir(parents=True, exist_ok=True)
     labels = SceneLabels(scenes, rows, file, path)
-    written = write_labelled(path, target, labels, options=options, n_threads=n_threads, had_classes=had_classes)
+    written = write_labelled(
+        *(path, target, labels),
+        options=options,
+        n_threads=n_threads,
+        had_classes=had_classes,
+        class_names=class_names,
+    )
     if copc:
         write_copc(target, copc_path(target), n_threads=n_threads)
         written.append(Path(copc_path(target)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,12 +15,15 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_column
 from mlsroad_pipeline.formats.base import PointFormat, ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.crs import parse_crs, sidecar_crs
 from mlsroad_pipeline.formats.files import LAZ_CHUNK, atomic_file
 from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE
+from mlsroad_pipeline.formats.las.crs import read_crs, with_assigned_crs, with_wkt
 from mlsroad_pipeline.formats.las.extra import ExtraDimension
 from mlsroad_pipeline.formats.las.header import LasHeader, read_header
 from mlsroad_pipeline.formats.las.layers import LayerCopier, has_layers
 from mlsroad_pipeline.formats.las.layout import new_header, pack_records, with_extra
+from mlsroad_pipeline.formats.las.lookup import with_class_names
 from mlsroad_pipeline.formats.las.records import RecordReader
 from mlsroad_pipeline.formats.las.upgrade import upgrade_records, upgraded_header
 from mlsroad_pipeline.formats.las.writer import RecordWriter
@@ -56,6 +59,7 @@ def write_labelled(
     progress: Callable[[int], None] | None = None,
     native: bool = True,
     had_classes: bool | None = None,
+    class_names: Mapping[int, str] | None = None,
 ) -> list[Path]:
     """Copy a survey to LAZ with `classification` and the float32 extra dimension `confidence`.
 
@@ -67,6 +71,9 @@ def write_labelled(
     Other formats are written at 0.001 m, their columns as dimensions of the same name or as extra dimensions. They are
     also written in their own format in the same folder: PLY, text, Parquet, NPZ and binary PCD with two more columns,
     KITTI as a ``.label`` with the codes. `native_path` lists the exceptions.
+
+    `class_names` are written as the Classification Lookup record. The option `crs`, or a ``.prj`` beside a file without
+    a coordinate reference system, is written into the header.
 
     The output does not depend on the number of threads. Points are streamed; files are created atomically.
     """
@@ -83,16 +90,26 @@ def write_labelled(
         stream = stack.enter_context(atomic_file(target))
         sinks = [stack.enter_context(native_sink(source, own, form, options))] if own is not None else []
         if form.name == "LAS":
+            crs = sidecar_crs(source) if options.crs is None else parse_crs(options.crs)
             survey = _las_source(source, had_classes, n_threads, chunk_size, stack)
+            survey = replace(survey, header=_with_crs(survey.header, crs, assign=options.crs is not None))
         else:
             survey = _other_source(source, form, options)
-        writer = RecordWriter(stream, survey.header, compress=True, n_threads=n_threads)
+        header = with_class_names(survey.header, class_names or {})
+        writer = RecordWriter(stream, header, compress=True, n_threads=n_threads)
         for start, stop in _ranges(survey.n_points, chunk_size):
             _write_range(survey, writer, sinks, labels_of, (start, stop))
             if progress is not None:
                 progress(stop - start)
         writer.close()
     return [target] if own is None else [target, own]
+
+
+def _with_crs(header: LasHeader, crs: str | None, *, assign: bool) -> LasHeader:
+    """Return a header with a system: that of an option in any case, that of a sidecar if the header has none."""
+    if crs is None or (not assign and read_crs(header) is not None):
+        return header
+    return with_assigned_crs(header, crs) if assign else with_wkt(header, crs)
 
 
 def _ranges(n_points: int, size: int) -> Iterator[tuple[int, int]]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
 
+from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
 from mlsroad_pipeline.reporting.figures.survey import survey_map_figure
 from mlsroad_pipeline.reporting.html.report import (
     FactsSection,
@@ -18,58 +18,16 @@ from mlsroad_pipeline.reporting.html.report import (
     build_report,
 )
 from mlsroad_pipeline.surveys.inspection import FileInspection
-
-ASPRS = {
-    **{0: "never classified", 1: "unclassified", 2: "ground", 3: "low vegetation", 4: "medium vegetation"},
-    **{5: "high vegetation", 6: "building", 7: "low noise", 8: "model key point", 9: "water", 10: "rail"},
-    **{11: "road surface", 13: "wire guard", 14: "wire conductor", 15: "transmission tower", 16: "wire connector"},
-    **{17: "bridge deck", 18: "high noise"},
-}
-"""Names of the standard codes of `classification` in LAS files."""
+from mlsroad_pipeline.surveys.survey_warnings import survey_warnings
 
 MOST_PICTURES = 12
 """Maximum number of maps in the report."""
 
-MANY = 4
-"""Number of files from which a shared warning is listed once."""
 
-
-def survey_warnings(files: Sequence[FileInspection], unread: Mapping[str, str]) -> pd.DataFrame:
-    """Return the warnings of all files, and those on differences between files."""
-    rows = [(name, f"cannot be read: {reason}") for name, reason in unread.items()]
-    rows += _gathered([(file.name, warning) for file in files for warning in file.warnings], len(files))
-    systems = {file.info.crs: file.name for file in reversed(files)}
-    if len(systems) > 1:
-        examples = "; ".join(f"{name}: {crs_label(crs)}" for crs, name in systems.items())
-        rows.append((files[0].name, f"files have different coordinate reference systems ({examples})"))
-    columns: dict[tuple[str, ...], str] = {}
-    for file in files:
-        columns.setdefault(tuple(sorted(file.facts["columns"])), file.name)
-    if len(columns) > 1:
-        n_files = Counter(name for names in columns for name in names)
-        some = sorted(name for name, count in n_files.items() if count < len(columns))
-        rows.append((files[0].name, f"only some of the files have {', '.join(some)}"))
+def inspection_warnings(files: Sequence[FileInspection], skipped: Mapping[str, str]) -> pd.DataFrame:
+    """Return the warnings on the files and on differences between them, one row per cause."""
+    rows = survey_warnings([file.overview for file in files], skipped, {file.name: file.more for file in files})
     return pd.DataFrame(rows, columns=["file", "warning"])
-
-
-def _gathered(rows: Sequence[tuple[str, str]], n_files: int) -> list[tuple[str, str]]:
-    """Return the warnings with those shared by many files merged into one."""
-    names: dict[str, list[str]] = {}
-    for name, warning in rows:
-        names.setdefault(warning, []).append(name)
-    return [
-        (
-            f"{len(names[warning])} of {n_files} files, the first {name}" if len(names[warning]) >= MANY else name,
-            warning,
-        )
-        for name, warning in rows
-        if len(names[warning]) < MANY or name == names[warning][0]
-    ]
-
-
-def crs_label(crs: str | None) -> str:
-    """Return a short name of a CRS for messages."""
-    return "none" if crs is None else crs.partition('"')[2].partition('"')[0] or crs[:40]
 
 
 def survey_facts(survey: str, files: Sequence[FileInspection], warnings: pd.DataFrame) -> dict[str, Any]:
@@ -138,7 +96,7 @@ def _code_rows(fact: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [
         {
             **{"file": fact["file"], "column": name, "code": int(code)},
-            "meaning": ASPRS.get(int(code), "") if name == "classification" else "",
+            "meaning": CODE_NAMES.get(int(code), "") if name == "classification" else "",
             **{"points": count, "share, %": 100.0 * count / max(fact["n_points"], 1)},
         }
         for name, column in fact["columns"].items()

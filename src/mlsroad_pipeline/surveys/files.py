@@ -76,7 +76,7 @@ class Survey:
     @classmethod
     def at(cls, places: str | Path | Sequence[str | Path]) -> Survey:
         """Return the survey at a file, a folder or a glob, or at several of them; ``~`` is the home folder."""
-        listed = [places] if isinstance(places, str | Path) else list(places)
+        listed = list(places) if isinstance(places, Sequence) and not isinstance(places, str) else [places]
         if not listed:
             raise ParameterError("a survey needs at least one file, folder or glob, got none")
         return cls(tuple(dict.fromkeys(os.path.expanduser(str(place)) for place in listed)))
@@ -185,7 +185,7 @@ def _check_disjoint(file: str, parts: Mapping[str, SplitPart]) -> None:
         raise ParameterError(f"splits {names} share {file}: each point belongs to one split only")
 
 
-def files_to_label(survey: Survey, output: str, *, trajectory: str | None = None) -> list[SurveyFile]:
+def files_to_label(survey: Survey, output: str, *, trajectory: str | None = None, text: bool = True) -> SurveyListing:
     """Return the files of a survey to label; results of an earlier run in the output folder are left out."""
     if not output:
         raise ParameterError("label.output must name a folder, got ''")
@@ -193,14 +193,20 @@ def files_to_label(survey: Survey, output: str, *, trajectory: str | None = None
     _check_writable(folder)
     if folder == survey.folder.resolve():
         raise ParameterError(f"label.output is a folder of the survey itself: {output}; choose another")
-    files = survey.files(trajectory=trajectory)
+    listing = survey.listing(trajectory=trajectory, text=text)
+    files = listing.files
     below = {file.name: Path(file.path).resolve() for file in files}
     below = {name: path.relative_to(folder) for name, path in below.items() if path.is_relative_to(folder)}
     stems = {_stem(file.name) for file in files if file.name not in below}
     own = [name for name, path in below.items() if not _is_result(path.as_posix(), stems)]
     if own:
         raise ParameterError(f"label.output is a folder of the survey itself: {output} holds {own[0]}; choose another")
-    return [file for file in files if file.name not in below]
+    outside = {
+        name: reason
+        for name, reason in listing.skipped.items()
+        if not (survey.folder / name).resolve().is_relative_to(folder)
+    }
+    return SurveyListing([file for file in files if file.name not in below], outside)
 
 
 def _check_writable(folder: Path) -> None:

@@ -14,7 +14,7 @@ import pyproj
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_positive
-from mlsroad_pipeline.algorithms.quality.chunks import ChunkQuality, inspect_chunk, merge
+from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk, merge
 from mlsroad_pipeline.algorithms.quality.inspection import (
     ColumnSummary,
     ScanLines,
@@ -160,6 +160,7 @@ def inspect_file(
         info.format,
         trajectory="beside" if trajectory is not None else "none" if wanted else "off",
         constant=constant_columns(columns),
+        columns=tuple(columns),
         whole_numbers=_whole_numbers(form, info, options),
         in_metres=options.metres == 1.0,
         stated_crs=replaced_crs(form, path, options),

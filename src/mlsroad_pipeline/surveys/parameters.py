@@ -10,6 +10,7 @@ from typing import Any
 
 from mlsroad_pipeline.algorithms.core.classes import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.formats.options import TAXONOMY_CODING, ReadOptions
 
 
@@ -101,11 +102,14 @@ class LabelParameters:
     images : str or None, default "calibration.json"
         Name of the camera file beside the points, or its path, for methods that use images; see
         `camera_files.read_images`. None means a survey without images.
+    crs : str or None, default None
+        Coordinate reference system of the survey as WKT or a code ("EPSG:28992"), in place of that of the files;
+        coordinates are not transformed. None keeps that of the files.
 
     Raises
     ------
     ParameterError
-        If `model` is not a version number.
+        If `model` is not a version number, or `crs` is not a coordinate reference system.
     """
 
     survey: str | Sequence[str]
@@ -119,12 +123,24 @@ class LabelParameters:
     copc: bool = False
     coloured_ply: bool = False
     images: str | None = "calibration.json"
+    crs: str | None = None
 
     def __post_init__(self) -> None:
+        if self.crs is not None:
+            parse_crs(str(self.crs), option="label.crs")
+            if self.read.get("crs") not in (None, self.crs):
+                raise ParameterError(
+                    f"label.crs {self.crs!r} and label.read.crs {self.read['crs']!r} differ: give one of them"
+                )
         if self.model is not None and re.fullmatch(r"[1-9]\d*", str(self.model)) is None:
             raise ParameterError(
                 f"label.model must be a version such as 3, or null for the highest; got {self.model!r}"
             )
+
+    def options(self) -> ReadOptions:
+        """Return the options of the readers."""
+        given = {} if self.crs is None else {"crs": str(self.crs)}
+        return ReadOptions.from_config({**self.read, **given})
 
     @property
     def survey_name(self) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
@@ -57,11 +57,14 @@ class SurveyPlan:
         Options of the readers.
     labels : bool
         Whether labels are read.
+    skipped : mapping of str to str
+        Name of each file that is left out to the reason.
     """
 
     files: tuple[PlannedFile, ...]
     options: ReadOptions
     labels: bool
+    skipped: Mapping[str, str] = field(default_factory=dict)
 
     def drives(self) -> dict[str, list[PlannedFile]]:
         """Return the files of each drive by its key."""
@@ -129,10 +132,13 @@ def plan_labelling(parameters: LabelParameters, ingest: IngestParameters) -> Sur
     for name in ("survey", "output"):
         if not getattr(parameters, name):
             raise ParameterError(f"label.{name} is not set: kedro run --pipelines=label --params=label.{name}=...")
-    survey = Survey.at(parameters.survey)
-    files = files_to_label(survey, str(parameters.output), trajectory=parameters.trajectory)
-    options = ReadOptions.from_config(parameters.read)
-    return plan_survey({"survey": files}, {}, options=options, labels=False, ingest=ingest)
+    options = parameters.options()
+    text = options.delimiter is None and options.decimal is None  # files that need neither are recognised
+    listing = files_to_label(
+        Survey.at(parameters.survey), str(parameters.output), trajectory=parameters.trajectory, text=text
+    )
+    plan = plan_survey({"survey": listing.files}, {}, options=options, labels=False, ingest=ingest)
+    return replace(plan, skipped=listing.skipped)
 
 
 def training_keys(keys: Iterable[str]) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
@@ -42,6 +43,8 @@ class SurveyFacts:
         Whether the coordinates of the file are taken for metres.
     stated_crs : str or None
         System that the file states, if the options of the reader replace it by another.
+    columns : tuple of str
+        Columns of the file; the standard ones if empty.
     notes : tuple of str
         Further sentences, such as on the trajectory.
     """
@@ -54,6 +57,7 @@ class SurveyFacts:
     whole_numbers: bool = False
     in_metres: bool = True
     stated_crs: str | None = None
+    columns: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -67,13 +71,7 @@ def file_warnings(facts: SurveyFacts) -> list[str]:
     prefix = f"{facts.name}: "
     skipped = "label codes outside the taxonomy"  # of files with labels; training checks the codes itself
     told = [text.removeprefix(prefix) for text in facts.quality.warnings() if skipped not in text]
-    told = [text for text in told if not (text.startswith("no column") and set(_named(text)) <= set(facts.constant))]
     return [*_crs_warnings(facts), *_trajectory_warnings(facts), *told, *_value_warnings(facts), *facts.notes]
-
-
-def _named(text: str) -> list[str]:
-    """Return the columns that a sentence on missing columns names."""
-    return text.removeprefix("no column ").partition(":")[0].split(", ")
 
 
 def _crs_warnings(facts: SurveyFacts) -> list[str]:
@@ -82,7 +80,7 @@ def _crs_warnings(facts: SurveyFacts) -> list[str]:
         found.append("no coordinate reference system: results have no position on a map; set crs")
     if facts.stated_crs is not None:
         found.append(
-            f"the file states the coordinate reference system {crs_label(facts.stated_crs)}, the option crs replaces it by "
+            f"the option crs replaces the coordinate reference system {crs_label(facts.stated_crs)} of the file by "
             f"{crs_label(facts.crs)}; coordinates are not transformed"
         )
     unit = None if facts.crs is None else crs_unit(facts.crs)
@@ -153,8 +151,8 @@ def survey_warnings(
 
 
 def _partial_columns(files: Sequence[SurveyFacts]) -> list[str]:
-    sets = [set(facts.quality.present) for facts in files]
-    return sorted(set().union(*sets) - set.intersection(*sets)) if sets else []
+    n_files = Counter(name for facts in files for name in facts.columns or facts.quality.present)
+    return sorted(name for name, count in n_files.items() if count < len(files))
 
 
 def _far_files(files: Sequence[SurveyFacts]) -> list[tuple[str, str]]:

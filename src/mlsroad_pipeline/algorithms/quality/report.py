@@ -100,10 +100,11 @@ class QualityReport:
     def from_row(cls, row: Mapping[str, Any]) -> Self:
         """Return the report that `as_row` made a row of."""
         present = tuple(name for name in STANDARD_COLUMNS if row[f"has_{name}"])
-        low, high = (tuple(float(row[f"{end}_{axis}"]) for axis in "xyz") for end in ("min", "max"))
         return cls(
             **{name: row[name] for name in cls.__dataclass_fields__ if name in row},
-            **{"low": low, "high": high, "present": present},
+            low=tuple(float(row[f"min_{axis}"]) for axis in "xyz"),
+            high=tuple(float(row[f"max_{axis}"]) for axis in "xyz"),
+            present=present,
             missing=tuple(name for name in STANDARD_COLUMNS if name not in present),
             classes={name.removeprefix("class_"): int(row[name]) for name in row if name.startswith("class_")},
         )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.formats.crs import in_metres, sidecar_crs
+from mlsroad_pipeline.formats.crs import in_metres, is_same_crs, sidecar_crs
 from mlsroad_pipeline.formats.files import log_once
 from mlsroad_pipeline.formats.las.geotiff_keys import DIRECTORY, DOUBLES, TEXTS, GeotiffKeys, pack_directory
 from mlsroad_pipeline.formats.las.header import WKT_BIT, LasHeader
@@ -94,6 +94,33 @@ def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path, metres: float 
     stale = {(PROJECTION, key) for key in (DIRECTORY, DOUBLES, TEXTS, WKT[1])}
     kept = tuple(vlr for vlr in header.vlrs if vlr.key not in stale)
     return replace(header, vlrs=(*kept, Vlr(PROJECTION, DIRECTORY, directory, b"GeoTIFF GeoKeyDirectoryTag")))
+
+
+def with_assigned_crs(header: LasHeader, crs: str) -> LasHeader:
+    """Replace the system of a header by another; coordinates are not transformed.
+
+    Parameters
+    ----------
+    header : LasHeader
+        A header of version 1.4 or above.
+    crs : str
+        The system as WKT.
+
+    Returns
+    -------
+    LasHeader
+        The header with the system as WKT, without GeoTIFF keys; the same where it states this system.
+    """
+    stated = read_crs(header)
+    if stated is not None and is_same_crs(stated, crs):
+        return header
+    stale = {(PROJECTION, key) for key in (DIRECTORY, DOUBLES, TEXTS)}
+    kept = replace(
+        header,
+        vlrs=tuple(vlr for vlr in header.vlrs if vlr.key not in stale),
+        evlrs=tuple(vlr for vlr in header.evlrs if vlr.key not in stale),
+    )
+    return with_wkt(kept, crs)
 
 
 def with_wkt(header: LasHeader, crs: str | None) -> LasHeader:

@@ -14,6 +14,7 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan, estimated_drives, plan_comparison, trajectory_beside
+from mlsroad_pipeline.surveys.plan_warnings import constant_warnings
 from mlsroad_pipeline.surveys.reading import describe_file, find_corridor, read_and_cut
 from mlsroad_pipeline.surveys.scene_plan import cut_ranges, plan_drive
 
@@ -66,9 +67,8 @@ def cut_files(
         if "note" in corridor:
             logger.info("%s: %s", drive, corridor["note"])
     info = files.load_all("info")
-    for file in plan.files:
-        for name in info[file.key]["constant"].tolist():
-            logger.warning("%s: %s is the same in all points and is not used", file.source.name, name)
+    for name, warning in constant_warnings(plan, info):
+        logger.warning("%s: %s", name, warning)
     return {
         cut.key: SceneTask(
             read_and_cut,

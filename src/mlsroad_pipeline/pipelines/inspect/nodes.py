@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.reporting.inspection_page import survey_facts, survey_page, survey_warnings
+from mlsroad_pipeline.reporting.inspection_page import inspection_warnings, survey_facts, survey_page
 from mlsroad_pipeline.surveys.files import Survey
 from mlsroad_pipeline.surveys.inspection import InspectParameters, inspect_survey
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
@@ -18,7 +18,7 @@ def inspect_files(parameters: InspectParameters, survey: SurveyParameters) -> tu
     places, read = (parameters.survey, parameters.read) if parameters.survey else (str(survey.root), survey.read)
     files, unread = inspect_survey(parameters, root=places, read=read)
     root = Survey.at(places).root
-    warnings = survey_warnings(files, unread)
+    warnings = inspection_warnings(files, unread)
     for row in warnings.itertuples():
         logger.warning("%s: %s", row.file, row.warning)
     return survey_facts(root, files, warnings), survey_page(root, files, warnings), warnings

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, missing_attributes
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
@@ -17,14 +18,15 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.label.images import LabelImages, images_to_label
 from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, objects_task, survey_crs
-from mlsroad_pipeline.label.outputs import attribute_warnings, label_report_sections, label_warnings, planned_outputs
-from mlsroad_pipeline.label.scene import LabelSettings, object_rules, output_codes
+from mlsroad_pipeline.label.outputs import label_report_sections, label_warnings, planned_outputs
+from mlsroad_pipeline.label.scene import LabelSettings, code_names, object_rules, output_codes
 from mlsroad_pipeline.label.summary import LabelSummary, summarise_labels
 from mlsroad_pipeline.label.tasks import label_tasks
 from mlsroad_pipeline.label.work import write_file
 from mlsroad_pipeline.reporting.html.report import build_report
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan
+from mlsroad_pipeline.surveys.plan_warnings import plan_warnings
 
 logger = logging.getLogger(__name__)
 
@@ -37,6 +39,28 @@ def take_model(registered: ModelBundle) -> ModelBundle:
     return registered
 
 
+def warn_of_survey(
+    plan: SurveyPlan,
+    files: SceneCollection,
+    corridors: SceneCollection,
+    quality: pd.DataFrame,
+    model: ModelFile,
+    parameters: LabelParameters,
+) -> list[str]:
+    """Log and return what is unusual about the survey, and what it lacks for the model; `inspect` warns of the same."""
+    warnings = plan_warnings(
+        plan,
+        quality,
+        files.load_all("info"),
+        {drive: str(corridor["note"]) for drive, corridor in corridors.load_all().items() if "note" in corridor},
+        trajectory=parameters.trajectory is not None,
+        missing_of=partial(missing_attributes, model.load()),
+    )
+    for warning in warnings:
+        logger.warning(warning)
+    return warnings
+
+
 def find_label_images(plan: SurveyPlan, model: ModelFile, parameters: LabelParameters) -> LabelImages:
     """Return the images of the survey for a model that uses images."""
     return images_to_label(plan, model.load(), parameters.images)
@@ -46,7 +70,6 @@ def label_new_scenes(
     plan: SurveyPlan,
     pieces: SceneCollection,
     corridors: SceneCollection,
-    quality: pd.DataFrame,
     model: ModelFile,
     images: LabelImages,
     parameters: LabelParameters,
@@ -54,10 +77,8 @@ def label_new_scenes(
     ground: GroundParameters,
     classes: Mapping[str, Any],
 ) -> dict[str, SceneTask]:
-    """Create one task per scene, which labels its points, and warn of attributes that the survey lacks."""
+    """Create one task per scene, which labels its points."""
     bundle = model.load()
-    for warning in attribute_warnings(bundle, quality):
-        logger.warning(warning)
     codes = output_codes(bundle, parameters.scheme, classes["schemes"])
     settings = LabelSettings(codes, object_rules(bundle, parameters.inventory), ground, ingest.outliers)
     return label_tasks(plan, pieces, corridors, model, images, ingest, settings)
@@ -71,13 +92,15 @@ def write_labelled_files(
     results: SceneCollection,
     model: ModelFile,
     parameters: LabelParameters,
+    classes: Mapping[str, Any],
 ) -> dict[str, SceneTask]:
     """Create one task per file, which writes it with its labels, and one that joins the objects."""
     survey_crs(plan, files)  # the inventory needs a single system: fail before the writing
     bundle = model.load()
     rules = object_rules(bundle, parameters.inventory)
-    copies = {"copc": parameters.copc, "coloured_ply": parameters.coloured_ply}
-    outputs = planned_outputs(plan, pieces, results, str(parameters.output), **copies)
+    names = code_names(bundle, parameters.scheme, classes["schemes"])
+    settings = {"copc": parameters.copc, "coloured_ply": parameters.coloured_ply, "class_names": names}
+    outputs = planned_outputs(plan, pieces, results, str(parameters.output), **settings)
     return {OBJECTS: objects_task(plan, corridors, results, rules, bundle)} | {
         output.file.key: SceneTask(
             write_file,
@@ -104,12 +127,14 @@ def write_report(
     inventory: RoadInventory,
     model: ModelFile,
     parameters: LabelParameters,
+    survey_warnings: list[str],
 ) -> tuple[str, LabelSummary]:
     """Return the report of the labelled survey as HTML and its summary, and log the warnings."""
     bundle, counts, objects = model.load(), results.load_all("counts"), inventory.objects
-    warnings = label_warnings(bundle, quality, counts)
-    for warning in (text for text in warnings if text not in attribute_warnings(bundle, quality)):  # logged before
+    warnings = label_warnings(bundle, counts)
+    for warning in warnings:
         logger.warning(warning)
+    warnings += survey_warnings
     sections = label_report_sections(bundle, parameters, quality, counts, written.load_all(), objects, warnings)
     summary = summarise_labels(bundle, parameters, quality, results, written, objects, warnings)
     return build_report(sections, title="Labelled survey", subtitle=summary["survey"]), summary

@@ -8,6 +8,7 @@ from mlsroad_pipeline.pipelines.label.nodes import (
     label_new_scenes,
     make_inventory,
     take_model,
+    warn_of_survey,
     write_labelled_files,
     write_report,
 )
@@ -35,6 +36,19 @@ def _labelling() -> list[Node]:
     return [
         Node(take_model, inputs="label_registered_model", outputs="label_model", name="take_model"),
         Node(
+            warn_of_survey,
+            inputs=[
+                "label_plan",
+                "label_files_store",
+                "label_corridors_store",
+                "label_quality",
+                "label_model",
+                "params:label",
+            ],
+            outputs="label_warnings",
+            name="warn_of_survey",
+        ),
+        Node(
             find_label_images,
             inputs=["label_plan", "label_model", "params:label"],
             outputs="label_images",
@@ -46,7 +60,6 @@ def _labelling() -> list[Node]:
                 "label_plan",
                 "label_pieces_store",
                 "label_corridors_store",
-                "label_quality",
                 "label_model",
                 "label_images",
                 "params:label",
@@ -67,6 +80,7 @@ def _labelling() -> list[Node]:
                 "label_results_store",
                 "label_model",
                 "params:label",
+                "params:classes",
             ],
             outputs="label_written_store",
             name="write_labelled_files",
@@ -91,6 +105,7 @@ def _reporting() -> list[Node]:
                 "label_inventory",
                 "label_model",
                 "params:label",
+                "label_warnings",
             ],
             outputs=["label_report", "label_summary"],
             name="write_label_report",

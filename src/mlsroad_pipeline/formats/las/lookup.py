@@ -1,0 +1,64 @@
+"""Classification Lookup record: names of the class codes of a file (LAS 1.4 R15, section 2.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from mlsroad_pipeline.formats.las.header import LasHeader
+from mlsroad_pipeline.formats.las.vlr import Vlr
+
+LOOKUP = (b"LASF_Spec", 0)
+ENTRY = np.dtype([("code", "u1"), ("name", "S15")])
+N_CODES = 256
+
+
+def class_names(header: LasHeader) -> dict[int, str]:
+    """Return the names of class codes that a file states.
+
+    Parameters
+    ----------
+    header : LasHeader
+        Its header.
+
+    Returns
+    -------
+    dict of int to str
+        Code to name; empty without the record.
+    """
+    record = header.find(LOOKUP)
+    if record is None:
+        return {}
+    entries = np.frombuffer(record.data[: len(record.data) // ENTRY.itemsize * ENTRY.itemsize], dtype=ENTRY)
+    return {int(code): name.decode("utf-8", "replace") for code, name in entries.tolist() if name}
+
+
+def with_class_names(header: LasHeader, names: Mapping[int, str]) -> LasHeader:
+    """Add names of class codes to a header; those of other codes are kept.
+
+    Parameters
+    ----------
+    header : LasHeader
+        The header.
+    names : mapping of int to str
+        Code to name; the record holds 15 ASCII characters of it.
+
+    Returns
+    -------
+    LasHeader
+        The header; the same without names.
+    """
+    if not names:
+        return header
+    entries = np.zeros(N_CODES, dtype=ENTRY)
+    entries["code"] = np.arange(N_CODES)
+    for code, name in {**class_names(header), **names}.items():
+        entries["name"][code] = name.encode("ascii", "replace")
+    record = Vlr(*LOOKUP, entries.tobytes(), b"Classification Lookup")
+    return replace(
+        header,
+        vlrs=(*(vlr for vlr in header.vlrs if vlr.key != LOOKUP), record),
+        evlrs=tuple(vlr for vlr in header.evlrs if vlr.key != LOOKUP),
+    )

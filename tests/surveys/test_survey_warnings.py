@@ -1,0 +1,92 @@
+"""Warnings on a survey: each problem is named, once per cause, by `inspect` and by the plan of `label` alike."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk, merge
+from mlsroad_pipeline.algorithms.quality.places import cell_positions, count_places
+from mlsroad_pipeline.algorithms.quality.report import QualityReport
+from mlsroad_pipeline.formats.crs import parse_crs
+from mlsroad_pipeline.surveys.survey_warnings import SurveyFacts, file_warnings, survey_warnings
+
+UTM = parse_crs("EPSG:25832")
+
+
+def facts(xyz, name="a.laz", crs=UTM, columns=None, **changes):
+    full = {"rgb": np.zeros((len(xyz), 3), np.uint8), "gps_time": np.linspace(0, 0.5, len(xyz))}
+    given = {**full, "intensity": np.linspace(0, 1, len(xyz), dtype=np.float32), **(columns or {})}
+    quality = merge([inspect_chunk(PointCloud(np.asarray(xyz, dtype=float), given, source=name))])
+    return SurveyFacts(quality, crs, "LAS", **{"trajectory": "beside", **changes})
+
+
+@pytest.fixture
+def street(rng):
+    return np.round(rng.random((500, 3)) * [40, 20, 8], 3)
+
+
+def test_a_good_file_has_no_warning(street):
+    assert file_warnings(facts(street)) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"crs": None}, "no coordinate reference system"),
+        ({"crs": parse_crs("EPSG:2263")}, "has the unit US survey foot"),
+        ({"crs": parse_crs("EPSG:4326")}, "look like degrees"),
+        ({"trajectory": "none"}, "no trajectory"),
+        ({"columns": {"intensity": np.linspace(0, 255 / 65535, 500, dtype=np.float32)}}, "intensity has 8 bits"),
+        ({"columns": {"withheld": np.arange(500) < 7}}, "7 points are flagged withheld"),
+        ({"whole_numbers": True}, "coordinates are whole numbers"),
+        ({"constant": ("rgb",)}, "column rgb has a single value"),
+        ({"stated_crs": parse_crs("EPSG:25833")}, "replaces the coordinate reference system ETRS89 / UTM zone 33N"),
+        ({"notes": ("the trajectory is short",)}, "the trajectory is short"),
+    ],
+)
+def test_each_problem_is_one_sentence(street, changes, message):
+    found = file_warnings(facts(street, **changes))
+    assert len(found) == 1 and message in found[0], found
+
+
+def test_points_in_two_places_are_counted(street):
+    found = file_warnings(facts(np.concatenate([street, street + [9000, 0, 0]])))
+    assert any("the points lie in 2 places more than 500 m apart" in text for text in found)
+
+
+def test_a_cause_of_many_files_is_one_line_with_their_number_and_the_first(street):
+    files = [facts(street, name=f"{k}.laz", crs=None, columns={"withheld": np.arange(500) < k}) for k in range(4)]
+    found = survey_warnings(files, {"empty.laz": "is empty (0 bytes): skipped", "b.laz": "is empty (0 bytes): skipped"})
+    assert found == [
+        ("2 of 6 files, the first empty.laz", "is empty (0 bytes): skipped"),
+        (
+            "4 of 6 files, the first 0.laz",
+            "no coordinate reference system: results have no position on a map; set crs",
+        ),
+        ("3 of 6 files, the first 1.laz", "1 points are flagged withheld; they are used like the others"),
+    ]
+
+
+def test_files_of_a_folder_that_lie_apart_and_differ(street):
+    here, there = facts(street, name="run/a.laz"), facts(street + [20_000, 0, 0], name="run/b.laz", crs=None)
+    found = dict(survey_warnings([here, there], {}))
+    assert "2 files of the folder lie in 2 places more than 500 m apart" in found["run/"]
+    assert "files have different coordinate reference systems" in found["run/a.laz"]
+    assert "run/" not in dict(survey_warnings([here, replace(there, quality=here.quality)], {}))
+
+
+def test_report_survives_the_table(street):
+    report = facts(street, columns={"label": np.ones(500, np.uint8)}).quality
+    assert QualityReport.from_row(report.as_row()) == report
+
+
+def test_places_against_their_definition():
+    """Cells of 500 m that touch are one place; positions come back from the keys of cells, negative ones too."""
+    corners = np.array([[-3, -2], [-3, 5], [7, -1], [120_000, 5_400_000]])
+    keys = (corners[:, 0] << 32) + corners[:, 1]
+    assert np.array_equal(cell_positions(keys, 1.0), corners)
+    assert count_places(np.zeros((0, 2))) == 0 and count_places(np.array([[1.0, 1.0]])) == 1
+    chain = np.column_stack([np.arange(0, 50_000, 400.0), np.arange(0, 50_000, 400.0)])
+    assert count_places(chain) == 1 and count_places(np.concatenate([chain, chain + [0, 2_000_000]])) == 2
