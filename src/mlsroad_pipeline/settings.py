@@ -7,6 +7,7 @@ early_workers = EarlyWorkersHooks()  # `label` gains 1.3 s by a start before the
 from omegaconf.resolvers import oc  # noqa: E402
 
 from mlsroad_pipeline.config import ParameterConfigLoader  # noqa: E402
+from mlsroad_pipeline.hooks.closing_lines import ClosingLinesHooks  # noqa: E402
 from mlsroad_pipeline.hooks.default_pipeline import DefaultPipelineHooks  # noqa: E402
 from mlsroad_pipeline.hooks.library_warnings import silence  # noqa: E402
 from mlsroad_pipeline.hooks.mlflow_run import MlflowDetailsHooks  # noqa: E402
@@ -15,7 +16,14 @@ from mlsroad_pipeline.hooks.stage_costs import StageCostsHooks  # noqa: E402
 
 silence()
 
-HOOKS = (MlflowDetailsHooks(), DefaultPipelineHooks(), StageCostsHooks(), ProgressHooks(), early_workers)
+HOOKS = (
+    MlflowDetailsHooks(),
+    DefaultPipelineHooks(),
+    StageCostsHooks(),
+    ProgressHooks(),
+    early_workers,
+    ClosingLinesHooks(),
+)
 
 CONFIG_LOADER_CLASS = ParameterConfigLoader
 CONFIG_LOADER_ARGS = {

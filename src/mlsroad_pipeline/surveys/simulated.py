@@ -17,6 +17,7 @@ from PIL import Image as Picture
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.execution.progress import distance_lines
 from mlsroad_pipeline.formats.las.layout import new_header, pack_records
 from mlsroad_pipeline.formats.las.writer import RecordWriter
 from mlsroad_pipeline.formats.options import WriteOptions
@@ -121,8 +122,10 @@ def write_simulated_survey(
     """Simulate a survey and write it into a folder, which appears complete or not at all.
 
     Points are written as they are simulated: a street of kilometres takes no more memory than one of some 200 m.
-    `progress` is called with the distance covered so far, metres.
+    `progress` is called with the distance covered so far, metres; without it, the distance and the time left are
+    reported as lines.
     """
+    progress = progress or distance_lines(Path(folder).name, parameters.length * parameters.passes)
     files = SurveyFiles() if files is None else files
     target = Path(folder)
     fresh = target.with_name(f".{target.name}.new")
@@ -136,7 +139,7 @@ def write_simulated_survey(
         for cloud, images in pieces:
             points.write(cloud)
             n_points += len(cloud)
-            if progress is not None and len(cloud):
+            if len(cloud):
                 number, seconds = pieces.pass_of(cloud["gps_time"][-1:])
                 driven = min(parameters.speed * float(seconds[0]), parameters.length)
                 progress(parameters.length * int(number[0]) + driven)
