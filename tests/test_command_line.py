@@ -65,8 +65,7 @@ def test_command_line_says_where_results_of_label_go(project, tmp_path):
     table = catalog.get("label_inventory_table")._describe()["filepath"]
     assert Path(table) == tmp_path / "out" / "inventory.parquet"
     assert str(tmp_path / "out" / "report.html") in str(catalog.get("label_report")._describe())
-    assert catalog.get("label_registered_model")._describe() == {"name": "mlsroad-other", "model_version": 3}
-    assert parameters.model == 3
+    assert (parameters.method, parameters.model) == ("other", 3)
     with pytest.raises(Exception, match="12 does not exist"):
         plan_labelling(parameters, IngestParameters())
 
@@ -75,13 +74,15 @@ def test_environment_says_where_results_of_label_go_and_the_command_line_overrul
     project = make_project(tmp_path / "project", tiny=False)
     own = {"label": {"output": str(tmp_path / "out"), "method": "other", "model": 4}}
     (project / "conf/local/parameters_label.yml").write_text(yaml.safe_dump(own), encoding="utf-8")
-    catalog = context_of(project, "local").catalog
+    context = context_of(project, "local")
+    catalog = context.catalog
     assert Path(catalog.get("label_inventory")._describe()["filepath"]) == tmp_path / "out/inventory.gpkg"
     assert str(tmp_path / "out/report.html") in str(catalog.get("label_report")._describe())
-    assert catalog.get("label_registered_model")._describe() == {"name": "mlsroad-other", "model_version": 4}
-    overruled = context_of(project, "local", label={"output": str(tmp_path / "here")}).catalog
-    assert Path(overruled.get("label_inventory")._describe()["filepath"]) == tmp_path / "here/inventory.gpkg"
-    assert overruled.get("label_registered_model")._describe()["name"] == "mlsroad-other"
+    assert (context.params["label"].method, context.params["label"].model) == ("other", 4)
+    overruled = context_of(project, "local", label={"output": str(tmp_path / "here")})
+    path = overruled.catalog.get("label_inventory")._describe()["filepath"]
+    assert Path(path) == tmp_path / "here/inventory.gpkg"
+    assert overruled.params["label"].method == "other"
 
 
 @pytest.mark.parametrize(
@@ -94,7 +95,7 @@ def test_environment_says_where_results_of_label_go_and_the_command_line_overrul
         ("detrended_forest.n_trees=0", "n_trees must be at least 1, got 0"),
         ("features.region=mine", "region.*mine"),
         ("features.column_size=-1", "column_size.*-1"),
-        ("label.model=best", "label.model must be a version"),
+        ("label.model=-1", "label.model must be a version.*got -1"),
         ("ingest.outliers.k=0", "outliers.k must be at least 1, got 0"),
         ("ground_removal.voxel_size=wide", "voxel_size.*'wide'"),
     ],

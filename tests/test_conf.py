@@ -58,6 +58,7 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
         *plans,
         "image_labels.drives",
         "label_images",
+        "label_model_request",
         "label_quality",
         "label_warnings",
         "patch_training",
@@ -144,13 +145,6 @@ def test_environments_inherit_what_they_do_not_change(project):
     assert changed["ingest"] == dataclasses.replace(plain["ingest"], cut="file")
     assert changed["survey"].splits["train"] == "*_a[cehjkm].xyz_label_conf.gz"
     assert joined(changed["simulation"], {"enabled": True}) == plain["simulation"]
-
-
-def test_label_uses_the_models_of_the_comparison_in_every_environment(project):
-    for env in ENVIRONMENTS:
-        catalog = configured(project, env)[0]
-        registered = catalog.get("detrended_forest.registered_model")._describe()["name"]
-        assert catalog.get("label_registered_model")._describe()["name"] == registered
 
 
 def test_unknown_coding_is_named():

@@ -19,6 +19,7 @@ from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters, Outlier
 from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCutParameters
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters
+from mlsroad_pipeline.datasets.models.shipped_models import ShippedParameters
 from mlsroad_pipeline.studies.luo2016.parameters import StudyParameters
 from mlsroad_pipeline.studies.luo2019.parameters import StudyParameters as Luo2019StudyParameters
 from mlsroad_pipeline.studies.luo2019.set_parameters import SimulatedObjectsParameters
@@ -43,6 +44,7 @@ TYPED = {
     "tomic2019_study": Tomic2019StudyParameters,
     "yu2016_study": Yu2016StudyParameters,
     "patches": PatchParameters,
+    "shipped": ShippedParameters,
     "supervoxelise": SupervoxelParameters,
     "survey": SurveyParameters,
 }
@@ -107,7 +109,7 @@ def test_documented_defaults_are_the_defaults_of_the_code(kind):
         if told:
             assert ast.literal_eval(told[1]) == fields[name], name
         elif "optional" in text:
-            none_or_said_in_words = ("evaluation_scheme", "folds", "model", "source", "sydney", "trajectory")
+            none_or_said_in_words = ("evaluation_scheme", "folds", "method", "model", "source", "sydney", "trajectory")
             assert name in none_or_said_in_words, name
         else:
             assert fields[name] is dataclasses.MISSING or isinstance(fields[name], dict), name

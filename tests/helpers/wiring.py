@@ -156,7 +156,8 @@ def with_models(shared: Path, folder: Path) -> Path:
 
 
 def label(project: Path, survey: Path | str, output: Path | str, **changes: Any) -> Path:
-    """Label a survey as `kedro run --pipelines=label` does, and give the folder of the results."""
+    """Label a survey as `kedro run --pipelines=label` does, with the forest of the shared run unless another is named."""
+    changes = {"method": "detrended_forest", **changes}
     own = {key: changes.pop(key) for key in ("ingest", "execution") if key in changes}
     parameters = {"label": {"survey": str(survey), "output": str(output), **changes}, **own}
     run(project, "label", **joined(TINY, parameters))

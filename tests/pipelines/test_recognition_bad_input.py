@@ -10,7 +10,7 @@ import pytest
 from helpers.recognisers import PARAMETERS, car, pole, trained
 from helpers.wiring import label, last_line, make_project, session_of
 from kedro.framework.project import pipelines
-from kedro.io import DataCatalog, MemoryDataset
+from kedro.io import DataCatalog
 from kedro.runner import SequentialRunner
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
@@ -46,8 +46,8 @@ def label_with(project, bundle, survey, output):
     given = {"label": {"survey": str(survey), "output": str(output)}, "execution": {"backend": "sequential"}}
     with session_of(project, **given) as session:
         catalog: DataCatalog = session.load_context().catalog
-        catalog["label_registered_model"] = MemoryDataset(bundle, copy_mode="assign")
-        SequentialRunner().run(pipelines["label"], catalog)
+        catalog.save("label_model", bundle)
+        SequentialRunner().run(pipelines["label"] - pipelines["label"].only_nodes("choose_model"), catalog)
     return output
 
 

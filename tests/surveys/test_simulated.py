@@ -157,6 +157,21 @@ def test_frames_are_revolutions_in_the_scanners_axes(folder, clouds, parameters)
     assert points[0][:, 3].min() >= 0 and points[0][:, 3].max() <= 1
 
 
+def test_scan_spacing_keeps_one_revolution_of_each_piece_of_street(tmp_path, clouds):
+    config = {**CONFIG, "with_images": False, "scan_spacing": 4.0}
+    del config["piece_length"], config["frames"]
+    files, parameters = survey_files(config), simulation_parameters(config)
+    write_simulated_survey(parameters=parameters, folder=str(tmp_path / "scans"), n_threads=2, files=files)
+    scans = [laspy.read(tmp_path / "scans" / name) for name in files.names(parameters)]
+    assert len(scans) == len(clouds) == 6
+    for scan, piece in zip(scans, clouds, strict=True):  # the pieces of the same survey
+        first = np.asarray(piece.gps_time)
+        first = first[first < first.min() + 0.1]
+        np.testing.assert_array_equal(scan.gps_time, first)
+    with pytest.raises(ParameterError, match="piece_length and scan_spacing exclude each other"):
+        survey_files({**config, "piece_length": 4.0})
+
+
 def test_every_taxonomy_class_has_a_semantic_kitti_code():
     table = semantic_kitti_codes()
     assert table[TAXONOMY["car"]] == 10 and table[TAXONOMY["bin"]] == 99 and table[0] == 0

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, model_source
 from mlsroad_pipeline.algorithms.scenes.cutting import corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
@@ -39,8 +39,8 @@ def objects_task(
         for name in ("objects", "fragments")
         for stored in [results.part(name)]
     }
-    registered = bundle.metadata.get("registered")
-    version = "" if registered is None else f"{registered['name']} {registered['version']}"
+    source = model_source(bundle)
+    version = f"{source['name']} {source['version']}".strip() if "source" in source else ""
     return SceneTask(
         join_objects,
         {"corridors": {drive: corridors[drive] for drive in drives}, **parts},

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred
@@ -167,7 +167,7 @@ def label_report_sections(
     facts = {
         "survey": parameters.survey_name,
         "output": parameters.output,
-        "model": _plain_text(bundle.metadata.get("registered", bundle.slug)),
+        "model": _plain_text(model_source(bundle)),
         "trained on": _plain_text(bundle.metadata.get("trained_on", "")),
         "codes": parameters.scheme,
         "files": len(quality),

@@ -9,7 +9,7 @@ from typing import Any, TypedDict
 import numpy as np
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.label.confidence import LOW, confidence_table
 from mlsroad_pipeline.label.inventory import OBJECTS
@@ -90,7 +90,7 @@ def summarise_labels(
         "survey": parameters.survey_name,
         "output": str(output),
         "method": bundle.slug,
-        "model": bundle.metadata.get("registered", bundle.slug),
+        "model": model_source(bundle),
         "trained_on": bundle.metadata.get("trained_on"),
         "n_files": len(quality),
         "n_points": int(quality["n_points"].sum()),

@@ -83,10 +83,10 @@ class LabelParameters:
         File, folder or glob, or several of them.
     output : str
         Folder for the results; not a folder of the survey.
-    method : str, default "detrended_forest"
-        Slug of the method.
+    method : str, optional
+        Slug of the method; None takes the champion of the registered models or a shipped model.
     model : int or str, optional
-        Version of the registered model; None takes the highest.
+        Name of a shipped model, or version or alias of a registered one.
     scheme : str, default "asprs"
         Codes to write: ``"asprs"``, or a class scheme that the model's classes nest in, as codes from 64.
     trajectory : str, optional
@@ -109,12 +109,12 @@ class LabelParameters:
     Raises
     ------
     ParameterError
-        If `model` is not a version number, or `crs` is not a coordinate reference system.
+        If `model` is neither a version nor a name, or `crs` is not a coordinate reference system.
     """
 
     survey: str | Sequence[str]
     output: str
-    method: str = "detrended_forest"
+    method: str | None = None
     model: int | str | None = None
     scheme: str = "asprs"
     trajectory: str | None = "trajectory.csv"
@@ -132,9 +132,9 @@ class LabelParameters:
                 raise ParameterError(
                     f"label.crs {self.crs!r} and label.read.crs {self.read['crs']!r} differ: give one of them"
                 )
-        if self.model is not None and re.fullmatch(r"[1-9]\d*", str(self.model)) is None:
+        if self.model is not None and re.fullmatch(r"[1-9]\d*|[A-Za-z][\w.-]*", str(self.model)) is None:
             raise ParameterError(
-                f"label.model must be a version such as 3, or null for the highest; got {self.model!r}"
+                f"label.model must be a version such as 3, an alias, or the name of a shipped model; got {self.model!r}"
             )
 
     def options(self) -> ReadOptions:

@@ -30,7 +30,7 @@ from mlsroad_pipeline.surveys.simulated_frames import FrameWriter
 
 POINTS, TRAJECTORY = "survey.laz", "trajectory.csv"
 
-LAYOUT = ("piece_length", "frames")
+LAYOUT = ("piece_length", "frames", "scan_spacing")
 """Keys of a survey's configuration that describe its file layout."""
 
 SCAN_ANGLE_STEP = 0.006
@@ -89,25 +89,37 @@ class SurveyFiles:
     frames : bool, default False
         Whether each revolution of the first scanner is also written as a KITTI scan with SemanticKITTI labels; for
         scanners that rotate about an upright axis.
+    scan_spacing : float, optional
+        Street between single scans, metres: each point file holds one revolution of the first scanner, and points
+        between the scans are left out.
 
     Raises
     ------
     ParameterError
-        If `piece_length` is not positive.
+        If `piece_length` or `scan_spacing` is not positive, or both are given.
     """
 
     piece_length: float | None = None
     frames: bool = False
+    scan_spacing: float | None = None
 
     def __post_init__(self) -> None:
-        if self.piece_length is not None:
-            check_positive(self.piece_length, "piece_length")
+        for name in ("piece_length", "scan_spacing"):
+            if getattr(self, name) is not None:
+                check_positive(getattr(self, name), name)
+        if self.piece_length is not None and self.scan_spacing is not None:
+            raise ParameterError("piece_length and scan_spacing exclude each other")
+
+    @property
+    def file_length(self) -> float | None:
+        """Street per point file, metres; None for one file."""
+        return self.scan_spacing if self.piece_length is None else self.piece_length
 
     def names(self, parameters: SimulationParameters) -> list[str]:
         """Return the names of the point files of a survey, in the order of time."""
-        if self.piece_length is None:
+        if self.file_length is None:
             return [POINTS]
-        count = parameters.passes * int(np.ceil(parameters.length / self.piece_length))
+        count = parameters.passes * int(np.ceil(parameters.length / self.file_length))
         return [f"survey_{k:03d}.laz" for k in range(count)]
 
 
@@ -168,6 +180,7 @@ class _PointFiles:
         self._options = WriteOptions(like="none")
         self._n_threads = n_threads
         self._current = -1
+        self._begin = -np.inf  # first time of the current file, seconds
         self._stream: BinaryIO | None = None
         self._writer: RecordWriter | None = None
 
@@ -184,14 +197,22 @@ class _PointFiles:
         for number, part in self._parts(cloud):
             if number != self._current:
                 self._open(number, part)
+                self._begin = part["gps_time"].min(initial=np.inf)
+            written = part if self._files.scan_spacing is None else self._first_revolution(part)
             assert self._writer is not None
-            self._writer.write(pack_records(part, self._writer.header))
+            self._writer.write(pack_records(written, self._writer.header))
+
+    def _first_revolution(self, cloud: PointCloud) -> PointCloud:
+        """Return the points of the first revolution of the first scanner in the current file."""
+        seconds = cloud["gps_time"] - self._begin
+        return cloud.select(np.flatnonzero(seconds < 1.0 / self._parameters.devices[0].profile_rate))
 
     def _parts(self, cloud: PointCloud) -> Iterator[tuple[int, PointCloud]]:
-        if self._files.piece_length is None:
+        length = self._files.file_length
+        if length is None:
             yield 0, cloud
             return
-        owner = self._pieces.piece_of(cloud["gps_time"], self._files.piece_length)
+        owner = self._pieces.piece_of(cloud["gps_time"], length)
         for number in np.unique(owner):
             yield int(number), cloud.select(np.flatnonzero(owner == number))
 

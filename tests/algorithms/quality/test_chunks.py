@@ -41,7 +41,8 @@ def test_report_of_a_whole_file_has_the_planted_faults(rng):
     assert report.classes == {"road": road, "car": 3000 - road}
     np.testing.assert_allclose(report.low, cloud.world_xyz().min(axis=0))
     np.testing.assert_allclose(report.high, cloud.world_xyz().max(axis=0))
-    assert report.density == 3000 / len(np.unique(np.floor(cloud.world_xyz()[:, :2]), axis=0))
+    counts = np.unique(np.floor(cloud.world_xyz()[:, :2]), axis=0, return_counts=True)[1]
+    assert (report.density, report.median_density) == (3000 / len(counts), np.median(counts))
     assert (report.intensity_min, report.intensity_max) == (cloud["intensity"].min(), cloud["intensity"].max())
 
 

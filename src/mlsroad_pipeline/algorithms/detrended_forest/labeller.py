@@ -7,7 +7,6 @@ labelled by a forest trained without colour. Models are trained in `training`.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -128,19 +127,20 @@ def supervoxel_probabilities(
     if missing:
         raise DataError(f"{scene.source}: the model needs the features {', '.join(missing)}")
     columns = [names.index(name) for name in bundle.metadata["feature_names"][variant]]
-    probabilities = _predict(
-        arrays_under(bundle.arrays, f"{variant}."), np.ascontiguousarray(features["values"][:, columns])
-    )
+    probabilities = _predict(bundle, variant, np.ascontiguousarray(features["values"][:, columns]))
     forest = bundle.metadata["parameters"]["forest"]
     if forest["smoothing"] > 0:
         probabilities = smooth_probabilities(probabilities, supervoxels["adjacency"], weight=forest["smoothing"])
     return probabilities
 
 
-def _predict(arrays: Mapping[str, NDArray], values: NDArray[np.float32]) -> NDArray[np.float32]:
+def _predict(bundle: ModelBundle, variant: str, values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the probabilities of all classes of the scheme, 0 for classes without training samples."""
+    arrays = arrays_under(bundle.arrays, f"{variant}.")
+    if variant not in bundle.prepared:
+        bundle.prepared[variant] = FlatForest.from_arrays(arrays)
     out = np.zeros((len(values), int(arrays["n_classes"])), dtype=np.float32)
-    out[:, arrays["trained_classes"]] = FlatForest.from_arrays(arrays).predict_proba(values)
+    out[:, arrays["trained_classes"]] = bundle.prepared[variant].predict_proba(values)
     return out
 
 

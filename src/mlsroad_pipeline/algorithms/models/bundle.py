@@ -43,6 +43,11 @@ class ModelBundle:
         uses where a survey has them; ``parameters``, of which ``ground`` are those of `GroundParameters`;
         ``trained_on``; ``feature_names``.
 
+    Attributes
+    ----------
+    prepared : dict of str to any
+        Objects that the method makes from the arrays once, such as a forest; they are not stored.
+
     Raises
     ------
     ParameterError
@@ -54,6 +59,7 @@ class ModelBundle:
     slug: str
     arrays: Mapping[str, NDArray]
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    prepared: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[a-z][a-z0-9_]*", self.slug):
@@ -118,6 +124,25 @@ def missing_attributes(bundle: ModelBundle, columns: Collection[str]) -> list[st
         Missing columns, such as ``["rgb"]``; none for a model without ``attributes``.
     """
     return [name for name in bundle.metadata.get("attributes", ()) if name not in columns]
+
+
+def model_source(bundle: ModelBundle) -> dict[str, Any]:
+    """Return where a model comes from.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        The model; registered ones have ``registered`` and those of the package ``shipped`` in their metadata.
+
+    Returns
+    -------
+    dict of str to any
+        ``name``, ``version`` (empty for a model that is neither) and, for registered and shipped models, ``source``.
+    """
+    for source in ("registered", "shipped"):
+        if source in bundle.metadata:
+            return {**bundle.metadata[source], "source": source}
+    return {"name": bundle.slug, "version": ""}
 
 
 def bundle_scheme(bundle: ModelBundle) -> ClassScheme:

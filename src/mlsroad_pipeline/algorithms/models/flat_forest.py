@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_arrays
 from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
+from mlsroad_pipeline.algorithms.models.compact_forest import expanded_forest, is_compact
 
 _ROWS = 32
 """Rows traversed in parallel, so that memory latency overlaps."""
@@ -113,12 +114,12 @@ class FlatForest:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> FlatForest:
-        """Rebuild a forest from the arrays of `to_arrays`.
+        """Rebuild a forest from the arrays of `to_arrays`, or from compact ones.
 
         Parameters
         ----------
         arrays : mapping of str to ndarray
-            The arrays; other entries are ignored.
+            The arrays, or those of `compact_forest`; other entries are ignored.
 
         Returns
         -------
@@ -131,6 +132,8 @@ class FlatForest:
             If an array is missing.
         """
         names = [field.name for field in fields(cls)]
+        if is_compact(arrays):
+            arrays = expanded_forest(arrays)
         check_arrays(arrays, names, "a forest")
         own = {name: np.asarray(arrays[name]) for name in names}
         n_features = int(own.pop("n_features"))

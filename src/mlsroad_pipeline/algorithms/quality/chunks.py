@@ -77,8 +77,8 @@ class ChunkQuality:
         flagged withheld.
     low, high : ndarray of shape (3,), float64
         World extent of the finite points, metres; infinite without finite points.
-    cells : ndarray of shape (m,), int64
-        Keys of the occupied cells of 1 m.
+    cells, cell_counts : ndarray of shape (m,), int64
+        Keys of the occupied cells of 1 m, and their numbers of points.
     sketch : DuplicateSketch
         Sample of the points, for duplicates across chunks.
     columns : frozenset of str
@@ -103,6 +103,7 @@ class ChunkQuality:
     low: NDArray[np.float64]
     high: NDArray[np.float64]
     cells: NDArray[np.int64]
+    cell_counts: NDArray[np.int64]
     sketch: DuplicateSketch
     columns: frozenset[str]
     classes: dict[int, int]
@@ -140,6 +141,7 @@ def inspect_chunk(cloud: PointCloud, *, max_gap: float = 1.0, n_total: int | Non
     if not np.isfinite(world.sum()):  # one pass in the usual case of finite coordinates
         world = world[np.isfinite(world).all(axis=1)]
     hashes = hash_points(world)
+    cells, cell_counts = _occupied_cells(world)
     time, n_times_not_finite = _inspect_time(cloud.get("gps_time"), max_gap)
     return ChunkQuality(
         source=cloud.source,
@@ -149,7 +151,8 @@ def inspect_chunk(cloud: PointCloud, *, max_gap: float = 1.0, n_total: int | Non
         n_withheld=int(np.count_nonzero(cloud["withheld"])) if "withheld" in cloud else 0,
         low=np.array([axis.min(initial=np.inf) for axis in world.T]),
         high=np.array([axis.max(initial=-np.inf) for axis in world.T]),
-        cells=_occupied_cells(world),
+        cells=cells,
+        cell_counts=cell_counts,
         sketch=sketch_of(hashes, n_total=n_total),
         columns=frozenset(cloud.columns),
         classes=_count_codes(cloud.get("label")),
@@ -160,12 +163,19 @@ def inspect_chunk(cloud: PointCloud, *, max_gap: float = 1.0, n_total: int | Non
     )
 
 
-def _occupied_cells(world: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return sorted keys of the occupied cells; repeated keys of consecutive points are dropped before sorting."""
+def _occupied_cells(world: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return sorted keys of the occupied cells, and their numbers of points; runs of equal keys are sorted as one."""
     with np.errstate(invalid="ignore"):  # damaged files have coordinates outside the range of int64
         cells = np.floor(world[:, :2] / DENSITY_CELL).astype(np.int64)
     keys = (cells[:, 0] << 32) + cells[:, 1]
-    return np.unique(keys[np.diff(keys, prepend=keys[:1] - 1) != 0])
+    starts = np.flatnonzero(np.diff(keys, prepend=keys[:1] - 1) != 0)
+    return _sum_by_cell(keys[starts], np.diff(starts, append=len(keys)))
+
+
+def _sum_by_cell(keys: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the distinct keys, ascending, and the sum of the counts of each."""
+    distinct, inverse = np.unique(keys, return_inverse=True)
+    return distinct, np.bincount(inverse, weights=counts, minlength=len(distinct)).astype(np.int64)
 
 
 def _count_codes(labels: NDArray | None) -> dict[int, int]:
@@ -225,7 +235,9 @@ def merge(chunks: Sequence[ChunkQuality]) -> QualityReport:
     n_points = sum(chunk.n_points for chunk in chunks)
     n_not_finite = sum(chunk.n_not_finite for chunk in chunks)
     has_extent = n_points > n_not_finite
-    cells = np.unique(np.concatenate([chunk.cells for chunk in chunks]))
+    cells, counts = _sum_by_cell(
+        np.concatenate([chunk.cells for chunk in chunks]), np.concatenate([chunk.cell_counts for chunk in chunks])
+    )
     low = np.min([chunk.low for chunk in chunks], axis=0) if has_extent else np.full(3, np.nan)
     high = np.max([chunk.high for chunk in chunks], axis=0) if has_extent else np.full(3, np.nan)
     columns = frozenset.intersection(*(chunk.columns for chunk in chunks))
@@ -241,7 +253,8 @@ def merge(chunks: Sequence[ChunkQuality]) -> QualityReport:
         n_places=count_places(cell_positions(cells, DENSITY_CELL)),
         low=tuple(low.tolist()),
         high=tuple(high.tolist()),
-        density=(n_points - n_not_finite) / (len(cells) * DENSITY_CELL**2) if has_extent else float("nan"),
+        density=(n_points - n_not_finite) / (len(counts) * DENSITY_CELL**2) if has_extent else float("nan"),
+        median_density=float(np.median(counts)) / DENSITY_CELL**2 if has_extent else float("nan"),
         present=tuple(name for name in STANDARD_COLUMNS if name in columns),
         missing=tuple(name for name in STANDARD_COLUMNS if name not in columns),
         classes=_merge_classes(chunks),

@@ -31,7 +31,9 @@ class QualityReport:
     low, high : tuple of float
         World extent, metres; NaN without finite points.
     density : float
-        Points per square metre in occupied cells of 1 m; NaN without finite points.
+        Mean number of points per square metre in occupied cells of 1 m; NaN without finite points.
+    median_density : float
+        Median of the same; single scans of rotating scanners have a far smaller median than mean.
     present, missing : tuple of str
         `STANDARD_COLUMNS` that all chunks have, and the others.
     classes : mapping of str to int
@@ -62,6 +64,7 @@ class QualityReport:
     low: tuple[float, ...]
     high: tuple[float, ...]
     density: float
+    median_density: float
     present: tuple[str, ...]
     missing: tuple[str, ...]
     classes: dict[str, int]
@@ -82,6 +85,7 @@ class QualityReport:
             for name in (
                 *("source", "n_points", "n_not_finite", "n_duplicates", "duplicates_exact", "n_withheld", "n_places"),
                 "density",
+                "median_density",
             )
         }
         for axis, low, high in zip("xyz", self.low, self.high, strict=True):

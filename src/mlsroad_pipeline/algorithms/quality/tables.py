@@ -34,6 +34,7 @@ def chunk_to_arrays(chunk: ChunkQuality) -> dict[str, NDArray]:
         "counts": np.array([getattr(chunk, name) for name in _COUNTS], dtype=np.int64),
         "extent": np.array([chunk.low, chunk.high]),
         "cells": chunk.cells,
+        "cell_counts": chunk.cell_counts,
         "hashes": chunk.sketch.hashes,
         "hash_counts": chunk.sketch.counts,
         "complete": np.array(chunk.sketch.complete),
@@ -76,6 +77,7 @@ def chunk_from_arrays(arrays: Mapping[str, NDArray]) -> ChunkQuality:
         low=low,
         high=high,
         cells=arrays["cells"],
+        cell_counts=arrays["cell_counts"],
         sketch=DuplicateSketch(
             arrays["hashes"], arrays["hash_counts"], bool(arrays["complete"]), float(arrays["share"])
         ),

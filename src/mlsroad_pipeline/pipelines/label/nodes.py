@@ -1,4 +1,4 @@
-"""Nodes of `label`: label a new survey with a registered model."""
+"""Nodes of `label`: label a new survey with a shipped or a registered model."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
+from mlsroad_pipeline.datasets.models.registered_models import configured_store
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.label.images import LabelImages, images_to_label
 from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, objects_task, survey_crs
+from mlsroad_pipeline.label.model_choice import ModelRequest, named_choice
 from mlsroad_pipeline.label.outputs import label_report_sections, label_warnings, planned_outputs
 from mlsroad_pipeline.label.scene import LabelSettings, code_names, object_rules, output_codes
 from mlsroad_pipeline.label.summary import LabelSummary, summarise_labels
@@ -31,12 +33,18 @@ from mlsroad_pipeline.surveys.plan_warnings import plan_warnings
 logger = logging.getLogger(__name__)
 
 
-def take_model(registered: ModelBundle) -> ModelBundle:
-    """Log the registered model and its training data, and store a copy for the workers."""
-    metadata = registered.metadata
-    name = metadata.get("registered", registered.slug)
-    logger.info("Labelling with %s, trained on %s", name, metadata.get("trained_on"))
-    return registered
+def find_named_model(parameters: LabelParameters) -> ModelRequest:
+    """Return the model that is named or is the champion, before the survey is read."""
+    store = configured_store()
+    named = named_choice(method=parameters.method, model=parameters.model, store=store)
+    return ModelRequest(parameters.method, named)
+
+
+def choose_model(request: ModelRequest, quality: pd.DataFrame) -> ModelBundle:
+    """Return the model for the survey, and log the reason of the choice."""
+    bundle, line = request.bundle(quality)
+    logger.info(line)
+    return bundle
 
 
 def warn_of_survey(

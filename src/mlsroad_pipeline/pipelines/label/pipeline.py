@@ -1,13 +1,14 @@
-"""Pipeline of `label`: the ingest in a namespace, then a registered model."""
+"""Pipeline of `label`: the ingest in a namespace, then a trained model."""
 
 from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.pipelines.ingest.pipeline import cut_survey
 from mlsroad_pipeline.pipelines.label.nodes import (
+    choose_model,
     find_label_images,
+    find_named_model,
     label_new_scenes,
     make_inventory,
-    take_model,
     warn_of_survey,
     write_labelled_files,
     write_report,
@@ -34,7 +35,13 @@ def _ingest() -> Pipeline:
 
 def _labelling() -> list[Node]:
     return [
-        Node(take_model, inputs="label_registered_model", outputs="label_model", name="take_model"),
+        Node(find_named_model, inputs="params:label", outputs="label_model_request", name="find_named_model"),
+        Node(
+            choose_model,
+            inputs=["label_model_request", "label_quality"],
+            outputs="label_model",
+            name="choose_model",
+        ),
         Node(
             warn_of_survey,
             inputs=[

@@ -1,0 +1,284 @@
+"""Choice of the model that labels a survey: a shipped one, unless a registered one is named or is the champion.
+
+`available_models` and `explain_choice` serve the command line and need no Kedro session.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.datasets.models.registered_models import ModelStore, RegisteredVersion, configured_store
+from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, load_shipped, shipped_models
+from mlsroad_pipeline.surveys.inspection import FileInspection, InspectParameters, inspect_survey
+
+CHAMPION = "champion"
+"""Alias of the registered model that `label` prefers to the shipped ones."""
+
+SPARSE, DENSE = "sparse", "dense"
+SPARSE_BELOW = 15.0
+"""Median density below which a survey is sparse, points per square metre; docs/models.md has the figures."""
+
+
+@dataclass(frozen=True)
+class SurveyFacts:
+    """Facts of a survey that the choice among the shipped models depends on.
+
+    Parameters
+    ----------
+    median_density : float
+        Median of the points per square metre in occupied cells of 1 m; of several files the median over their points.
+    n_points : int
+        Number of points.
+    """
+
+    median_density: float
+    n_points: int
+
+
+@dataclass(frozen=True)
+class ModelChoice:
+    """The chosen model.
+
+    Parameters
+    ----------
+    model : ShippedModel or RegisteredVersion
+        The model.
+    reason : str
+        Reason of the choice, in one line.
+    """
+
+    model: ShippedModel | RegisteredVersion
+    reason: str
+
+    @property
+    def method(self) -> str:
+        """Return the slug of the method."""
+        return self.model.method
+
+    @property
+    def name(self) -> str:
+        """Return the name of the model, with its version if it is a registered one."""
+        return f"the shipped model {self.model.name}" if isinstance(self.model, ShippedModel) else self.model.name
+
+    @property
+    def trained_on(self) -> str:
+        """Return the training data."""
+        return f"trained on {self.model.trained_on or 'unknown data'}"
+
+
+@dataclass(frozen=True)
+class AvailableModel:
+    """A model that `label` can use.
+
+    Parameters
+    ----------
+    name : str
+        Name of a shipped model, or the registered name.
+    method : str
+        Slug of the method.
+    version : str
+        Version of the package of a shipped model, or the registered version.
+    aliases : tuple of str
+        Aliases of a registered version.
+    shipped : bool
+        Whether the model is part of the package.
+    trained_on : str
+        Training data.
+    entry : ShippedModel or None
+        Classes, scores, licence and size of a shipped model.
+    """
+
+    name: str
+    method: str
+    version: str
+    aliases: tuple[str, ...]
+    shipped: bool
+    trained_on: str
+    entry: ShippedModel | None = None
+
+
+def available_models(store: ModelStore | None = None) -> list[AvailableModel]:
+    """Return the shipped models, then the registered ones of a store (`MlflowStore`, or None for none)."""
+    found = [
+        AvailableModel(name, model.method, model.version, (), True, model.trained_on, model)
+        for name, model in shipped_models().items()
+    ]
+    registered = () if store is None else store.versions()
+    return found + [
+        AvailableModel(item.name, item.method, str(item.version), item.aliases, False, item.trained_on)
+        for item in registered
+    ]
+
+
+def explain_choice(
+    survey: str,
+    *,
+    method: str | None = None,
+    model: int | str | None = None,
+    store: ModelStore | None = None,
+    parameters: InspectParameters | None = None,
+) -> ModelChoice:
+    """Return the model that `label` would take for a file, folder or glob, and the reason; reads all points once."""
+    inspected = replace(parameters or InspectParameters(), survey=survey)
+    files, unread = inspect_survey(inspected, root=survey, read=inspected.read)
+    if not files:
+        raise ParameterError(f"no file of {survey} can be read: {next(iter(unread.values()), 'there is none')}")
+    return choose(facts_of_inspection(files), method=method, model=model, store=store)
+
+
+def facts_of_inspection(files: Sequence[FileInspection]) -> SurveyFacts:
+    """Return the facts of inspected files."""
+    rows = [(file.facts["n_points"], file.facts["median_density"] or np.nan) for file in files]
+    return facts_of_quality(pd.DataFrame(rows, columns=["n_points", "median_density"]))
+
+
+def facts_of_quality(quality: pd.DataFrame) -> SurveyFacts:
+    """Return the facts of a table with the quality of all files."""
+    known = quality[quality["median_density"].notna() & (quality["n_points"] > 0)].sort_values("median_density")
+    if not len(known):
+        return SurveyFacts(float("nan"), int(quality["n_points"].sum()))
+    below = known["n_points"].cumsum()
+    middle = int((below >= below.iloc[-1] / 2).to_numpy().argmax())
+    return SurveyFacts(float(known["median_density"].iloc[middle]), int(quality["n_points"].sum()))
+
+
+def choose(
+    facts: SurveyFacts, *, method: str | None = None, model: int | str | None = None, store: ModelStore | None = None
+) -> ModelChoice:
+    """Return the model for a survey: a named one or the champion (`named_choice`), else a shipped one."""
+    return named_choice(method=method, model=model, store=store) or shipped_choice(facts, method=method)
+
+
+def named_choice(
+    *, method: str | None = None, model: int | str | None = None, store: ModelStore | None = None
+) -> ModelChoice | None:
+    """Return the model that configuration and registry determine without the survey.
+
+    Parameters
+    ----------
+    method : str, optional
+        Method of the model (``label.method``).
+    model : int or str, optional
+        Name of a shipped model, or version or alias of a registered one (``label.model``).
+    store : ModelStore, optional
+        Registered models; None for none.
+
+    Returns
+    -------
+    ModelChoice or None
+        The model and the reason; None if a shipped model is to be chosen by the survey.
+
+    Raises
+    ------
+    ParameterError
+        If the method or the model is unknown or ambiguous, several models are champions, or the method has no model.
+    """
+    shipped = shipped_models()
+    registered = () if store is None else tuple(store.versions())
+    _check_method(method, registered)
+    if model is not None and str(model) in shipped:
+        return _named_shipped(shipped[str(model)], method)
+    own = [item for item in registered if method in (None, item.method)]
+    if model is not None:
+        return ModelChoice(_named_registered(str(model), own, method, shipped, store), f"label.model is {model}")
+    champions = [item for item in own if CHAMPION in item.aliases and (method is not None or _labels_points(item))]
+    if len(champions) > 1:
+        both = " and ".join(item.name for item in champions)
+        raise ParameterError(f"{both} have the alias {CHAMPION!r}: remove one, or name a method (label.method=SLUG)")
+    if champions:
+        return ModelChoice(champions[0], f"it has the alias {CHAMPION!r}")
+    if method is not None and own:
+        return ModelChoice(own[-1], f"it is the highest version of label.method={method}")
+    if method is not None and method not in {item.method for item in shipped.values()}:
+        command = f"kedro run --pipelines=all_methods --to-outputs={method}.registered_model"
+        raise ParameterError(f"label.method {method!r} has no model: none is registered; `{command}` trains one")
+    return None
+
+
+def shipped_choice(facts: SurveyFacts, *, method: str | None = None) -> ModelChoice:
+    """Return the shipped model for the density of a survey."""
+    shipped = {name: item for name, item in shipped_models().items() if method in (None, item.method)}
+    if not shipped:
+        raise ParameterError("the package holds no models: install mlsroad_pipeline again")
+    sparse = facts.median_density < SPARSE_BELOW
+    model = shipped.get(SPARSE if sparse else DENSE, next(iter(shipped.values())))
+    if np.isnan(facts.median_density):
+        return ModelChoice(model, "the density of the survey is unknown")
+    side = "below" if sparse else "at least"
+    text = f"the survey has a median of {facts.median_density:.4g} points per m², {side} {SPARSE_BELOW:g}"
+    return ModelChoice(model, text)
+
+
+def load_choice(choice: ModelChoice, store: ModelStore | None = None) -> ModelBundle:
+    """Return the bundle of a chosen model."""
+    if isinstance(choice.model, ShippedModel):
+        return load_shipped(choice.model.name)
+    if store is None:
+        raise ParameterError(f"{choice.name} needs an MLflow store: set MLFLOW_TRACKING_URI")
+    return store.load(choice.model)
+
+
+@dataclass(frozen=True)
+class ModelRequest:
+    """What a run of `label` asks for.
+
+    Parameters
+    ----------
+    method : str, optional
+        Method of the model.
+    named : ModelChoice, optional
+        The model, if it does not depend on the survey.
+    """
+
+    method: str | None = None
+    named: ModelChoice | None = None
+
+    def bundle(self, quality: pd.DataFrame) -> tuple[ModelBundle, str]:
+        """Return the model for a survey of a given quality, and a line for the log."""
+        choice = self.named or shipped_choice(facts_of_quality(quality), method=self.method)
+        bundle = load_choice(choice, configured_store())
+        return bundle, f"Labelling with {choice.name} ({choice.method}, {choice.trained_on}): {choice.reason}"
+
+
+def _labels_points(item: RegisteredVersion) -> bool:
+    return item.method not in METHODS or METHODS[item.method].task == "labelling"
+
+
+def _check_method(method: str | None, registered: Sequence[RegisteredVersion]) -> None:
+    known = list(dict.fromkeys((*METHODS, *(item.method for item in registered))))
+    if method is not None and method not in known:
+        raise ParameterError(f"label.method {method!r} is no method (methods: {', '.join(known)})")
+
+
+def _named_shipped(model: ShippedModel, method: str | None) -> ModelChoice:
+    if method not in (None, model.method):
+        raise ParameterError(f"label.model {model.name!r} is a model of {model.method}, label.method is {method!r}")
+    return ModelChoice(model, f"label.model is {model.name}")
+
+
+def _named_registered(
+    model: str,
+    own: Sequence[RegisteredVersion],
+    method: str | None,
+    shipped: Mapping[str, ShippedModel],
+    store: ModelStore | None,
+) -> RegisteredVersion:
+    """Return the registered model with a version or an alias."""
+    named = [item for item in own if model in (str(item.version), *item.aliases)]
+    if len(named) == 1:
+        return named[0]
+    if named:
+        names = ", ".join(item.name for item in named)
+        raise ParameterError(f"label.model {model!r} is ambiguous: name a method too (label.method=SLUG), for {names}")
+    there = [f"{name} (shipped)" for name in shipped]
+    there += [" or ".join((item.name, *item.aliases)) for item in own]
+    where = " and there is no MLflow store (MLFLOW_TRACKING_URI is not set)" if store is None else ""
+    about = "" if method is None else f" of {method}"
+    raise ParameterError(f"label.model {model!r}{about} is unknown{where}; models: {', '.join(there)}")

@@ -1,0 +1,116 @@
+"""Models of the package: registry, hashes, cards, sizes, and stored labels of a part of a street."""
+
+import json
+import shutil
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from helpers.wiring import REPOSITORY
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.models.bundle import label_cloud, model_source
+from mlsroad_pipeline.datasets.models import shipped_models as module
+from mlsroad_pipeline.datasets.models.model_cards import model_card
+from mlsroad_pipeline.datasets.models.shipped_models import (
+    CARD,
+    FOLDER,
+    ShippedParameters,
+    load_shipped,
+    save_entry,
+    save_shipped,
+    shipped_models,
+)
+
+MODELS = shipped_models()
+STORED = Path(__file__).with_name("predictions")
+LARGEST = 30_000_000
+
+
+@pytest.fixture
+def copy(tmp_path):
+    shutil.copytree(FOLDER, tmp_path / "shipped")
+    return tmp_path / "shipped"
+
+
+def test_package_has_two_models_of_at_most_30_megabytes_and_nothing_else():
+    assert list(MODELS) == ["dense", "sparse"]
+    files = {path for path in FOLDER.rglob("*") if path.is_file()}
+    named = {FOLDER / name / file for name, model in MODELS.items() for file in (*model.files, CARD)}
+    assert files == named | {FOLDER / module.REGISTRY}
+    assert sum(path.stat().st_size for path in files) <= LARGEST
+    assert {path.suffix for path in files} == {".npz", ".json", ".md"}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_arrays_are_plain_and_entry_agrees_with_the_files(name):
+    model, bundle = MODELS[name], load_shipped(name)
+    assert all(
+        not values.dtype.hasobject for values in np.load(FOLDER / name / "arrays.npz", allow_pickle=False).values()
+    )
+    assert (bundle.slug, bundle.classes) == (model.method, model.classes)
+    assert model.variants == ("geometry", "geometry+rgb", "geometry+intensity", "geometry+rgb+intensity")
+    assert model_source(bundle) == {"name": name, "version": model.version, "source": "shipped"}
+    assert all(row.points > 0 and 0.2 < row.overall_accuracy <= 1 for row in model.scores) and len(model.scores) >= 6
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_card_is_generated_from_the_entry(name):
+    assert (FOLDER / name / CARD).read_text(encoding="utf-8") == model_card(asdict(MODELS[name]))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_entry_is_that_of_the_environment_that_trains_the_model(name):
+    config = yaml.safe_load((REPOSITORY / f"conf/{name}/parameters.yml").read_text(encoding="utf-8"))
+    assert config["shipped"] == {"name": name, "summary": MODELS[name].summary}
+    assert MODELS[name].command == ShippedParameters(name).command() == f"kedro run --env={name}"
+    own = {key: value for key, value in config["simulation"]["surveys"].items() if key.startswith("train")}
+    assert {key: MODELS[name].training[key] for key in own} == own
+
+
+@pytest.mark.parametrize("variant", ["geometry", "geometry+intensity", "geometry+rgb+intensity"])
+@pytest.mark.parametrize("name", MODELS)
+def test_labels_of_a_street_are_those_that_were_stored_with_the_model(name, variant):
+    stored = np.load(STORED / f"{name}.npz")
+    columns = {"rgb": stored["rgb"], "intensity": stored["intensity"].astype(np.float32) / 255}
+    chosen = {key: columns[key] for key in variant.split("+")[1:]}
+    cloud = PointCloud(stored["xyz"] / 1000, {**chosen, "core": np.ones(len(stored["xyz"]), bool)}, source="a street")
+    labels, confidence = label_cloud(load_shipped(name), cloud)
+    np.testing.assert_array_equal(labels, stored[variant])
+    assert (labels == stored["truth"])[stored["truth"] >= 0].mean() > 0.75 and confidence.min() >= 0
+
+
+@pytest.mark.parametrize("file", ["arrays.npz", "model.json"])
+def test_damaged_or_missing_file_is_named(copy, file):
+    path = copy / "dense" / file
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(ReadError, match=rf"{path} is damaged \(wrong SHA256\): install mlsroad_pipeline again"):
+        load_shipped("dense", copy)
+    path.unlink()
+    with pytest.raises(ReadError, match=f"{path} is missing"):
+        load_shipped("dense", copy)
+    load_shipped("sparse", copy)
+
+
+def test_unknown_name_lists_the_models():
+    with pytest.raises(ParameterError, match=r"'urban' \(models: dense, sparse\)"):
+        load_shipped("urban")
+    with pytest.raises(ParameterError, match=r"shipped.name is not set: kedro run --env=dense"):
+        ShippedParameters().command()
+
+
+def test_saving_again_gives_the_same_bytes_and_a_new_entry_keeps_the_other(copy):
+    before = {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()}
+    bundle = load_shipped("dense", copy)
+    plain = replace(bundle, metadata={k: v for k, v in bundle.metadata.items() if k != "shipped"})
+    save_shipped(plain, replace(MODELS["dense"], files={}), copy)
+    assert {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()} == before
+    save_entry(replace(MODELS["sparse"], summary="Another"), copy)
+    assert shipped_models(copy)["dense"] == MODELS["dense"]
+    assert "Another. Method" in (copy / "sparse" / CARD).read_text(encoding="utf-8")
+    assert list(json.loads((copy / module.REGISTRY).read_text(encoding="utf-8"))["models"]) == ["dense", "sparse"]

@@ -1,0 +1,155 @@
+"""Choice of the model of `label`: density, names, versions, aliases."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.datasets.models.registered_models import RegisteredVersion
+from mlsroad_pipeline.datasets.models.shipped_models import shipped_models
+from mlsroad_pipeline.label.model_choice import (
+    SPARSE_BELOW,
+    SurveyFacts,
+    available_models,
+    choose,
+    explain_choice,
+    facts_of_quality,
+    named_choice,
+)
+
+DENSE, SPARSE = SurveyFacts(300.0, 10**6), SurveyFacts(8.0, 10**5)
+
+
+@dataclass(frozen=True)
+class Store:
+    found: tuple
+
+    def versions(self):
+        return self.found
+
+
+def version(method, number, *aliases):
+    return RegisteredVersion(method, number, aliases, "a planted street")
+
+
+STORE = Store((version("detrended_forest", 1), version("detrended_forest", 2, "best"), version("patch_graph", 1)))
+
+
+@pytest.mark.parametrize(
+    ("density", "name"), [(SPARSE_BELOW - 0.1, "sparse"), (SPARSE_BELOW, "dense"), (np.nan, "dense")]
+)
+@pytest.mark.parametrize("store", [None, Store(()), STORE])
+def test_plain_label_takes_a_shipped_model_by_density_whatever_is_registered(density, name, store):
+    choice = choose(SurveyFacts(density, 100), store=store)
+    assert choice.model == shipped_models()[name] and choice.method == "detrended_forest"
+
+
+def test_reason_has_the_figure():
+    assert choose(SPARSE).reason == "the survey has a median of 8 points per m², below 15"
+    assert choose(DENSE).reason == "the survey has a median of 300 points per m², at least 15"
+
+
+def test_shipped_model_by_its_name():
+    assert choose(DENSE, model="sparse", store=STORE).model.name == "sparse"
+    with pytest.raises(ParameterError, match="'sparse' is a model of detrended_forest, label.method is 'patch_graph'"):
+        choose(DENSE, model="sparse", method="patch_graph", store=STORE)
+
+
+@pytest.mark.parametrize(
+    ("method", "model", "expected"),
+    [
+        ("detrended_forest", None, ("detrended_forest", 2)),
+        ("detrended_forest", 1, ("detrended_forest", 1)),
+        ("detrended_forest", "2", ("detrended_forest", 2)),
+        (None, 2, ("detrended_forest", 2)),
+        (None, "best", ("detrended_forest", 2)),
+        ("patch_graph", None, ("patch_graph", 1)),
+    ],
+)
+def test_registered_models_by_method_version_and_alias(method, model, expected):
+    found = choose(DENSE, method=method, model=model, store=STORE).model
+    assert (found.method, found.version) == expected
+
+
+def test_champion_of_a_labelling_method_replaces_the_shipped_models():
+    store = Store((version("detrended_forest", 1, "champion"), version("detrended_forest", 2)))
+    assert choose(DENSE, store=store).model == store.found[0]
+    assert choose(SPARSE, method="detrended_forest", store=store).model == store.found[0]
+    detector = Store((version("visual_words", 1, "champion"), version("visual_words", 2)))
+    assert choose(DENSE, store=detector).model.name == "dense"
+    assert choose(DENSE, method="visual_words", store=detector).model == detector.found[0]
+
+
+def test_two_champions_are_an_error_unless_a_method_is_named():
+    store = Store((version("detrended_forest", 3, "champion"), version("patch_graph", 1, "champion")))
+    both = "mlsroad-detrended_forest version 3 and mlsroad-patch_graph version 1 have the alias 'champion'"
+    with pytest.raises(ParameterError, match=both):
+        choose(DENSE, store=store)
+    assert choose(DENSE, method="patch_graph", store=store).model == store.found[1]
+
+
+def test_method_with_a_shipped_model_alone_takes_it():
+    assert choose(SPARSE, method="detrended_forest").model.name == "sparse"
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"method": "forest"}, r"^label.method 'forest' is no method \(methods: detrended_forest, patch_graph, "),
+        (
+            {"method": "shot"},
+            "none is registered; `kedro run --pipelines=all_methods --to-outputs=shot.registered_model`",
+        ),
+        (
+            {"model": 1},
+            "'1' is ambiguous: name a method too .* for mlsroad-detrended_forest version 1, mlsroad-patch_g",
+        ),
+        (
+            {"model": "newest"},
+            r"'newest' is unknown; models: dense \(shipped\), sparse \(shipped\), mlsroad-.* or best, ",
+        ),
+        (
+            {"model": 7, "method": "patch_graph"},
+            "'7' of patch_graph is unknown; models: .*mlsroad-patch_graph version 1$",
+        ),
+    ],
+)
+def test_unknown_names_list_what_there_is(given, message):
+    with pytest.raises(ParameterError, match=message):
+        named_choice(**given, store=STORE)
+
+
+def test_version_without_a_store_says_so():
+    with pytest.raises(ParameterError, match=r"there is no MLflow store \(MLFLOW_TRACKING_URI is not set\)"):
+        named_choice(model=3)
+
+
+def test_facts_are_the_median_over_the_points_of_all_files():
+    table = pd.DataFrame({"n_points": [10, 100, 20, 0], "median_density": [500.0, 8.0, 40.0, np.nan]})
+    assert facts_of_quality(table) == SurveyFacts(8.0, 130)
+    assert np.isnan(facts_of_quality(table[3:]).median_density)
+
+
+def test_models_are_listed_with_their_origin():
+    found = available_models(STORE)
+    assert [(m.name, m.version, m.shipped) for m in found[2:]] == [
+        ("mlsroad-detrended_forest version 1", "1", False),
+        ("mlsroad-detrended_forest version 2", "2", False),
+        ("mlsroad-patch_graph version 1", "1", False),
+    ]
+    assert [m.name for m in found[:2]] == ["dense", "sparse"] and all(m.entry.scores for m in found[:2])
+
+
+def test_choice_for_files_comes_from_their_points(tmp_path):
+    for name, side in (("thin.txt", 20), ("thick.txt", 3)):
+        xy = np.random.default_rng(0).uniform(0, side, (900, 2))
+        np.savetxt(tmp_path / name, np.column_stack([xy, np.zeros(900)]), header="x y z", comments="", fmt="%.3f")
+    assert explain_choice(str(tmp_path / "thin.txt")).model.name == "sparse"
+    assert explain_choice(str(tmp_path / "thick.txt")).model.name == "dense"
+    with pytest.raises(ParameterError, match="champion"):
+        explain_choice(
+            str(tmp_path / "thick.txt"),
+            store=Store((version("patch_svm", 1, "champion"), version("patch_graph", 1, "champion"))),
+        )
