@@ -63,22 +63,41 @@ if [ ! -x .venv/bin/python ] && ! "$python" -m venv .venv 2>/tmp/mlsroad-venv.$$
 fi
 rm -f /tmp/mlsroad-venv.$$
 
-say "Installing the locked packages into .venv (several minutes the first time) ..."
-.venv/bin/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
-.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+say "Installing the locked packages into .venv ..."
+.venv/bin/python scripts/install_locked.py
 .venv/bin/python -c 'import open3d' || { say "Open3D does not import; the message above says why."; exit 1; }
 
-# numba keeps what it compiles beside the sources. The comparison on two tiny streets, in a folder that is thrown away, meets
-# nearly every kernel; what it does not meet is compiled when it is first used.
-say "Compiling kernels for this processor (several minutes, once) ..."
+# Numba keeps what it compiles beside the sources. Commands on tiny streets, in folders that are thrown away, use nearly every kernel;
+# others are compiled when they are first used. Two processes share the work: one labels a street and then runs all methods, the other
+# starts with the methods that come last.
+say "Compiling kernels for this processor (a few minutes, once) ..."
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
-cp -r conf pyproject.toml "$scratch"
-mkdir -p "$scratch/src" "$scratch/conf/local"
-cp conf/tiny.yml "$scratch/conf/local/parameters.yml"
-kedro=$PWD/.venv/bin/kedro
-if ! (cd "$scratch" && "$kedro" run --pipelines=all_methods --params=execution.backend=sequential) > .venv/compiling.log 2>&1; then
-    tail -n 20 .venv/compiling.log >&2
+bin=$PWD/.venv/bin
+log=$PWD/.venv/compiling.log
+: > "$log"
+unset MLFLOW_TRACKING_URI
+for folder in all last; do
+    mkdir -p "$scratch/$folder/src"
+    cp -r conf pyproject.toml "$scratch/$folder"
+    cp conf/tiny.yml "$scratch/$folder/conf/local/parameters.yml"
+done
+methods() { # a folder, and options of `kedro run`
+    (cd "$scratch/$1" && "$bin/kedro" run --pipelines=all_methods --params=execution.backend=sequential "${@:2}") >> "$log" 2>&1
+}
+label() {
+    (cd "$scratch" && "$bin/mlsroad" label street -o labelled && "$bin/mlsroad" inspect street -o inspected) >> "$log" 2>&1
+}
+last=simulate,ingest,ground_removal,segmentation,visual_words,hough_forest,object_matching,bottom_up_top_down,recognition,image_labels
+compiled=yes
+(cd "$scratch" && "$bin/mlsroad" simulate --preset tiny -o street) >> "$log" 2>&1 || compiled=no
+methods last --tags=$last &
+other=$!
+label || compiled=no
+methods all || compiled=no
+wait $other || compiled=no
+if [ $compiled = no ]; then
+    grep -v '^ ' "$log" | tail -n 20 >&2
     say "The kernels could not all be compiled; .venv/compiling.log says why. They are compiled when they are first used."
 fi
 
