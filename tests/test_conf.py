@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+import shutil
 
 import pytest
 import yaml
@@ -11,6 +12,7 @@ from kedro.framework.project import pipelines
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme, Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.config import ParameterConfigLoader
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.simulated import simulation_parameters
 
@@ -151,3 +153,9 @@ def test_unknown_coding_is_named():
     survey = SurveyParameters(root="x", splits={}, scheme="s", coding="martian")
     with pytest.raises(ParameterError, match=r"'martian' is not configured \(codings: taxonomy, oakland"):
         survey.options(base("classes")["codings"])
+
+
+def test_configuration_of_a_package_needs_no_local_environment(tmp_path):
+    shutil.copytree(REPOSITORY / "conf" / "base", tmp_path / "base")
+    loader = ParameterConfigLoader(str(tmp_path), base_env="base", default_run_env="local", env=None)
+    assert loader["parameters"]["label"] and loader["catalog"]["comparison"]["filepath"].startswith("data/")

@@ -97,6 +97,8 @@ class ParameterConfigLoader(OmegaConfigLoader):
     """
 
     def __init__(self, conf_source: str, **options: Any) -> None:
+        if not Path(conf_source, options.get("default_run_env") or "").is_dir():  # the package has no `local`
+            options["default_run_env"] = options["base_env"]
         super().__init__(conf_source, **options)
         self._parameters: dict[str, Any] | None = None  # cached for the catalog and the nodes
 
