@@ -28,11 +28,15 @@ def class_names(header: LasHeader) -> dict[int, str]:
     dict of int to str
         Code to name; empty without the record.
     """
+    return {code: name.decode("utf-8", "replace") for code, name in _stored_names(header).items()}
+
+
+def _stored_names(header: LasHeader) -> dict[int, bytes]:
     record = header.find(LOOKUP)
     if record is None:
         return {}
     entries = np.frombuffer(record.data[: len(record.data) // ENTRY.itemsize * ENTRY.itemsize], dtype=ENTRY)
-    return {int(code): name.decode("utf-8", "replace") for code, name in entries.tolist() if name}
+    return {int(code): name for code, name in entries.tolist() if name}
 
 
 def with_class_names(header: LasHeader, names: Mapping[int, str]) -> LasHeader:
@@ -54,8 +58,9 @@ def with_class_names(header: LasHeader, names: Mapping[int, str]) -> LasHeader:
         return header
     entries = np.zeros(N_CODES, dtype=ENTRY)
     entries["code"] = np.arange(N_CODES)
-    for code, name in {**class_names(header), **names}.items():
-        entries["name"][code] = name.encode("ascii", "replace")
+    own = {code: name.encode("ascii", "replace") for code, name in names.items()}
+    for code, text in {**_stored_names(header), **own}.items():
+        entries["name"][code] = text
     record = Vlr(*LOOKUP, entries.tobytes(), b"Classification Lookup")
     return replace(
         header,
