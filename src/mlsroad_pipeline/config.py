@@ -109,9 +109,10 @@ class ParameterConfigLoader(OmegaConfigLoader):
                 self._parameters = super().__getitem__(key)
             return deepcopy(self._parameters)
         if key == "catalog":
+            parameters = self["parameters"]  # read first, since resolvers hide the cause of an error
 
             def value_of(name: str, default: Any = None) -> Any:
-                value: Any = self._parameters or self["parameters"]
+                value: Any = parameters
                 for part in name.split("."):
                     value = value.get(part) if isinstance(value, Mapping) else None
                 return default if value is None or value == "" else value

@@ -121,8 +121,12 @@ def print_summary(console: Console, summary: Mapping[str, Any], logged: list[str
 
 
 def _model(summary: Mapping[str, Any]) -> str:
+    """Return the name and the method of the model, with the version of a registered one."""
     model = summary["model"]
-    return f"{model['name']} {model['version']}" if isinstance(model, Mapping) else str(model)
+    if not isinstance(model, Mapping):
+        return f"a model of {summary['method']}"
+    version = f" version {model['version']}" if "run_id" in model else ""
+    return f"the model {model['name']}{version} ({summary['method']})"
 
 
 def _median(medians: Mapping[str, float], name: str) -> str:

@@ -40,6 +40,15 @@ def find_place() -> Place:
     return Place(here, str(files(PACKAGE) / "conf"), False, tracked)
 
 
+def model_store(place: Place) -> Any:
+    """Return the registered models of a place, or None where runs are not tracked."""
+    if not place.tracked:
+        return None
+    from mlsroad_pipeline.datasets.models.registered_models import MlflowStore
+
+    return MlflowStore(os.environ.get("MLFLOW_TRACKING_URI") or f"sqlite:///{place.folder / STORE}")
+
+
 class Run(NamedTuple):
     """Catalog of a run, and the names of the nodes that ran."""
 

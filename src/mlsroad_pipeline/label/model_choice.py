@@ -118,7 +118,7 @@ def available_models(store: ModelStore | None = None) -> list[AvailableModel]:
 
 
 def explain_choice(
-    survey: str,
+    survey: str | Sequence[str],
     *,
     method: str | None = None,
     model: int | str | None = None,
