@@ -9,6 +9,7 @@ import sys
 import click
 import laspy
 import numpy as np
+import pyogrio
 import pytest
 import typer
 import yaml
@@ -19,6 +20,8 @@ from helpers.wiring import REPOSITORY, make_project
 from mlsroad_pipeline import cli
 from mlsroad_pipeline.commands.app import app
 from mlsroad_pipeline.config import check_names
+from mlsroad_pipeline.formats.las.header import read_header
+from mlsroad_pipeline.formats.las.lookup import class_names
 from mlsroad_pipeline.pipelines.composition import pipeline_names
 
 COMMANDS = documented_commands()
@@ -131,6 +134,20 @@ def test_mlsroad_inspect_says_the_same_with_nothing_on_stderr(project):
     for text in SAID:
         assert done.stdout.count(text) == 1, (text, done.stdout)
     assert done.stdout.splitlines()[-1] == "Report: quality/inspection.html"
+
+
+def test_mlsroad_label_assigns_a_system_and_says_the_same_with_nothing_on_stderr(project):
+    done, _ = typed(project, "mlsroad", "label", "in", "-o", "out", "--crs", "EPSG:28992", "--copc")
+    assert done.returncode == 0 and done.stderr == "", done.stderr
+    for text in SAID:
+        assert done.stdout.count(text) == (0 if "reference system" in text else 1), (text, done.stdout)
+    report = (project / "out/report.html").read_text(encoding="utf-8")
+    assert "labels.txt: is a table beside point clouds of another format: skipped" in report
+    for name in ("street.laz", "street.copc.laz"):
+        with laspy.open(project / "out" / name) as reader:
+            assert reader.header.parse_crs().to_epsg() == 28992
+            assert class_names(read_header(project / "out" / name))[64] == "pole"
+    assert pyogrio.read_info(project / "out/inventory.gpkg", layer="objects")["crs"] == "EPSG:28992"
 
 
 def test_misspelt_section_is_the_last_line_of_the_command(project):

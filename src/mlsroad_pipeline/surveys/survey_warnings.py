@@ -77,7 +77,7 @@ def file_warnings(facts: SurveyFacts) -> list[str]:
 def _crs_warnings(facts: SurveyFacts) -> list[str]:
     found = []
     if facts.crs is None:
-        found.append("no coordinate reference system: results have no position on a map; set crs")
+        found.append("no coordinate reference system: results have no position on a map; set crs (label.crs, --crs)")
     if facts.stated_crs is not None:
         found.append(
             f"the option crs replaces the coordinate reference system {crs_label(facts.stated_crs)} of the file by "
