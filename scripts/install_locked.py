@@ -53,7 +53,7 @@ def main() -> int:
     listed = subprocess.run([*PIP, "config", "list"], capture_output=True, text=True, check=True).stdout
     environment = {**uv_environment(pip_settings(listed)), **os.environ}
     program = [sys.executable, "-m", "uv", "pip", "install", "--quiet", "--python", sys.executable]
-    has_uv = subprocess.run([*PIP, "install", *QUIET, uv], check=False).returncode == 0
+    has_uv = subprocess.run([*PIP, "install", "--quiet", *QUIET, uv], check=False).returncode == 0
     for step in STEPS:
         if has_uv and subprocess.run([*program, *step], env=environment, check=False).returncode == 0:
             continue
