@@ -24,8 +24,10 @@ def las(path, n=5):
     [
         ("a.las", b"", "is empty (0 bytes)"),
         ("a.bin", b"", "is empty (0 bytes)"),
-        ("a.las", b"<html>not found</html>", "is named as LAS, but begins with b'<html>no'"),
-        ("a.ply", b"solid cube", "is named as PLY, but begins with b'solid cu'"),
+        ("a.las", b"<html>not found</html>", "is HTML or XML, not LAS"),
+        ("a.e57", b"%PDF-1.4", "is PDF, not E57"),
+        ("a.ply", b"solid cube", None),  # unknown: an error when it is read
+        ("a.pcd", b"# This PCD file has another first line", None),
         ("labels.txt", b"1 car\n2 tree\n", "holds no row of three numbers"),
         ("readme.txt", b"Survey of 2024, two passes, north to south.\n", "holds no row of three numbers"),
         ("a.txt", b"1 2 3\n4 5 6\nDear Sir or Madam\n", None),  # a damaged table

@@ -112,7 +112,8 @@ def inspect_survey(
 ) -> tuple[list[FileInspection], dict[str, str]]:
     """Inspect all files of a survey; return the results, and the reason of each file that is left out."""
     options = ReadOptions.from_config(read)
-    listing = Survey.at(root).listing(trajectory=parameters.trajectory)
+    text = options.delimiter is None and options.decimal is None  # as in `plan.plan_labelling`
+    listing = Survey.at(root).listing(trajectory=parameters.trajectory, text=text)
     files, unread = [], dict(listing.skipped)
     for file in listing.files:
         logger.info("Inspecting %s", file.name)

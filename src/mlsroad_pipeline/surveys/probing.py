@@ -10,8 +10,11 @@ from mlsroad_pipeline.formats.las.header import read_header
 from mlsroad_pipeline.formats.registry import FORMATS, format_of_name
 from mlsroad_pipeline.formats.text.layout import holds_rows
 
-CONTAINERS = (b"PK\x03\x04", b"\x1f\x8b")
-"""Signatures of ZIP and gzip, which may hold points: reading such a file under another name is an error."""
+DOCUMENTS = {
+    **{b"<": "HTML or XML", b"{": "JSON", b"%PDF": "PDF", b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG"},
+    **{b"II*\0": "TIFF", b"MM\0*": "TIFF"},
+}
+"""First bytes of files that hold no points to their kind. An unknown content is an error: it may be a point cloud."""
 
 
 def no_points_reason(path: Path, *, text: bool = True) -> str | None:
@@ -29,11 +32,10 @@ def no_points_reason(path: Path, *, text: bool = True) -> str | None:
     held = next((form for form in FORMATS if form.recognises(path, head)), None)
     if held is not None:
         return "is a LAS file without points" if held.name == "LAS" and _is_empty_las(path) else None
-    if named is None or head.startswith(CONTAINERS):
-        return None
-    if named.name == "text":
+    if named is not None and named.name == "text":
         return "holds no row of three numbers" if text and not holds_rows(path) else None
-    return f"is named as {named.name}, but begins with {head[:8]!r}" if named.signatures else None
+    kind = next((kind for start, kind in DOCUMENTS.items() if head.startswith(start)), None)
+    return None if named is None or kind is None or not named.signatures else f"is {kind}, not {named.name}"
 
 
 def _is_empty_las(path: Path) -> bool:
