@@ -61,6 +61,7 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
         "image_labels.drives",
         "label_images",
         "label_model_request",
+        "label_read_quality",
         "label_quality",
         "label_warnings",
         "patch_training",
@@ -68,7 +69,7 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
 
 
 def paths_below_data(env, catalog):
-    for name in ("scenes", "detrended_forest.labels", "detrended_forest.scores", "comparison", "label_results_store"):
+    for name in ("scenes", "detrended_forest.labels", "detrended_forest.scores", "comparison"):
         described = catalog.get(name)._describe()["filepath"]
         yield re.search(r"data/\d\d_\w+/(\w+)", str(described))[1]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Mapping
 from copy import deepcopy
@@ -13,6 +14,7 @@ from kedro.config import OmegaConfigLoader
 from omegaconf import DictConfig, OmegaConf
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.execution.run_identity import absolute, run_folder, run_settings
 
 SETTINGS = ("default_pipeline", "execution", "stage_costs")
 """Sections that the base environment leaves to the globals, to other environments and to the command line."""
@@ -80,13 +82,14 @@ def nearest_name(name: str, known: Iterable[str]) -> str:
 
 
 class ParameterConfigLoader(OmegaConfigLoader):
-    """Kedro's configuration loader with checked names of parameters and a resolver in catalogs.
+    """Kedro's configuration loader with checked names of parameters and resolvers in catalogs.
 
     A section or a key that the base environment lacks is an error.
 
-    The resolver ``${params:label.output,default}`` gives the value of the parameter, whether set in the base, in the
-    environment or on the command line (Kedro's ``runtime_params`` covers the command line only), or the default if the
-    parameter is missing, null or empty.
+    ``${params:label.method,default}`` resolves to the value of a parameter, whether set in the base, in the environment
+    or on the command line (Kedro's ``runtime_params`` covers the command line only), or to the default if the parameter
+    is missing, null or empty. ``${label_run:output}`` and ``${label_run:folder}`` resolve to the output folder of
+    `label` and to the folder of the configured run below it, ``${label_run:settings}`` to the settings of the run.
 
     Parameters
     ----------
@@ -117,8 +120,9 @@ class ParameterConfigLoader(OmegaConfigLoader):
                     value = value.get(part) if isinstance(value, Mapping) else None
                 return default if value is None or value == "" else value
 
-            # Resolvers are global to the process; this loader replaces the one of an earlier session.
+            # Resolvers are global to the process; this loader replaces those of an earlier session.
             OmegaConf.register_new_resolver("params", value_of, replace=True)
+            OmegaConf.register_new_resolver("label_run", self._label_run, replace=True)
         loaded: dict[str, Any] = super().__getitem__(key)
         return with_layers(loaded) if key == "catalog" else loaded
 
@@ -133,6 +137,16 @@ class ParameterConfigLoader(OmegaConfigLoader):
                 check_names(_plain(config), base, str(path))
             check_names(self.runtime_params or {}, base, "--params")
         return read
+
+    def _label_run(self, what: str) -> str:
+        """Return the output or the folder of the configured run of `label`, or its settings as JSON."""
+        parameters = self._parameters or self["parameters"]
+        folder = run_folder(parameters)
+        if what == "output":
+            return "data/08_reporting/label" if folder is None else absolute(parameters["label"]["output"])
+        if what == "folder":
+            return "data/02_intermediate/label" if folder is None else str(folder)
+        return json.dumps({} if folder is None else run_settings(parameters))
 
 
 def _plain(config: DictConfig) -> dict[str, Any]:

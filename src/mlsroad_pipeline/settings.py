@@ -9,6 +9,7 @@ from omegaconf.resolvers import oc  # noqa: E402
 from mlsroad_pipeline.config import ParameterConfigLoader  # noqa: E402
 from mlsroad_pipeline.hooks.closing_lines import ClosingLinesHooks  # noqa: E402
 from mlsroad_pipeline.hooks.default_pipeline import DefaultPipelineHooks  # noqa: E402
+from mlsroad_pipeline.hooks.label_run import LabelRunHooks  # noqa: E402
 from mlsroad_pipeline.hooks.library_warnings import silence  # noqa: E402
 from mlsroad_pipeline.hooks.mlflow_run import MlflowDetailsHooks  # noqa: E402
 from mlsroad_pipeline.hooks.progress import ProgressHooks  # noqa: E402
@@ -21,6 +22,7 @@ HOOKS = (
     DefaultPipelineHooks(),
     StageCostsHooks(),
     ProgressHooks(),
+    LabelRunHooks(),
     early_workers,
     ClosingLinesHooks(),
 )

@@ -164,6 +164,16 @@ def label(project: Path, survey: Path | str, output: Path | str, **changes: Any)
     return Path(output)
 
 
+def contents(output: Path) -> dict[str, bytes]:
+    """Give the results of `label` in a folder by name, without the state of the runs."""
+    return {path.name: path.read_bytes() for path in sorted(output.glob("*")) if path.is_file()}
+
+
+def stored_records(output: Path, stage: str) -> list[Path]:
+    """Give the records of a stage in the states of all runs of an output."""
+    return sorted(output.glob(f".mlsroad/*/{stage}/*/record.json"))
+
+
 def stage_counts(messages: Sequence[str]) -> dict[str, tuple[int, int]]:
     """Read from the log how many scenes each stage computed and how many it found valid."""
     pattern = re.compile(r"(\w+): \d+ scenes: (\d+) computed in [\d.]+ s, (\d+) already valid")

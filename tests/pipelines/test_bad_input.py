@@ -6,7 +6,7 @@ import laspy
 import numpy as np
 import pandas as pd
 import pytest
-from helpers.wiring import TINY, joined, label, last_line, make_project, run, shared_run, with_models
+from helpers.wiring import TINY, joined, label, last_line, make_project, run, shared_run, stored_records, with_models
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
@@ -134,8 +134,7 @@ def test_one_bad_file_among_good_ones_is_named_and_the_good_ones_are_read_first(
     las(tmp_path / "in" / "c.laz", xyz)
     said = failure(label, project, tmp_path / "in", tmp_path / "out")
     assert "b.laz" in said and "a.laz" not in said
-    stored = project / "data/02_intermediate/label/files"
-    assert {path.parent.name for path in stored.glob("*/record.json")} >= {"survey.a_laz", "survey.c_laz"}
+    assert {path.parent.name for path in stored_records(tmp_path / "out", "files")} >= {"survey.a_laz", "survey.c_laz"}
 
 
 def test_survey_without_any_ground_is_labelled_all_the_same(project, tmp_path, rng):

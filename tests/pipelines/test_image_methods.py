@@ -8,7 +8,7 @@ import laspy
 import numpy as np
 import pandas as pd
 import pytest
-from helpers.wiring import TINY, empty_store, label, run, session_of, shared_run, stage_counts
+from helpers.wiring import TINY, contents, empty_store, label, run, session_of, shared_run, stage_counts, stored_records
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.evaluation.labelling import find_scheme
@@ -214,19 +214,19 @@ def test_fusion_of_a_survey_without_images_falls_back_on_its_features_and_says_s
     assert "its points have the labels of the features alone" in text_of(out)
     with pytest.raises(Exception, match=r"'image_labels' needs images: there is no .*bare/calibration\.json"):
         label(project, tmp_path / "bare", tmp_path / "images", method="image_labels", **LONG)
-    assert not (tmp_path / "images").exists()
+    assert not contents(tmp_path / "images")
 
 
 def test_label_with_images_goes_on_where_it_stopped_and_gives_two_workers_the_same_bytes(
     project, survey, fused, tmp_path, caplog
 ):
-    results = project / "data/02_intermediate/label/results"
-    label(project, survey, tmp_path / "out", method="fusion", **LONG)
-    shutil.rmtree(next(path for path in sorted(results.iterdir()) if path.is_dir()))
+    label(project, survey, tmp_path / "out", method="fusion", keep_state=True, **LONG)
+    shutil.rmtree(stored_records(tmp_path / "out", "results")[0].parent)
+    (tmp_path / "out" / "report.html").unlink()  # an unfinished run
     caplog.clear()
     with caplog.at_level("INFO", logger="mlsroad_pipeline"):
         workers = {"execution": {"backend": "loky", "n_workers": 2}}
-        label(project, survey, tmp_path / "out", method="fusion", **LONG, **workers)
+        label(project, survey, tmp_path / "out", method="fusion", keep_state=True, **LONG, **workers)
     computed, valid = stage_counts(caplog.messages)["results"]
     assert computed == 1 and valid >= 1
     assert (tmp_path / "out" / "survey.laz").read_bytes() == (fused / "survey.laz").read_bytes()

@@ -13,7 +13,7 @@ import numpy as np
 import pyogrio
 import pytest
 from helpers.labelled import N_POINTS, check_labels, check_same_points, scheme
-from helpers.wiring import REPOSITORY, label, last_line, stage_counts, with_models
+from helpers.wiring import REPOSITORY, contents, label, last_line, stage_counts, stored_records, with_models
 
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.options import WriteOptions
@@ -70,17 +70,13 @@ def test_report_has_points_files_model_and_objects(labelled):
     assert re.search(rf"\b{n_objects}\b", text)
 
 
-def test_labelling_again_recomputes_nothing_and_changes_no_byte(label_project, labelled, survey, caplog):
-    with caplog.at_level("INFO", logger="mlsroad_pipeline"):
-        label(label_project, survey, labelled)  # may compute: another test may have used the stores
-    before = {path.name: path.read_bytes() for path in labelled.iterdir()}
-    caplog.clear()
+def test_labelling_again_says_that_nothing_is_to_do_and_changes_no_byte(label_project, labelled, survey, caplog):
+    before = contents(labelled)
     with caplog.at_level("INFO", logger="mlsroad_pipeline"):
         label(label_project, survey, labelled)
-    counts = stage_counts(caplog.messages)
-    assert set(counts) == {"files", "corridors", "pieces", "results", "written"}
-    assert all(computed == 0 and valid > 0 for computed, valid in counts.values()), counts
-    assert {path.name: path.read_bytes() for path in labelled.iterdir()} == before
+    assert [text for text in caplog.messages if text.startswith("Nothing to do: ")]
+    assert not stage_counts(caplog.messages)
+    assert contents(labelled) == before
 
 
 def test_a_deleted_result_is_written_again_with_the_same_bytes(label_project, labelled, survey):
@@ -96,7 +92,7 @@ def test_two_workers_give_the_bytes_of_one(shared, labelled, survey, tmp_path):
     assert (found / "street.laz").read_bytes() == (labelled / "street.laz").read_bytes()
 
 
-def test_output_in_a_folder_that_is_no_part_of_the_survey_may_lie_inside_it(label_project, survey, tmp_path):
+def test_output_in_a_folder_that_is_no_part_of_the_survey_may_lie_inside_it(label_project, survey, tmp_path, caplog):
     folder = tmp_path / "survey"
     (folder / "west").mkdir(parents=True)
     (folder / "west" / "street.laz").write_bytes(survey.read_bytes())
@@ -105,7 +101,8 @@ def test_output_in_a_folder_that_is_no_part_of_the_survey_may_lie_inside_it(labe
     first = (out / "west" / "street.laz").read_bytes()
     for copy in ("street.copc.laz", "street_classes.ply"):
         (out / "west" / copy).write_bytes(b"")
-    label(label_project, folder, out)  # what the first run wrote is no survey
+    label(label_project, folder, out, overwrite=True)  # files in a folder of results are no survey
+    assert f"Skipped 3 files in folders of labelled results: {out}" in caplog.messages
     assert (out / "west" / "street.laz").read_bytes() == first
     assert [p.relative_to(out).as_posix() for p in sorted(out.rglob("street.l*"))] == ["west/street.laz"]
 
@@ -126,7 +123,7 @@ def test_tables_and_pictures_beside_the_points_are_no_points(shared, label_proje
     folder = shared / "data/01_raw/simulated/test"  # with trajectory.csv, objects.csv, images and calibration
     out = label(label_project, folder, tmp_path / "out")
     inventory = [f"inventory.{ending}" for ending in ("gpkg", "parquet", "qml")]
-    assert [path.name for path in sorted(out.iterdir())] == [*inventory, "report.html", "survey.laz"]
+    assert sorted(contents(out)) == [*inventory, "report.html", "survey.laz"]
     said = [record.getMessage() for record in caplog.records if "objects.csv" in record.getMessage()]
     assert said == ["objects.csv: is a table beside point clouds of another format: skipped"]
     objects = gpd.read_file(out / "inventory.gpkg", layer="objects")
@@ -176,7 +173,7 @@ def test_wrong_parameters_end_with_a_line_that_names_them(label_project, survey,
     with pytest.raises(Exception) as caught:  # the line that the user reads is what counts
         label(label_project, given.pop("survey"), given.pop("output"), **given)
     assert re.search(message, last_line(caught.value)), last_line(caught.value)
-    assert not (tmp_path / "out").exists()
+    assert not contents(tmp_path / "out")
 
 
 def test_output_that_cannot_be_made_is_an_error_before_anything_is_computed(label_project, survey, tmp_path, caplog):
@@ -202,7 +199,6 @@ def test_killed_labelling_goes_on_where_it_stopped_with_the_bytes_of_an_undistur
     project = with_models(shared, tmp_path / "project")
     survey = shared / "data/01_raw/simulated/test/survey.laz"
     whole = label(with_models(shared, tmp_path / "other"), survey, tmp_path / "whole", ingest={"scene_length": 5.0})
-    results = project / "data/02_intermediate/label/results"
     command = [
         *(sys.executable, "-W", "ignore", "-m", "kedro", "run", "--pipelines=label"),
         f"--params=label.survey={survey},label.output={tmp_path / 'out'},ingest.scene_length=5.0,"
@@ -214,11 +210,15 @@ def test_killed_labelling_goes_on_where_it_stopped_with_the_bytes_of_an_undistur
             command, cwd=project, env=environment, stdout=log, stderr=log, start_new_session=True
         )
         deadline = time.monotonic() + 300
-        while len(list(results.glob("*/record.json"))) < 3 and time.monotonic() < deadline and process.poll() is None:
+        while (
+            len(stored_records(tmp_path / "out", "results")) < 3
+            and time.monotonic() < deadline
+            and process.poll() is None
+        ):
             time.sleep(0.005)
         os.killpg(process.pid, signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL, (tmp_path / "log").read_text()[-2000:]
-    done = len(list(results.glob("*/record.json")))
+    done = len(stored_records(tmp_path / "out", "results"))
     assert done >= 3
     assert not (tmp_path / "out" / "survey.laz").exists()
     with caplog.at_level("INFO", logger="mlsroad_pipeline"):

@@ -9,7 +9,7 @@ import numpy as np
 import open3d
 import pytest
 from helpers.labelled import N_POINTS, check_labels, check_same_points
-from helpers.wiring import label
+from helpers.wiring import contents, label
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.kitti import KittiFormat
@@ -67,10 +67,10 @@ def test_copies_for_viewers_hold_the_points_of_the_result(label_project, survey,
     np.testing.assert_array_equal(seen.point["confidence"].numpy()[:, 0], result["confidence"])
     colours = np.unique(np.column_stack([result.classification, seen.point.colors.numpy()]), axis=0)
     assert len(colours) == len(np.unique(result.classification))  # one colour a class
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    before = contents(out)
     (out / "street.copc.laz").unlink()
     label(label_project, survey, out, copc=True, coloured_ply=True)
-    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    assert contents(out) == before
 
 
 def test_amsterdam_tile_keeps_all_it_had(label_project, real_data, tmp_path):

@@ -82,6 +82,12 @@ def describe_sources(module_names: Iterable[str]) -> list[Any]:
     return sources
 
 
+@functools.lru_cache(maxsize=1)
+def code_digest() -> str:
+    """Return a digest of the library's sources and of the numerical packages: results of other code may differ."""
+    return digest_json([_digests(all_sources(), project_folder()), package_versions()])
+
+
 def qualified_name(function: Callable[..., Any]) -> str:
     """Return `module:name` of a function that a worker can import.
 

@@ -18,6 +18,7 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.scenes.cutting import CorridorArrays, corridor_from_arrays, join_pieces
 from mlsroad_pipeline.algorithms.scenes.tiling import SceneSpan
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import StoredResult
 from mlsroad_pipeline.formats.las.copc import copc_path, write_copc
 from mlsroad_pipeline.formats.options import ReadOptions
@@ -106,6 +107,7 @@ def write_file(
     rows: NDArray[np.int64],
     file: int,
     target: str,
+    run: RunFolder,
     options: ReadOptions,
     n_threads: int,
     had_classes: bool | None,
@@ -113,23 +115,23 @@ def write_file(
     coloured_ply: bool = False,
     class_names: Mapping[int, str] | None = None,
 ) -> WrittenFile:
-    """Write a file of a survey with the labels of its points."""
-    Path(target).parent.mkdir(parents=True, exist_ok=True)
+    """Write a file of a survey with the labels of its points, and move the results to their places."""
+    staged = str(run.staged(target))
     labels = SceneLabels(scenes, rows, file, path)
     written = write_labelled(
-        *(path, target, labels),
+        *(path, staged, labels),
         options=options,
         n_threads=n_threads,
         had_classes=had_classes,
         class_names=class_names,
     )
     if copc:
-        write_copc(target, copc_path(target), n_threads=n_threads)
-        written.append(Path(copc_path(target)))
+        write_copc(staged, copc_path(staged), n_threads=n_threads)
+        written.append(Path(copc_path(staged)))
     if coloured_ply:
-        write_coloured_ply(target, coloured_path(target))
-        written.append(Path(coloured_path(target)))
-    return {"files": np.array([str(item) for item in written])}
+        write_coloured_ply(staged, coloured_path(staged))
+        written.append(Path(coloured_path(staged)))
+    return {"files": np.array([str(run.publish(item)) for item in written])}
 
 
 class _StoredObjects(Sequence[SceneObjects]):

@@ -197,13 +197,22 @@ def _has_classes(path: Path, header: LasHeader, n_threads: int) -> bool:
     return False
 
 
+def result_header(path: Path, form: PointFormat, options: ReadOptions) -> LasHeader:
+    """Return the header of the labelled LAZ of a file, read from the header of the file.
+
+    Raises DataError if LAZ cannot hold a column of the file: its message names the file and the column.
+    """
+    if form.name == "LAS":
+        return _with_results(upgraded_header(read_header(path)), keep_class=True)
+    empty = _renamed(form.read(path, options, start=0, stop=0))
+    return _with_results(new_header(empty, WriteOptions(scale=SCALE)), keep_class=False)
+
+
 def _other_source(path: Path, form: PointFormat, options: ReadOptions) -> _Source:
     def cloud(start: int, stop: int) -> PointCloud:
         return _renamed(form.read(path, options, start=start, stop=stop))
 
-    empty = cloud(0, 0)
-    header = new_header(empty, WriteOptions(scale=SCALE))
-    header = _with_results(header, keep_class=False)
+    header = result_header(path, form, options)
 
     def records(start: int, stop: int) -> NDArray:
         return pack_records(cloud(start, stop), header)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,12 @@ from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, check_splits_al
 from mlsroad_pipeline.formats.registry import format_of_name
 from mlsroad_pipeline.surveys.discovery import find_point_files, find_split_files
 from mlsroad_pipeline.surveys.probing import no_points_reason
+
+RESULTS = ".mlsroad"
+"""Folder that marks an output folder of `label`: `execution.run_identity.STATE`."""
+
+IN_RESULTS = "is in a folder of labelled results: skipped"
+"""Reason for leaving out a result of an earlier run."""
 
 TABLES = ("text", "Parquet", "NPZ")
 """Formats whose files may hold something other than points."""
@@ -100,14 +105,18 @@ class Survey:
         """Return all files of points, and those left out of folders and globs.
 
         Tables (`TABLES`) beside point clouds of another format are left out, since surveys are delivered with
-        trajectories, lists of objects and calibrations; a glob of such files includes them. Files without points are
-        left out (`no_points_reason`; `text` is passed on). A file that is named itself is never left out.
+        trajectories, lists of objects and calibrations; a glob of such files includes them. Results of `label` below a
+        folder are left out, and files without points (`no_points_reason`; `text` is passed on). A file that is named
+        itself is never left out.
         """
         paths: list[Path] = []
         reasons: dict[Path, str] = {}
         named = {Path(root).absolute() for root in self.roots}
         for root in self.roots:
             below = find_point_files(root)
+            results = _in_results(below, _folder_of(Path(root)))
+            reasons |= dict.fromkeys(results, IN_RESULTS)
+            below = [path for path in below if path not in results]
             if Path(root).is_dir():
                 tables = _tables_beside(below)
                 reasons |= {path: TABLE for path in tables if path.name != trajectory}
@@ -163,6 +172,19 @@ def _folder_of(root: Path) -> Path:
     return Path(*root.parts[:magic])
 
 
+def _in_results(paths: Sequence[Path], root: Path) -> set[Path]:
+    """Return the files in folders below the root that `label` has written results to."""
+    known: dict[Path, bool] = {root: False}
+
+    def holds(folder: Path) -> bool:
+        if folder not in known:
+            inside = folder.parent != folder and holds(folder.parent)
+            known[folder] = inside or (folder.is_relative_to(root) and (folder / RESULTS).is_dir())
+        return known[folder]
+
+    return {path for path in paths if holds(path.parent)}
+
+
 def _tables_beside(paths: Sequence[Path]) -> set[Path]:
     """Return the tables in folders that hold point clouds of another format."""
     tables = {path for path in paths if getattr(format_of_name(path), "name", None) in TABLES}
@@ -186,27 +208,23 @@ def _check_disjoint(file: str, parts: Mapping[str, SplitPart]) -> None:
 
 
 def files_to_label(survey: Survey, output: str, *, trajectory: str | None = None, text: bool = True) -> SurveyListing:
-    """Return the files of a survey to label; results of an earlier run in the output folder are left out."""
+    """Return the files of a survey to label; earlier results in the output folder are left out without a reason."""
     if not output:
         raise ParameterError("label.output must name a folder, got ''")
-    folder = Path(output).resolve()
+    folder = Path(output).expanduser().resolve()
     _check_writable(folder)
     if folder == survey.folder.resolve():
         raise ParameterError(f"label.output is a folder of the survey itself: {output}; choose another")
     listing = survey.listing(trajectory=trajectory, text=text)
-    files = listing.files
-    below = {file.name: Path(file.path).resolve() for file in files}
-    below = {name: path.relative_to(folder) for name, path in below.items() if path.is_relative_to(folder)}
-    stems = {_stem(file.name) for file in files if file.name not in below}
-    own = [name for name, path in below.items() if not _is_result(path.as_posix(), stems)]
-    if own:
-        raise ParameterError(f"label.output is a folder of the survey itself: {output} holds {own[0]}; choose another")
+    own = next((file.name for file in listing.files if Path(file.path).resolve().is_relative_to(folder)), None)
+    if own is not None:
+        raise ParameterError(f"label.output is a folder of the survey itself: {output} holds {own}; choose another")
     outside = {
         name: reason
         for name, reason in listing.skipped.items()
         if not (survey.folder / name).resolve().is_relative_to(folder)
     }
-    return SurveyListing([file for file in files if file.name not in below], outside)
+    return SurveyListing(listing.files, outside)
 
 
 def _check_writable(folder: Path) -> None:
@@ -217,13 +235,3 @@ def _check_writable(folder: Path) -> None:
             pass
     except OSError as error:
         raise ParameterError(f"label.output: {folder} cannot be written: {existing}: {error.strerror}") from error
-
-
-def _is_result(name: str, stems: set[str]) -> bool:
-    """Return whether `label` writes a file of this name for surveys with these stems, copies and tables included."""
-    return name == "inventory.parquet" or _stem(re.sub(r"(\.copc(?=\.laz$)|_classes(?=\.ply$))", "", name)) in stems
-
-
-def _stem(name: str) -> str:
-    """Return a file's name without its extension, which results share with their source."""
-    return re.sub(r"\.[^./]+(\.gz)?$", "", name, flags=re.IGNORECASE)

@@ -105,6 +105,10 @@ class LabelParameters:
     crs : str or None, default None
         Coordinate reference system of the survey as WKT or a code ("EPSG:28992"), in place of that of the files;
         coordinates are not transformed. None keeps that of the files.
+    overwrite : bool, default False
+        Whether results of other runs and edited results in `output` may be replaced.
+    keep_state : bool, default False
+        Whether the scene stores of a finished run stay in `output`.
 
     Raises
     ------
@@ -124,6 +128,8 @@ class LabelParameters:
     coloured_ply: bool = False
     images: str | None = "calibration.json"
     crs: str | None = None
+    overwrite: bool = False
+    keep_state: bool = False
 
     def __post_init__(self) -> None:
         if self.crs is not None:

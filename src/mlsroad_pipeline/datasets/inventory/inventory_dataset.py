@@ -12,21 +12,31 @@ from mlsroad_pipeline.datasets.inventory.geopackage import read_geopackage, writ
 from mlsroad_pipeline.datasets.inventory.geoparquet import read_geoparquet, write_geoparquet
 from mlsroad_pipeline.datasets.inventory.qgis_styles import qml
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
+from mlsroad_pipeline.execution.run_folder import RunFolder
+from mlsroad_pipeline.formats.files import atomic_file
 
 
 class _Format(NamedTuple):
     read: Callable[[Path], RoadInventory]
-    write: Callable[[RoadInventory, Path], None]
+    write: Callable[[RoadInventory, Path], list[Path]]  # returns the paths of the written files
 
 
-def _write_styled_geopackage(inventory: RoadInventory, path: Path) -> None:
+def _write_styled_geopackage(inventory: RoadInventory, path: Path) -> list[Path]:
+    style = path.with_suffix(".qml")
     write_geopackage(inventory, path)
-    path.with_suffix(".qml").write_text(qml("objects"), encoding="utf-8")
+    with atomic_file(style) as stream:
+        stream.write(qml("objects").encode())
+    return [style, path]
+
+
+def _write_geoparquet(inventory: RoadInventory, path: Path) -> list[Path]:
+    write_geoparquet(inventory, path)
+    return [path]
 
 
 _FORMATS = {
     ".gpkg": _Format(read_geopackage, _write_styled_geopackage),
-    ".parquet": _Format(read_geoparquet, write_geoparquet),
+    ".parquet": _Format(read_geoparquet, _write_geoparquet),
 }
 
 
@@ -40,6 +50,9 @@ class RoadInventoryDataset(AbstractDataset[RoadInventory, RoadInventory]):
     ----------
     filepath : str
         The file; its extension ``.gpkg`` or ``.parquet`` selects the format.
+    run : str, optional
+        Folder of the run of `label` that the file is a result of: it is written there, entered in the record of the
+        run, and moved to its place. See `execution.run_folder`.
     metadata : dict, optional
         Any metadata; ignored.
 
@@ -57,8 +70,9 @@ class RoadInventoryDataset(AbstractDataset[RoadInventory, RoadInventory]):
           filepath: data/07_model_output/inventory.gpkg
     """
 
-    def __init__(self, *, filepath: str, metadata: dict[str, Any] | None = None) -> None:
+    def __init__(self, *, filepath: str, run: str | None = None, metadata: dict[str, Any] | None = None) -> None:
         self._filepath = Path(filepath)
+        self._run = None if run is None else RunFolder(run)
         self.metadata = metadata
         suffix = self._filepath.suffix.lower()
         if suffix not in _FORMATS:
@@ -72,8 +86,12 @@ class RoadInventoryDataset(AbstractDataset[RoadInventory, RoadInventory]):
 
     def save(self, data: RoadInventory) -> None:
         """Write the inventory, creating its folder."""
-        self._filepath.parent.mkdir(parents=True, exist_ok=True)
-        self._format.write(data, self._filepath)
+        path = self._filepath if self._run is None else self._run.staged(self._filepath)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        written = self._format.write(data, path)
+        if self._run is not None:
+            for staged in written:
+                self._run.publish(staged)
 
     @property
     def filepath(self) -> Path:

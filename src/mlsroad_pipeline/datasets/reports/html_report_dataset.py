@@ -13,6 +13,8 @@ class HtmlReportDataset(ReportFileDataset[str, str]):
     ----------
     filepath : str
         A path or a URL that ends in ``.html``.
+    run : str, optional
+        See `ReportFileDataset`.
     credentials, fs_args, metadata : mapping, optional
         See `ReportFileDataset`.
 

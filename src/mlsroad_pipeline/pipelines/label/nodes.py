@@ -16,21 +16,40 @@ from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
 from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.datasets.models.registered_models import configured_store
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
+from mlsroad_pipeline.label.checks import check_outputs
 from mlsroad_pipeline.label.images import LabelImages, images_to_label
-from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, objects_task, survey_crs
+from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, objects_task
 from mlsroad_pipeline.label.model_choice import ModelRequest, named_choice
-from mlsroad_pipeline.label.outputs import label_report_sections, label_warnings, planned_outputs
+from mlsroad_pipeline.label.outputs import label_report_sections, label_warnings
+from mlsroad_pipeline.label.planned_outputs import planned_outputs
+from mlsroad_pipeline.label.runs import open_run
 from mlsroad_pipeline.label.scene import LabelSettings, code_names, object_rules, output_codes
 from mlsroad_pipeline.label.summary import LabelSummary, summarise_labels
 from mlsroad_pipeline.label.tasks import label_tasks
 from mlsroad_pipeline.label.work import write_file
 from mlsroad_pipeline.reporting.html.report import build_report
 from mlsroad_pipeline.surveys.parameters import LabelParameters
-from mlsroad_pipeline.surveys.plan import SurveyPlan
+from mlsroad_pipeline.surveys.plan import SurveyPlan, plan_labelling
 from mlsroad_pipeline.surveys.plan_warnings import plan_warnings
 
 logger = logging.getLogger(__name__)
+
+
+def plan_label_files(parameters: LabelParameters, ingest: IngestParameters, run: RunFolder) -> SurveyPlan:
+    """Return the plan of a survey, and begin its run: lock the output and check what would be replaced."""
+    plan = plan_labelling(parameters, ingest)
+    open_run(plan, parameters, run)
+    return plan
+
+
+def check_label_outputs(
+    plan: SurveyPlan, files: SceneCollection, quality: pd.DataFrame, parameters: LabelParameters
+) -> pd.DataFrame:
+    """Check that all results can be written, and return the quality of the files."""
+    check_outputs(plan, files, quality, parameters)
+    return quality
 
 
 def find_named_model(parameters: LabelParameters) -> ModelRequest:
@@ -94,27 +113,25 @@ def label_new_scenes(
 
 def write_labelled_files(
     plan: SurveyPlan,
-    files: SceneCollection,
     corridors: SceneCollection,
     pieces: SceneCollection,
     results: SceneCollection,
     model: ModelFile,
     parameters: LabelParameters,
     classes: Mapping[str, Any],
+    run: RunFolder,
 ) -> dict[str, SceneTask]:
     """Create one task per file, which writes it with its labels, and one that joins the objects."""
-    survey_crs(plan, files)  # the inventory needs a single system: fail before the writing
     bundle = model.load()
     rules = object_rules(bundle, parameters.inventory)
     names = code_names(bundle, parameters.scheme, classes["schemes"])
-    settings = {"copc": parameters.copc, "coloured_ply": parameters.coloured_ply, "class_names": names}
-    outputs = planned_outputs(plan, pieces, results, str(parameters.output), **settings)
+    outputs = planned_outputs(plan, pieces, results, run, parameters)
     return {OBJECTS: objects_task(plan, corridors, results, rules, bundle)} | {
         output.file.key: SceneTask(
             write_file,
             {"path": SourceFile(output.file.source.path), "scenes": output.scenes},
-            output.parameters(plan.options),
-            outputs=output.written,
+            output.parameters(plan.options, run, parameters, names),
+            outputs=output.paths,
         )
         for output in outputs
     }

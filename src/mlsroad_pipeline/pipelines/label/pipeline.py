@@ -4,20 +4,26 @@ from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.pipelines.ingest.pipeline import cut_survey
 from mlsroad_pipeline.pipelines.label.nodes import (
+    check_label_outputs,
     choose_model,
     find_label_images,
     find_named_model,
     label_new_scenes,
     make_inventory,
+    plan_label_files,
     warn_of_survey,
     write_labelled_files,
     write_report,
 )
-from mlsroad_pipeline.surveys.plan import plan_labelling
 
 
 def _ingest() -> Pipeline:
-    plan = Node(plan_labelling, inputs=["params:label", "params:ingest"], outputs="label_plan", name="plan_label_files")
+    plan = Node(
+        plan_label_files,
+        inputs=["params:label", "params:ingest", "label_run"],
+        outputs="label_plan",
+        name="plan_label_files",
+    )
     cut = Pipeline(
         cut_survey(),
         namespace="label",
@@ -26,11 +32,17 @@ def _ingest() -> Pipeline:
             "survey_files": "label_files_store",
             "corridors": "label_corridors_store",
             "pieces": "label_pieces_store",
-            "survey_quality": "label_quality",
+            "survey_quality": "label_read_quality",
         },
         parameters={"params:ingest"},
     )
-    return Pipeline([plan, cut])
+    check = Node(
+        check_label_outputs,
+        inputs=["label_plan", "label_files_store", "label_read_quality", "params:label"],
+        outputs="label_quality",
+        name="check_label_outputs",
+    )
+    return Pipeline([plan, cut, check])
 
 
 def _labelling() -> list[Node]:
@@ -81,13 +93,13 @@ def _labelling() -> list[Node]:
             write_labelled_files,
             inputs=[
                 "label_plan",
-                "label_files_store",
                 "label_corridors_store",
                 "label_pieces_store",
                 "label_results_store",
                 "label_model",
                 "params:label",
                 "params:classes",
+                "label_run",
             ],
             outputs="label_written_store",
             name="write_labelled_files",

@@ -1,0 +1,69 @@
+"""Identity of a run of `label`: the settings that change its result, and the folder that is named by their digest."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from mlsroad_pipeline.execution.digests import digest_json
+
+STATE = ".mlsroad"
+"""Folder below an output that holds the state and the records of its runs; it marks a folder of results."""
+
+GROUPS = ("ingest", "ground_removal", "classes")
+"""Groups of parameters that `label` uses besides its own."""
+
+UNRELATED = ("output", "overwrite", "keep_state", "copc", "coloured_ply")
+"""Parameters of `label` that change no label: a run with another value of them is the same run."""
+
+_DIGITS = 12
+
+
+def absolute(path: object) -> str:
+    """Return an absolute path with `~` expanded; symbolic links stay."""
+    return os.path.abspath(os.path.expanduser(str(path)))
+
+
+def run_settings(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of a run as plain data, from the configured parameters."""
+    label = {name: value for name, value in parameters["label"].items() if name not in UNRELATED}
+    survey = label.get("survey") or ()
+    paths = [survey] if isinstance(survey, str | os.PathLike | int) else list(survey)
+    label["survey"] = [absolute(path) for path in paths]
+    settings = {"label": label, **{group: parameters.get(group) for group in GROUPS}}
+    plain: dict[str, Any] = json.loads(json.dumps(settings, default=str))
+    return plain
+
+
+def run_folder(parameters: Mapping[str, Any]) -> Path | None:
+    """Return the folder of a run below its output, or None without an output."""
+    output = parameters.get("label", {}).get("output")
+    if not output:
+        return None
+    return Path(absolute(output), STATE, digest_json(run_settings(parameters))[:_DIGITS])
+
+
+def first_difference(one: Any, other: Any, name: str = "") -> str | None:
+    """Return the first setting that differs, with both values, or None.
+
+    Examples
+    --------
+    >>> first_difference({"label": {"scheme": "asprs"}}, {"label": {"scheme": "tomic2019"}})
+    "label.scheme is 'asprs' there and 'tomic2019' here"
+    """
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        inner = (first_difference(one.get(k), other.get(k), f"{name}.{k}".lstrip(".")) for k in _keys(one, other))
+        return next((text for text in inner if text), None)
+    return None if one == other else f"{name} is {_short(one)} there and {_short(other)} here"
+
+
+def _keys(*mappings: Mapping[str, Any]) -> Iterator[str]:
+    return iter(dict.fromkeys(key for mapping in mappings for key in mapping))
+
+
+def _short(value: Any) -> str:
+    text = repr(value[0] if isinstance(value, list) and len(value) == 1 else value)
+    return text if len(text) <= 80 else f"{text[:77]}..."

@@ -1,0 +1,77 @@
+"""Records of runs of `label`: a finished run is not repeated, a run that ends is recorded, and its lock is released."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from kedro.framework.context import KedroContext
+from kedro.framework.hooks import hook_impl
+from kedro.framework.project import pipelines
+from kedro.io import CatalogProtocol
+from kedro.pipeline import Pipeline
+
+from mlsroad_pipeline.execution.output_lock import release_output
+from mlsroad_pipeline.execution.run_identity import run_folder, run_settings
+from mlsroad_pipeline.hooks.data_fingerprint import source_files
+from mlsroad_pipeline.pipelines.composition import create_pipeline
+
+LABEL, RUN, SUMMARY, OPENED = "label", "label_run", "label_summary", "plan_label_files"
+"""Names of the pipeline, of two of its datasets, and of the node that opens the run."""
+
+
+class LabelRunHooks:
+    """Replace `label` by a report of its summary where its results are finished; close the record of a run."""
+
+    def __init__(self) -> None:
+        self._replaced = False
+        self._sources: set[str] = set()
+
+    @hook_impl(trylast=True)
+    def after_context_created(self, context: KedroContext) -> None:
+        """Replace the pipeline if its run is finished and unchanged; restore it for another run of this process."""
+        if pipelines._requested_pipelines != [LABEL]:  # another command
+            return
+        if self._replaced:
+            pipelines[LABEL] = create_pipeline(LABEL)
+        self._replaced = self._is_finished(context)
+        if self._replaced:
+            from mlsroad_pipeline.pipelines.label.repeat import repeat_pipeline  # noqa: PLC0415  # `label` alone needs it
+
+            pipelines[LABEL] = repeat_pipeline()
+
+    def _is_finished(self, context: KedroContext) -> bool:
+        configured = context.config_loader["parameters"]
+        folder = run_folder(configured)
+        if folder is None or configured[LABEL].get("overwrite") or not folder.is_dir():
+            return False
+        from mlsroad_pipeline.pipelines.label.repeat import is_finished  # noqa: PLC0415  # `label` alone needs it
+
+        parameters = context.params
+        return is_finished(str(folder), run_settings(configured), parameters[LABEL], parameters["ingest"])
+
+    @hook_impl
+    def before_pipeline_run(self) -> None:
+        """Forget the files of an earlier run."""
+        self._sources = set()
+
+    @hook_impl
+    def after_dataset_saved(self, data: Any) -> None:
+        """Collect the raw files that tasks read."""
+        self._sources.update(source_files(data))
+
+    @hook_impl(trylast=True)
+    def after_pipeline_run(self, pipeline: Pipeline, catalog: CatalogProtocol) -> None:
+        """Close the record of a run that wrote all results, and release the output."""
+        if RUN not in pipeline.inputs():
+            return
+        run = catalog.load(RUN)
+        if {OPENED, "write_label_report"} <= {node.name for node in pipeline.nodes}:
+            keep = catalog.load("params:label").keep_state
+            run.close(catalog.load(SUMMARY), self._sources, keep_state=keep)
+        release_output(run.output)
+
+    @hook_impl(trylast=True)
+    def on_pipeline_error(self, pipeline: Pipeline, catalog: CatalogProtocol) -> None:
+        """Release the output."""
+        if RUN in pipeline.inputs():
+            release_output(catalog.load(RUN).output)

@@ -1,0 +1,45 @@
+"""Pipeline that replaces `label` where its results are finished, and the end of a run."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
+from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.execution.run_folder import FINISHED, RunFolder
+from mlsroad_pipeline.label.runs import finished_record
+from mlsroad_pipeline.label.summary import LabelSummary
+from mlsroad_pipeline.surveys.parameters import LabelParameters
+from mlsroad_pipeline.surveys.plan import plan_labelling
+
+logger = logging.getLogger(__name__)
+
+
+def is_finished(
+    folder: str, settings: Mapping[str, Any], parameters: LabelParameters, ingest: IngestParameters
+) -> bool:
+    """Return whether the results of a run are there and nothing has changed."""
+    run = RunFolder(folder, settings)
+    record = run.read()
+    if record.get("state") != FINISHED:
+        return False
+    try:
+        return finished_record(run, record, plan_labelling(parameters, ingest), parameters)
+    except MlsRoadError:  # the run itself reports it
+        return False
+
+
+def repeat_summary(run: RunFolder) -> LabelSummary:
+    """Return the summary of a finished run, and log that there is nothing to do."""
+    logger.info("Nothing to do: %s holds the results; label.overwrite=true labels again", run.output)
+    summary: LabelSummary = run.read()["summary"]
+    return summary
+
+
+def repeat_pipeline() -> Pipeline:
+    """Return the pipeline that reports the summary of a finished run."""
+    return Pipeline([Node(repeat_summary, inputs="label_run", outputs="label_summary", name="repeat_label_summary")])
