@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
+import logging
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -142,6 +143,7 @@ def main() -> None:
     parser.add_argument("--facts", nargs="+", metavar="FILE")
     parser.add_argument("--predictions", type=Path, metavar="FOLDER")
     options = parser.parse_args()
+    logging.disable(logging.WARNING)  # one warning per frame that has no colour
     if options.predictions:
         write_predictions(options.predictions)
         return
