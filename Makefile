@@ -4,7 +4,7 @@ BIN := .venv/bin
 export KEDRO_DISABLE_TELEMETRY := true
 export DO_NOT_TRACK := 1
 
-.PHONY: setup run compare test coverage lint bench docs clean
+.PHONY: setup run compare models test coverage lint bench docs clean
 
 setup:
 	@./scripts/setup.sh
@@ -16,6 +16,10 @@ run: setup
 compare: setup
 	@$(BIN)/kedro run --env=compare
 	@$(BIN)/kedro run --env=compare --pipelines=comparison_report
+
+models: setup
+	@$(BIN)/kedro run --env=dense
+	@$(BIN)/kedro run --env=sparse
 
 test: setup lint
 	@$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder

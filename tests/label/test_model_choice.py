@@ -10,7 +10,6 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.datasets.models.registered_models import RegisteredVersion
 from mlsroad_pipeline.datasets.models.shipped_models import shipped_models
 from mlsroad_pipeline.label.model_choice import (
-    SPARSE_BELOW,
     SurveyFacts,
     available_models,
     choose,
@@ -19,7 +18,7 @@ from mlsroad_pipeline.label.model_choice import (
     named_choice,
 )
 
-DENSE, SPARSE = SurveyFacts(300.0, 10**6), SurveyFacts(8.0, 10**5)
+DENSE, SPARSE = SurveyFacts(300.0, 0.9), SurveyFacts(8.0, 0.9)
 
 
 @dataclass(frozen=True)
@@ -37,18 +36,29 @@ def version(method, number, *aliases):
 STORE = Store((version("detrended_forest", 1), version("detrended_forest", 2, "best"), version("patch_graph", 1)))
 
 
-@pytest.mark.parametrize(
-    ("density", "name"), [(SPARSE_BELOW - 0.1, "sparse"), (SPARSE_BELOW, "dense"), (np.nan, "dense")]
-)
 @pytest.mark.parametrize("store", [None, Store(()), STORE])
-def test_plain_label_takes_a_shipped_model_by_density_whatever_is_registered(density, name, store):
-    choice = choose(SurveyFacts(density, 100), store=store)
+@pytest.mark.parametrize(
+    ("density", "concentration", "name"),
+    [
+        (8.9, 0.9, "sparse"),
+        (9.0, 0.5, "dense"),
+        (9.0, 0.49, "sparse"),
+        (14.9, 0.49, "sparse"),
+        (15.0, 0.2, "dense"),
+        (np.nan, np.nan, "dense"),
+    ],
+)
+def test_plain_label_takes_a_shipped_model_by_the_survey_whatever_is_registered(density, concentration, name, store):
+    choice = choose(SurveyFacts(density, concentration), store=store)
     assert choice.model == shipped_models()[name] and choice.method == "detrended_forest"
 
 
-def test_reason_has_the_figure():
-    assert choose(SPARSE).reason == "the survey has a median of 8 points per m², below 15"
+def test_reason_has_the_figures():
+    assert choose(SPARSE).reason == "the survey has a median of 8 points per m², below 9"
     assert choose(DENSE).reason == "the survey has a median of 300 points per m², at least 15"
+    scan = "the survey has a median of 12 points per m² and is a scan from one place (concentration 0.34, below 0.5)"
+    assert choose(SurveyFacts(12.0, 0.34)).reason == scan
+    assert "is not a scan from one place (concentration 0.8, at least 0.5)" in choose(SurveyFacts(12.0, 0.8)).reason
 
 
 def test_shipped_model_by_its_name():
@@ -128,16 +138,17 @@ def test_version_without_a_store_says_so():
 
 def test_facts_are_the_median_over_the_points_of_all_files():
     table = pd.DataFrame({"n_points": [10, 100, 20, 0], "median_density": [500.0, 8.0, 40.0, np.nan]})
-    assert facts_of_quality(table) == SurveyFacts(8.0, 130)
+    table["concentration"] = [0.9, 0.3, 0.2, np.nan]
+    assert facts_of_quality(table) == SurveyFacts(8.0, 0.3)
     assert np.isnan(facts_of_quality(table[3:]).median_density)
 
 
 def test_models_are_listed_with_their_origin():
     found = available_models(STORE)
     assert [(m.name, m.version, m.shipped) for m in found[2:]] == [
-        ("mlsroad-detrended_forest version 1", "1", False),
-        ("mlsroad-detrended_forest version 2", "2", False),
-        ("mlsroad-patch_graph version 1", "1", False),
+        ("mlsroad-detrended_forest", "1", False),
+        ("mlsroad-detrended_forest", "2", False),
+        ("mlsroad-patch_graph", "1", False),
     ]
     assert [m.name for m in found[:2]] == ["dense", "sparse"] and all(m.entry.scores for m in found[:2])
 

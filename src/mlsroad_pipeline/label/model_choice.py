@@ -22,8 +22,10 @@ CHAMPION = "champion"
 """Alias of the registered model that `label` prefers to the shipped ones."""
 
 SPARSE, DENSE = "sparse", "dense"
-SPARSE_BELOW = 15.0
-"""Median density below which a survey is sparse, points per square metre; docs/models.md has the figures."""
+_FIGURES = ("median_density", "concentration")
+SPARSE_BELOW, SCAN_BELOW, SCAN_CONCENTRATION = 9.0, 15.0, 0.5
+"""Median density below which a survey is sparse, points per square metre, and the density and the concentration below
+which it is a single scan of a rotating scanner; docs/models.md has the figures."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +36,18 @@ class SurveyFacts:
     ----------
     median_density : float
         Median of the points per square metre in occupied cells of 1 m; of several files the median over their points.
-    n_points : int
-        Number of points.
+    concentration : float
+        How closely the points of a file lie about one place, see `DensityFigures`; of several files likewise.
     """
 
     median_density: float
-    n_points: int
+    concentration: float
+
+    @property
+    def sparse(self) -> bool:
+        """Return whether the survey is sparse or a single scan of a rotating scanner."""
+        is_scan = self.median_density < SCAN_BELOW and self.concentration < SCAN_CONCENTRATION
+        return self.median_density < SPARSE_BELOW or is_scan
 
 
 @dataclass(frozen=True)
@@ -112,7 +120,7 @@ def available_models(store: ModelStore | None = None) -> list[AvailableModel]:
     ]
     registered = () if store is None else store.versions()
     return found + [
-        AvailableModel(item.name, item.method, str(item.version), item.aliases, False, item.trained_on)
+        AvailableModel(item.registered_name, item.method, str(item.version), item.aliases, False, item.trained_on)
         for item in registered
     ]
 
@@ -135,18 +143,21 @@ def explain_choice(
 
 def facts_of_inspection(files: Sequence[FileInspection]) -> SurveyFacts:
     """Return the facts of inspected files."""
-    rows = [(file.facts["n_points"], file.facts["median_density"] or np.nan) for file in files]
-    return facts_of_quality(pd.DataFrame(rows, columns=["n_points", "median_density"]))
+    return facts_of_quality(pd.DataFrame([file.facts for file in files])[["n_points", *_FIGURES]])
 
 
 def facts_of_quality(quality: pd.DataFrame) -> SurveyFacts:
     """Return the facts of a table with the quality of all files."""
-    known = quality[quality["median_density"].notna() & (quality["n_points"] > 0)].sort_values("median_density")
+    return SurveyFacts(*(_median_over_points(quality[name].astype(float), quality["n_points"]) for name in _FIGURES))
+
+
+def _median_over_points(figures: pd.Series, n_points: pd.Series) -> float:
+    """Return the figure of the file that holds the middle point; NaN without figures."""
+    known = figures[figures.notna() & (n_points > 0)].sort_values(kind="stable")
     if not len(known):
-        return SurveyFacts(float("nan"), int(quality["n_points"].sum()))
-    below = known["n_points"].cumsum()
-    middle = int((below >= below.iloc[-1] / 2).to_numpy().argmax())
-    return SurveyFacts(float(known["median_density"].iloc[middle]), int(quality["n_points"].sum()))
+        return float("nan")
+    below = n_points[known.index].cumsum().to_numpy()
+    return float(known.iloc[int((below >= below[-1] / 2).argmax())])
 
 
 def choose(
@@ -207,13 +218,22 @@ def shipped_choice(facts: SurveyFacts, *, method: str | None = None) -> ModelCho
     shipped = {name: item for name, item in shipped_models().items() if method in (None, item.method)}
     if not shipped:
         raise ParameterError("the package holds no models: install mlsroad_pipeline again")
-    sparse = facts.median_density < SPARSE_BELOW
-    model = shipped.get(SPARSE if sparse else DENSE, next(iter(shipped.values())))
+    model = shipped.get(SPARSE if facts.sparse else DENSE, next(iter(shipped.values())))
+    return ModelChoice(model, _reason(facts))
+
+
+def _reason(facts: SurveyFacts) -> str:
     if np.isnan(facts.median_density):
-        return ModelChoice(model, "the density of the survey is unknown")
-    side = "below" if sparse else "at least"
-    text = f"the survey has a median of {facts.median_density:.4g} points per m², {side} {SPARSE_BELOW:g}"
-    return ModelChoice(model, text)
+        return "the density of the survey is unknown"
+    text = f"the survey has a median of {facts.median_density:.4g} points per m²"
+    if facts.median_density < SPARSE_BELOW:
+        return f"{text}, below {SPARSE_BELOW:g}"
+    if facts.median_density >= SCAN_BELOW:
+        return f"{text}, at least {SCAN_BELOW:g}"
+    side = "below" if facts.sparse else "at least"
+    scan = "" if facts.sparse else "not "
+    concentration = f"concentration {facts.concentration:.2g}, {side} {SCAN_CONCENTRATION:g}"
+    return f"{text} and is {scan}a scan from one place ({concentration})"
 
 
 def load_choice(choice: ModelChoice, store: ModelStore | None = None) -> ModelBundle:

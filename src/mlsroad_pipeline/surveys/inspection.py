@@ -199,7 +199,7 @@ def _facts(
         "details": {key: _plain(value) for key, value in info.details.items()},
         **{"n_points": quality.n_points, "low": _plain(low), "high": _plain(high), "crs": info.crs},
         **{"crs_name": _crs_name(info.crs), "density": _plain(quality.density)},
-        "median_density": _plain(quality.median_density),
+        **{"median_density": _plain(quality.median_density), "concentration": _plain(quality.concentration)},
         **{"n_duplicates": quality.n_duplicates, "duplicates_exact": quality.duplicates_exact},
         "n_not_finite": quality.n_not_finite,
         "columns": {name: _column_facts(summary) for name, summary in columns.items()},

@@ -51,20 +51,20 @@ def store(tmp_path_factory):
 def test_versions_and_aliases_of_the_methods_alone(store):
     found = store.versions()
     assert [(item.method, item.version, item.aliases) for item in found] == [
-        ("patch_forest", 1, ()),
+        ("patch_forest", 1, ("challenger",)),
         ("patch_svm", 1, ("champion",)),
-        ("patch_svm", 2, ()),
+        ("patch_svm", 2, ("challenger",)),
     ]
     assert {item.trained_on for item in found} == {"a planted street"}
 
 
 def test_champion_is_chosen_and_loaded_with_its_version(store):
-    choice = choose(SurveyFacts(300.0, 10), store=store)
+    choice = choose(SurveyFacts(300.0, 0.9), store=store)
     assert choice.name == "mlsroad-patch_svm version 1"
     bundle = load_choice(choice, store)
     assert bundle.arrays["number"].tolist() == [1]
     assert (bundle.metadata["registered"]["name"], bundle.metadata["registered"]["version"]) == ("mlsroad-patch_svm", 1)
-    named = choose(SurveyFacts(300.0, 10), method="patch_svm", model=2, store=store)
+    named = choose(SurveyFacts(300.0, 0.9), method="patch_svm", model=2, store=store)
     assert load_choice(named, store).arrays["number"].tolist() == [2]
 
 
@@ -74,7 +74,7 @@ def test_process_without_tracking_has_no_store_and_imports_no_mlflow():
         "from mlsroad_pipeline.datasets.models.registered_models import configured_store\n"
         "from mlsroad_pipeline.label.model_choice import SurveyFacts, choose, load_choice\n"
         "assert configured_store() is None\n"
-        "print(load_choice(choose(SurveyFacts(300.0, 9))).slug, 'mlflow' in sys.modules)"
+        "print(load_choice(choose(SurveyFacts(300.0, 0.9))).slug, 'mlflow' in sys.modules)"
     )
     plain = {key: value for key, value in os.environ.items() if not key.startswith("MLFLOW")}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=plain)

@@ -28,6 +28,8 @@ from mlsroad_pipeline.datasets.models.shipped_models import (
 MODELS = shipped_models()
 STORED = Path(__file__).with_name("predictions")
 LARGEST = 30_000_000
+RIGHT = {"dense": 0.8, "sparse": 0.55}
+"""Least share of right labels; the scan for `sparse` is a fifth as dense as those that it was trained on."""
 
 
 @pytest.fixture
@@ -80,7 +82,7 @@ def test_labels_of_a_street_are_those_that_were_stored_with_the_model(name, vari
     cloud = PointCloud(stored["xyz"] / 1000, {**chosen, "core": np.ones(len(stored["xyz"]), bool)}, source="a street")
     labels, confidence = label_cloud(load_shipped(name), cloud)
     np.testing.assert_array_equal(labels, stored[variant])
-    assert (labels == stored["truth"])[stored["truth"] >= 0].mean() > 0.75 and confidence.min() >= 0
+    assert (labels == stored["truth"])[stored["truth"] >= 0].mean() > RIGHT[name] and confidence.min() >= 0
 
 
 @pytest.mark.parametrize("file", ["arrays.npz", "model.json"])

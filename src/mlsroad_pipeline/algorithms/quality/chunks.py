@@ -14,6 +14,7 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.quality.density import density_figures
 from mlsroad_pipeline.algorithms.quality.duplicates import (
     DuplicateSketch,
     count_duplicates,
@@ -253,8 +254,7 @@ def merge(chunks: Sequence[ChunkQuality]) -> QualityReport:
         n_places=count_places(cell_positions(cells, DENSITY_CELL)),
         low=tuple(low.tolist()),
         high=tuple(high.tolist()),
-        density=(n_points - n_not_finite) / (len(counts) * DENSITY_CELL**2) if has_extent else float("nan"),
-        median_density=float(np.median(counts)) / DENSITY_CELL**2 if has_extent else float("nan"),
+        **density_figures(cells, counts, DENSITY_CELL)._asdict(),
         present=tuple(name for name in STANDARD_COLUMNS if name in columns),
         missing=tuple(name for name in STANDARD_COLUMNS if name not in columns),
         classes=_merge_classes(chunks),

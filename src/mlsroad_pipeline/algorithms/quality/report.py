@@ -30,10 +30,10 @@ class QualityReport:
         Number of places that lie more than 500 m apart.
     low, high : tuple of float
         World extent, metres; NaN without finite points.
-    density : float
-        Mean number of points per square metre in occupied cells of 1 m; NaN without finite points.
-    median_density : float
-        Median of the same; single scans of rotating scanners have a far smaller median than mean.
+    density, median_density : float
+        Mean and median of the points per square metre in occupied cells of 1 m; NaN without finite points.
+    concentration : float
+        How closely the points lie about one place, see `DensityFigures`; NaN without finite points.
     present, missing : tuple of str
         `STANDARD_COLUMNS` that all chunks have, and the others.
     classes : mapping of str to int
@@ -65,6 +65,7 @@ class QualityReport:
     high: tuple[float, ...]
     density: float
     median_density: float
+    concentration: float
     present: tuple[str, ...]
     missing: tuple[str, ...]
     classes: dict[str, int]
@@ -86,6 +87,7 @@ class QualityReport:
                 *("source", "n_points", "n_not_finite", "n_duplicates", "duplicates_exact", "n_withheld", "n_places"),
                 "density",
                 "median_density",
+                "concentration",
             )
         }
         for axis, low, high in zip("xyz", self.low, self.high, strict=True):

@@ -37,7 +37,9 @@ def save_bundle(bundle: ModelBundle, folder: str | Path) -> None:
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     arrays: dict[str, Any] = {name: np.asarray(bundle.arrays[name]) for name in sorted(bundle.arrays)}
-    np.savez(target / _ARRAYS, **arrays)
+    fresh = target / f".new.{_ARRAYS}"
+    np.savez(fresh, **arrays)
+    fresh.replace(target / _ARRAYS)  # the arrays may be mapped from the file that this replaces
     content = {
         "format": FORMAT,
         "slug": bundle.slug,

@@ -36,9 +36,14 @@ class RegisteredVersion:
     trained_on: str = ""
 
     @property
+    def registered_name(self) -> str:
+        """Return the registered name."""
+        return f"{PREFIX}{self.method}"
+
+    @property
     def name(self) -> str:
         """Return the registered name and the version."""
-        return f"{PREFIX}{self.method} version {self.version}"
+        return f"{self.registered_name} version {self.version}"
 
 
 class ModelStore(Protocol):
