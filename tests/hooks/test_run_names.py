@@ -5,7 +5,7 @@ from kedro.io import DataCatalog, MemoryDataset
 from kedro.pipeline import Node, Pipeline
 from kedro.runner import SequentialRunner
 
-from mlsroad_pipeline.hooks.run_names import model_name, run_name, runner_name
+from mlsroad_pipeline.hooks.run_names import model_name, run_name, runner_name, typed_command
 
 
 def named(parameter, value, pipeline_names=None, **others):
@@ -52,3 +52,8 @@ def test_a_runner_has_the_name_of_its_class():
     assert runner_name(str(SequentialRunner())) == "SequentialRunner"
     assert runner_name("kedro.runner.ThreadRunner") == "ThreadRunner"
     assert [runner_name(none) for none in (None, "None", "")] == ["SequentialRunner"] * 3
+
+
+def test_the_command_is_one_that_can_be_typed():
+    assert typed_command("kedro run --pipeline=label", None) == "kedro run --pipelines=label"
+    assert typed_command("kedro run --pipeline=__default__", "oakland") == "kedro run --env=oakland"

@@ -24,8 +24,12 @@ if TYPE_CHECKING:
     from mlsroad_pipeline.hooks.run_records import RunRecords
 
 
-SYSTEM_METRICS = {"MLFLOW_ENABLE_SYSTEM_METRICS_LOGGING": "true", "MLFLOW_SYSTEM_METRICS_SAMPLING_INTERVAL": "5"}
-"""Environment variables of MLflow: processor, memory, disk and network of a run, every 5 s."""
+VARIABLES = {
+    "MLFLOW_ENABLE_SYSTEM_METRICS_LOGGING": "true",  # processor, memory, disk and network of a run
+    "MLFLOW_SYSTEM_METRICS_SAMPLING_INTERVAL": "5",  # s; MLflow's default of 10 s leaves short runs without any
+    "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",  # it would draw bars for files of a few kB
+}
+"""Environment variables of MLflow; those that the user has set are kept."""
 
 
 class MlflowDetailsHooks:
@@ -49,8 +53,8 @@ class MlflowDetailsHooks:
             return
         loader["mlflow"] = resolve_store(config, Path(context.project_path))
         check_tracking_store(loader["mlflow"]["server"].get("mlflow_tracking_uri") or "")
-        for variable, value in SYSTEM_METRICS.items():
-            os.environ.setdefault(variable, value)  # MLflow reads them when kedro-mlflow starts the run
+        for variable, value in VARIABLES.items():
+            os.environ.setdefault(variable, value)
         psutil.cpu_percent()  # its first value, which MLflow would record for a short run, is always zero
 
     @hook_impl(trylast=True)

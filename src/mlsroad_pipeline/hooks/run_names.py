@@ -45,6 +45,12 @@ def runner_name(runner: Any) -> str:
     return match[1] if match and match[1] != "None" else "SequentialRunner"
 
 
+def typed_command(command: str, env: str | None) -> str:
+    """Return a command of kedro-mlflow with the environment and without the deprecated option."""
+    pipelines = command.replace("--pipeline=", "--pipelines=").replace(" --pipelines=__default__", "")
+    return f"{pipelines} --env={env}" if env else pipelines
+
+
 def model_name(model: Any, method: str) -> str:
     """Return the name of the model in a summary of `label`, such as ``dense`` or ``detrended_forest version 3``."""
     if not isinstance(model, Mapping):

@@ -29,7 +29,7 @@ from mlsroad_pipeline.hooks.label_metrics import STAGE_TABLES, SUMMARY, label_me
 from mlsroad_pipeline.hooks.method_runs import MethodRuns
 from mlsroad_pipeline.hooks.mlflow_batches import log_metrics, log_params, plain_metrics, series_metrics
 from mlsroad_pipeline.hooks.run_details import environment, flatten_parameters, git_state, is_parameter
-from mlsroad_pipeline.hooks.run_names import model_name, run_name, runner_name, survey_name
+from mlsroad_pipeline.hooks.run_names import model_name, run_name, runner_name, survey_name, typed_command
 
 MAX_TABLE_ROWS = 10_000
 """Largest inventory that is also shown as a table; larger ones are files alone."""
@@ -134,7 +134,7 @@ class RunRecords:
         tags["runner"] = runner_name(self._run_params.get("runner"))
         client = mlflow.MlflowClient()
         command = client.get_run(self._run_id).data.tags.get("kedro_command", "")
-        tags["kedro_command"] = command.replace("--pipeline=", "--pipelines=").replace("--pipeline ", "--pipelines ")
+        tags["kedro_command"] = typed_command(command, self._run_params.get("env"))
         client.log_batch(self._run_id, tags=[RunTag(name, value) for name, value in tags.items()])
         client.log_text(self._run_id, "\n".join(python.packages) + "\n", "environment/pip_freeze.txt")
 

@@ -22,7 +22,8 @@ def annotate_version(name: str, number: int, slug: str, metadata: Mapping[str, A
     client.set_registered_model_alias(name, CHALLENGER, str(number))
     client.update_model_version(name, str(number), model_description(metadata))
     if slug in METHODS:
-        client.update_registered_model(name, f"Method `{slug}` ({METHODS[slug].task}): docs/methods/")
+        page = METHODS[slug].folder.rsplit(".", 1)[-1]
+        client.update_registered_model(name, f"Method `{slug}` ({METHODS[slug].task}): docs/methods/{page}.md")
 
 
 def model_description(metadata: Mapping[str, Any]) -> str:

@@ -16,6 +16,7 @@ import mlflow
 import pandas as pd
 from kedro.io import AbstractDataset, DatasetError
 from mlflow.exceptions import MlflowException
+from mlflow.models.model import ModelInfo
 
 from mlsroad_pipeline import __version__
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -146,6 +147,15 @@ def _registered_already(name: str, fingerprint: str) -> int | None:
     return int(highest.version) if files else None
 
 
+def _new_version(name: str, info: ModelInfo) -> int:
+    """Register a logged model; `mlflow.register_model` prints two lines at each call."""
+    client = mlflow.MlflowClient()
+    if not client.search_registered_models(f"name='{name}'"):
+        client.create_registered_model(name)
+    source = f"models:/{info.model_id}"
+    return int(client.create_model_version(name, source, info.run_id, model_id=info.model_id).version)
+
+
 def register_bundle(bundle: ModelBundle, name: str, *, input_example: pd.DataFrame | None = None) -> tuple[int, bool]:
     """Store a model and register it as a new version, unless the highest version is the same model.
 
@@ -185,9 +195,8 @@ def register_bundle(bundle: ModelBundle, name: str, *, input_example: pd.DataFra
             input_example=example_points() if input_example is None else input_example,
             pip_requirements=pip_requirements(),
             metadata={"slug": bundle.slug, "package": f"mlsroad_pipeline {__version__}", **metadata},
-            registered_model_name=name,
         )
-    number = int(info.registered_model_version)
+    number = _new_version(name, info)
     client = mlflow.MlflowClient()
     client.set_model_version_tag(name, str(number), FINGERPRINT, fingerprint)
     client.set_model_version_tag(name, str(number), "slug", bundle.slug)
