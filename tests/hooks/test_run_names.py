@@ -38,14 +38,13 @@ def test_a_comparison_is_named_after_the_folder_of_its_survey():
 @pytest.mark.parametrize(
     ("model", "expected"),
     [
-        ({"name": "mlsroad-patch_forest", "version": 3, "run_id": "x"}, "patch_forest version 3"),
-        ({"name": "dense"}, "dense"),
-        ("detrended_forest", "detrended_forest"),
-        (None, "fusion"),
+        ({"name": "mlsroad-patch_forest", "version": 3, "source": "registered"}, "patch_forest version 3"),
+        ({"name": "dense", "version": "0.3.0", "source": "shipped"}, "dense"),
+        ({"name": "fusion", "version": ""}, "fusion"),
     ],
 )
 def test_a_model_has_its_name_and_a_registered_one_its_version(model, expected):
-    assert model_name(model, "fusion") == expected
+    assert model_name(model) == expected
 
 
 def test_a_runner_has_the_name_of_its_class():

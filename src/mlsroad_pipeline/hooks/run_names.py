@@ -51,12 +51,15 @@ def typed_command(command: str, env: str | None) -> str:
     return f"{pipelines} --env={env}" if env else pipelines
 
 
-def model_name(model: Any, method: str) -> str:
+def is_registered(model: Mapping[str, Any]) -> bool:
+    """Return whether the model in a summary of `label` is a registered one."""
+    return model.get("source") == "registered"
+
+
+def model_name(model: Mapping[str, Any]) -> str:
     """Return the name of the model in a summary of `label`, such as ``dense`` or ``detrended_forest version 3``."""
-    if not isinstance(model, Mapping):
-        return str(model or method)
-    name = str(model.get("name") or method).removeprefix("mlsroad-")
-    return f"{name} version {model['version']}" if model.get("version") and model.get("run_id") else name
+    name = str(model["name"]).removeprefix("mlsroad-")
+    return f"{name} version {model['version']}" if is_registered(model) else name
 
 
 def _field(parameters: Any, name: str) -> Any:

@@ -29,7 +29,14 @@ from mlsroad_pipeline.hooks.label_metrics import STAGE_TABLES, SUMMARY, label_me
 from mlsroad_pipeline.hooks.method_runs import MethodRuns
 from mlsroad_pipeline.hooks.mlflow_batches import log_metrics, log_params, plain_metrics, series_metrics
 from mlsroad_pipeline.hooks.run_details import environment, flatten_parameters, git_state, is_parameter
-from mlsroad_pipeline.hooks.run_names import model_name, run_name, runner_name, survey_name, typed_command
+from mlsroad_pipeline.hooks.run_names import (
+    is_registered,
+    model_name,
+    run_name,
+    runner_name,
+    survey_name,
+    typed_command,
+)
 
 MAX_TABLE_ROWS = 10_000
 """Largest inventory that is also shown as a table; larger ones are files alone."""
@@ -140,13 +147,13 @@ class RunRecords:
 
     def _log_label(self, summary: Mapping[str, Any]) -> None:
         """Record what `label` found, and name the run after the model."""
-        client, model = mlflow.MlflowClient(), summary.get("model")
+        client, model = mlflow.MlflowClient(), summary["model"]
         log_metrics(self._run_id, plain_metrics(label_metrics(summary, time.perf_counter() - self._began)))
-        labelled_with = model_name(model, str(summary["method"]))
+        labelled_with = model_name(model)
         for tag, value in {"mlsroad.method": summary["method"], "mlsroad.model": labelled_with}.items():
             client.set_tag(self._run_id, tag, str(value))
         client.update_run(self._run_id, name=f"{self._name} with {labelled_with}")
-        if isinstance(model, Mapping) and model.get("run_id"):
+        if is_registered(model):
             version = client.get_model_version(str(model["name"]), str(model["version"]))
             model_id = version.model_id or version.source.removeprefix("models:/")
             client.log_inputs(self._run_id, models=[LoggedModelInput(model_id)])
