@@ -1,0 +1,171 @@
+"""The command `mlsroad` as a user types it: in an empty folder, without a project."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import geopandas
+import laspy
+import numpy as np
+import pytest
+
+COMMAND = Path(sys.executable).with_name("mlsroad")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Folder with a simulated street, and a copy in a file whose name has a comma and a blank."""
+    place = tmp_path_factory.mktemp("user")
+    done = mlsroad(
+        "simulate", "--preset", "tiny", "--seed", "3", "--length", "20", "--params", "with_images=false", cwd=place
+    )
+    assert done.returncode == 0, done.stderr
+    shutil.copy(place / "street/survey.laz", place / "one, two.laz")
+    return place
+
+
+def mlsroad(*arguments, cwd, **environment):
+    """Run the command and return what it said; stderr is no terminal, so no bar is drawn."""
+    variables = {k: v for k, v in os.environ.items() if not k.startswith(("MLFLOW_", "KEDRO_", "COV_"))}
+    return subprocess.run(
+        [COMMAND, *map(str, arguments)],
+        cwd=cwd, env=variables | environment, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def labelled(folder):
+    """What `mlsroad label FILE` said."""
+    return mlsroad("label", "one, two.laz", cwd=folder)
+
+
+def test_a_file_is_labelled_beside_itself(folder, labelled):
+    assert (labelled.returncode, labelled.stderr) == (0, "")
+    results = folder / "one, two_mlsroad"
+    before, after = laspy.read(folder / "one, two.laz"), laspy.read(results / "one, two.laz")
+    assert np.array_equal(before.xyz, after.xyz)
+    assert np.unique(after.classification).size > 2
+    assert len(geopandas.read_parquet(results / "inventory.parquet")) == len(
+        geopandas.read_file(results / "inventory.gpkg", layer="objects")
+    )
+
+
+def test_it_ends_with_counts_warnings_and_paths(folder, labelled):
+    lines = labelled.stdout.splitlines()
+    n_points = len(laspy.read(folder / "one, two.laz"))
+    assert lines[0].startswith(f"Labelled {n_points:,} points of 1 file in ")
+    counts = re.findall(r"^\S.*?\s{2,}([\d,]+)\s+[\d.]+ %", labelled.stdout, re.MULTILINE)
+    assert sum(int(count.replace(",", "")) for count in counts) == n_points
+    for line in ("  points     one, two_mlsroad/one, two.laz", "  inventory  one, two_mlsroad/inventory.gpkg"):
+        assert line in lines
+    assert lines[-1] == "Open the report: mlsroad open 'one, two_mlsroad'"
+
+
+def test_nothing_is_written_outside_the_results(folder, labelled):
+    assert labelled.returncode == 0
+    assert sorted(path.name for path in folder.iterdir()) == ["one, two.laz", "one, two_mlsroad", "street"]
+
+
+def test_the_same_command_again_says_that_it_is_done(folder, labelled):
+    before = {path: path.stat().st_mtime_ns for path in (folder / "one, two_mlsroad").iterdir() if path.is_file()}
+    again = mlsroad("label", "one, two.laz", cwd=folder)
+    assert (again.returncode, again.stderr) == (0, "")
+    assert again.stdout.startswith("Already labelled: ")
+    assert again.stdout.splitlines()[1:] == labelled.stdout.splitlines()[1:]
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+
+
+def test_an_edited_inventory_is_kept(folder, labelled):
+    inventory = folder / "one, two_mlsroad/inventory.gpkg"
+    kept = inventory.read_bytes()
+    inventory.write_bytes(kept + b"edited")
+    refused = mlsroad("label", "one, two.laz", cwd=folder)
+    assert refused.returncode == 1
+    assert refused.stdout == ""
+    assert re.fullmatch(r"Error: .*inventory\.gpkg.*--overwrite.*\n", refused.stderr)
+    assert inventory.read_bytes() == kept + b"edited"
+    inventory.write_bytes(kept)
+
+
+def test_several_files_form_one_survey(folder):
+    done = mlsroad("label", "one, two.laz", "street", "-o", "both", "--params", "label.scheme=asprs", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "points of 2 files" in done.stdout.splitlines()[0]
+    assert sorted(str(path.relative_to(folder / "both")) for path in (folder / "both").rglob("*.laz")) == [
+        "one, two.laz",
+        "street/survey.laz",
+    ]
+    shutil.rmtree(folder / "both")
+
+
+def test_an_environment_variable_turns_tracking_on(folder, tmp_path):
+    uri = f"sqlite:///{tmp_path}/runs.db"
+    done = mlsroad("label", folder / "one, two.laz", "-o", tmp_path / "out", cwd=tmp_path, MLFLOW_TRACKING_URI=uri)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "runs.db").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["label", "no.laz"], 1, r"Error: .*no\.laz does not exist"),
+        (["label", "empty.las"], 1, r"Error: .*empty\.las.*"),
+        (["label", "street", "--method", "forest"], 1, r"Error: .*forest.*detrended_forest.*"),
+        (["label", "street", "--crs", "EPSG:0"], 1, r"Error: .*EPSG:0.*"),
+        (["label", "street", "--params", "label.skeme=x"], 1, r"Error: .*skeme.*scheme.*"),
+        (["label", "street", "-o", "street"], 1, r"Error: .*street.*"),
+        (["simulate", "-o", "street"], 1, r"Error: .*street is not empty.*--overwrite.*"),
+        (["simulate", "-o", "new", "--preset", "vmx"], 1, r"Error: .*vmx.*vmx450.*"),
+        (["open", "nowhere"], 1, r"Error: .*nowhere holds no report.*"),
+    ],
+)
+def test_an_error_is_one_line_with_cause_and_value(folder, tmp_path, arguments, code, message):
+    (tmp_path / "empty.las").touch()
+    os.symlink(folder / "street", tmp_path / "street")
+    done = mlsroad(*arguments, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (code, "")
+    assert re.fullmatch(message + r"\n", done.stderr), done.stderr
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("arguments", [["label"], ["label", "a.laz", "--workers", "0"], ["lable", "a.laz"]])
+def test_a_wrong_command_line_has_the_exit_code_2(folder, arguments):
+    assert mlsroad(*arguments, cwd=folder).returncode == 2
+
+
+def test_verbose_shows_the_traceback(folder):
+    done = mlsroad("label", "no.laz", "--verbose", cwd=folder)
+    assert done.returncode == 1
+    assert "Traceback (most recent call last)" in done.stderr
+    assert done.stderr.strip().splitlines()[-1].startswith("Error: ")
+
+
+def test_inspect_says_where_its_report_is(folder, tmp_path):
+    done = mlsroad("inspect", folder / "street", "-o", tmp_path / "quality", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1] == "Report: quality/inspection.html"
+    facts = json.loads((tmp_path / "quality/inspection.json").read_text(encoding="utf-8"))
+    assert f"{facts['n_points']:,} points in 1 file." in done.stdout
+
+
+def test_open_finds_the_report_by_the_survey(folder, labelled):
+    assert labelled.returncode == 0
+    for name in ("one, two.laz", "one, two_mlsroad"):
+        done = mlsroad("open", name, "--no-browser", cwd=folder)
+        assert (done.returncode, done.stdout.strip()) == (0, str(folder / "one, two_mlsroad/report.html"))
+
+
+def test_help_imports_no_numerical_library(folder):
+    code = "import sys; from mlsroad_pipeline.commands.app import app; print([n for n in ('numpy', 'kedro', 'mlflow', 'torch') if n in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=folder)
+    assert done.stdout.strip() == "[]"
+
+
+def test_models_names_the_one_that_label_takes(folder):
+    done = mlsroad("models", "one, two.laz", cwd=folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert re.search(r"dense", done.stdout)
