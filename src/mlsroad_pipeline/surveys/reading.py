@@ -209,8 +209,9 @@ def read_and_cut(
     chosen = _scene_options(path, options, labels=labels, constant=constant)
     cloud = get_format(path).read(Path(path), chosen, start=start, stop=stop)
     has_classes = np.array([cloud[CLASS].any()] if CLASS in cloud else [], dtype=np.bool_)
+    cloud = cloud.without_columns([CLASS])
     quality = chunk_to_arrays(inspect_chunk(cloud, max_gap=time_gap, n_total=n_total))
-    cloud = cloud.without_columns([CLASS, WITHHELD])
+    cloud = cloud.without_columns([WITHHELD])
     pieces = cut_points(
         cloud if labels else cloud.without_columns(UNUSED_COLUMNS),
         corridor_from_arrays(corridor),
