@@ -84,8 +84,9 @@ def describe_sources(module_names: Iterable[str]) -> list[Any]:
 
 @functools.lru_cache(maxsize=1)
 def code_digest() -> str:
-    """Return a digest of the library's sources and of the numerical packages: results of other code may differ."""
-    return digest_json([_digests(all_sources(), project_folder()), package_versions()])
+    """Return a digest of the library's sources, its shipped models and the numerical packages."""
+    files = [*all_sources(), *project_folder().glob("datasets/**/registry.json")]
+    return digest_json([_digests(files, project_folder()), package_versions()])
 
 
 def qualified_name(function: Callable[..., Any]) -> str:

@@ -10,7 +10,10 @@ from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.datasets.models.registered_models import PREFIX, configured_store
+from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel
 from mlsroad_pipeline.execution.run_folder import FINISHED, RunFolder
+from mlsroad_pipeline.label.model_choice import ModelChoice, named_choice
 from mlsroad_pipeline.label.runs import finished_record
 from mlsroad_pipeline.label.summary import LabelSummary
 from mlsroad_pipeline.surveys.parameters import LabelParameters
@@ -28,9 +31,20 @@ def is_finished(
     if record.get("state") != FINISHED:
         return False
     try:
-        return finished_record(run, record, plan_labelling(parameters, ingest), parameters)
+        if not finished_record(run, record, plan_labelling(parameters, ingest), parameters):
+            return False
+        named = named_choice(method=parameters.method, model=parameters.model, store=configured_store())
     except MlsRoadError:  # the run itself reports it
         return False
+    return _is_same(named, record["summary"]["model"])
+
+
+def _is_same(named: ModelChoice | None, used: Any) -> bool:
+    """Return whether the model that is named, or the champion, labelled; a shipped one follows from the survey."""
+    name, version, shipped = used["name"], str(used["version"]), used.get("source") == "shipped"
+    if named is None or isinstance(named.model, ShippedModel):
+        return shipped and (named is None or named.model.name == name)
+    return not shipped and (f"{PREFIX}{named.method}", str(named.model.version)) == (name, version)
 
 
 def repeat_summary(run: RunFolder) -> LabelSummary:

@@ -1,0 +1,117 @@
+"""Checks before the labelling: paths of results, and what LAZ and copies cannot hold."""
+
+import laspy
+import numpy as np
+import plyfile
+import pytest
+from helpers.formats import make_labels
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
+from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.label.checks import check_file
+from mlsroad_pipeline.label.targets import planned_paths
+from mlsroad_pipeline.label.writer import write_labelled
+from mlsroad_pipeline.surveys.files import Survey
+from mlsroad_pipeline.surveys.parameters import LabelParameters
+from mlsroad_pipeline.surveys.plan import plan_survey
+
+
+def ply(path, **columns):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    names = {"x": "f8", "y": "f8", "z": "f8", **columns}
+    vertices = np.zeros(5, dtype=list(names.items()))
+    plyfile.PlyData([plyfile.PlyElement.describe(vertices, "vertex")]).write(str(path))
+    return path
+
+
+def las(path, point_format=6):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    data = laspy.LasData(laspy.LasHeader(version="1.4", point_format=point_format))
+    data.x = np.arange(5.0)
+    data.write(str(path))
+    return path
+
+
+def plan_of(root):
+    files = Survey.at(root).files()
+    return plan_survey({"survey": files}, {}, options=ReadOptions(), labels=False, ingest=IngestParameters())
+
+
+def paths(root, out, **changes):
+    return planned_paths(plan_of(root), out, LabelParameters(str(root), str(out), **changes))
+
+
+def check(path, low=0.0, high=1.0, *, copc=False):
+    plan = plan_of(path)
+    row = {f"{end}_{axis}": value for axis in "xyz" for end, value in (("min", low), ("max", high))}
+    check_file(plan.files[0], plan, row, copc=copc)
+
+
+def test_all_results_of_a_survey_are_planned(tmp_path):
+    las(tmp_path / "in/west/a.copc.laz"), ply(tmp_path / "in/b.ply")
+    out = tmp_path / "out"
+    names = {p.removeprefix(f"{out}/") for p in paths(tmp_path / "in", out, copc=True, coloured_ply=True)}
+    assert names == {
+        *("inventory.gpkg", "inventory.parquet", "inventory.qml", "report.html"),
+        *("west/a.laz", "west/a.copc.laz", "west/a_classes.ply"),
+        *("b.laz", "b.copc.laz", "b_classes.ply", "b.ply"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("names", "changes", "path"),
+    [
+        (("a.las", "a.ply"), {}, "a.laz"),
+        (("a.copc.laz", "a.laz"), {}, "a.laz"),
+        (("a.las", "a_classes.ply"), {"coloured_ply": True}, "a_classes.ply"),
+    ],
+)
+def test_two_results_of_one_path_are_named(tmp_path, names, changes, path):
+    for name in names:
+        (ply if name.endswith("ply") else las)(tmp_path / "in" / name)
+    with pytest.raises(ParameterError, match=rf"out/{path} would hold {names[1]} and {names[0]}: rename one") as caught:
+        paths(tmp_path / "in", tmp_path / "out", **changes)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_result_is_never_a_file_of_the_survey(tmp_path):
+    first, second = las(tmp_path / "a/x.laz"), las(tmp_path / "b/y.laz")
+    with pytest.raises(ParameterError, match=rf"{first} is a file of the survey; choose another label\.output"):
+        paths([str(first), str(second)], tmp_path)
+
+
+def test_a_column_name_longer_than_that_of_las_is_named_as_by_the_writer(tmp_path):
+    name = "a_column_with_a_name_of_34_letters"
+    path = ply(tmp_path / "a.ply", **{name: "f4"})
+    with pytest.raises(DataError, match=rf"a\.ply.*{name}.* 32 bytes"):
+        check(path)
+    with pytest.raises(DataError, match="32 bytes"):
+        write_labelled(path, tmp_path / "out/a.laz", make_labels)
+
+
+def test_coordinates_beyond_32_bits_are_named(tmp_path):
+    path = ply(tmp_path / "a.ply")
+    check(path, high=2_147_483.0)
+    with pytest.raises(
+        DataError, match=r"a\.ply: x 2147484 lies more than 2147484 from the first point.*scale of 0\.001"
+    ):
+        check(path, high=2_147_484.0)
+    check(las(tmp_path / "b.las"), high=1e9)  # it keeps its own scale
+
+
+def test_waveforms_are_an_error_with_copc_alone(tmp_path):
+    path = las(tmp_path / "a.las", point_format=9)
+    check(path)
+    with pytest.raises(DataError, match=r"a\.las has points of format 9 with waveforms.*label\.copc=false"):
+        check(path, copc=True)
+
+
+def test_a_confidence_that_cannot_be_kept_is_named(tmp_path):
+    path = las(tmp_path / "a.las")
+    data = laspy.read(path)
+    for name, kind in (("confidence", "i2"), ("original_confidence", "f4")):
+        data.add_extra_dim(laspy.ExtraBytesParams(name, kind))
+    data.write(str(path))
+    with pytest.raises(DataError, match=r"both confidence \(int16\) and original_confidence"):
+        check(path)

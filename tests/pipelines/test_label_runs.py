@@ -1,0 +1,157 @@
+"""Runs of `label` beside each other and one after the other: nothing is lost, mixed or replaced unasked."""
+
+import sqlite3
+import subprocess
+import sys
+import time
+
+import laspy
+import numpy as np
+import pytest
+from helpers.wiring import contents, last_line, make_project, run, stage_counts
+
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.las.format import LasFormat
+from mlsroad_pipeline.formats.options import WriteOptions
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+
+UTM = np.array([389_300.0, 5_819_700.0, 34.0])
+NAMES = ["inventory.gpkg", "inventory.parquet", "inventory.qml", "report.html", "street.laz"]
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    """A project without a registered model: the shipped ones label."""
+    return make_project(tmp_path_factory.mktemp("runs"))
+
+
+@pytest.fixture(scope="module")
+def surveys(tmp_path_factory):
+    """Two streets with a pole, with the same file name in different folders."""
+    folder = tmp_path_factory.mktemp("surveys")
+    return {name: street(folder / name / "street.laz", seed) for name, seed in (("east", 1), ("west", 2))}
+
+
+def street(path, seed):
+    rng = np.random.default_rng(seed)
+    road = np.column_stack([rng.uniform(0, 12, 3000), rng.uniform(0, 6, 3000), rng.normal(0, 0.01, 3000)])
+    pole = rng.normal(0, 0.03, (300, 3)) + np.column_stack([np.full((300, 2), 5.0), np.linspace(0.1, 4.0, 300)])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cloud = PointCloud(np.concatenate([road, pole]), {}, UTM, source=str(path))
+    LasFormat().write(path, cloud, WriteOptions(like="none"))
+    return path
+
+
+def label(project, survey, output, **changes):
+    given = {"survey": str(survey), "output": str(output), **changes}
+    run(project, "label", label=given, execution={"backend": "sequential"})
+    return output
+
+
+def refusal(project, survey, output, **changes):
+    """Return the last line of the error of a refused run, which changes no result."""
+    before = contents(output)
+    with pytest.raises(Exception) as caught:
+        label(project, survey, output, **changes)
+    assert contents(output) == before
+    return last_line(caught.value)
+
+
+@pytest.fixture(scope="module")
+def first(project, surveys, tmp_path_factory):
+    return label(project, surveys["east"], tmp_path_factory.mktemp("first") / "out")
+
+
+@pytest.fixture
+def out(first, surveys, tmp_path):
+    """A copy of a finished output; a record has no absolute path of its output."""
+    subprocess.run(["cp", "-r", str(first), str(tmp_path / "out")], check=True)
+    return tmp_path / "out"
+
+
+def test_a_survey_of_the_same_file_name_is_refused_and_overwrite_replaces_all_of_the_first(project, surveys, out):
+    said = refusal(project, surveys["west"], out)
+    assert f"{out}/inventory.gpkg is a result of another run: label.survey is " in said
+    assert str(surveys["east"]) in said and str(surveys["west"]) in said
+    assert "; --overwrite (label.overwrite=true) replaces it" in said
+    label(project, surveys["west"], out, overwrite=True)
+    assert np.array_equal(laspy.read(out / "street.laz").xyz, laspy.read(surveys["west"]).xyz)
+    assert list(contents(out)) == NAMES
+    assert "is a result of another run" in refusal(project, surveys["east"], out)  # the first one again
+
+
+def test_other_settings_are_refused_with_the_one_that_differs(project, surveys, out):
+    said = refusal(project, surveys["east"], out, scheme="tomic2019")
+    assert "label.scheme is 'asprs' there and 'tomic2019' here" in said
+
+
+def test_an_input_of_the_same_path_and_other_content_is_refused(project, surveys, tmp_path):
+    path = street(tmp_path / "street.laz", 3)
+    out = label(project, path, tmp_path / "out")
+    street(path, 4)
+    assert f"was written from other input: {path} has changed" in refusal(project, path, out)
+    label(project, path, out, overwrite=True)
+    assert np.array_equal(laspy.read(out / "street.laz").xyz, laspy.read(path).xyz)
+
+
+def test_an_edited_inventory_stays_unless_overwrite_is_given_and_an_open_one_stays_in_any_case(project, surveys, out):
+    with sqlite3.connect(out / "inventory.gpkg") as database:
+        database.execute("UPDATE gpkg_contents SET description = 'checked in the field'")
+    database.close()
+    (out / "inventory.gpkg-wal").touch()
+    assert "inventory.gpkg is open in another program" in refusal(project, surveys["east"], out, overwrite=True)
+    (out / "inventory.gpkg-wal").unlink()
+    assert "inventory.gpkg has been edited since it was written" in refusal(project, surveys["east"], out)
+    label(project, surveys["east"], out, overwrite=True)
+    assert b"checked in the field" not in contents(out)["inventory.gpkg"]
+
+
+def test_a_finished_run_is_not_repeated_and_a_missing_result_is_written_again(project, surveys, out, caplog):
+    before = contents(out)
+    with caplog.at_level("INFO", logger="mlsroad_pipeline"):
+        label(project, surveys["east"], out)
+    assert [text for text in caplog.messages if text.startswith(f"Nothing to do: {out} holds the results")]
+    assert not stage_counts(caplog.messages)
+    (out / "report.html").unlink()
+    label(project, surveys["east"], out)
+    assert contents(out) == before
+    assert [path.name for path in (out / ".mlsroad").glob("*/*") if path.name != "summary.json"] == ["run.json"]
+
+
+def test_a_file_of_the_users_own_is_refused_before_a_point_is_read(project, surveys, tmp_path, caplog):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "report.html").write_text("my own report")
+    with caplog.at_level("INFO", logger="mlsroad_pipeline"):
+        said = refusal(project, surveys["east"], tmp_path / "out")
+    assert f"{tmp_path}/out/report.html exists and was not written by label" in said
+    assert not stage_counts(caplog.messages)
+
+
+def test_two_runs_at_once_share_no_output_and_do_not_disturb_each_other(project, surveys, tmp_path):
+    script = "from mlsroad_pipeline.commands.app import main; main()"
+    out, log = tmp_path / "out", tmp_path / "log"
+    command = [sys.executable, "-c", script, "label", str(surveys["east"]), "-o", str(out)]
+    with log.open("w") as stream:
+        process = subprocess.Popen(command, cwd=tmp_path, stdout=stream, stderr=stream)
+        deadline = time.monotonic() + 120
+        while not list(out.glob(".mlsroad/*/run.json")) and time.monotonic() < deadline and process.poll() is None:
+            time.sleep(0.01)
+        assert process.poll() is None, log.read_text()
+        said = refusal(project, surveys["west"], out)
+        other = label(project, surveys["west"], tmp_path / "other")
+        assert process.wait() == 0, log.read_text()
+    assert f"{out} is in use by process {process.pid} on " in said
+    for folder, name in ((out, "east"), (other, "west")):
+        assert list(contents(folder)) == NAMES
+        assert np.array_equal(laspy.read(folder / "street.laz").xyz, laspy.read(surveys[name]).xyz)
+
+
+def test_results_below_a_survey_are_no_part_of_it_and_its_stores_may_stay(project, surveys, tmp_path, caplog):
+    folder = street(tmp_path / "survey" / "street.laz", 5).parent
+    label(project, folder, folder / "first")
+    out = label(project, folder, tmp_path / "second", keep_state=True)
+    assert list(contents(out)) == NAMES
+    said = [text for text in caplog.messages if "is in a folder of labelled results: skipped" in text]
+    assert len(said) == 1 and "first/" in said[0]
+    assert {path.name for path in out.glob(".mlsroad/*/*")} >= {"files", "pieces", "results", "written", "model"}
