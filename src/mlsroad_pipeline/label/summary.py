@@ -11,6 +11,7 @@ import pandas as pd
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.execution.run_identity import absolute
 from mlsroad_pipeline.label.confidence import LOW, confidence_table
 from mlsroad_pipeline.label.inventory import OBJECTS
 from mlsroad_pipeline.label.scene import LabelCounts
@@ -115,3 +116,22 @@ def _confidence(table: pd.DataFrame) -> ConfidenceSummary:
         "median": float(whole["median_confidence"]) if whole["points"] else None,
         "class_medians": {name: float(row["median_confidence"]) for name, row in rows.items()},
     }
+
+
+def moved_summary(summary: LabelSummary, output: Path) -> LabelSummary:
+    """Return the summary with the paths of a folder that has been moved or copied to `output`."""
+
+    def moved(path: str) -> str:
+        for old in (Path(summary["output"]), Path(absolute(summary["output"]))):
+            if Path(path).is_relative_to(old):
+                return str(output / Path(path).relative_to(old))
+        return path
+
+    old = summary["outputs"]
+    paths: OutputPaths = {
+        "clouds": [moved(path) for path in old["clouds"]],
+        "inventory": moved(old["inventory"]),
+        "inventory_table": moved(old["inventory_table"]),
+        "report": moved(old["report"]),
+    }
+    return {**summary, "output": str(output), "outputs": paths}

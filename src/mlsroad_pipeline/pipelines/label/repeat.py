@@ -15,7 +15,7 @@ from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel
 from mlsroad_pipeline.execution.run_folder import FINISHED, RunFolder
 from mlsroad_pipeline.label.model_choice import ModelChoice, named_choice
 from mlsroad_pipeline.label.runs import finished_record
-from mlsroad_pipeline.label.summary import LabelSummary
+from mlsroad_pipeline.label.summary import LabelSummary, moved_summary
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import plan_labelling
 
@@ -50,8 +50,7 @@ def _is_same(named: ModelChoice | None, used: Any) -> bool:
 def repeat_summary(run: RunFolder) -> LabelSummary:
     """Return the summary of a finished run, and log that there is nothing to do."""
     logger.info("Nothing to do: %s holds the results; label.overwrite=true labels again", run.output)
-    summary: LabelSummary = run.read()["summary"]
-    return summary
+    return moved_summary(run.read()["summary"], run.output)
 
 
 def repeat_pipeline() -> Pipeline:
