@@ -1,6 +1,7 @@
 """Runs of `label` beside each other and one after the other: nothing is lost, mixed or replaced unasked."""
 
 import json
+import signal
 import sqlite3
 import subprocess
 import sys
@@ -145,9 +146,11 @@ def test_two_runs_at_once_share_no_output_and_do_not_disturb_each_other(project,
         while not list(out.glob(".mlsroad/*/run.json")) and time.monotonic() < deadline and process.poll() is None:
             time.sleep(0.01)
         assert process.poll() is None, log.read_text()
+        process.send_signal(signal.SIGSTOP)  # it is in the middle of its run until it goes on
         with pytest.raises(Exception, match=rf"{out} is in use by process {process.pid} on \S+: wait for it"):
             label(project, surveys["west"], out)
         other = label(project, surveys["west"], tmp_path / "other")
+        process.send_signal(signal.SIGCONT)
         assert process.wait() == 0, log.read_text()
     for folder, name in ((out, "east"), (other, "west")):
         assert list(contents(folder)) == NAMES
