@@ -3,6 +3,7 @@
 import base64
 import io
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -17,19 +18,30 @@ NOTEBOOKS = sorted((REPOSITORY / "notebooks").glob("*.ipynb"))
 SAYS = {
     "fusion": ("of the pixels are right", "overall accuracy", "share of points seen"),
     "gallery": ("single_arm_lamp", "utility_pole", "length"),
+    "label": ("objects", "median confidence", "mapped within 1.5 m"),
     "jointnet": ("HSSI", "(1, 5, 16, 16)", "correlation"),
     "patch_graph": ("matches of the same class", "smoothness"),
     "visual_words": ("points", "reference", "threshold", "detected"),
     "tour": ("train/survey.laz", "man-made terrain", "paved ground"),
 }
 """Words expected in the outputs of each notebook."""
-NEEDS_NO_RUN = {"fusion", "gallery", "jointnet"}
+NEEDS_NO_RUN = {"fusion", "gallery", "jointnet", "label"}
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebook_is_stored_without_outputs(path):
     cells = [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
     assert cells and not any(cell.outputs or cell.execution_count for cell in cells)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_page_in_the_documentation_has_the_code_of_the_notebook_and_its_pictures(path):
+    pages = REPOSITORY / "docs" / "notebooks"
+    page = (pages / f"{path.stem}.md").read_text(encoding="utf-8")
+    for cell in nbformat.read(path, as_version=4).cells:
+        assert cell.source in page, "run benchmarks/notebook_pictures.py and benchmarks/notebook_pages.py"
+    pictures = re.findall(r"\]\((\w+\.webp)\)", page)
+    assert len(pictures) >= 5 and all((pages / name).is_file() for name in pictures)
 
 
 @pytest.mark.slow
