@@ -201,7 +201,7 @@ def test_killed_labelling_goes_on_where_it_stopped_with_the_bytes_of_an_undistur
     whole = label(with_models(shared, tmp_path / "other"), survey, tmp_path / "whole", ingest={"scene_length": 5.0})
     command = [
         *(sys.executable, "-W", "ignore", "-m", "kedro", "run", "--pipelines=label"),
-        f"--params=label.survey={survey},label.output={tmp_path / 'out'},ingest.scene_length=5.0,"
+        f"--params=label.survey={survey},label.method=detrended_forest,label.output={tmp_path / 'out'},ingest.scene_length=5.0,"
         "execution.backend=sequential",
     ]
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY / "src")}
