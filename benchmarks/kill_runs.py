@@ -100,7 +100,8 @@ def without_times(path: Path) -> bytes:
 def is_result(path: Path) -> bool:
     """Return whether a file must be the same in all runs."""
     of_study = path.name == "report.html" and path.parent.name.endswith("_study")
-    return path.is_file() and path.name not in TIMES | BOOKS and not of_study
+    state = ".mlsroad" in path.parts  # records of runs, with the paths of this project
+    return path.is_file() and path.name not in TIMES | BOOKS and not of_study and not state
 
 
 def digests(project: Path) -> dict[str, str]:
