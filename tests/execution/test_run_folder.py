@@ -124,6 +124,25 @@ def test_the_end_of_a_run_removes_its_stores_and_nothing_else(run, tmp_path):
     assert run.refusal(run.output / "west/a.laz") is None
 
 
+def test_a_kill_while_stores_are_removed_leaves_none_incomplete(run, monkeypatch):
+    results = run.output / STATE / "one" / "results"
+    (results / "scene").mkdir(parents=True)
+    (results / "manifest.json").write_text("{}")
+
+    def killed(path, **_):
+        if "removed" in str(path) and (path / "results" / "manifest.json").exists():
+            (path / "results" / "manifest.json").unlink()
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("shutil.rmtree", killed)
+    with pytest.raises(KeyboardInterrupt):
+        run.close({}, [], keep_state=False)
+    monkeypatch.undo()
+    assert not results.exists()
+    run.remove_state(keep=False)
+    assert [path.name for path in (run.output / STATE / "one").iterdir()] == ["run.json"]
+
+
 @pytest.mark.parametrize("ending", ["-wal", "-shm", "-journal"])
 def test_a_geopackage_that_is_open_elsewhere_is_an_error(tmp_path, ending):
     check_closed(tmp_path / "inventory.gpkg")

@@ -165,3 +165,5 @@ def test_results_below_a_survey_are_no_part_of_it_and_its_stores_may_stay(projec
     said = [text for text in caplog.messages if "is in a folder of labelled results: skipped" in text]
     assert len(said) == 1 and "first/" in said[0]
     assert {path.name for path in out.glob(".mlsroad/*/*")} >= {"files", "pieces", "results", "written", "model"}
+    label(project, folder, out)  # the same run, finished, without its stores
+    assert sorted(path.name for path in out.glob(".mlsroad/*/*")) == ["run.json", "summary.json"]

@@ -26,9 +26,11 @@ from mlsroad_pipeline.execution.run_identity import first_difference
 from mlsroad_pipeline.execution.store_files import StoreFiles
 
 FORMAT = 1
-RECORD, JOURNAL, STAGED = "run.json", "journal", "staged"
-STORES = ("files", "corridors", "pieces", "results", "written")
-"""Scene stores of a run."""
+RECORD, JOURNAL, STAGED, REMOVED = "run.json", "journal", "staged", "removed"
+STORES = ("files", "corridors", "pieces", "results", "written", "model")
+"""Scene stores of a run, and the copy of its model."""
+
+_MARKERS = ("manifest.json", "model.json")
 
 FINISHED, UNFINISHED = "finished", "unfinished"
 OVERWRITE = "--overwrite (label.overwrite=true) replaces it; another output keeps both"
@@ -155,10 +157,18 @@ class RunFolder:
         return f"{target} exists and was not written by label"
 
     def remove_stores(self, *names: str) -> None:
-        """Remove scene stores and staged files of this run; other files in its folder stay."""
+        """Remove scene stores of this run; folders that are none stay.
+
+        A store is renamed first: what a kill leaves of it is no incomplete store.
+        """
+        removed = Path(self.path, REMOVED)
         for name in names:
-            if Path(self.path, name, "manifest.json").is_file():
-                shutil.rmtree(Path(self.path, name))
+            folder = Path(self.path, name)
+            if any((folder / marker).is_file() for marker in _MARKERS):
+                removed.mkdir(exist_ok=True)
+                shutil.rmtree(removed / name, ignore_errors=True)
+                os.replace(folder, removed / name)
+        shutil.rmtree(removed, ignore_errors=True)
 
     def close(self, summary: Mapping[str, Any], sources: Iterable[str], *, keep_state: bool) -> None:
         """Record the run as finished, with its outputs and all files it has read, and remove its working state.
@@ -175,12 +185,14 @@ class RunFolder:
         ]
         closed = {"state": FINISHED, "overwrite": False, "outputs": outputs, "other_inputs": entries_of(outside)}
         self.write({**record, **closed, "summary": dict(summary)})
+        self.remove_state(keep=keep_state)
+
+    def remove_state(self, *, keep: bool) -> None:
+        """Remove the working state of a finished run; `keep` keeps its stores and its model."""
         shutil.rmtree(Path(self.path, JOURNAL), ignore_errors=True)
         shutil.rmtree(Path(self.path, STAGED), ignore_errors=True)
-        if not keep_state:
+        if not keep:
             self.remove_stores(*STORES)
-            if Path(self.path, "model", "model.json").is_file():
-                shutil.rmtree(Path(self.path, "model"))
 
 
 def check_closed(target: Path) -> None:

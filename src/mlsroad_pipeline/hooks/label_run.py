@@ -66,8 +66,7 @@ class LabelRunHooks:
             return
         run = catalog.load(RUN)
         if {OPENED, "write_label_report"} <= {node.name for node in pipeline.nodes}:
-            keep = catalog.load("params:label").keep_state
-            run.close(catalog.load(SUMMARY), self._sources, keep_state=keep)
+            run.close(catalog.load(SUMMARY), self._sources, keep_state=catalog.load("params:label").keep_state)
         release_output(run.output)
 
     @hook_impl(trylast=True)

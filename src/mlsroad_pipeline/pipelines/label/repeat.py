@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 from kedro.pipeline import Node, Pipeline
@@ -12,6 +13,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.algorithms.scenes.cutting import IngestParameters
 from mlsroad_pipeline.datasets.models.registered_models import PREFIX, configured_store
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel
+from mlsroad_pipeline.execution.output_lock import OutputInUseError, lock_output
 from mlsroad_pipeline.execution.run_folder import FINISHED, RunFolder
 from mlsroad_pipeline.label.model_choice import ModelChoice, named_choice
 from mlsroad_pipeline.label.runs import finished_record
@@ -47,12 +49,16 @@ def _is_same(named: ModelChoice | None, used: Any) -> bool:
     return not shipped and (f"{PREFIX}{named.method}", str(named.model.version)) == (name, version)
 
 
-def repeat_summary(run: RunFolder) -> LabelSummary:
-    """Return the summary of a finished run, and log that there is nothing to do."""
+def repeat_summary(run: RunFolder, parameters: LabelParameters) -> LabelSummary:
+    """Return the summary of a finished run, and remove what a kill may have left of its state."""
+    with suppress(OutputInUseError):
+        lock_output(run.output)
+        run.remove_state(keep=parameters.keep_state)
     logger.info("Nothing to do: %s holds the results; label.overwrite=true labels again", run.output)
     return moved_summary(run.read()["summary"], run.output)
 
 
 def repeat_pipeline() -> Pipeline:
     """Return the pipeline that reports the summary of a finished run."""
-    return Pipeline([Node(repeat_summary, inputs="label_run", outputs="label_summary", name="repeat_label_summary")])
+    inputs = ["label_run", "params:label"]
+    return Pipeline([Node(repeat_summary, inputs=inputs, outputs="label_summary", name="repeat_label_summary")])
