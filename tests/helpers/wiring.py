@@ -20,6 +20,7 @@ import mlflow
 import pytest
 import yaml
 from filelock import FileLock
+from kedro.framework.project import pipelines
 from kedro.framework.session import KedroSession
 from kedro.framework.startup import bootstrap_project
 from mlflow.entities import Run
@@ -119,8 +120,11 @@ def run(
     to_nodes: Sequence[str] | None = None,
     **parameters: Any,
 ) -> dict[str, Any]:
-    """Run a pipeline in a project's folder, as `kedro run` does, whole or up to some nodes."""
+    """Run a pipeline in a project's folder, as `kedro run` does, whole or up to nodes, named without namespaces."""
     with session_of(project, env=env, **parameters) as session:
+        if to_nodes is not None:
+            full = {node.name.rpartition(".")[2]: node.name for node in pipelines[pipeline or "__default__"].nodes}
+            to_nodes = [full[name] for name in to_nodes]
         return session.run(pipeline_names=None if pipeline is None else [pipeline], to_nodes=to_nodes)
 
 

@@ -87,7 +87,8 @@ def _tree(
     shares = np.zeros((len(starts) - 1, n + 1))
     leaf = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
     np.add.at(shares, (leaf, labels[by_leaf]), weights[by_leaf])
-    shares /= shares.sum(axis=1, keepdims=True)
+    total = shares.sum(axis=1, keepdims=True)
+    shares /= np.where(total > 0, total, 1.0)  # a tree without training parts has one empty leaf
     keep = labels[by_leaf] < n
     leaf, by_leaf = leaf[keep], by_leaf[keep]
     order = np.lexsort((offsets[by_leaf, 1], offsets[by_leaf, 0], labels[by_leaf], leaf))
