@@ -203,7 +203,8 @@ def test_killed_labelling_goes_on_where_it_stopped_with_the_bytes_of_an_undistur
         f"--params=label.survey={survey},label.output={tmp_path / 'out'},ingest.scene_length=5.0,"
         "label.method=detrended_forest,execution.backend=sequential",
     ]
-    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY / "src")}
+    others = {name: value for name, value in os.environ.items() if not name.startswith("MLFLOW_")}  # other stores
+    environment = {**others, "PYTHONPATH": str(REPOSITORY / "src")}
     with (tmp_path / "log").open("wb") as log:
         process = subprocess.Popen(
             command, cwd=project, env=environment, stdout=log, stderr=log, start_new_session=True
