@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import copy
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,6 @@ import click
 from kedro.framework.cli.project import run as kedro_run
 from omegaconf import OmegaConf
 from yaml import YAMLError
-
-from mlsroad_pipeline.config import nearest_name
 
 _OPTIONS = [parameter.name for parameter in kedro_run.params if parameter.name and parameter.name != "config"]
 
@@ -42,7 +41,8 @@ def options_of(text: str) -> dict[str, Any]:
         raise ValueError("`run:` holds no options such as `pipelines` and `params`")
     for name in options:
         if name not in _OPTIONS:
-            raise ValueError(f"run.{name} is no option of the command; {nearest_name(str(name), _OPTIONS)}")
+            near = get_close_matches(str(name), _OPTIONS, n=1) or _OPTIONS
+            raise ValueError(f"run.{name} is no option of the command; did you mean {' or '.join(near)}?")
     return {str(name): value for name, value in options.items()}
 
 

@@ -8,7 +8,6 @@ from kedro.io import DataCatalog
 from mlsroad_pipeline.algorithms.metrics.scores import labelling_scores
 from mlsroad_pipeline.datasets.reports.html_report_dataset import HtmlReportDataset
 from mlsroad_pipeline.datasets.reports.scores_dataset import ScoresDataset
-from mlsroad_pipeline.execution import progress
 from mlsroad_pipeline.hooks.closing_lines import MOST_METHODS, ClosingLinesHooks
 
 
@@ -39,20 +38,3 @@ def test_scores_and_report_are_the_last_lines(tmp_path, caplog):
 def test_many_methods_have_the_report_alone(tmp_path, caplog):
     found = lines_of_a_run(tmp_path, caplog, [f"m{k}" for k in range(MOST_METHODS + 1)])
     assert len(found) == 1 and found[0].startswith("Report: ")
-
-
-def test_simulated_distance_is_reported_in_the_log_and_from_a_worker(monkeypatch, caplog, capsys):
-    times = iter([0.0, 1.0, 20.0, 21.0, 40.0, 60.0])
-    monkeypatch.setattr(progress.time, "monotonic", lambda: next(times))
-    caplog.set_level(logging.INFO, "mlsroad_pipeline")
-    report = progress.distance_lines("avenue", 100.0)
-    for distance in (5.0, 25.0, 26.0, 50.0, 100.0):
-        report(distance)
-    assert [r.getMessage() for r in caplog.records] == [
-        "avenue: 25 of 100 m, about 60 s left",
-        "avenue: 50 of 100 m, about 40 s left",
-    ]
-    times = iter([0.0, 20.0])
-    caplog.set_level(logging.WARNING, "mlsroad_pipeline")
-    progress.distance_lines("avenue", 100.0)(50.0)
-    assert capsys.readouterr().err == "avenue: 50 of 100 m, about 20 s left\n"

@@ -75,26 +75,3 @@ class _BarOrLog:
         """Remove the bar."""
         if self._bar is not None:
             self._bar.close()
-
-
-def distance_lines(name: str, length: float) -> Callable[[float], None]:
-    """Return a function that reports a distance out of a length in metres, with an estimate of the time left.
-
-    A line is written every `LOG_INTERVAL` seconds: to the log or, in a worker process, which has none, to stderr.
-    """
-    start = last = time.monotonic()
-
-    def report(distance: float) -> None:
-        nonlocal last
-        now = time.monotonic()
-        if now - last < LOG_INTERVAL or not 0 < distance < length:
-            return
-        last = now
-        left = (now - start) / distance * (length - distance)
-        line = f"{name}: {distance:.0f} of {length:.0f} m, about {left:.0f} s left"
-        if logger.isEnabledFor(logging.INFO):
-            logger.info(line)
-        else:
-            sys.stderr.write(f"{line}\n")
-
-    return report

@@ -17,7 +17,6 @@ from PIL import Image as Picture
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_positive
-from mlsroad_pipeline.execution.progress import distance_lines
 from mlsroad_pipeline.formats.las.layout import new_header, pack_records
 from mlsroad_pipeline.formats.las.writer import RecordWriter
 from mlsroad_pipeline.formats.options import WriteOptions
@@ -26,6 +25,7 @@ from mlsroad_pipeline.simulation.parameters.known_scanners import scanner_system
 from mlsroad_pipeline.simulation.parameters.presets import OF_THE_SCANNER, PRESETS, SimulationParameters
 from mlsroad_pipeline.simulation.parameters.street_parameters import street_parameters
 from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces
+from mlsroad_pipeline.surveys.distance_lines import distance_lines
 from mlsroad_pipeline.surveys.simulated_frames import FrameWriter
 
 POINTS, TRAJECTORY = "survey.laz", "trajectory.csv"
