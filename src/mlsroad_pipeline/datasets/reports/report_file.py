@@ -12,8 +12,6 @@ import fsspec
 from fsspec.implementations.local import LocalFileSystem
 from kedro.io import AbstractDataset, DatasetError
 
-from mlsroad_pipeline.execution.run_folder import RunFolder
-
 Saved = TypeVar("Saved")
 Loaded = TypeVar("Loaded")
 
@@ -29,8 +27,6 @@ class ReportFileDataset(AbstractDataset[Saved, Loaded], Generic[Saved, Loaded]):
         Credentials of the file system.
     fs_args : mapping, optional
         Further options of the file system.
-    run : str, optional
-        Folder of the run of `label` that the file is a result of; see `RoadInventoryDataset`.
     metadata : mapping, optional
         Any metadata; ignored.
     """
@@ -39,14 +35,12 @@ class ReportFileDataset(AbstractDataset[Saved, Loaded], Generic[Saved, Loaded]):
         self,
         *,
         filepath: str,
-        run: str | None = None,
         credentials: Mapping[str, Any] | None = None,
         fs_args: Mapping[str, Any] | None = None,
         metadata: Mapping[str, Any] | None = None,
     ) -> None:
         self._filepath = str(filepath)
         self._options = {**(fs_args or {}), **(credentials or {})}
-        self._run = None if run is None else RunFolder(run)
         self.metadata = metadata
 
     def read_bytes(self) -> bytes:
@@ -60,12 +54,6 @@ class ReportFileDataset(AbstractDataset[Saved, Loaded], Generic[Saved, Loaded]):
 
     def write_bytes(self, content: bytes) -> None:
         """Replace the file atomically: locally by a rename, elsewhere by a single put."""
-        if self._run is not None:
-            staged = self._run.staged(self._filepath)
-            staged.parent.mkdir(parents=True, exist_ok=True)
-            staged.write_bytes(content)
-            self._run.publish(staged)
-            return
         filesystem, path = fsspec.core.url_to_fs(self._filepath, **self._options)
         if not isinstance(filesystem, LocalFileSystem):
             filesystem.pipe_file(path, content)
