@@ -18,6 +18,14 @@ from mlsroad_pipeline.execution.progress import reporting_to
 PACKAGE_LOGGER = "mlsroad_pipeline"
 
 
+def _bar(console: Console, title: TextColumn, share: TextColumn) -> Progress:
+    """Return a bar with the time spent and the time left; it disappears at the end, and needs a terminal."""
+    times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+    return Progress(
+        *(title, BarColumn(), share, *times), console=console, transient=True, disable=not console.is_terminal
+    )
+
+
 class Stages:
     """One progress bar over the stages of a pipeline.
 
@@ -31,17 +39,7 @@ class Stages:
 
     def __init__(self, stages: Mapping[str, tuple[str, float]], console: Console) -> None:
         self._stages = stages
-        self._bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.percentage:>3.0f} %"),
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        )
+        self._bar = _bar(console, TextColumn("{task.description}"), TextColumn("{task.percentage:>3.0f} %"))
         self._task: TaskID = self._bar.add_task("starting", total=1.0)
         self._done = 0.0
 
@@ -80,17 +78,7 @@ class _Stage:
 @contextmanager
 def survey_progress(console: Console, length: float) -> Iterator[Callable[[float], None]]:
     """Draw a bar over a street of a length in metres; the function that is yielded moves it to a distance."""
-    bar = Progress(
-        TextColumn("Simulating"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f} of {task.total:.0f} m"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
+    bar = _bar(console, TextColumn("Simulating"), TextColumn("{task.completed:.0f} of {task.total:.0f} m"))
     task = bar.add_task("", total=length)
     with bar:
         yield lambda distance: bar.update(task, completed=distance)
