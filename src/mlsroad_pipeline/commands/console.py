@@ -40,7 +40,7 @@ class Stages:
     def __init__(self, stages: Mapping[str, tuple[str, float]], console: Console) -> None:
         self._stages = stages
         self._bar = _bar(console, TextColumn("{task.description}"), TextColumn("{task.percentage:>3.0f} %"))
-        self._task: TaskID = self._bar.add_task("starting", total=1.0)
+        self._task: TaskID = self._bar.add_task("Starting", total=1.0)
         self._done = 0.0
 
     @contextmanager
