@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 import typer
 
+from mlsroad_pipeline.commands import session
 from mlsroad_pipeline.commands.options import default_output, expanded, merged, nested
 
 
@@ -71,3 +72,13 @@ def test_merging_keeps_what_a_change_does_not_name():
 
 def test_the_root_folder_has_a_name_too():
     assert default_output(["/"]) == Path("/survey_mlsroad")
+
+
+def test_kernels_in_the_cache_folder_count_as_compiled(monkeypatch, tmp_path):
+    monkeypatch.setattr(session, "files", lambda _: tmp_path / "package")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    assert not session.kernels_compiled()
+    kernel = tmp_path / "cache" / "supervoxels_1" / "growth.grow-10.py311.nbi"
+    kernel.parent.mkdir(parents=True)
+    kernel.touch()
+    assert session.kernels_compiled()

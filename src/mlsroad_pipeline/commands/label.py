@@ -67,7 +67,7 @@ def label(  # typer reads the options from the signature
     """
     from mlsroad_pipeline.commands.console import Stages, collected_warnings, error_console, output_console
     from mlsroad_pipeline.commands.errors import one_line_errors
-    from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
+    from mlsroad_pipeline.commands.session import configure, find_place, kernels_compiled, run_pipeline
 
     begin, places = time.perf_counter(), expanded(files)
     folder = Path(expanded([output])[0]) if output else default_output(places)
@@ -82,6 +82,8 @@ def label(  # typer reads the options from the signature
     with one_line_errors(verbose=verbose):
         place = find_place()
         configure(place)
+        if not kernels_compiled():
+            error_console().print("First run: compiling the kernels takes about a minute.")
         with collected_warnings(verbose=verbose) as logged, Stages(STAGES, error_console()).shown():
             run = run_pipeline("label", parameters, place=place)
             summary = run.catalog.load("label_summary")

@@ -40,6 +40,16 @@ def find_place() -> Place:
     return Place(here, str(files(PACKAGE) / "conf"), False, tracked)
 
 
+def kernels_compiled() -> bool:
+    """Return whether compiled kernels lie beside the package, or in the cache folder that Numba uses in its place."""
+    caches = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
+    elsewhere = Path(os.environ.get("NUMBA_CACHE_DIR") or caches / "numba")
+    beside = Path(str(files(PACKAGE) / "algorithms"))
+    return any(
+        any(folder.glob(pattern)) for folder, pattern in ((beside, "*/__pycache__/*.nbi"), (elsewhere, "*/*.nbi"))
+    )
+
+
 def model_store(place: Place) -> Any:
     """Return the registered models of a place, or None where runs are not tracked."""
     if not place.tracked:
