@@ -289,6 +289,7 @@ class ClassScheme:
             if len(targets) != 1:
                 raise ParameterError(
                     f"class {name!r} of scheme {self.name!r} falls into {len(targets)} classes of scheme {other.name!r}"
+                    "; set a scheme that keeps it whole"
                 )
             table[label] = targets.pop()
         return table
