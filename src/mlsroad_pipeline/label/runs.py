@@ -47,7 +47,7 @@ def open_run(plan: SurveyPlan, parameters: LabelParameters, run: RunFolder) -> N
         check_closed(Path(target))
     refused = _refusals(targets, inputs, before, run)
     if refused and not parameters.overwrite:
-        more = f"; {len(refused) - 1} more" if len(refused) > 1 else ""
+        more = f"; {len(refused) - 1} more refused" if len(refused) > 1 else ""
         raise OutputExistsError(f"{refused[0]}; {OVERWRITE}{more}")
     if refused:
         logger.warning("Replaces %d files: %s", len(refused), refused[0])
