@@ -10,6 +10,7 @@ from mlsroad_pipeline.commands.options import (
     Params,
     Surveys,
     Verbose,
+    check_exist,
     default_output,
     expanded,
     merged,
@@ -27,6 +28,7 @@ def inspect(files: Surveys, output: Output = None, params: Params = None, verbos
     folder = Path(expanded([output])[0]) if output else default_output(places)
     parameters = {"inspect": {"survey": places[0] if len(places) == 1 else places, "output": str(folder)}}
     with one_line_errors(verbose=verbose):
+        check_exist(places)
         place = find_place()
         configure(place)
         with collected_warnings(verbose=verbose):

@@ -18,6 +18,7 @@ from mlsroad_pipeline.commands.options import (
     Surveys,
     Verbose,
     Workers,
+    check_exist,
     default_output,
     expanded,
     merged,
@@ -81,6 +82,7 @@ def label(  # typer reads the options from the signature
         parameters["execution"] = {"n_workers": workers}
     parameters = merged(parameters, nested(params or []))
     with one_line_errors(verbose=verbose):
+        check_exist(places)
         place = find_place()
         configure(place)
         if not kernels_compiled():

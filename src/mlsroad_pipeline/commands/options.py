@@ -9,6 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+
 SUFFIX = "_mlsroad"
 """Ending of the folder of results beside a survey."""
 
@@ -35,6 +37,13 @@ Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print the log, a
 def expanded(places: Sequence[str]) -> list[str]:
     """Return places as absolute paths; ``~`` is the home folder."""
     return [os.path.abspath(os.path.expanduser(place)) for place in places]
+
+
+def check_exist(places: Sequence[str]) -> None:
+    """Raise ReadError for a path without wildcards that does not exist, before any library is loaded."""
+    for place in places:
+        if not os.path.lexists(place) and not any(c in place for c in "*?["):
+            raise ReadError(f"{place} does not exist")
 
 
 def default_output(places: Sequence[str]) -> Path:

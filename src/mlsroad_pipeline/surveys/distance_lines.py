@@ -7,6 +7,9 @@ import sys
 import time
 from collections.abc import Callable
 
+SHARE_OF_ESTIMATE = 0.05
+"""Share of the length from which on the time left is estimated; the first metres include the start."""
+
 LOG_INTERVAL = 15.0
 """Seconds between two lines."""
 
@@ -27,7 +30,8 @@ def distance_lines(name: str, length: float) -> Callable[[float], None]:
             return
         last = now
         left = (now - start) / distance * (length - distance)
-        line = f"{name}: {distance:.0f} of {length:.0f} m, about {left:.0f} s left"
+        estimate = f", about {left:.0f} s left" if distance >= SHARE_OF_ESTIMATE * length else ""
+        line = f"{name}: {distance:.0f} of {length:.0f} m{estimate}"
         if logger.isEnabledFor(logging.INFO):
             logger.info(line)
         else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import sys
 from collections.abc import Sequence
@@ -84,7 +85,7 @@ class MlflowStore:
                     method,
                     int(version.version),
                     tuple(sorted(aliases.get(int(version.version), ()))),
-                    str(version.tags.get("trained_on", "")),
+                    _plain(str(version.tags.get("trained_on", ""))),
                 )
                 for version in _all_pages(client.search_model_versions, filter_string=f"name='{model.name}'")
             ]
@@ -95,6 +96,15 @@ class MlflowStore:
         from mlsroad_pipeline.datasets.models.model_registry_dataset import load_registered_bundle  # noqa: PLC0415
 
         return load_registered_bundle(f"{PREFIX}{found.method}", model_version=found.version)
+
+
+def _plain(tag: str) -> str:
+    """Return the tag of the training data, a mapping as text, as ``name value, name value``."""
+    try:
+        values = ast.literal_eval(tag)
+    except (SyntaxError, ValueError):
+        return tag
+    return ", ".join(f"{name} {value}" for name, value in values.items()) if isinstance(values, dict) else tag
 
 
 def _all_pages(search: Any, **query: str) -> list[Any]:
