@@ -49,6 +49,18 @@ def test_file_folder_and_glob(root, below, patterns, expected):
     assert names_in(root, find_point_files(str(root / below), patterns)) == expected
 
 
+def test_links_to_folders_are_followed_except_loops(root, tmp_path_factory):
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    (elsewhere / "g.las").write_bytes(b"x")
+    (root / "part" / "other").symlink_to(elsewhere)
+    for loop in ("back", "again"):
+        (root / "part" / loop).symlink_to(root)
+        (elsewhere / loop).symlink_to(".")
+    (root / "itself.las").symlink_to("itself.las")
+    expected = ["a.las", "b.laz", "part/c.txt.gz", "part/deep/d.PLY", "part/other/g.las"]
+    assert names_in(root, find_point_files(root)) == expected
+
+
 def test_nothing_found(root):
     with pytest.raises(ReadError, match=r"nowhere does not exist"):
         find_point_files(root / "nowhere")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
 from glob import glob, has_magic
 from pathlib import Path
 
@@ -36,8 +37,18 @@ def find_point_files(root: str | Path, patterns: Sequence[str] | None = None) ->
 def _matching(folder: Path, pattern: str) -> list[Path]:
     if Path(pattern).is_absolute() or ".." in Path(pattern).parts:
         raise ParameterError(f"pattern {pattern!r} must stay below {folder}")
+    if pattern == "**/*":
+        return list(_below(folder))
     matches = [folder / match for match in glob(pattern, root_dir=folder, recursive=True)]
-    return [p for match in matches for p in (match.rglob("*") if match.is_dir() and pattern != "**/*" else [match])]
+    return [p for match in matches for p in (match.rglob("*") if match.is_dir() else [match])]
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    """Yield the files below a folder; links to folders are followed, except those to a folder that holds the link."""
+    for here, folders, names in os.walk(folder, followlinks=True):
+        real = Path(os.path.realpath(here))
+        folders[:] = [name for name in folders if not real.is_relative_to(os.path.realpath(Path(here, name)))]
+        yield from (Path(here, name) for name in names)
 
 
 def _has_point_files(folder: Path) -> bool:
