@@ -4,8 +4,10 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import geopandas
@@ -91,6 +93,22 @@ def test_an_edited_inventory_is_kept(folder, labelled):
     inventory.write_bytes(kept)
 
 
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_of_all_processes_is_one_line(folder, tmp_path, sent):
+    code = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); sys.argv[0] = 'mlsroad'"
+    command = [sys.executable, "-c", f"{code}; from mlsroad_pipeline.commands.app import main; main()"]
+    arguments = ["label", str(folder / "one, two.laz"), "-o", str(tmp_path / "out")]
+    with subprocess.Popen(
+        [*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        deadline = time.monotonic() + 60
+        while not (tmp_path / "out").exists() and time.monotonic() < deadline:
+            time.sleep(0.01)
+        os.killpg(process.pid, sent)
+        assert process.communicate(timeout=60)[1] == "Interrupted. The same command continues from here.\n"
+    assert process.returncode == 130
+
+
 def test_several_files_form_one_survey(folder):
     done = mlsroad("label", "one, two.laz", "street", "-o", "both", "--params", "label.scheme=asprs", cwd=folder)
     assert done.returncode == 0, done.stderr
@@ -169,3 +187,10 @@ def test_models_names_the_one_that_label_takes(folder):
     done = mlsroad("models", "one, two.laz", cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
     assert re.search(r"dense", done.stdout)
+
+
+def test_a_closed_standard_output_is_no_error(folder):
+    done = subprocess.run(
+        f"'{COMMAND}' models >&-", shell=True, cwd=folder, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")

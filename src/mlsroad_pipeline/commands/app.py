@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -41,5 +45,9 @@ def options(
 
 
 def main() -> None:
-    """Run the command line."""
+    """Run the command line; SIGTERM ends it like Ctrl-C."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed; libraries flush both
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115  # until the end
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     app()

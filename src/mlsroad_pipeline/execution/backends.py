@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import itertools
+import os
+import signal
 import tempfile
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import joblib
+from joblib.externals.loky.backend import resource_tracker
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
@@ -113,14 +117,32 @@ class _Counted:
             yield job
 
 
+def _start_tracker() -> None:
+    """Start loky's tracker of temporary files without standard error: after an interrupt it prints tracebacks."""
+    kept = os.dup(2)
+    try:
+        with Path(os.devnull).open("w") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
+        resource_tracker.ensure_running()  # it unblocks SIGINT
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+
+
 def warm_workers(execution: Execution, function: str) -> None:
-    """Start the process pool of the stages and call a function, given by its dotted name, once in each worker."""
+    """Start the process pool of the stages and call a function, given by its dotted name, once in each worker.
+
+    Call it in a thread of its own: it blocks SIGINT there, and in the workers.
+    """
+    _start_tracker()
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # of this thread and the processes that it starts
     n_workers = max(execution.n_local_workers, 2)
     at_once = max(int(joblib.cpu_count()) - 1, 1)  # one core is left to this process
     with _pool_lock, tempfile.TemporaryDirectory(prefix="mlsroad-start-") as folder:
         jobs = [WarmUp(function, f"{folder}/{i % at_once}") for i in range(n_workers)]
-        for _ in _processes(jobs, n_workers, warm_up):
-            pass
+        with suppress(TerminatedWorkerError):  # the stages start others
+            for _ in _processes(jobs, n_workers, warm_up):
+                pass
 
 
 def _failed(job: SceneJob, cause: str) -> Outcome:

@@ -7,6 +7,7 @@ import functools
 import gc
 import importlib
 import os
+import signal
 import sys
 import threading
 import time
@@ -135,7 +136,8 @@ def run_scene(job: SceneJob) -> Outcome:
 
 
 def _settle() -> None:
-    """Bind the lifetime of a loky process to that of its driver."""
+    """Bind the lifetime of a loky process to that of its driver, which alone handles Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _end_with_parent(os.getppid())
     _keep_worker()
 
