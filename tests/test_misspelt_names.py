@@ -20,6 +20,7 @@ def project(tmp_path_factory):
     [
         ("labl.survey=a.laz", "--params: labl is no section; did you mean label?"),
         ("label.survy=a.laz", "--params: label.survy is no parameter; did you mean label.survey?"),
+        ("label=3", "--params: label is a section, got 3: set parameters below it"),
         ("exekution.n_workers=2", "--params: exekution is no section; did you mean execution?"),
         ("foo.bar=1", "--params: foo is no section; known: "),
         ("simulation.survey.mine.length=4", "simulation.survey is no parameter; did you mean simulation.surveys?"),

@@ -53,7 +53,7 @@ def check_names(given: Mapping[str, Any], base: Mapping[str, Any], source: str) 
     Raises
     ------
     ParameterError
-        If a name is unknown. The message has the nearest known name.
+        If a name is unknown, with the nearest known name, or if a section has a value of its own.
 
     Examples
     --------
@@ -67,6 +67,8 @@ def check_names(given: Mapping[str, Any], base: Mapping[str, Any], source: str) 
             near = nearest_name(section, (*base, *SETTINGS))
             raise ParameterError(f"{source}: {section} is no section; {near}")
         known = base.get(section)
+        if isinstance(known, Mapping) and not isinstance(values, Mapping):
+            raise ParameterError(f"{source}: {section} is a section, got {values!r}: set parameters below it")
         if isinstance(values, Mapping) and isinstance(known, Mapping):
             for key in values:
                 if key not in known:

@@ -3,10 +3,13 @@
 import errno
 
 import pytest
+import typer
 from kedro.io import DatasetError
+from kedro.validation import ParameterValidationError
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.commands.errors import describe, one_line_errors
+from mlsroad_pipeline.commands.options import expanded
 from mlsroad_pipeline.execution.task import SceneError, SceneFailure
 
 
@@ -32,7 +35,31 @@ def test_a_failed_stage_names_its_first_scenes():
 
 def test_an_error_of_the_system_names_the_file():
     full = OSError(errno.ENOSPC, "No space left on device", "/out/a.laz")
-    assert describe(caused(RuntimeError("writer"), full)) == "/out/a.laz: No space left on device"
+    assert describe(caused(RuntimeError("writer"), full)).startswith("/out/a.laz: No space left on device: free some")
+
+
+def test_a_refused_parameter_is_shown_without_what_kedro_wraps_it_in():
+    text = "- Parameter 'label': Failed to instantiate LabelParameters for parameter 'label': label.copc must be true"
+    assert describe(ParameterValidationError(text)) == "label.copc must be true"
+
+
+def test_a_working_folder_that_is_gone_is_named(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    tmp_path.rmdir()
+    with pytest.raises(SystemExit), one_line_errors(verbose=False):
+        pass
+    assert "the working folder does not exist any more" in capsys.readouterr().err
+
+
+def test_colons_of_a_name_are_no_emoji(capsys):
+    with pytest.raises(SystemExit), one_line_errors(verbose=False):
+        raise ReadError("a:x:b.las is empty")
+    assert "a:x:b.las" in capsys.readouterr().err
+
+
+def test_a_wrong_command_line_is_left_to_typer():
+    with pytest.raises(typer.BadParameter), one_line_errors(verbose=False):
+        expanded([""])
 
 
 def test_any_other_error_names_its_type_and_how_to_see_more():

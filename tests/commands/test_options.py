@@ -4,9 +4,10 @@ from pathlib import Path
 
 import pytest
 import typer
+from omegaconf import OmegaConf
 
 from mlsroad_pipeline.commands import session
-from mlsroad_pipeline.commands.options import default_output, expanded, merged, nested
+from mlsroad_pipeline.commands.options import default_output, expanded, merged, nested, survey_of
 
 
 @pytest.fixture
@@ -59,6 +60,23 @@ def test_parameters_are_nested_by_their_dots_and_typed():
 def test_a_parameter_without_a_name_or_a_value_is_an_error(text):
     with pytest.raises(typer.BadParameter, match="must have the form SECTION.KEY=VALUE"):
         nested([text])
+
+
+@pytest.mark.parametrize("value", ["{", "'", "*x", "!!python/object:os.system", "@x"])
+def test_a_value_that_is_no_yaml_is_a_wrong_command_line(value):
+    with pytest.raises(typer.BadParameter, match="is no YAML value"):
+        nested([f"label.scheme={value}"])
+
+
+def test_the_survey_and_the_output_are_no_parameters():
+    with pytest.raises(typer.BadParameter, match="label.survey is given as FILE"):
+        nested(["label.survey=b.laz"], given={"label.survey": "FILE"})
+
+
+@pytest.mark.parametrize("name", ["${a}.laz", "\\${a}.laz", "a${.laz", "$a.laz"])
+def test_a_name_with_a_dollar_is_no_interpolation(name):
+    config = OmegaConf.create({"survey": survey_of([name])})
+    assert OmegaConf.to_container(config, resolve=True) == {"survey": name}
 
 
 def test_merging_keeps_what_a_change_does_not_name():

@@ -114,12 +114,18 @@ def collected_warnings(*, verbose: bool) -> Iterator[list[str]]:
 
 def error_console() -> Console:
     """Return the console of progress and errors."""
-    return Console(stderr=True, highlight=False, soft_wrap=True)
+    return Console(stderr=True, highlight=False, emoji=False, soft_wrap=True)
 
 
 def output_console() -> Console:
     """Return the console of results; the width is that of the terminal, and lines of pipes are not wrapped."""
-    return Console(highlight=False, markup=False, soft_wrap=True, width=None if sys.stdout.isatty() else 200)
+    return Console(
+        highlight=False,
+        markup=False,
+        emoji=False,
+        soft_wrap=True,
+        width=None if sys.stdout and sys.stdout.isatty() else 200,
+    )
 
 
 def count_table(rows: Sequence[tuple[str, ...]], titles: tuple[str, ...]) -> Table:

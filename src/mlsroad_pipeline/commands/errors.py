@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import errno
+import re
 import sys
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
-from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
+import typer
+
+from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
 from mlsroad_pipeline.commands.console import error_console
 from mlsroad_pipeline.execution.task import SceneError
 
@@ -15,6 +20,12 @@ FAILED, INTERRUPTED = 1, 130
 """Exit codes; 2 is that of a wrong command line."""
 MAX_FAILURES = 3
 """Number of failed scenes that are named."""
+
+
+NO_SPACE = "free some on the disk of the results, or choose another output (-o); the same command continues"
+
+_PARAMETER = re.compile(r"Failed to instantiate \w+ for parameter '[^']*': (.+)$")
+"""Message of Kedro for a class of parameters that refuses a value; it holds the reason, but not as the cause."""
 
 
 def _chain(error: BaseException) -> Iterator[BaseException]:
@@ -39,20 +50,33 @@ def describe(error: BaseException) -> str:
         return " ".join(str(own).split())
     system = next((cause for cause in chain if isinstance(cause, OSError) and cause.strerror), None)
     if isinstance(system, OSError):
-        return f"{system.filename}: {system.strerror}" if system.filename else str(system.strerror)
+        text = f"{system.filename}: {system.strerror}" if system.filename else str(system.strerror)
+        return f"{text}: {NO_SPACE}" if system.errno in (errno.ENOSPC, errno.EDQUOT) else text
     first = chain[0]
-    text = str(first).strip().splitlines()
-    return f"{type(first).__name__}: {text[-1].strip() if text else 'no message'} (--verbose shows the traceback)"
+    lines = str(first).strip().splitlines()
+    if lines and (parameter := _PARAMETER.search(lines[-1])):
+        return parameter[1]
+    return f"{type(first).__name__}: {lines[-1].strip() if lines else 'no message'} (--verbose shows the traceback)"
+
+
+def _check_working_folder() -> None:
+    try:
+        Path.cwd()
+    except FileNotFoundError as error:
+        raise ReadError("the working folder does not exist any more: change to another folder") from error
 
 
 @contextmanager
 def one_line_errors(*, verbose: bool) -> Iterator[None]:
     """End the process with one line and an exit code if the body raises."""
     try:
+        _check_working_folder()
         yield
     except KeyboardInterrupt:
         error_console().print("Interrupted. The same command continues from here.", markup=False)
         sys.exit(INTERRUPTED)
+    except (typer.Exit, typer.BadParameter):  # a wrong command line, which typer prints
+        raise
     except Exception as error:  # the last resort of the command line: every error becomes one line
         if verbose:
             traceback.print_exc()

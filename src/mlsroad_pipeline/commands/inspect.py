@@ -13,8 +13,10 @@ from mlsroad_pipeline.commands.options import (
     check_exist,
     default_output,
     expanded,
+    literal,
     merged,
     nested,
+    survey_of,
 )
 
 
@@ -24,15 +26,16 @@ def inspect(files: Surveys, output: Output = None, params: Params = None, verbos
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.commands.session import configure, find_place, run_pipeline
 
-    places = expanded(files)
-    folder = Path(expanded([output])[0]) if output else default_output(places)
-    parameters = {"inspect": {"survey": places[0] if len(places) == 1 else places, "output": str(folder)}}
+    changed = nested(params or [], given={"inspect.survey": "FILE", "inspect.output": "--output"})
     with one_line_errors(verbose=verbose):
+        places = expanded(files)
         check_exist(places)
+        folder = default_output(places) if output is None else Path(expanded([output])[0])
+        parameters = {"inspect": {"survey": survey_of(places), "output": literal(str(folder))}}
         place = find_place()
         configure(place)
         with collected_warnings(verbose=verbose):
-            run = run_pipeline("inspect", merged(parameters, nested(params or [])), place=place)
+            run = run_pipeline("inspect", merged(parameters, changed), place=place)
         print_facts(output_console(), run.catalog.load("inspection"), folder / "inspection.html")
 
 

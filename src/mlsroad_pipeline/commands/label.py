@@ -21,8 +21,10 @@ from mlsroad_pipeline.commands.options import (
     check_exist,
     default_output,
     expanded,
+    literal,
     merged,
     nested,
+    survey_of,
 )
 
 STAGES = {
@@ -71,18 +73,18 @@ def label(  # typer reads the options from the signature
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.commands.session import configure, find_place, kernels_compiled, run_pipeline
 
-    begin, places = time.perf_counter(), expanded(files)
-    folder = Path(expanded([output])[0]) if output else default_output(places)
+    begin = time.perf_counter()
     options = {"method": method, "model": model, "crs": crs, "copc": copc or None, "overwrite": overwrite or None}
     chosen = {name: value for name, value in options.items() if value is not None}
-    parameters: dict[str, Any] = {
-        "label": {"survey": places[0] if len(places) == 1 else places, "output": str(folder), **chosen}
-    }
-    if workers is not None:
-        parameters["execution"] = {"n_workers": workers}
-    parameters = merged(parameters, nested(params or []))
+    changed = nested(params or [], given={"label.survey": "FILE", "label.output": "--output"})
     with one_line_errors(verbose=verbose):
+        places = expanded(files)
         check_exist(places)
+        folder = default_output(places) if output is None else Path(expanded([output])[0])
+        parameters: dict[str, Any] = {"label": {"survey": survey_of(places), "output": literal(str(folder)), **chosen}}
+        if workers is not None:
+            parameters["execution"] = {"n_workers": workers}
+        parameters = merged(parameters, changed)
         place = find_place()
         configure(place)
         if not kernels_compiled():

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -36,6 +37,8 @@ Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print the log, a
 
 def expanded(places: Sequence[str]) -> list[str]:
     """Return places as absolute paths; ``~`` is the home folder."""
+    if "" in places:
+        raise typer.BadParameter("an empty name is no file or folder: is a variable of the shell unset?")
     return [os.path.abspath(os.path.expanduser(place)) for place in places]
 
 
@@ -44,6 +47,22 @@ def check_exist(places: Sequence[str]) -> None:
     for place in places:
         if not os.path.lexists(place) and not any(c in place for c in "*?["):
             raise ReadError(f"{place} does not exist")
+
+
+def literal(path: str) -> str:
+    r"""Return a path as the value of a parameter, in which ``${`` begins no interpolation.
+
+    Examples
+    --------
+    >>> literal("/data/${street}.laz")
+    '/data/\\${street}.laz'
+    """
+    return re.sub(r"(\\*)\$\{", r"\1\1\\${", path)
+
+
+def survey_of(places: Sequence[str]) -> str | list[str]:
+    """Return places as the value of the parameter of a survey."""
+    return literal(places[0]) if len(places) == 1 else [literal(place) for place in places]
 
 
 def default_output(places: Sequence[str]) -> Path:
@@ -69,14 +88,26 @@ def _folder(place: Path) -> Path:
     return place if place.is_dir() else place.parent
 
 
-def nested(pairs: Sequence[str]) -> dict[str, Any]:
-    """Return ``a.b=value`` options as nested parameters; values are read as YAML scalars, as `kedro run` does."""
+def nested(pairs: Sequence[str], *, given: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """Return ``a.b=value`` options as nested parameters; values are read as YAML scalars, as `kedro run` does.
+
+    `given` maps parameters that have another place on the command line to that place.
+    """
     from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+    from yaml import YAMLError
 
     for pair in pairs:
         key, sign, _ = pair.partition("=")
         if not sign or not all(key.split(".")):
             raise typer.BadParameter(f"{pair!r} must have the form SECTION.KEY=VALUE", param_hint="--params")
+        if key in (given or {}):
+            raise typer.BadParameter(f"{key} is given as {(given or {})[key]}", param_hint="--params")
+        try:
+            OmegaConf.from_dotlist([pair])
+        except (YAMLError, OmegaConfBaseException) as error:
+            reason = " ".join(str(error).split())
+            raise typer.BadParameter(f"{pair!r} is no YAML value: {reason}", param_hint="--params") from error
     values = OmegaConf.to_container(OmegaConf.from_dotlist(list(pairs)), resolve=False)
     assert isinstance(values, dict)
     return {str(key): value for key, value in values.items()}

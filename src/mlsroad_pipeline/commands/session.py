@@ -12,6 +12,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+
 if TYPE_CHECKING:
     from kedro.io import CatalogProtocol
 
@@ -82,6 +84,8 @@ def run_pipeline(name: str, parameters: Mapping[str, Any], *, place: Place) -> R
     from kedro.io.core import generate_timestamp
     from kedro.runner import SequentialRunner
 
+    if "{" in str(place.folder) or "}" in str(place.folder):  # Kedro reads placeholders in them
+        raise ParameterError(f"{place.folder} has a brace in its path: run the command in another folder")
     own = [hook for hook in settings.HOOKS if place.is_project or not getattr(hook, "writes_to_project", False)]
     hooks = _hook_manager([*own, *_tracking_hooks(place)])
     pipelines.set_requested([name])

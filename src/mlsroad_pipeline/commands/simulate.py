@@ -34,8 +34,8 @@ def simulate(
     from mlsroad_pipeline.commands.errors import one_line_errors
 
     config: dict[str, Any] = {"preset": preset, "seed": seed, **({} if length is None else {"length": length})}
-    folder = Path(expanded([output])[0])
     with one_line_errors(verbose=verbose):
+        folder = Path(expanded([output])[0])
         write_street({**config, **nested(params or [])}, folder, overwrite=overwrite)
 
 

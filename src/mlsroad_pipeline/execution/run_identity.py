@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.execution.digests import digest_json
 
 STATE = ".mlsroad"
@@ -43,7 +44,12 @@ def run_folder(parameters: Mapping[str, Any]) -> Path | None:
     output = parameters.get("label", {}).get("output")
     if not output:
         return None
-    return Path(absolute(output), STATE, digest_json(run_settings(parameters))[:_DIGITS])
+    folder = absolute(output)
+    if not folder.isprintable() or "{" in folder or "}" in folder:
+        raise ParameterError(
+            f"label.output: {folder!r} has a brace or a control character in its name: choose another folder (-o)"
+        )
+    return Path(folder, STATE, digest_json(run_settings(parameters))[:_DIGITS])
 
 
 def first_difference(one: Any, other: Any, name: str = "") -> str | None:

@@ -113,7 +113,8 @@ class LabelParameters:
     Raises
     ------
     ParameterError
-        If `model` is neither a version nor a name, or `crs` is not a coordinate reference system.
+        If a value has the wrong type, `model` is neither a version nor a name, or `crs` is not a coordinate reference
+        system.
     """
 
     survey: str | Sequence[str]
@@ -132,6 +133,18 @@ class LabelParameters:
     keep_state: bool = False
 
     def __post_init__(self) -> None:
+        for name in ("copc", "coloured_ply", "overwrite", "keep_state"):
+            if not isinstance(getattr(self, name), bool):
+                raise ParameterError(f"label.{name} must be true or false, got {getattr(self, name)!r}")
+        for name in ("method", "scheme", "crs"):
+            if isinstance(getattr(self, name), list | Mapping):
+                raise ParameterError(f"label.{name} must be a single value, got {getattr(self, name)!r}")
+        for name in ("trajectory", "images"):
+            if not isinstance(getattr(self, name), str | Path | None):
+                raise ParameterError(f"label.{name} must be the name of a file, got {getattr(self, name)!r}")
+        for name in ("read", "inventory"):
+            if not isinstance(getattr(self, name), Mapping):
+                raise ParameterError(f"label.{name} must have parameters below it, got {getattr(self, name)!r}")
         if self.crs is not None:
             parse_crs(str(self.crs), option="label.crs")
             if self.read.get("crs") not in (None, self.crs):
