@@ -8,10 +8,7 @@ import pandas as pd
 REPORTING = Path("data/08_reporting")
 TABLES = ("comparison.csv", "image_comparison.csv", "detection_comparison.csv", "recognition_comparison.csv")
 NEXT = (
-    (
-        "label a survey of your own",
-        ".venv/bin/kedro run --pipelines=label --params=label.survey=FILE_OR_FOLDER,label.output=FOLDER",
-    ),
+    ("label a survey of your own", ".venv/bin/mlsroad label FILE_OR_FOLDER"),
     ("look at runs and models", ".venv/bin/mlflow ui --backend-store-uri sqlite:///mlflow.db"),
     ("compare all methods on five streets", "make compare"),
 )
