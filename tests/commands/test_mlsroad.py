@@ -41,7 +41,7 @@ def mlsroad(*arguments, cwd, **environment):
 
 @pytest.fixture(scope="module")
 def labelled(folder):
-    """What `mlsroad label FILE` said."""
+    """Result of `mlsroad label FILE`: exit code and output."""
     return mlsroad("label", "one, two.laz", cwd=folder)
 
 

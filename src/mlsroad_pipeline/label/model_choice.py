@@ -14,7 +14,12 @@ import pandas as pd
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.datasets.models.registered_models import ModelStore, RegisteredVersion, configured_store
+from mlsroad_pipeline.datasets.models.registered_models import (
+    MlflowStore,
+    ModelStore,
+    RegisteredVersion,
+    configured_store,
+)
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, load_shipped, shipped_models
 from mlsroad_pipeline.surveys.inspection import FileInspection, InspectParameters, inspect_survey
 
@@ -110,6 +115,11 @@ class AvailableModel:
     shipped: bool
     trained_on: str
     entry: ShippedModel | None = None
+
+
+def registered_models_at(uri: str) -> ModelStore:
+    """Return the registered models of an MLflow store."""
+    return MlflowStore(uri)
 
 
 def available_models(store: ModelStore | None = None) -> list[AvailableModel]:
@@ -247,7 +257,7 @@ def load_choice(choice: ModelChoice, store: ModelStore | None = None) -> ModelBu
 
 @dataclass(frozen=True)
 class ModelRequest:
-    """What a run of `label` asks for.
+    """Model that a run of `label` requests.
 
     Parameters
     ----------

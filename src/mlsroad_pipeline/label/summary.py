@@ -40,7 +40,7 @@ class OutputPaths(TypedDict):
 
 
 class LabelSummary(TypedDict):
-    """What `label` found and wrote; JSON values only."""
+    """Counts, warnings and output paths of a labelled survey; JSON values only."""
 
     survey: str
     output: str
