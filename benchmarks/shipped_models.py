@@ -37,7 +37,7 @@ from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.label.model_choice import explain_choice
 from mlsroad_pipeline.simulation import simulate_survey
-from mlsroad_pipeline.surveys.simulated import simulation_parameters
+from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 
 DATA = Path(os.environ.get("MLSROAD_DATA", Path(__file__).resolve().parents[2] / "shared/data"))
 COMMON = ("ground", "building", "vegetation", "pole", "sign", "vehicle", "person", "wire", "other")

@@ -31,7 +31,7 @@ from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labell
 from mlsroad_pipeline.reporting.clouds.view import oblique_view
 from mlsroad_pipeline.reporting.html.parts import figure_pixels
 from mlsroad_pipeline.simulation import simulate_survey
-from mlsroad_pipeline.surveys.simulated import simulation_parameters
+from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 
 PICTURE_WIDTH = 1100  # pixels
 N_JOBS = os.cpu_count() or 1

@@ -13,8 +13,8 @@ from kedro.framework.project import pipelines
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, ClassScheme, Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.config import ParameterConfigLoader
+from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
-from mlsroad_pipeline.surveys.simulated import simulation_parameters
 
 ENVIRONMENTS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and path.name != "local")
 

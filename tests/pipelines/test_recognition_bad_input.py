@@ -16,6 +16,7 @@ from kedro.runner import SequentialRunner
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.datasets.models.bundle_files import load_bundle, save_bundle
 from mlsroad_pipeline.datasets.models.model_registry_dataset import register_bundle
+from mlsroad_pipeline.execution.output_lock import release_output
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.options import WriteOptions
 
@@ -47,7 +48,10 @@ def label_with(project, bundle, survey, output):
     with session_of(project, **given) as session:
         catalog: DataCatalog = session.load_context().catalog
         catalog.save("label_model", bundle)
-        SequentialRunner().run(pipelines["label"] - pipelines["label"].only_nodes("choose_model"), catalog)
+        try:
+            SequentialRunner().run(pipelines["label"] - pipelines["label"].only_nodes("choose_model"), catalog)
+        finally:
+            release_output(output)  # a hook does it in a session
     return output
 
 

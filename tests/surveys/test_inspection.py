@@ -12,9 +12,15 @@ from mlsroad_pipeline.algorithms.quality.inspection import ColumnSummary, ScanLi
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.formats.las.format import LasFormat
-from mlsroad_pipeline.reporting.inspection_page import inspection_warnings, survey_facts, survey_page
+from mlsroad_pipeline.reporting.inspection_page import survey_page
 from mlsroad_pipeline.surveys import inspection as inspect_work
-from mlsroad_pipeline.surveys.inspection import InspectParameters, inspect_file, inspect_survey
+from mlsroad_pipeline.surveys.inspection import (
+    InspectParameters,
+    inspect_file,
+    inspect_survey,
+    inspection_warnings,
+    survey_facts,
+)
 
 ORIGIN = np.array([480_000.0, 5_455_000.0, 100.0])
 
@@ -27,6 +33,10 @@ def make_cloud(rng, n=3000):
         **{"intensity": np.full(n, 0.5, np.float32), "rgb": rng.integers(0, 256, (n, 3), dtype=np.uint8)},
     }
     return PointCloud(xyz, columns, ORIGIN, parse_crs("EPSG:25832"))
+
+
+def page_of(survey, files, warnings):
+    return survey_page(survey, [file.facts for file in files], {file.name: file.picture for file in files}, warnings)
 
 
 def write(path, cloud):
@@ -85,12 +95,12 @@ def test_a_survey_of_several_files(tmp_path, rng):
     )
     facts = survey_facts(str(tmp_path), files, table)
     assert facts["n_points"] == 6000 and len(facts["warnings"]) == len(table)
-    page = survey_page("<street>", files, table)
+    page = page_of("<street>", files, table)
     assert page.count("<img") == 2 and "&lt;street&gt;" in page and "different coordinate reference systems" in page
     with pytest.raises(ParameterError, match=r"inspect\.max_gap"):
         InspectParameters(max_gap=0)
     assert list(inspection_warnings(files[:1], {}).columns) == ["file", "warning"]
-    assert survey_page("none", [], pd.DataFrame(columns=["file", "warning"])).startswith("<!DOCTYPE")
+    assert page_of("none", [], pd.DataFrame(columns=["file", "warning"])).startswith("<!DOCTYPE")
 
 
 def test_whole_numbers_give_a_warning(tmp_path, rng):
@@ -155,5 +165,5 @@ def test_a_warning_of_many_files_is_given_once(tmp_path, rng):
     assert told["file"].tolist() == ["13 of 13 files, the first 00.laz"]
     assert "only some of the files have level" in table["warning"].tolist()
     assert table["warning"].is_unique
-    page = survey_page(str(tmp_path), files, table)
+    page = page_of(str(tmp_path), files, table)
     assert "From above: the first 12 of 13 files" in page and page.count("<figure>") == 12

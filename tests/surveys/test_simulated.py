@@ -12,11 +12,11 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.pipelines.simulate.nodes import simulate_surveys
 from mlsroad_pipeline.simulation import simulate_survey
 from mlsroad_pipeline.simulation.furnishing.blocks import PASS_INSTANCES
+from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.simulation.street.drive import PAUSE
 from mlsroad_pipeline.surveys.simulated import (
     SurveyFiles,
-    simulation_parameters,
-    survey_files,
+    configured_survey,
     write_simulated_survey,
 )
 from mlsroad_pipeline.surveys.simulated_frames import semantic_kitti_codes
@@ -37,7 +37,9 @@ def parameters():
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, parameters):
     target = tmp_path_factory.mktemp("simulated") / "survey"
-    counts = write_simulated_survey(parameters=parameters, folder=str(target), n_threads=2, files=survey_files(CONFIG))
+    counts = write_simulated_survey(
+        parameters=parameters, folder=str(target), n_threads=2, files=configured_survey(CONFIG)[1]
+    )
     assert int(counts["n_images"]) == 2 * 2 * 3
     return target
 
@@ -160,7 +162,7 @@ def test_frames_are_revolutions_in_the_scanners_axes(folder, clouds, parameters)
 def test_scan_spacing_keeps_one_revolution_of_each_piece_of_street(tmp_path, clouds):
     config = {**CONFIG, "with_images": False, "scan_spacing": 4.0}
     del config["piece_length"], config["frames"]
-    files, parameters = survey_files(config), simulation_parameters(config)
+    parameters, files = configured_survey(config)
     write_simulated_survey(parameters=parameters, folder=str(tmp_path / "scans"), n_threads=2, files=files)
     scans = [laspy.read(tmp_path / "scans" / name) for name in files.names(parameters)]
     assert len(scans) == len(clouds) == 6
@@ -169,7 +171,7 @@ def test_scan_spacing_keeps_one_revolution_of_each_piece_of_street(tmp_path, clo
         first = first[first < first.min() + 0.1]
         np.testing.assert_array_equal(scan.gps_time, first)
     with pytest.raises(ParameterError, match="piece_length and scan_spacing exclude each other"):
-        survey_files({**config, "piece_length": 4.0})
+        configured_survey({**config, "piece_length": 4.0})
 
 
 def test_every_taxonomy_class_has_a_semantic_kitti_code():

@@ -43,13 +43,9 @@ def write_street(config: dict[str, Any], folder: Path, *, overwrite: bool) -> No
     """Simulate a survey into a folder, with a progress bar, and print what is there."""
     from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
     from mlsroad_pipeline.commands.console import error_console, output_console, shown_path, survey_progress
-    from mlsroad_pipeline.surveys.simulated import (
-        simulation_parameters,
-        survey_files,
-        write_simulated_survey,
-    )
+    from mlsroad_pipeline.surveys.simulated import configured_survey, write_simulated_survey
 
-    parameters, layout = simulation_parameters(config), survey_files(config)
+    parameters, layout = configured_survey(config)
     if folder.exists() and not folder.is_dir():
         raise ParameterError(f"{folder} is a file: name another folder with --output")
     if folder.is_dir() and any(folder.iterdir()) and not overwrite:

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.reporting.html.report import Section, build_report
 from mlsroad_pipeline.studies.tables import Tables
-from mlsroad_pipeline.surveys.simulated import simulation_parameters
 
 
 class Stage(NamedTuple):
@@ -73,13 +72,3 @@ def study_pipeline(
             Node(report_study, [*entries("plan"), *tables, *entries(*report.shown)], figures, name=f"report_{study}"),
         ]
     )
-
-
-def street_tasks(
-    make: Callable[..., Any], surveys: Mapping[str, Mapping[str, Any]], **parameters: Any
-) -> dict[str, SceneTask]:
-    """Create one task per street that simulates it; `parameters` are further arguments of `make`."""
-    return {
-        key: SceneTask(make, parameters={"simulation": simulation_parameters(survey), **parameters})
-        for key, survey in surveys.items()
-    }

@@ -1,4 +1,4 @@
-"""Report on the files of a survey: warnings, facts as plain data, and an HTML page."""
+"""Report on the files of a survey as an HTML page."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
+from mlsroad_pipeline.algorithms.quality.inspection import SurveyMap
 from mlsroad_pipeline.reporting.figures.survey import survey_map_figure
 from mlsroad_pipeline.reporting.html.report import (
     FactsSection,
@@ -17,43 +18,26 @@ from mlsroad_pipeline.reporting.html.report import (
     WarningsSection,
     build_report,
 )
-from mlsroad_pipeline.surveys.inspection import FileInspection
-from mlsroad_pipeline.surveys.survey_warnings import survey_warnings
 
 MOST_PICTURES = 12
 """Maximum number of maps in the report."""
 
 
-def inspection_warnings(files: Sequence[FileInspection], skipped: Mapping[str, str]) -> pd.DataFrame:
-    """Return the warnings on the files and on differences between them, one row per cause."""
-    rows = survey_warnings([file.overview for file in files], skipped, {file.name: file.more for file in files})
-    return pd.DataFrame(rows, columns=["file", "warning"])
-
-
-def survey_facts(survey: str, files: Sequence[FileInspection], warnings: pd.DataFrame) -> dict[str, Any]:
-    """Return the facts of a survey as plain data."""
-    return {
-        "survey": survey,
-        "n_points": sum(file.facts["n_points"] for file in files),
-        "files": [file.facts for file in files],
-        "warnings": warnings.to_dict("records"),
-    }
-
-
-def survey_page(survey: str, files: Sequence[FileInspection], warnings: pd.DataFrame) -> str:
-    """Return the report as an HTML page."""
-    facts = [file.facts for file in files]
+def survey_page(
+    survey: str, facts: Sequence[Mapping[str, Any]], maps: Mapping[str, SurveyMap], warnings: pd.DataFrame
+) -> str:
+    """Return the report as an HTML page, from the facts of each file and the maps by file."""
     systems = sorted({fact["crs_name"] or "none" for fact in facts})
     summary = {
-        "files": len(files),
+        "files": len(facts),
         "points": sum(fact["n_points"] for fact in facts),
         "size, MB": sum(fact["bytes"] for fact in facts) / 1e6,
         "formats": ", ".join(sorted({_kind(fact) for fact in facts})) or "none",
         "coordinate reference system": ", ".join(systems) or "none",
     }
     messages = [f"{row.file}: {row.warning}" for row in warnings.itertuples()]
-    pictures = {f"{file.name}": survey_map_figure(file.picture) for file in files[:MOST_PICTURES]}
-    some = f": the first {MOST_PICTURES} of {len(files)} files" if len(files) > MOST_PICTURES else ""
+    pictures = {name: survey_map_figure(maps[name]) for name in list(maps)[:MOST_PICTURES]}
+    some = f": the first {MOST_PICTURES} of {len(maps)} files" if len(maps) > MOST_PICTURES else ""
     sections: list[Section] = [
         FactsSection("Survey", summary),
         WarningsSection("Warnings", messages),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
-from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
+from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters, simulation_parameters
 from mlsroad_pipeline.simulation.runtime.survey import Survey, simulate_survey
 from mlsroad_pipeline.simulation.street.drive import PAUSE
 
@@ -24,6 +25,16 @@ def timed(function: Callable[..., Value], *arguments: Any, **options: Any) -> tu
     start = time.process_time()
     value = function(*arguments, **options)
     return value, time.process_time() - start
+
+
+def street_tasks(
+    make: Callable[..., Any], surveys: Mapping[str, Mapping[str, Any]], **parameters: Any
+) -> dict[str, SceneTask]:
+    """Create one task per street that simulates it; `parameters` are further arguments of `make`."""
+    return {
+        key: SceneTask(make, parameters={"simulation": simulation_parameters(survey), **parameters})
+        for key, survey in surveys.items()
+    }
 
 
 def make_street(

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyproj
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
@@ -30,7 +31,7 @@ from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.surveys.files import Survey
 from mlsroad_pipeline.surveys.reading import has_whole_numbers, replaced_crs
 from mlsroad_pipeline.surveys.sbet import coverage_note, in_weeks_of
-from mlsroad_pipeline.surveys.survey_warnings import SurveyFacts, file_warnings
+from mlsroad_pipeline.surveys.survey_warnings import SurveyFacts, file_warnings, survey_warnings
 from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
 
 logger = logging.getLogger(__name__)
@@ -105,6 +106,22 @@ class FileInspection:
     def warnings(self) -> list[str]:
         """One sentence per problem."""
         return [*file_warnings(self.overview), *self.more]
+
+
+def inspection_warnings(files: Sequence[FileInspection], skipped: Mapping[str, str]) -> pd.DataFrame:
+    """Return the warnings on the files and on differences between them, one row per cause."""
+    rows = survey_warnings([file.overview for file in files], skipped, {file.name: file.more for file in files})
+    return pd.DataFrame(rows, columns=["file", "warning"])
+
+
+def survey_facts(survey: str, files: Sequence[FileInspection], warnings: pd.DataFrame) -> dict[str, Any]:
+    """Return the facts of a survey as plain data."""
+    return {
+        "survey": survey,
+        "n_points": sum(file.facts["n_points"] for file in files),
+        "files": [file.facts for file in files],
+        "warnings": warnings.to_dict("records"),
+    }
 
 
 def inspect_survey(

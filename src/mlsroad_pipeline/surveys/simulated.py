@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
@@ -21,40 +21,15 @@ from mlsroad_pipeline.formats.las.layout import new_header, pack_records
 from mlsroad_pipeline.formats.las.writer import RecordWriter
 from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.simulation.cameras.cameras import Image
-from mlsroad_pipeline.simulation.parameters.known_scanners import scanner_system
-from mlsroad_pipeline.simulation.parameters.presets import OF_THE_SCANNER, PRESETS, SimulationParameters
-from mlsroad_pipeline.simulation.parameters.street_parameters import street_parameters
+from mlsroad_pipeline.simulation.parameters.presets import LAYOUT, PRESETS, SimulationParameters, simulation_parameters
 from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces
 from mlsroad_pipeline.surveys.distance_lines import distance_lines
 from mlsroad_pipeline.surveys.simulated_frames import FrameWriter
 
 POINTS, TRAJECTORY = "survey.laz", "trajectory.csv"
 
-LAYOUT = ("piece_length", "frames", "scan_spacing")
-"""Keys of a survey's configuration that describe its file layout."""
-
 SCAN_ANGLE_STEP = 0.006
 """Degrees per unit of the scan angle in LAS 1.4."""
-
-
-def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
-    """Return the simulation parameters that a configuration describes."""
-    changes = {name: value for name, value in config.items() if name not in LAYOUT}
-    preset = changes.pop("preset", "demo")
-    if preset not in PRESETS:
-        raise ParameterError(f"simulation preset {preset!r} is unknown (presets: {', '.join(PRESETS)})")
-    known = {field.name for field in fields(SimulationParameters)}
-    unknown = sorted(set(changes) - known)
-    if unknown:
-        names = ", ".join(sorted(known | set(LAYOUT)))
-        raise ParameterError(f"unknown simulation parameters: {', '.join(unknown)} (known: {names})")
-    if "scanner" in changes:
-        changes["scanner"] = scanner_system(changes["scanner"])
-        if changes["scanner"] != PRESETS[preset].scanner:
-            changes = {**dict.fromkeys(OF_THE_SCANNER), **changes}
-    if "street" in changes:
-        changes["street"] = street_parameters(changes["street"])
-    return replace(PRESETS[preset], **changes)
 
 
 def presets() -> tuple[str, ...]:
@@ -72,9 +47,9 @@ def selected_surveys(simulation: Mapping[str, Any]) -> dict[str, Mapping[str, An
     return {name: config for name, config in surveys.items() if config is not None and only in (None, name)}
 
 
-def survey_files(config: Mapping[str, Any]) -> SurveyFiles:
-    """Return the file layout that a survey's configuration describes."""
-    return SurveyFiles(**{name: config[name] for name in LAYOUT if name in config})
+def configured_survey(config: Mapping[str, Any]) -> tuple[SimulationParameters, SurveyFiles]:
+    """Return the simulation parameters and the file layout that a survey's configuration describes."""
+    return simulation_parameters(config), SurveyFiles(**{name: config[name] for name in LAYOUT if name in config})
 
 
 @dataclass(frozen=True)

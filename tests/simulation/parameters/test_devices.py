@@ -8,9 +8,9 @@ from mlsroad_pipeline.simulation import PRESETS
 from mlsroad_pipeline.simulation.model.meshes import rotation_matrix
 from mlsroad_pipeline.simulation.parameters.devices import Device
 from mlsroad_pipeline.simulation.parameters.known_scanners import SCANNERS, scanner_system
+from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.simulation.scanning.scanner import draw_calibration, georeference, send_pulses
 from mlsroad_pipeline.simulation.street.drive import Drive
-from mlsroad_pipeline.surveys.simulated import simulation_parameters
 
 
 def standing(system):

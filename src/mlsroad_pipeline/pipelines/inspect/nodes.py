@@ -5,9 +5,9 @@ from typing import Any
 
 import pandas as pd
 
-from mlsroad_pipeline.reporting.inspection_page import inspection_warnings, survey_facts, survey_page
+from mlsroad_pipeline.reporting.inspection_page import survey_page
 from mlsroad_pipeline.surveys.files import Survey
-from mlsroad_pipeline.surveys.inspection import InspectParameters, inspect_survey
+from mlsroad_pipeline.surveys.inspection import InspectParameters, inspect_survey, inspection_warnings, survey_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
 logger = logging.getLogger(__name__)
@@ -21,4 +21,5 @@ def inspect_files(parameters: InspectParameters, survey: SurveyParameters) -> tu
     warnings = inspection_warnings(files, unread)
     for row in warnings.itertuples():
         logger.warning("%s: %s", row.file, row.warning)
-    return survey_facts(root, files, warnings), survey_page(root, files, warnings), warnings
+    page = survey_page(root, [file.facts for file in files], {file.name: file.picture for file in files}, warnings)
+    return survey_facts(root, files, warnings), page, warnings

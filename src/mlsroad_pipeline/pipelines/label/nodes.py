@@ -22,13 +22,14 @@ from mlsroad_pipeline.label.checks import check_outputs
 from mlsroad_pipeline.label.images import LabelImages, images_to_label
 from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, objects_task
 from mlsroad_pipeline.label.model_choice import ModelRequest, named_choice
-from mlsroad_pipeline.label.outputs import label_report_sections, label_warnings
 from mlsroad_pipeline.label.planned_outputs import planned_outputs
+from mlsroad_pipeline.label.result_warnings import label_warnings
 from mlsroad_pipeline.label.runs import open_run
 from mlsroad_pipeline.label.scene import LabelSettings, code_names, object_rules, output_codes
 from mlsroad_pipeline.label.summary import LabelSummary, summarise_labels
 from mlsroad_pipeline.label.tasks import label_tasks
 from mlsroad_pipeline.label.work import write_file
+from mlsroad_pipeline.pipelines.label.report import label_report_sections
 from mlsroad_pipeline.reporting.html.report import build_report
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan, plan_labelling

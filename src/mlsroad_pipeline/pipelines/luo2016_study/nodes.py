@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.pipelines.study import street_tasks
 from mlsroad_pipeline.studies.luo2016.plan import StudyPlan
 from mlsroad_pipeline.studies.luo2016.results import StudyTables, study_tables
-from mlsroad_pipeline.studies.streets import make_street
+from mlsroad_pipeline.studies.streets import make_street, street_tasks
 
 
 def make_streets(plan: StudyPlan) -> dict[str, SceneTask]:

@@ -10,9 +10,8 @@ from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.simulated import (
     TRAJECTORY,
+    configured_survey,
     selected_surveys,
-    simulation_parameters,
-    survey_files,
     write_simulated_survey,
 )
 
@@ -26,7 +25,7 @@ def simulate_surveys(simulation: Mapping[str, Any], survey: SurveyParameters) ->
     n_threads = THREADS if len(selected) == 1 else 1
     tasks = {}
     for name, config in selected.items():
-        parameters, files = simulation_parameters(config), survey_files(config)
+        parameters, files = configured_survey(config)
         folder = Path(str(survey.root)) / name
         tasks[name] = SceneTask(
             write_simulated_survey,

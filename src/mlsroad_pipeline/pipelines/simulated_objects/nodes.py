@@ -16,7 +16,7 @@ from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.studies.luo2019.paper import OBJECTS
 from mlsroad_pipeline.studies.luo2019.set_parameters import SimulatedObjectsParameters
 from mlsroad_pipeline.studies.luo2019.sets import SplitKey, composition_table, cut_street, draw_split, wanted_objects
-from mlsroad_pipeline.surveys.simulated import simulation_parameters
+from mlsroad_pipeline.studies.streets import street_tasks
 
 
 def cut_streets(
@@ -26,21 +26,19 @@ def cut_streets(
     classes: Mapping[str, Any],
 ) -> dict[str, SceneTask]:
     """Create one task per street: simulation and extraction of the objects."""
-    return {
-        f"{name}.seed_{seed}": SceneTask(
+    tasks: dict[str, SceneTask] = {}
+    for name, config in parameters.chosen_sets().items():
+        seeds = chain.from_iterable(config.seeds_of_splits().values())
+        tasks |= street_tasks(
             cut_street,
-            parameters={
-                "simulation": simulation_parameters({**config.survey, "seed": seed}),
-                "ground": ground,
-                "segmentation": segmentation,
-                "scheme": find_scheme(classes["schemes"], name),
-                "wanted": list(OBJECTS[name]),
-                "parameters": parameters.cut,
-            },
+            {f"{name}.seed_{seed}": {**config.survey, "seed": seed} for seed in seeds},
+            ground=ground,
+            segmentation=segmentation,
+            scheme=find_scheme(classes["schemes"], name),
+            wanted=list(OBJECTS[name]),
+            parameters=parameters.cut,
         )
-        for name, config in parameters.chosen_sets().items()
-        for seed in chain.from_iterable(config.seeds_of_splits().values())
-    }
+    return tasks
 
 
 def draw_splits(

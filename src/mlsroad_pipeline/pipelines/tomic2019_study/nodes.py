@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.pipelines.study import street_tasks
+from mlsroad_pipeline.studies.streets import street_tasks
 from mlsroad_pipeline.studies.tomic2019 import runs as tomic2019_runs
 from mlsroad_pipeline.studies.tomic2019.plan import StudyPlan
 from mlsroad_pipeline.studies.tomic2019.results import FusionRun, StudyTables, study_tables

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.pipelines.study import street_tasks
+from mlsroad_pipeline.studies.streets import street_tasks
 from mlsroad_pipeline.studies.yu2016 import results as yu2016_results
 from mlsroad_pipeline.studies.yu2016.plan import StudyPlan
 from mlsroad_pipeline.studies.yu2016.results import StudyTables, study_tables

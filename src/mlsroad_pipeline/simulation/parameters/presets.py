@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from numbers import Integral, Real
 from typing import Any
 
@@ -11,8 +12,11 @@ import pyproj
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem
-from mlsroad_pipeline.simulation.parameters.known_scanners import SCANNERS
-from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS, StreetParameters
+from mlsroad_pipeline.simulation.parameters.known_scanners import SCANNERS, scanner_system
+from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS, StreetParameters, street_parameters
+
+LAYOUT = ("piece_length", "frames", "scan_spacing")
+"""Keys of a survey's configuration that describe its file layout."""
 
 OF_THE_SCANNER = ("profile_rate", "pulse_rate", "range_noise", "beam_divergence", "max_range")
 """Parameters whose value None stands for the scanner's own."""
@@ -186,3 +190,23 @@ PRESETS: dict[str, SimulationParameters] = {
 fraction of its rate. ``vmx450``, ``vmq1ha``, ``hdl64``, ``sick_side`` and ``oakland`` are scanners at their own rates,
 the last three without images; the street of ``oakland`` is of the kind ``campus``.
 """
+
+
+def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
+    """Return the simulation parameters that a configuration describes."""
+    changes = {name: value for name, value in config.items() if name not in LAYOUT}
+    preset = changes.pop("preset", "demo")
+    if preset not in PRESETS:
+        raise ParameterError(f"simulation preset {preset!r} is unknown (presets: {', '.join(PRESETS)})")
+    known = {field.name for field in fields(SimulationParameters)}
+    unknown = sorted(set(changes) - known)
+    if unknown:
+        names = ", ".join(sorted(known | set(LAYOUT)))
+        raise ParameterError(f"unknown simulation parameters: {', '.join(unknown)} (known: {names})")
+    if "scanner" in changes:
+        changes["scanner"] = scanner_system(changes["scanner"])
+        if changes["scanner"] != PRESETS[preset].scanner:
+            changes = {**dict.fromkeys(OF_THE_SCANNER), **changes}
+    if "street" in changes:
+        changes["street"] = street_parameters(changes["street"])
+    return replace(PRESETS[preset], **changes)

@@ -17,6 +17,7 @@ from mlsroad_pipeline.algorithms.image_labels.training_parameters import ImageLa
 from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.studies.parameters import changed
 from mlsroad_pipeline.studies.tomic2019 import runs
 from mlsroad_pipeline.studies.tomic2019.parameters import (
@@ -27,7 +28,6 @@ from mlsroad_pipeline.studies.tomic2019.parameters import (
     StudyParameters,
     StudyScale,
 )
-from mlsroad_pipeline.surveys.simulated import simulation_parameters
 
 PRINTED, OWN = "printed_forest", "detrended_forest"
 """Method 1 with the features of section 2.1, and with those of this project."""

@@ -1,4 +1,4 @@
-"""Outputs of `label`: plan of the files to write, sections of the report."""
+"""Sections of the report of `label`."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.models.methods import needs_images
-from mlsroad_pipeline.label.confidence import confidence_table, confidence_warnings
-from mlsroad_pipeline.label.images import effect_without_images
+from mlsroad_pipeline.label.confidence import confidence_table
 from mlsroad_pipeline.label.scene import LabelCounts
 from mlsroad_pipeline.label.summary import class_counts, summed_counts, written_clouds
 from mlsroad_pipeline.label.work import WrittenFile
@@ -34,12 +32,6 @@ CONFIDENCE_NOTE = (
 def _plain_text(value: object) -> str:
     """Return a mapping as ``name value, name value``, anything else as its string."""
     return ", ".join(f"{name} {item}" for name, item in value.items()) if isinstance(value, Mapping) else str(value)
-
-
-def label_warnings(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> list[str]:
-    """Return the warnings about the labels and the images."""
-    confidences = confidence_table(summed_counts(counts)["confidences"], bundle_scheme(bundle).classes)
-    return [*confidence_warnings(confidences), *image_warnings(bundle, counts)]
 
 
 def label_report_sections(
@@ -82,11 +74,3 @@ def _seen_by_cameras(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> 
     total = sum(int(scene["counts"].sum()) for scene in counts.values())
     seen = sum(int(scene["seen"][0]) for scene in counts.values() if "seen" in scene)
     return {"seen by cameras": f"{seen} points, {100 * seen / max(total, 1):.1f} %"}
-
-
-def image_warnings(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> list[str]:
-    """Return a warning for drives without images, for methods that use images."""
-    without = list(dict.fromkeys(SceneKey.parse(key).parent for key, scene in counts.items() if "seen" not in scene))
-    if not needs_images(bundle.slug) or not without:
-        return []
-    return [f"There are no images for {', '.join(without)}: {effect_without_images(bundle)}."]
