@@ -20,7 +20,7 @@ def _presets() -> list[str]:
 def simulate(
     output: Annotated[str, typer.Option("--output", "-o", metavar="FOLDER", help="Folder of the survey.")] = "street",
     preset: Annotated[
-        str, typer.Option(help="Scanner and street, such as vmx450, vmq1ha, hdl64, oakland.", autocompletion=_presets)
+        str, typer.Option(help="Scanner and street, such as vmx450, hdl64, pandar64, oakland.", autocompletion=_presets)
     ] = "small",
     seed: Annotated[int, typer.Option(help="Seed of the street.")] = 1,
     length: Annotated[float | None, typer.Option(metavar="METRES", help="Length of the street.")] = None,

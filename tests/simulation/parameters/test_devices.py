@@ -57,6 +57,24 @@ def test_the_64_beams_lie_on_their_cones_all_around():
     assert ahead[0] > 0.9 and abs(ahead[1]) < 1e-3
 
 
+@pytest.mark.parametrize(
+    ("name", "beams", "highest", "lowest", "columns", "height"),
+    [
+        ("hdl32", 32, 10.67, -30.67, 1086, 1.84), ("vlp32", 32, 15.0, -25.0, 1875, 1.68),
+        ("vlp16", 16, 15.0, -15.0, 1875, 1.9), ("pandar64", 64, 14.882, -24.897, 1800, 1.73),
+        ("hesai_xt32", 32, 15.0, -16.0, 2000, 1.9), ("os1_64", 64, 22.5, -22.5, 1024, 1.8),
+        ("os1_128", 128, 22.5, -22.5, 1024, 1.8),
+    ],
+)  # fmt: skip
+def test_rotating_heads_have_the_beams_and_columns_of_their_data_sheets(name, beams, highest, lowest, columns, height):
+    system = SCANNERS[name]
+    device = system.devices[0]
+    assert len(set(device.elevations)) == len(device.elevations) == beams
+    assert (max(device.elevations), min(device.elevations)) == (highest, pytest.approx(lowest))
+    assert 2 * np.pi / device.step == pytest.approx(columns, abs=1)
+    assert system.platform + device.lever[2] == pytest.approx(height)
+
+
 def test_side_looking_scanners_cover_their_own_side_alone():
     for number, sign in ((0, 1.0), (1, -1.0)):
         pulses = pulses_of("sick_side", 3600, device=number)
@@ -114,7 +132,7 @@ def test_a_custom_scanner_is_read_from_configuration():
 @pytest.mark.parametrize(
     ("config", "message"),
     [
-        ("vmx", "scanner 'vmx' is unknown .scanners: vmx450, vmq1ha, hdl64, sick_side"),
+        ("vmx", "scanner 'vmx' is unknown .scanners: vmx450, vmq1ha, mx9, sick_side"),
         ({"like": "hdl64", "pulse": 3}, "unknown fields of a scanner: pulse"),
         ({"name": "x"}, "scanner must have devices, or be like one of"),
         ({"devices": [{"profile_rate": 10}]}, "a scanner's device must have pulse_rate"),

@@ -8,6 +8,7 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.simulation import (
     PRESETS,
+    SCANNERS,
     SimulationParameters,
     SurveyStream,
     long_survey,
@@ -221,5 +222,5 @@ def test_bad_counts_are_named(parameters):
 
 
 def test_presets_are_what_they_say():
-    assert set(PRESETS) == {"tiny", "small", "demo", "vmx450", "vmq1ha", "hdl64", "sick_side", "oakland"}
+    assert set(PRESETS) == {"tiny", "small", "demo", "vlp32_front", *SCANNERS}
     assert PRESETS["demo"] == SimulationParameters()

@@ -191,12 +191,12 @@ class ScannerSystem:
         """The vehicle in its own frame: from and to along x, y and z, shape (3, 2)."""
         return np.array([self.body[:2], self.body[2:], (-self.platform, 0.0)])
 
-    def changed(self, **changes: float | None) -> ScannerSystem:
+    def changed(self, **changes: Any) -> ScannerSystem:
         """Return the system with fields of all its devices changed.
 
         Parameters
         ----------
-        **changes : float or None
+        **changes : object
             Fields of `Device`; None leaves a field unchanged.
 
         Returns

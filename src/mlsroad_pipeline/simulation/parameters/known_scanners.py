@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
 
-import numpy as np
-
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.simulation.parameters import multi_beam_scanners as beams
 from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem
 
 
@@ -27,18 +26,13 @@ def _vmq1ha() -> ScannerSystem:
     return ScannerSystem("vmq1ha", (device,))
 
 
-def _hdl64() -> ScannerSystem:
-    # HDL-64E: 32 beams a third of a degree apart above 32 half a degree apart, 10 Hz, some 1.33 million pulses/s, 50 m
-    # at a reflectivity of 10 %. Each laser's power follows its returns in eight steps (the maker's manual); target,
-    # memory, scale of intensity and noise are fitted to two thirds of a recorded scan (docs/realism.md).
-    elevations = (*np.linspace(2.0, -8.33, 32), *np.linspace(-8.83, -24.8, 32))
-    device = Device(
-        1.333e6, 10.0, (0.0, 0.0, 0.63), pitch=-90.0, elevations=elevations, divergence=0.002, range_noise=0.007,
-        accuracy=0.02, range_step=0.002, min_range=0.9, max_range=120.0, max_returns=1, pulse_length=0.75,
-        sensitivity=-10.0, blooming=0.008, intensity_scale=(5.0, 33.0), power_control=24.0, power_target=13.0,
-        power_memory=128, turf_gain=2.0, gain_spread=1.5,
+def _mx9() -> ScannerSystem:
+    # Trimble MX9 with two heads of 1 MHz, 250 lines/s, 0.35 mrad each; accuracy 5 mm, precision 3 mm, 1.2 m to 150 m.
+    one = Device(
+        1e6, 250.0, (-0.4, 0.3, 0.5), yaw=30.0, pitch=25.0, divergence=0.00035, range_noise=0.003, accuracy=0.005,
+        min_range=1.2, max_range=150.0,
     )  # fmt: skip
-    return ScannerSystem("hdl64", (device,), platform=1.1, body=(-2.2, 1.2, -0.85, 0.85))
+    return ScannerSystem("mx9", (one, replace(one, lever=(-0.4, -0.3, 0.5), yaw=-30.0)))
 
 
 def _sick_side() -> ScannerSystem:
@@ -63,8 +57,19 @@ def _oakland() -> ScannerSystem:
     return ScannerSystem("oakland", (device,), platform=1.8, body=(-2.5, 2.0, -0.85, 0.85))
 
 
-SCANNERS: dict[str, ScannerSystem] = {s.name: s for s in (_vmx450(), _vmq1ha(), _hdl64(), _sick_side(), _oakland())}
-"""Known systems: RIEGL VMX-450 and VMQ-1HA, Velodyne HDL-64E on a car, SICK LMS 291 (a pair, and one as in Oakland)."""
+_LINE_SCANNERS = (_vmx450(), _vmq1ha(), _mx9(), _sick_side(), _oakland())
+_MULTI_BEAM = (
+    beams.hdl64(), beams.hdl32(), beams.vlp32(), beams.vlp16(), beams.pandar64(), beams.pandaset(), beams.hesai_xt32(),
+    beams.os1_64(), beams.os1_128(), beams.cyclomedia(),
+)  # fmt: skip
+
+SCANNERS: dict[str, ScannerSystem] = {system.name: system for system in (*_LINE_SCANNERS, *_MULTI_BEAM)}
+"""Known systems.
+
+Line scanners: RIEGL VMX-450 and VMQ-1HA, Trimble MX9, SICK LMS 291 (a pair, and one as in Oakland). Rotating heads with
+several beams: Velodyne HDL-64E, HDL-32E, VLP-32C and VLP-16, Hesai Pandar64 (alone, and with a PandarGT as in PandaSet)
+and PandarXT-32, Ouster OS1-64 and OS1-128, and a tilted HDL-32E as on Cyclomedia's cars.
+"""
 
 
 def scanner_system(config: str | Mapping[str, Any]) -> ScannerSystem:
