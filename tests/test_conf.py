@@ -54,8 +54,8 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
     # what stages exchange is stored, so that a run can be resumed; only plans, and what merely joins
     # stored results, stay in memory
     in_memory = {n for n in names if type(catalog.get(n)).__name__ == "MemoryDataset" and not n.startswith("params:")}
-    plans = {"survey_plan", "label_plan", "luo2016_study.plan", "luo2019_study.plan", "tomic2019_study.plan",
-             "yu2016_study.plan"}  # fmt: skip
+    plans = {"survey_plan", "label_plan", "luo2016_study.plan", "luo2019_study.plan", "recordings_study.plan",
+             "tomic2019_study.plan", "yu2016_study.plan"}  # fmt: skip
     assert in_memory == {
         *plans,
         "image_labels.drives",
@@ -107,7 +107,7 @@ def test_scheme_builds_and_writes_codes_that_las_has(name):
     assert not set(scheme.ignored) & {member for group in scheme.members for member in group}
 
 
-@pytest.mark.parametrize("name", ["tomic2019", "road_inventory", "luo2016", "asprs"])
+@pytest.mark.parametrize("name", ["tomic2019", "road_inventory", "common", "luo2016", "asprs"])
 def test_general_schemes_name_the_whole_taxonomy(name):
     ClassScheme.from_config(name, schemes_and_codings()[0][name]).encode(list(TAXONOMY.values()))
 

@@ -23,6 +23,7 @@ from mlsroad_pipeline.datasets.models.shipped_models import ShippedParameters
 from mlsroad_pipeline.studies.luo2016.parameters import StudyParameters
 from mlsroad_pipeline.studies.luo2019.parameters import StudyParameters as Luo2019StudyParameters
 from mlsroad_pipeline.studies.luo2019.set_parameters import SimulatedObjectsParameters
+from mlsroad_pipeline.studies.recordings.parameters import StudyParameters as RecordingsStudyParameters
 from mlsroad_pipeline.studies.tomic2019.parameters import StudyParameters as Tomic2019StudyParameters
 from mlsroad_pipeline.studies.yu2016.parameters import StudyParameters as Yu2016StudyParameters
 from mlsroad_pipeline.surveys.inspection import InspectParameters
@@ -40,6 +41,7 @@ TYPED = {
     "label": LabelParameters,
     "luo2016_study": StudyParameters,
     "luo2019_study": Luo2019StudyParameters,
+    "recordings_study": RecordingsStudyParameters,
     "simulated_objects": SimulatedObjectsParameters,
     "tomic2019_study": Tomic2019StudyParameters,
     "yu2016_study": Yu2016StudyParameters,
@@ -49,8 +51,8 @@ TYPED = {
     "survey": SurveyParameters,
 }
 CONFIGURED = {
-    "jointnet_printed", "luo2016_study", "luo2019_study", "simulated_objects", "survey", "tomic2019_study",
-    "yu2016_study",
+    "jointnet_printed", "luo2016_study", "luo2019_study", "recordings_study", "simulated_objects", "survey",
+    "tomic2019_study", "yu2016_study",
 }  # fmt: skip
 """Groups whose values are those of the embedded survey or of a paper and not the defaults of the code."""
 DIFFERENCES_ONLY = {"plain_cut": NormalizedCutParameters}
@@ -109,7 +111,9 @@ def test_documented_defaults_are_the_defaults_of_the_code(kind):
         if told:
             assert ast.literal_eval(told[1]) == fields[name], name
         elif "optional" in text:
-            none_or_said_in_words = ("evaluation_scheme", "folds", "method", "model", "source", "sydney", "trajectory")
+            none_or_said_in_words = (
+                "evaluation_scheme", "folds", "method", "model", "protocol", "source", "sydney", "trajectory",
+            )  # fmt: skip
             assert name in none_or_said_in_words, name
         else:
             assert fields[name] is dataclasses.MISSING or isinstance(fields[name], dict), name

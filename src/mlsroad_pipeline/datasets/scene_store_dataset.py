@@ -53,6 +53,8 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
     scene_validator : str, optional
         Dotted name of a function that is called with each result in its worker and raises an error for a wrong one,
         which is then not stored. (Kedro reserves the key `validator` and would apply it to the tasks.)
+    keep : bool, default False
+        Whether stored results of scenes without a task stay, so that some scenes can be computed alone.
     credentials : mapping, optional
         Credentials for the file system.
     fs_args : mapping, optional
@@ -82,6 +84,7 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
         filepath: str,
         execution: Mapping[str, Any] | None = None,
         scene_validator: str | None = None,
+        keep: bool = False,
         credentials: Mapping[str, Any] | None = None,
         fs_args: Mapping[str, Any] | None = None,
         metadata: Mapping[str, Any] | None = None,
@@ -89,6 +92,7 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
         self._store = SceneStore.at(str(filepath), {**(credentials or {}), **(fs_args or {})})
         self._execution = Execution.from_config(execution)
         self._validator_name = scene_validator
+        self._keep = keep
         self._validator = None if scene_validator is None else import_function(scene_validator, "validator")
         self.metadata = metadata
 
@@ -132,7 +136,7 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
         fingerprints, failures = self._fingerprints(data)
         records = self._valid_records(fingerprints, data)
         missing = [key for key in fingerprints if key not in records]
-        if missing or failures or store.read_manifest() != records:
+        if missing or failures or not self._is_manifest_of(records):
             token = store.begin()
             store.clean()
             try:
@@ -150,12 +154,21 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
                         failures.append(outcome.failure)
                 if failures:
                     raise SceneError(store.name, tuple(sorted(failures, key=lambda f: f.scene)), len(data))
-                store.finish(records, token=token)
+                store.finish(records, token=token, keep=self._keep)
             finally:
                 store.release(token)
         seconds, valid = time.perf_counter() - start, len(data) - len(missing)
         summary = f"{len(data)} scenes: {len(missing)} computed in {seconds:.1f} s, {valid} already valid"
         logger.info("%s: %s", store.name, summary)
+
+    def _is_manifest_of(self, records: Mapping[str, Record]) -> bool:
+        """Return whether the manifest holds these records, and others only if they are kept."""
+        manifest = self._store.read_manifest()
+        if manifest is None:
+            return False
+        return all(manifest.get(key) == record for key, record in records.items()) and (
+            self._keep or len(manifest) == len(records)
+        )
 
     def _fingerprints(self, tasks: Mapping[str, SceneTask]) -> tuple[dict[str, str], list[SceneFailure]]:
         fingerprinter = Fingerprinter()

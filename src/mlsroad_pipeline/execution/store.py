@@ -179,12 +179,29 @@ class SceneStore(StoreFiles):
             self.remove(SHARED)
             self.write_json(MANIFEST, {"format": FORMAT, "run": None})
 
-    def finish(self, records: Mapping[str, Record], *, token: str) -> None:
-        """Remove files of other scenes and write the manifest; raise SupersededError after a takeover."""
+    def finish(self, records: Mapping[str, Record], *, token: str, keep: bool = False) -> None:
+        """Remove other scenes, or keep them, and write the manifest; raise SupersededError after a takeover."""
         self.check_held(token)
-        self._remove_others(records)
+        if keep:
+            records = {**self.stored_records(), **records}
+        else:
+            self._remove_others(records)
         scenes = {key: records[key].to_json() for key in sorted(records)}
         self.write_json(MANIFEST, {"format": FORMAT, "scenes": scenes})
+
+    def stored_records(self) -> dict[str, Record]:
+        """Return the records of all intact scenes in the folder, whatever the manifest holds."""
+        filesystem, root = self.opened()
+        filesystem.invalidate_cache()
+        names = (
+            [PurePosixPath(path).name for path in filesystem.ls(root, detail=False)] if filesystem.exists(root) else []
+        )
+        found = {name: self.read_record(name) for name in sorted(names)}
+        return {
+            name: record
+            for name, record in found.items()
+            if record is not None and self.is_intact(name, record, checksums=False)
+        }
 
     def _remove_others(self, keys: Collection[str]) -> None:
         filesystem, root = self.opened()

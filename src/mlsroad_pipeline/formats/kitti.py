@@ -102,13 +102,40 @@ def label_path(path: Path) -> Path | None:
 
 def _labels(path: Path, n_points: int) -> NDArray[np.uint32] | None:
     labels = label_path(path)
-    if labels is None:
-        return None
-    size = labels.stat().st_size
+    return None if labels is None else _packed(labels, n_points, path)
+
+
+def _packed(labels: Path, n_points: int, path: Path) -> NDArray[np.uint32]:
+    size = check_file(labels).stat().st_size
     if size != 4 * n_points:
         raise ReadError(f"{labels} has {size / 4:g} labels for the {n_points} points of {path}")
     packed: NDArray[np.uint32] = np.fromfile(labels, dtype="<u4")
     return packed
+
+
+def read_labels(labels: Path, n_points: int, path: Path) -> NDArray[np.uint16]:
+    """Read the classes of a ``.label`` file that lies apart from its scan.
+
+    Parameters
+    ----------
+    labels : Path
+        The ``.label`` file.
+    n_points : int
+        Points of the scan.
+    path : Path
+        The scan, for messages.
+
+    Returns
+    -------
+    ndarray of uint16, shape (n_points,)
+        Class of each point.
+
+    Raises
+    ------
+    ReadError
+        If the file is missing or has another number of labels.
+    """
+    return (_packed(labels, n_points, path) & (2**LABEL_BITS - 1)).astype(np.uint16)
 
 
 def _column(table: dict[str, NDArray], name: str, start: int, stop: int) -> NDArray:

@@ -23,8 +23,9 @@ CLASS_METRICS = ("precision", "recall", "f1", "iou")
 OVERALL_METRICS = ("overall_accuracy", "kappa", "mean_f1", "mean_iou")
 RECOGNITION_METRICS = (*OVERALL_METRICS, "weighted_f1")
 DETECTION_METRICS = ("precision", "recall", "quality", "f_score", "tp", "fp", "fn")
-METRICS = tuple(dict.fromkeys((*CLASS_METRICS, *RECOGNITION_METRICS, *DETECTION_METRICS)))
-"""All metrics of labels, recognitions and detections."""
+CALIBRATION_METRICS = ("calibration_error", "auroc", "brier_score")
+METRICS = tuple(dict.fromkeys((*CLASS_METRICS, *RECOGNITION_METRICS, *DETECTION_METRICS, *CALIBRATION_METRICS)))
+"""All metrics of labels and their confidences, recognitions and detections."""
 
 _ILLEGAL = re.compile(r"[^\w.\- /]")
 

@@ -188,11 +188,31 @@ def training_objects(
         If a label is not in the scheme.
     """
     objects = build_objects(ground, patches, parameters)
-    owner, labels = objects["object_of_patch"], label_patches(scene, patches, scheme)["label"]
+    return labelled_objects(objects, label_patches(scene, patches, scheme)["label"], len(scheme))
+
+
+def labelled_objects(objects: SceneObjects, labels: NDArray[np.integer], n_classes: int) -> TrainingObjects:
+    """Return the objects whose patches are labelled.
+
+    Parameters
+    ----------
+    objects : SceneObjects
+        Objects of a scene.
+    labels : ndarray of int, shape (p,)
+        Class of each patch; -1 for unlabelled ones.
+    n_classes : int
+        Number of classes.
+
+    Returns
+    -------
+    TrainingObjects
+        The labelled objects.
+    """
+    owner = objects["object_of_patch"]
     off = owner >= 0
-    majority, _ = majority_labels(labels[off], owner[off], len(scheme))
+    majority, _ = majority_labels(labels[off], owner[off], n_classes)
     known = majority != IGNORE
-    counts = [np.bincount(labels[side & (labels != IGNORE)], minlength=len(scheme)) for side in (off, ~off)]
+    counts = [np.bincount(labels[side & (labels != IGNORE)], minlength=n_classes) for side in (off, ~off)]
     return {"features": objects["features"][known], "label": majority[known], "on_ground": np.array(counts)}
 
 

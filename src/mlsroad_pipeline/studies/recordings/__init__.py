@@ -1,0 +1,1 @@
+"""Benchmark of labellers on recordings of several scanners."""

@@ -1,0 +1,70 @@
+"""Parameters of the benchmark of recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
+
+SHIPPED, SIMULATED, OTHERS, OWN, BOTH = "shipped", "simulated", "others", "own", "own_and_simulated"
+PROTOCOLS = (SHIPPED, SIMULATED, OTHERS, OWN, BOTH)
+"""Training data of a run: those of a model of the package; simulated streets; these and all other recordings; the
+recording's own training part; this and simulated streets."""
+
+
+@dataclass(frozen=True)
+class StudyParameters:
+    """Parameters of the benchmark of recordings.
+
+    Parameters
+    ----------
+    root : str
+        Folder of the recordings.
+    sources : mapping
+        Name of each recording to the fields of `Source`.
+    streets : mapping
+        Name of each simulated street to its configuration, as in ``simulation.surveys``; with ``scan_spacing`` it gives
+        single scans.
+    scheme : str
+        Class scheme of training and scoring. Its class ``other`` is counted, but no part of means.
+    models : sequence of str
+        Models of the package to score.
+    method : str, optional
+        Method or model to run alone; None runs all labellers that need no images.
+    source : str, optional
+        Recording to score alone; None scores all.
+    protocol : str, optional
+        Protocol to run alone: ``shipped``, ``simulated``, ``others``, ``own`` or ``own_and_simulated``; None runs all.
+    gap : float
+        Width of the strip between training part and test part, metres. It exceeds the least distance of the two, 5 m,
+        by the error of the poses.
+    scenes_per_source : int
+        Most scenes of a recording to train on, evenly spread; more take longer.
+    least_points : int
+        Fewest points of a class in the scored part; rarer classes are no part of means.
+    pictured : sequence of str
+        Runs that are drawn, as ``method.protocol``.
+    """
+
+    root: str
+    sources: Mapping[str, Mapping[str, Any]]
+    streets: Mapping[str, Mapping[str, Any]]
+    scheme: str
+    models: Sequence[str]
+    method: str | None
+    source: str | None
+    protocol: str | None
+    gap: float
+    scenes_per_source: int
+    least_points: int
+    pictured: Sequence[str]
+
+    def __post_init__(self) -> None:
+        check_positive(self.gap, "recordings_study.gap")
+        for name in ("scenes_per_source", "least_points"):
+            check_at_least(getattr(self, name), 1, f"recordings_study.{name}")
+        if self.protocol not in (None, *PROTOCOLS):
+            raise ParameterError(f"recordings_study.protocol {self.protocol!r} is none of {', '.join(PROTOCOLS)}")

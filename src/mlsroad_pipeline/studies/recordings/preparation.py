@@ -1,0 +1,176 @@
+"""Preparation of training scenes for each method, and training on prepared scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.baselines.shape_based import labeller as shape_based
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.detrended_forest.labeller import StageParameters
+from mlsroad_pipeline.algorithms.detrended_forest.training import fit as fit_forest
+from mlsroad_pipeline.algorithms.detrended_forest.training import training_rows
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.algorithms.patches.labelling import PatchStages, build_patches, label_patches
+from mlsroad_pipeline.algorithms.patches.training import PatchTraining, join_training_scenes
+from mlsroad_pipeline.algorithms.scenes.parts import TRAIN
+from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground
+from mlsroad_pipeline.studies.recordings.parameters import OWN
+from mlsroad_pipeline.studies.recordings.streets import ignoring, scenes_in
+
+Prepared = Mapping[str, Mapping[str, NDArray]]
+"""Part name, ``<scene>.<what>``, to arrays."""
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """How the scenes of a method are prepared, and how it is trained on them."""
+
+    kind: str  # methods of one kind share the prepared scenes
+    stages: Callable[[Mapping[str, Any]], Any]  # takes the parameters of all groups
+    # takes the loaded scenes and the keywords `stages`, `scheme` and `mixed`
+    prepare: Callable[..., dict[str, Any]]
+    # takes prepared scenes with their uses, the slug, the parameters of all groups, the scheme and facts
+    fit: Callable[..., ModelBundle]
+
+
+def labelled_for(
+    scenes: PointCloud | Mapping[str, PointCloud], scheme: ClassScheme, mixed: Sequence[str]
+) -> Iterator[tuple[str, dict[str, PointCloud]]]:
+    """Yield each scene with the labels of each use.
+
+    Used for other recordings (``whole``), points of a class that holds others are ignored; used for the recording's own
+    part (``own``), all points outside of the training part are.
+    """
+    for name, cloud in scenes_in(scenes).items():
+        truth = scheme.encode(cloud["label"], source=cloud.source)
+        uses = {"whole": ignoring(cloud, np.isin(truth, scheme.labels_of(mixed)))}
+        if "part" in cloud:
+            uses[OWN] = ignoring(cloud, cloud["part"] != TRAIN)
+        yield name, uses
+
+
+def prepare_supervoxels(
+    scenes: PointCloud | Mapping[str, PointCloud], *, stages: StageParameters, scheme: ClassScheme, mixed: Sequence[str]
+) -> dict[str, Any]:
+    """Compute the labelled supervoxels of scenes for each use."""
+    out: dict[str, Any] = {}
+    for name, uses in labelled_for(scenes, scheme, mixed):
+        cloud = uses["whole"]
+        ground = find_ground(cloud, stages.ground)
+        supervoxels = build_supervoxels(cloud, stages.supervoxels)
+        features = describe_supervoxels(cloud, ground, supervoxels, stages.features)
+        for use, labelled in uses.items():
+            out[f"{name}.{use}"] = training_rows(labelled, supervoxels, features, scheme=scheme)
+    return out
+
+
+def _fit_forest(
+    scenes: Sequence[tuple[Prepared, str]],
+    slug: str,
+    parameters: Mapping[str, Any],
+    scheme: ClassScheme,
+    facts: Mapping[str, Any],
+) -> ModelBundle:
+    rows: list[Any] = [arrays for parts, use in scenes for name, arrays in parts.items() if name.endswith(f".{use}")]
+    bundle, _ = fit_forest(
+        [row for row in rows if len(row["labels"])],
+        parameters=parameters[slug], stages=_forest_stages(parameters), scheme=scheme, trained_on=facts,
+    )  # fmt: skip
+    return bundle
+
+
+def _forest_stages(parameters: Mapping[str, Any]) -> StageParameters:
+    return StageParameters(*(parameters[name] for name in ("ground_removal", "supervoxelise", "features")))
+
+
+def prepare_patches(
+    scenes: PointCloud | Mapping[str, PointCloud], *, stages: PatchStages, scheme: ClassScheme, mixed: Sequence[str]
+) -> dict[str, Any]:
+    """Cut scenes into patches, with ground and classes for each use."""
+    out: dict[str, Any] = {}
+    for name, uses in labelled_for(scenes, scheme, mixed):
+        ground = find_ground(uses["whole"], stages.ground)
+        patches = build_patches(uses["whole"], ground, stages.patches)
+        out[f"{name}.patches"] = patches
+        out[f"{name}.ground"] = {"ground": ground["ground"]}
+        for use, labelled in uses.items():
+            out[f"{name}.{use}"] = label_patches(labelled, patches, scheme)
+    return out
+
+
+def _patch_stages(parameters: Mapping[str, Any]) -> PatchStages:
+    return PatchStages(parameters["ground_removal"], parameters["patches"])
+
+
+def _patches_of(scenes: Sequence[tuple[Prepared, str]]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the patches of all scenes and their classes, by number."""
+    patches: dict[str, Any] = {}
+    labels: dict[str, Any] = {}
+    for parts, use in scenes:
+        for name in sorted({part.partition(".")[0] for part in parts}):
+            key = f"{len(patches):04d}"
+            patches[key], labels[key] = parts[f"{name}.patches"], parts[f"{name}.{use}"]
+    return patches, labels
+
+
+def _fit_patches(
+    scenes: Sequence[tuple[Prepared, str]],
+    slug: str,
+    parameters: Mapping[str, Any],
+    scheme: ClassScheme,
+    facts: Mapping[str, Any],
+) -> ModelBundle:
+    joined = join_training_scenes(*_patches_of(scenes))
+    numbers = np.array([number for number, (parts, _) in enumerate(scenes) for name in parts if ".patches" in name])
+    training = PatchTraining(*joined, _patch_stages(parameters), scheme, facts, numbers.astype(np.int32))
+    if slug != "patch_graph_mrf":
+        bundle: ModelBundle = METHODS[slug].load("train")(training, parameters=parameters[slug])
+        return bundle
+    transfer = METHODS["patch_graph"].load("train")(training, parameters=parameters["patch_graph"])
+    refined: ModelBundle = METHODS[slug].load("train")(
+        training, transfer, graph_parameters=parameters["patch_graph"], parameters=parameters[slug]
+    )
+    return refined
+
+
+def _fit_shapes(
+    scenes: Sequence[tuple[Prepared, str]],
+    slug: str,
+    parameters: Mapping[str, Any],
+    scheme: ClassScheme,
+    facts: Mapping[str, Any],
+) -> ModelBundle:
+    objects = []
+    for parts, use in scenes:
+        for name in sorted({part.partition(".")[0] for part in parts}):
+            patches: Any = parts[f"{name}.patches"]
+            built = shape_based.build_objects(parts[f"{name}.ground"], patches, parameters[slug])  # type: ignore[arg-type]
+            objects.append(shape_based.labelled_objects(built, parts[f"{name}.{use}"]["label"], len(scheme)))
+    return shape_based.fit(
+        objects, parameters=parameters[slug], stages=_patch_stages(parameters), scheme=scheme, trained_on=facts
+    )
+
+
+_FOREST = Preparation("supervoxels", _forest_stages, prepare_supervoxels, _fit_forest)
+_PATCHES = Preparation("patches", _patch_stages, prepare_patches, _fit_patches)
+_SHAPES = Preparation("patches", _patch_stages, prepare_patches, _fit_shapes)
+_OF_METHOD = {
+    "detrended_forest": _FOREST,
+    "shape_based": _SHAPES,
+    **dict.fromkeys(("patch_graph", "patch_graph_mrf", "patch_svm", "patch_forest", "max_margin_markov"), _PATCHES),
+}
+
+
+def preparation_of(method: str) -> Preparation:
+    """Return the preparation and training of a method."""
+    if method not in _OF_METHOD:
+        raise ParameterError(f"the benchmark of recordings cannot train {method}: add it to studies.recordings")
+    return _OF_METHOD[method]
