@@ -26,6 +26,7 @@ CONTRACT = {
         "patch_graph_mrf",
         "max_margin_markov",
         "shape_based",
+        "superpoint_transformer",
         "segmentation",
         "visual_words",
         "hough_forest",

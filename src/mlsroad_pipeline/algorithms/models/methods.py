@@ -162,6 +162,11 @@ _TABLE = (
         ".classifier:MaxMarginMarkov", ".training:train", ".classifier:label_cloud",
     ),
     Method(
+        "superpoint_transformer", "labelling", "baselines.superpoint_transformer",
+        ".parameters:SuperpointTransformerParameters", ".labeller:label_scene", ".training:fit",
+        ".labeller:label_cloud",
+    ),
+    Method(
         "image_labels", "labelling", "image_labels", ".training_parameters:ImageLabelsParameters",
         ".labeller:label_scene", ".labeller:fit", "models.bundle:refuse_points", needs_images=True,
     ),

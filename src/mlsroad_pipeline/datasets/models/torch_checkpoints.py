@@ -46,5 +46,11 @@ class TorchCheckpoints:
         torch.save(state, partial)
         partial.replace(path)
 
+    def remove(self, name: str) -> None:
+        """Remove a state, and the folder if it is empty then."""
+        self._file(name).unlink(missing_ok=True)
+        if self.folder.is_dir() and not any(self.folder.iterdir()):
+            self.folder.rmdir()
+
     def _file(self, name: str) -> Path:
         return self.folder / f"{name}.pt"

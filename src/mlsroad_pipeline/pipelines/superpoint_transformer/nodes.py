@@ -1,0 +1,57 @@
+"""Training of the superpoint transformer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import pandas as pd
+
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.labeller import StageParameters
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import (
+    SLUG,
+    NetworkParameters,
+    SuperpointTransformerParameters,
+    TrainingParameters,
+)
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+
+
+def stages_of(
+    ground_removal: GroundParameters, supervoxelise: SupervoxelParameters, description: FeatureParameters
+) -> StageParameters:
+    """Return the parameters of the stages before the network."""
+    return StageParameters(ground_removal, supervoxelise, description)
+
+
+def preparation_of(own: SuperpointTransformerParameters) -> SuperpointTransformerParameters:
+    """Return the parameters of the graphs: those of network and training change no graph, the seed excepted."""
+    return replace(own, network=NetworkParameters(), training=TrainingParameters(seed=own.training.seed))
+
+
+def train_network(
+    graphs: SceneCollection,
+    parameters: SuperpointTransformerParameters,
+    ground: GroundParameters,
+    supervoxels: SupervoxelParameters,
+    features: FeatureParameters,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+    checkpoints: Any,
+) -> tuple[ModelBundle, ModelBundle, pd.DataFrame]:
+    """Train the network on the graphs of the training scenes."""
+    model, losses = METHODS[SLUG].load("train")(
+        [graph for views in graphs.load_all().values() for graph in views.values()],
+        parameters=parameters,
+        stages=StageParameters(ground, supervoxels, features),
+        scheme=training_scheme(survey, classes),
+        trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(graphs)},
+        checkpoints=checkpoints,
+    )
+    return model, model, pd.DataFrame({"step": range(len(losses)), "loss": losses})
