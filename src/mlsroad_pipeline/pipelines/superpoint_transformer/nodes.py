@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import pandas as pd
@@ -11,9 +10,7 @@ import pandas as pd
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.labeller import StageParameters
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import (
     SLUG,
-    NetworkParameters,
     SuperpointTransformerParameters,
-    TrainingParameters,
 )
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
@@ -30,9 +27,9 @@ def stages_of(
     return StageParameters(ground_removal, supervoxelise, description)
 
 
-def preparation_of(own: SuperpointTransformerParameters) -> SuperpointTransformerParameters:
-    """Return the parameters of the graphs: those of network and training change no graph, the seed excepted."""
-    return replace(own, network=NetworkParameters(), training=TrainingParameters(seed=own.training.seed))
+def parameters_of_graphs(own: SuperpointTransformerParameters) -> SuperpointTransformerParameters:
+    """Return the parameters that change the graphs; training graphs stay valid when others change."""
+    return own.of_graphs()
 
 
 def train_network(

@@ -7,7 +7,7 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters imp
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training_graphs import training_graphs
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.pipelines.schemes import training_scheme
-from mlsroad_pipeline.pipelines.superpoint_transformer.nodes import preparation_of, stages_of, train_network
+from mlsroad_pipeline.pipelines.superpoint_transformer.nodes import parameters_of_graphs, stages_of, train_network
 from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
 
 
@@ -25,7 +25,7 @@ def create_pipeline(**_: object) -> Pipeline:
                 PerScene(
                     training_graphs,
                     keys=training_keys,
-                    parameters=preparation_of,
+                    parameters=parameters_of_graphs,
                     stages=stages_of,
                     scheme=training_scheme,
                 ),

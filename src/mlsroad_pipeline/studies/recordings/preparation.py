@@ -10,6 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.baselines.shape_based import labeller as shape_based
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer import labeller as superpoint_transformer
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import SLUG as SUPERPOINTS
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import SuperpointTransformerParameters
+from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training_graphs import training_graphs
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
@@ -159,12 +163,52 @@ def _fit_shapes(
     )
 
 
+def prepare_graphs(
+    scenes: PointCloud | Mapping[str, PointCloud],
+    *,
+    stages: tuple[superpoint_transformer.StageParameters, SuperpointTransformerParameters],
+    scheme: ClassScheme,
+    mixed: Sequence[str],
+) -> dict[str, Any]:
+    """Build the labelled graphs of superpoints of scenes for each use, as scanned and in views of virtual scanners."""
+    out: dict[str, Any] = {}
+    for name, uses in labelled_for(scenes, scheme, mixed):
+        prepared = superpoint_transformer.prepare(uses["whole"], stages[0], fresh=True)
+        for use, labelled in uses.items():
+            graphs = training_graphs(labelled, *prepared, parameters=stages[1], stages=stages[0], scheme=scheme)
+            out |= {f"{name}.{view}.{use}": graph for view, graph in graphs.items()}
+    return out
+
+
+def _graph_stages(
+    parameters: Mapping[str, Any],
+) -> tuple[superpoint_transformer.StageParameters, SuperpointTransformerParameters]:
+    stages = (parameters[name] for name in ("ground_removal", "supervoxelise", "features"))
+    return superpoint_transformer.StageParameters(*stages), parameters[SUPERPOINTS].of_graphs()
+
+
+def _fit_graphs(
+    scenes: Sequence[tuple[Prepared, str]],
+    slug: str,
+    parameters: Mapping[str, Any],
+    scheme: ClassScheme,
+    facts: Mapping[str, Any],
+) -> ModelBundle:
+    graphs = [arrays for parts, use in scenes for name, arrays in parts.items() if name.endswith(f".{use}")]
+    bundle: ModelBundle = METHODS[slug].load("train")(
+        graphs, parameters=parameters[slug], stages=_graph_stages(parameters)[0], scheme=scheme, trained_on=facts
+    )[0]
+    return bundle
+
+
 _FOREST = Preparation("supervoxels", _forest_stages, prepare_supervoxels, _fit_forest)
 _PATCHES = Preparation("patches", _patch_stages, prepare_patches, _fit_patches)
 _SHAPES = Preparation("patches", _patch_stages, prepare_patches, _fit_shapes)
+_GRAPHS = Preparation("superpoint_graphs", _graph_stages, prepare_graphs, _fit_graphs)
 _OF_METHOD = {
     "detrended_forest": _FOREST,
     "shape_based": _SHAPES,
+    SUPERPOINTS: _GRAPHS,
     **dict.fromkeys(("patch_graph", "patch_graph_mrf", "patch_svm", "patch_forest", "max_margin_markov"), _PATCHES),
 }
 

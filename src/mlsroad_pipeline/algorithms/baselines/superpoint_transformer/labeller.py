@@ -5,7 +5,7 @@ Importing this module does not import torch; labelling does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,7 +85,8 @@ def prepare(
     """
     ground = find_ground(scene, stages.ground) if fresh else ground_of(scene, stages.ground)
     supervoxels = build_supervoxels(scene, stages.supervoxels)
-    return ground, supervoxels, describe_supervoxels(scene, ground, supervoxels, stages.features)
+    features = replace(stages.features, detrend=False)  # the network takes no detrended ones
+    return ground, supervoxels, describe_supervoxels(scene, ground, supervoxels, features)
 
 
 def label_scene(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, Self
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
@@ -266,6 +266,10 @@ class SuperpointTransformerParameters:
         for name, kind in kinds.items():
             if isinstance(getattr(self, name), Mapping):
                 object.__setattr__(self, name, kind(**getattr(self, name)))
+
+    def of_graphs(self) -> Self:
+        """Return the parameters with defaults for those of network and training, which change no graph."""
+        return replace(self, network=NetworkParameters(), training=TrainingParameters(seed=self.training.seed))
 
 
 def _check_list(values: Sequence[float], name: str, length: int | None, least: float) -> Sequence[float]:
