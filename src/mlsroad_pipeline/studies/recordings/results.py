@@ -25,7 +25,7 @@ PARTS = ("all", "test")
 class StudyTables(Tables):
     """Tables of the benchmark."""
 
-    scores: pd.DataFrame  # common table of scores; splits are ``<source>/<protocol>/<part>``
+    scores: pd.DataFrame  # common table of scores; splits are ``<source>_<protocol>_<part>``
     benchmark: pd.DataFrame  # one row per run and part, see `benchmark_row`
     reliability: pd.DataFrame  # accuracy and mean confidence by bin of confidence
 
@@ -111,7 +111,7 @@ def _overall(part: PartScores) -> dict[str, float]:
 
 
 def _long_rows(run: Run, part: str, found: PartScores) -> pd.DataFrame:
-    split, total = f"{run.source}/{run.protocol}/{part}", int(found.figures.support.sum())
+    split, total = f"{run.source}_{run.protocol}_{part}", int(found.figures.support.sum())
     rows: list[tuple[Any, ...]] = [
         (run.method, split, name, metric, value, support)
         for metric in ("iou", "f1")
