@@ -14,6 +14,7 @@ from mlsroad_pipeline.simulation import simulate_survey
 from mlsroad_pipeline.simulation.furnishing.blocks import PASS_INSTANCES
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.simulation.street.drive import PAUSE
+from mlsroad_pipeline.surveys.range_images import RangeImage
 from mlsroad_pipeline.surveys.simulated import (
     SurveyFiles,
     configured_survey,
@@ -159,7 +160,7 @@ def test_frames_are_revolutions_in_the_scanners_axes(folder, clouds, parameters)
     assert points[0][:, 3].min() >= 0 and points[0][:, 3].max() <= 1
 
 
-def test_scan_spacing_keeps_one_revolution_of_each_piece_of_street(tmp_path, clouds):
+def test_scan_spacing_scans_one_revolution_of_each_piece_of_street(tmp_path, clouds):
     config = {**CONFIG, "with_images": False, "scan_spacing": 4.0}
     del config["piece_length"], config["frames"]
     parameters, files = configured_survey(config)
@@ -167,11 +168,38 @@ def test_scan_spacing_keeps_one_revolution_of_each_piece_of_street(tmp_path, clo
     scans = [laspy.read(tmp_path / "scans" / name) for name in files.names(parameters)]
     assert len(scans) == len(clouds) == 6
     for scan, piece in zip(scans, clouds, strict=True):  # the pieces of the same survey
-        first = np.asarray(piece.gps_time)
-        first = first[first < first.min() + 0.1]
-        np.testing.assert_array_equal(scan.gps_time, first)
+        begin = np.asarray(piece.gps_time).min()
+        pulses = np.asarray(piece.gps_time)
+        pulses = pulses[pulses < begin + 0.1]
+        assert scan.gps_time.min() > begin - 0.005 and np.ptp(scan.gps_time) < 0.1
+        # The same pulses into the same street; only their noise differs.
+        assert len(np.intersect1d(scan.gps_time, pulses)) > 0.9 * max(len(pulses), len(scan.points))
     with pytest.raises(ParameterError, match="piece_length and scan_spacing exclude each other"):
         configured_survey({**config, "piece_length": 4.0})
+
+
+def test_scans_of_several_revolutions_are_thinned_to_range_images(tmp_path):
+    config = {
+        "preset": "hdl64", "seed": 3, "length": 12.0, "speed": 20.0, "pulse_rate": 60_000.0, "scan_spacing": 6.0,
+        "revolutions": 2, "trajectory_noise": 0.0, "boresight_error": 0.0,
+        "range_image": {"rows": 32, "columns": 128},
+    }  # fmt: skip
+    whole = {name: value for name, value in config.items() if name != "range_image"}
+    sizes = {}
+    for name, one in (("thin", config), ("whole", whole)):
+        parameters, files = configured_survey(one)
+        write_simulated_survey(parameters=parameters, folder=str(tmp_path / name), n_threads=1, files=files)
+        scans = [laspy.read(tmp_path / name / file) for file in files.names(parameters)]
+        assert [0.15 < np.ptp(scan.gps_time) < 0.2 for scan in scans] == [True, True]
+        sizes[name] = [len(scan.points) for scan in scans]
+    assert max(sizes["thin"]) <= 32 * 128 < min(sizes["whole"])
+    image = RangeImage(rows=2, columns=4, top=10.0, bottom=-10.0)
+    ahead = np.array([[5.0, 0.1, 0.5], [9.0, 0.3, 0.2], [5.0, 0.1, -0.5], [-5.0, 0.1, 3.0]])
+    assert image.kept(ahead).tolist() == [1, 2, 3]
+    with pytest.raises(ParameterError, match="range_image needs scan_spacing"):
+        SurveyFiles(range_image=image)
+    with pytest.raises(ParameterError, match="unknown or missing: row, rows"):
+        configured_survey({**config, "range_image": {"row": 2, "columns": 3}})
 
 
 def test_every_taxonomy_class_has_a_semantic_kitti_code():

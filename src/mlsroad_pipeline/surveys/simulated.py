@@ -24,6 +24,7 @@ from mlsroad_pipeline.simulation.cameras.cameras import Image
 from mlsroad_pipeline.simulation.parameters.presets import LAYOUT, PRESETS, SimulationParameters, simulation_parameters
 from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces
 from mlsroad_pipeline.surveys.distance_lines import distance_lines
+from mlsroad_pipeline.surveys.range_images import RangeImage, range_image
 from mlsroad_pipeline.surveys.simulated_frames import FrameWriter
 
 POINTS, TRAJECTORY = "survey.laz", "trajectory.csv"
@@ -49,7 +50,10 @@ def selected_surveys(simulation: Mapping[str, Any]) -> dict[str, Mapping[str, An
 
 def configured_survey(config: Mapping[str, Any]) -> tuple[SimulationParameters, SurveyFiles]:
     """Return the simulation parameters and the file layout that a survey's configuration describes."""
-    return simulation_parameters(config), SurveyFiles(**{name: config[name] for name in LAYOUT if name in config})
+    layout = {name: config[name] for name in LAYOUT if name in config}
+    if isinstance(layout.get("range_image"), Mapping):
+        layout["range_image"] = range_image(layout["range_image"])
+    return simulation_parameters(config), SurveyFiles(**layout)
 
 
 @dataclass(frozen=True)
@@ -65,18 +69,21 @@ class SurveyFiles:
         Whether each revolution of the first scanner is also written as a KITTI scan with SemanticKITTI labels; for
         scanners that rotate about an upright axis.
     scan_spacing : float, optional
-        Street between single scans, metres: each point file holds one revolution of the first scanner, and points
-        between the scans are left out.
+        Street between single scans, metres, each in a point file of its own; see `SimulationParameters`.
+    range_image : RangeImage, optional
+        Range image to which each scan of a rotating scanner is thinned.
 
     Raises
     ------
     ParameterError
-        If `piece_length` or `scan_spacing` is not positive, or both are given.
+        If `piece_length` or `scan_spacing` is not positive, `scan_spacing` is given with `piece_length` or `frames`,
+        or `range_image` without it.
     """
 
     piece_length: float | None = None
     frames: bool = False
     scan_spacing: float | None = None
+    range_image: RangeImage | None = None
 
     def __post_init__(self) -> None:
         for name in ("piece_length", "scan_spacing"):
@@ -84,6 +91,12 @@ class SurveyFiles:
                 check_positive(getattr(self, name), name)
         if self.piece_length is not None and self.scan_spacing is not None:
             raise ParameterError("piece_length and scan_spacing exclude each other")
+        if self.frames and self.scan_spacing is not None:
+            raise ParameterError("frames and scan_spacing exclude each other")
+        if self.range_image is not None and not isinstance(self.range_image, RangeImage):
+            raise ParameterError(f"range_image must be a mapping with rows and columns, got {self.range_image!r}")
+        if self.range_image is not None and self.scan_spacing is None:
+            raise ParameterError("range_image needs scan_spacing: it thins single scans")
 
     @property
     def file_length(self) -> float | None:
@@ -155,7 +168,6 @@ class _PointFiles:
         self._options = WriteOptions(like="none")
         self._n_threads = n_threads
         self._current = -1
-        self._begin = -np.inf  # first time of the current file, seconds
         self._stream: BinaryIO | None = None
         self._writer: RecordWriter | None = None
 
@@ -172,15 +184,15 @@ class _PointFiles:
         for number, part in self._parts(cloud):
             if number != self._current:
                 self._open(number, part)
-                self._begin = part["gps_time"].min(initial=np.inf)
-            written = part if self._files.scan_spacing is None else self._first_revolution(part)
+            written = part if self._files.range_image is None else self._thinned(part, self._files.range_image)
             assert self._writer is not None
             self._writer.write(pack_records(written, self._writer.header))
 
-    def _first_revolution(self, cloud: PointCloud) -> PointCloud:
-        """Return the points of the first revolution of the first scanner in the current file."""
-        seconds = cloud["gps_time"] - self._begin
-        return cloud.select(np.flatnonzero(seconds < 1.0 / self._parameters.devices[0].profile_rate))
+    def _thinned(self, cloud: PointCloud, image: RangeImage) -> PointCloud:
+        """Return the points of a scan that its range image keeps."""
+        number, seconds = self._pieces.pass_of(cloud["gps_time"][[0, -1]])
+        pose = self._pieces.sensor_pose(int(number[0]), float(seconds.mean()), self._parameters.devices[0])
+        return cloud.select(image.kept((cloud.xyz - pose[:3, 3]) @ pose[:3, :3]))
 
     def _parts(self, cloud: PointCloud) -> Iterator[tuple[int, PointCloud]]:
         length = self._files.file_length

@@ -73,6 +73,8 @@ class Device:
         and living leaves are brighter near 905 nm than near 1550 nm.
     gain_spread : float, default 0.0
         Standard deviation of the beams' residual gains in the intensity, decibels.
+    dropout : float, default 0.002
+        Share of returns that are lost whatever their amplitude, 0 to 0.9.
 
     Raises
     ------
@@ -105,6 +107,7 @@ class Device:
     power_memory: int = 64
     turf_gain: float = 0.0
     gain_spread: float = 0.0
+    dropout: float = 0.002
 
     def __post_init__(self) -> None:
         for name in ("pulse_rate", "profile_rate", "divergence", "max_range", "pulse_length"):
@@ -112,6 +115,8 @@ class Device:
         for name in ("range_noise", "accuracy", "range_step", "min_range", "blooming", "power_control", "gain_spread"):
             if not (isinstance(getattr(self, name), Real) and 0 <= getattr(self, name) < 100):
                 raise ParameterError(f"{name} must be between 0 and 100, got {getattr(self, name)!r}")
+        if not (isinstance(self.dropout, Real) and 0 <= self.dropout <= 0.9):
+            raise ParameterError(f"dropout must be between 0 and 0.9, got {self.dropout!r}")
         for name in ("yaw", "pitch", "roll", "sensitivity", "power_target", "turf_gain"):
             if not (isinstance(getattr(self, name), Real) and np.isfinite(getattr(self, name))):
                 raise ParameterError(f"{name} must be finite, got {getattr(self, name)!r}")

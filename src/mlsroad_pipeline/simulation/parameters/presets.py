@@ -15,7 +15,7 @@ from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem
 from mlsroad_pipeline.simulation.parameters.known_scanners import SCANNERS, scanner_system
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS, StreetParameters, street_parameters
 
-LAYOUT = ("piece_length", "frames", "scan_spacing")
+LAYOUT = ("piece_length", "frames", "scan_spacing", "range_image")
 """Keys of a survey's configuration that describe its file layout."""
 
 OF_THE_SCANNER = ("profile_rate", "pulse_rate", "range_noise", "beam_divergence", "max_range")
@@ -24,7 +24,7 @@ OF_THE_SCANNER = ("profile_rate", "pulse_rate", "range_noise", "beam_divergence"
 _DOMAINS: tuple[tuple[str, float, float, str], ...] = (
     ("length", 10, 5000, " m"), ("range_noise", 0, 100, ""), ("trajectory_noise", 0, 100, ""),
     ("boresight_error", 0, 10, " degrees"), ("pass_offset", 0, 100, " m"), ("wetness", 0, 1, ""),
-    ("image_readout", 0, 1, " s"), ("beam_rays", 1, 9, ""), ("passes", 1, 8, ""),
+    ("image_readout", 0, 1, " s"), ("beam_rays", 1, 9, ""), ("passes", 1, 8, ""), ("revolutions", 1, 100, ""),
     ("image_width", 16, 8192, " pixels"), ("image_height", 16, 8192, " pixels"),
     ("easting", -1e8, 1e8, " m"), ("northing", -1e8, 1e8, " m"), ("height", -500, 9000, " m"),
     ("start_time", 0, 1e10, " s"),
@@ -64,6 +64,11 @@ class SimulationParameters:
     boresight_error : float, default 0.003
         Standard deviation of the error of each mounting angle of a scanner, degrees; the same number in metres is that
         of its lever arm.
+    scan_spacing : float or None, default None
+        Street between single scans, metres: only pulses of the first `revolutions` of the first scanner after each such
+        distance are sent. None scans all the time.
+    revolutions : int, default 1
+        Number of revolutions in a scan, 1 to 100.
     passes : int, default 1
         Number of passes through the street, 1 to 8; each has its own track, traffic and errors.
     pass_offset : float, default 0.03
@@ -105,6 +110,8 @@ class SimulationParameters:
     wetness: float = 0.03
     trajectory_noise: float = 1.0
     boresight_error: float = 0.003
+    scan_spacing: float | None = None
+    revolutions: int = 1
     passes: int = 1
     pass_offset: float = 0.03
     with_images: bool = True
@@ -124,6 +131,8 @@ class SimulationParameters:
             raise ParameterError(f"seed must be an integer >= 0, got {self.seed!r}")
         for name in ("speed", "image_interval"):
             check_positive(getattr(self, name), name)
+        if self.scan_spacing is not None:
+            check_positive(self.scan_spacing, "scan_spacing")
         for name in OF_THE_SCANNER:
             if name != "range_noise" and getattr(self, name) is not None:
                 check_positive(getattr(self, name), name)
@@ -131,7 +140,7 @@ class SimulationParameters:
             value = getattr(self, name)
             if value is not None and not (isinstance(value, Real) and low <= value <= high):
                 raise ParameterError(f"{name} must be between {low:g} and {high:g}{unit}, got {value!r}")
-        for name in ("beam_rays", "passes"):
+        for name in ("beam_rays", "passes", "revolutions"):
             if getattr(self, name) != int(getattr(self, name)):
                 raise ParameterError(f"{name} must be an integer, got {getattr(self, name)!r}")
         _ = self.devices  # checks that its fields agree
@@ -199,7 +208,7 @@ the kind ``campus``.
 
 def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
     """Return the simulation parameters that a configuration describes."""
-    changes = {name: value for name, value in config.items() if name not in LAYOUT}
+    changes = {name: value for name, value in config.items() if name == "scan_spacing" or name not in LAYOUT}
     preset = changes.pop("preset", "demo")
     if preset not in PRESETS:
         raise ParameterError(f"simulation preset {preset!r} is unknown (presets: {', '.join(PRESETS)})")

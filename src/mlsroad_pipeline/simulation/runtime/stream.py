@@ -24,6 +24,7 @@ from mlsroad_pipeline.simulation.street.drive import PAUSE, drive_along
 from mlsroad_pipeline.simulation.street.street import BLOCK, draw_street, generator
 
 _BEHIND, _AHEAD = 1, 2  # blocks before and after the vehicle's own within range of rays
+_APART = 1e-3  # from the start of a piece of street to that of its scan, seconds
 _PULSES = 262_144  # pulses of one scanner that are cast at once
 
 
@@ -125,11 +126,24 @@ class SurveyStream:
 
     def spans(self, number: int) -> list[tuple[float, float]]:
         """Return start and end of the intervals in which a block is scanned, seconds since the start of the drive."""
+        if self.parameters.scan_spacing is not None:
+            return self._single_scans(number, self.parameters.scan_spacing)
         start = self.drive.time_at(number * BLOCK)
         end = self.drive.time_at(min((number + 1) * BLOCK, self.length))
         fastest = max(device.pulse_rate for device in self._devices)
         edges = np.linspace(start, end, max(int(np.ceil((end - start) * fastest / _PULSES)), 1) + 1)
         return [(float(a), float(b)) for a, b in pairwise(edges)]
+
+    def _single_scans(self, number: int, spacing: float) -> list[tuple[float, float]]:
+        """Return start and end of the single scans that begin in a block, seconds; none reaches the next scan."""
+        low, high = number * BLOCK, min((number + 1) * BLOCK, self.length)
+        duration = self.parameters.revolutions / self._devices[0].profile_rate
+        spans = []
+        for k in range(int(np.ceil(low / spacing)), int(np.ceil(high / spacing))):
+            start = self.drive.time_at(k * spacing) + _APART
+            last = min(self.drive.time_at(min((k + 1) * spacing, self.length)), self.drive.duration)
+            spans.append((start, min(start + duration, last)))
+        return [(start, end) for start, end in spans if end > start]
 
     def moments(self, number: int) -> list[int]:
         """Return the numbers of the image intervals at whose start images are taken in a block."""

@@ -31,6 +31,8 @@ class Receiver(NamedTuple):
     ----------
     min_range, max_range, range_noise, range_step, pulse_length, sensitivity, blooming, divergence, step : float
         Fields and properties of `Device`.
+    dropout : float
+        Share of returns that are lost.
     beams, max_returns : int
         Numbers of beams and of returns kept.
     corrected : bool
@@ -48,6 +50,7 @@ class Receiver(NamedTuple):
     blooming: float
     divergence: float
     step: float
+    dropout: float
     beams: int
     max_returns: int
     corrected: bool
@@ -237,7 +240,7 @@ def _detect(
         if not receiver.min_range < r[k] < receiver.max_range or a[k] < needed:
             continue
         lot = chance[row] * 977.0
-        if lot - np.floor(lot) < 0.002:
+        if lot - np.floor(lot) < receiver.dropout:
             continue
         stretch = 0.25 * receiver.divergence * r[k] * slant[k] if receiver.range_noise > 0 else 0.0
         distance = r[k] + deviation(receiver.range_noise, a[k], stretch) * noise[row, 0]

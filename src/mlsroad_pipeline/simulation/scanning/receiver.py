@@ -100,8 +100,8 @@ def range_deviation(range_noise: float, amplitude: float, *, stretch: float = 0.
 def _receiver(device: Device) -> Receiver:
     return Receiver(
         device.min_range, device.max_range, device.range_noise, device.range_step, device.pulse_length,
-        device.sensitivity, device.blooming, device.divergence, device.step, len(device.elevations),
-        device.max_returns, device.corrected, *(device.intensity_scale or (0.0, 0.0)),
+        device.sensitivity, device.blooming, device.divergence, device.step, device.dropout,
+        len(device.elevations), device.max_returns, device.corrected, *(device.intensity_scale or (0.0, 0.0)),
     )  # fmt: skip
 
 
