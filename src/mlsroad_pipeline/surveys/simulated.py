@@ -22,6 +22,7 @@ from mlsroad_pipeline.formats.las.writer import RecordWriter
 from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.simulation.cameras.cameras import Image
 from mlsroad_pipeline.simulation.parameters.presets import LAYOUT, PRESETS, SimulationParameters, simulation_parameters
+from mlsroad_pipeline.simulation.parameters.variety import expanded_surveys
 from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces
 from mlsroad_pipeline.surveys.distance_lines import distance_lines
 from mlsroad_pipeline.surveys.range_images import RangeImage, range_image
@@ -40,12 +41,14 @@ def presets() -> tuple[str, ...]:
 
 def selected_surveys(simulation: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """Return the configurations of the surveys to simulate: none if the simulator is off, or the only one chosen."""
-    only, surveys = simulation["only"], simulation["surveys"]
+    only, described = simulation["only"], simulation["surveys"]
     if not simulation["enabled"]:
         return {}
-    if only not in (None, *surveys):
+    surveys = expanded_surveys({only: described[only]} if only in described else described)
+    if only not in (None, *described, *surveys):
         raise ParameterError(f"simulation.only {only!r} is none of {', '.join(surveys)}")
-    return {name: config for name, config in surveys.items() if config is not None and only in (None, name)}
+    wanted = surveys if only is None or only in described else {only: surveys[only]}
+    return {name: config for name, config in wanted.items() if config is not None}
 
 
 def configured_survey(config: Mapping[str, Any]) -> tuple[SimulationParameters, SurveyFiles]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from mlsroad_pipeline.surveys.simulated import (
     write_simulated_survey,
 )
 
+log = logging.getLogger(__name__)
+
 THREADS = 2
 """Workers of a survey that is simulated alone; several run in parallel with one worker each."""
 
@@ -26,6 +29,8 @@ def simulate_surveys(simulation: Mapping[str, Any], survey: SurveyParameters) ->
     tasks = {}
     for name, config in selected.items():
         parameters, files = configured_survey(config)
+        if "varied" in config:
+            log.info("%s: %s", name, dict(config))
         folder = Path(str(survey.root)) / name
         tasks[name] = SceneTask(
             write_simulated_survey,

@@ -15,9 +15,13 @@ _UNDERGROUND = 1.5  # depth of walls below ground, so that slopes leave no gap, 
 class _Plan:
     """Measures shared by all openings of one front."""
 
-    def __init__(self, rng: np.random.Generator, length: float, *, shop: bool, plinth: float) -> None:
+    def __init__(
+        self, rng: np.random.Generator, length: float, *, shop: bool, plinth: float, storeys: tuple[int, int]
+    ) -> None:
         self.length, self.plinth = length, plinth
         self.storeys = int(rng.integers(1, 5)) if rng.random() < 0.8 else 5
+        if storeys[1] > 0:
+            self.storeys = int(rng.integers(storeys[0], storeys[1] + 1))
         if shop:
             self.storeys = max(self.storeys, 2)
         self.storey = rng.uniform(2.7, 3.4)
@@ -50,14 +54,17 @@ class _Plan:
         return every.of(~door & ~shop), every.of(door), every.of(shop)
 
 
-def building(rng: np.random.Generator, length: float, *, shop: bool = False, plinth: float = 0.0) -> Mesh:
-    """Return a building of one to five storeys: windows in reveals with rooms behind the glass, a door, a roof.
+def building(
+    rng: np.random.Generator, length: float, *, shop: bool = False, plinth: float = 0.0,
+    storeys: tuple[int, int] = (0, 0),
+) -> Mesh:  # fmt: skip
+    """Return a building of one to five storeys, or of a number between two: windows in reveals, a door, a roof.
 
-    It is centred on x = 0, 7 to 12 m deep towards +y, its walls 1.5 m into the ground. `plinth` is the height of the
-    ground floor, with stairs to the door. A `shop` has shop windows, signs and awnings. Faces are `building`, steps
-    `stairs`.
+    Rooms lie behind the glass. The building is centred on x = 0, 7 to 12 m deep towards +y, its walls 1.5 m into the
+    ground. `plinth` is the height of the ground floor, with stairs to the door. A `shop` has shop windows, signs and
+    awnings. Faces are `building`, steps `stairs`.
     """
-    plan = _Plan(rng, length, shop=shop, plinth=plinth)
+    plan = _Plan(rng, length, shop=shop, plinth=plinth, storeys=storeys)
     skin = material(str(rng.choice(["plaster", "brick", "stone", "concrete"])), "building", rng)
     windows, doors, shops = plan.openings(rng)
     glass, frame = material("glass", "building", rng), material("plaster", "building", rng)

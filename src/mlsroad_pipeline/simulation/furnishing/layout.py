@@ -5,6 +5,7 @@ from __future__ import annotations
 from mlsroad_pipeline.simulation.furnishing import (
     corners,
     curbside,
+    greenery,
     hard_cases,
     overhead,
     parking,
@@ -26,11 +27,13 @@ def populate(street: Street, block: int) -> list[Placed]:
     curbside.lamps(site)
     curbside.bus_stops(site)
     parking.park(site)
+    greenery.park_on_drives(site)
     curbside.tree_rows(site)
     curbside.furnish(site)
     curbside.plant_median(site)
     corners.furnish_side_streets(site)
     premises.plant_gardens(site)
+    greenery.grow(site)
     hard_cases.add(site)
     two_wheelers.park(site)
     return site.placed

@@ -14,6 +14,7 @@ from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem
 from mlsroad_pipeline.simulation.parameters.known_scanners import SCANNERS, scanner_system
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS, StreetParameters, street_parameters
+from mlsroad_pipeline.simulation.parameters.variations import Variation, variation
 
 LAYOUT = ("piece_length", "frames", "scan_spacing", "range_image")
 """Keys of a survey's configuration that describe its file layout."""
@@ -209,13 +210,13 @@ the kind ``campus``.
 def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
     """Return the simulation parameters that a configuration describes."""
     changes = {name: value for name, value in config.items() if name == "scan_spacing" or name not in LAYOUT}
-    preset = changes.pop("preset", "demo")
+    preset, varied = changes.pop("preset", "demo"), changes.pop("varied", None)
     if preset not in PRESETS:
         raise ParameterError(f"simulation preset {preset!r} is unknown (presets: {', '.join(PRESETS)})")
     known = {field.name for field in fields(SimulationParameters)}
     unknown = sorted(set(changes) - known)
     if unknown:
-        names = ", ".join(sorted(known | set(LAYOUT)))
+        names = ", ".join(sorted(known | {"varied", *LAYOUT}))
         raise ParameterError(f"unknown simulation parameters: {', '.join(unknown)} (known: {names})")
     if "scanner" in changes:
         changes["scanner"] = scanner_system(changes["scanner"])
@@ -223,4 +224,14 @@ def simulation_parameters(config: Mapping[str, Any]) -> SimulationParameters:
             changes = {**dict.fromkeys(OF_THE_SCANNER), **changes}
     if "street" in changes:
         changes["street"] = street_parameters(changes["street"])
-    return replace(PRESETS[preset], **changes)
+    parameters = replace(PRESETS[preset], **changes)
+    return parameters if varied is None else _varied(parameters, variation(varied))
+
+
+def _varied(parameters: SimulationParameters, change: Variation) -> SimulationParameters:
+    """Return the parameters with a changed scanner; rates and noise of their own change likewise."""
+    rate, noise = parameters.pulse_rate, parameters.range_noise
+    return replace(
+        parameters, scanner=change.applied(parameters.scanner), pulse_rate=None if rate is None else rate * change.rate,
+        range_noise=None if noise is None else noise * change.noise,
+    )  # fmt: skip

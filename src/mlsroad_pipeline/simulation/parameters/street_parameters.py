@@ -56,6 +56,27 @@ class StreetParameters:
         Factor on the share of trucks among moving vehicles, 6 % at 1; 0 is none.
     two_wheelers : float, default 1
         Factor on bicycles and motorcycles, parked and ridden. Values above 1 add some and change nothing else.
+    bends, slopes : float, default 1
+        Factors on the curvature, up to 1.5, and on the grades, up to 2; 0 is straight, or level.
+    lane_width : float, default 0
+        Mean width of a lane, metres, 2.5 to 4; 0 draws 3.1 to 3.6.
+    pavement : float, default 0
+        Mean width of the pavement, metres, 0.5 to 8; 0 draws 1.9 to 3.8.
+    facades : float, default -1
+        Share of houses with their facade at the pavement, the others have front gardens; -1 draws it per side.
+    storeys : tuple of int, default (0, 0)
+        Least and greatest number of storeys, 1 to 20; zeros draw 1 to 5.
+    front_yard : float, default 0
+        Mean depth of front gardens, metres, 1.5 to 20; 0 draws 3.5 to 7.5.
+    hedges : float, default -1
+        Share of hedges among boundaries, the others are fences and walls; -1 draws it per side.
+    greenery : float, default 0
+        Share of property lines that are overgrown, 0 to 1: untrimmed hedges up to 3 m high, shrubs on both sides of
+        fences and walls, low trees that overhang the pavement. 0 leaves clipped hedges.
+    forest : float, default 0
+        Density of woods on open land, 0 to 1: undergrowth at the edge, trees behind it.
+    drive_cars : float, default 0
+        Share of driveways with a car.
     overhead_wires : float, default 0.7
         Probability of utility poles with wires along the street and to the houses.
     hard_cases : float, default 0.3
@@ -96,12 +117,23 @@ class StreetParameters:
     gantries: float = 1.0
     lorries: float = 1.0
     two_wheelers: float = 1.0
+    bends: float = 1.0
+    slopes: float = 1.0
+    lane_width: float = 0.0
+    pavement: float = 0.0
+    facades: float = -1.0
+    storeys: tuple[int, int] = (0, 0)
+    front_yard: float = 0.0
+    hedges: float = -1.0
+    greenery: float = 0.0
+    forest: float = 0.0
+    drive_cars: float = 0.0
     overhead_wires: float = 0.7
     hard_cases: float = 0.3
 
     def __post_init__(self) -> None:
         shares = ("crossroads", "signals", "verges", "parking", "slanted_parking", "parked", "overhead_wires",
-                  "bare_soil", "boundaries")  # fmt: skip
+                  "bare_soil", "boundaries", "greenery", "forest", "drive_cars")  # fmt: skip
         for name in (*shares, "hard_cases"):
             self._check(name, 0.0, 1.0)
         for name in ("buildings", "trees", "palms", "cycas", "shrubs", "clutter", "signs", "people", "traffic",
@@ -112,10 +144,31 @@ class StreetParameters:
         self._check("verge_width", 0.8, 8.0)
         self._check("grass_height", 0.0, 0.2)
         self._check("junction_spacing", 60.0, 5000.0, zero=True)
+        for name in ("facades", "hedges"):
+            if getattr(self, name) != -1:
+                self._check(name, 0.0, 1.0)
+        self._check("bends", 0.0, 1.5)
+        self._check("slopes", 0.0, 2.0)
+        self._check("lane_width", 2.5, 4.0, zero=True)
+        self._check("pavement", 0.5, 8.0, zero=True)
+        self._check("front_yard", 1.5, 20.0, zero=True)
+        self._check_storeys()
         self._check("median", 1.5, 12.0, zero=True)
         self._check("lamp_spacing", 10.0, 100.0, zero=True)
         if self.lanes not in (0, 1, 2, 3):
             raise ParameterError(f"lanes must be 0, 1, 2 or 3, got {self.lanes!r}")
+
+    def _check_storeys(self) -> None:
+        object.__setattr__(self, "storeys", tuple(self.storeys) if isinstance(self.storeys, list) else self.storeys)
+        if self.storeys == (0, 0):
+            return
+        whole = isinstance(self.storeys, tuple) and len(self.storeys) == 2
+        if (
+            not whole
+            or not all(isinstance(n, int) for n in self.storeys)
+            or not 1 <= self.storeys[0] <= self.storeys[1] <= 20
+        ):
+            raise ParameterError(f"storeys must be two rising integers from 1 to 20, got {self.storeys!r}")
 
     def _check(self, name: str, low: float, high: float, *, zero: bool = False) -> None:
         value = getattr(self, name)
@@ -138,8 +191,54 @@ STREETS: dict[str, StreetParameters] = {
     "campus": StreetParameters(
         verges=0.9, verge_width=3.0, palms=0.0, cycas=0.0, trees=2.0, overhead_wires=1.0,
     ),
+    "old_town": StreetParameters(
+        junction_spacing=90.0, signals=0.2, lanes=1, lane_width=2.7, pavement=1.5, verges=0.05, parking=0.8,
+        slanted_parking=0.05, parked=0.92, facades=0.95, storeys=(3, 5), trees=0.3, palms=0.0, cycas=0.0, shrubs=0.4,
+        clutter=1.5, people=2.0, traffic=0.6, two_wheelers=2.0, overhead_wires=0.1, greenery=0.2,
+    ),
+    "downtown": StreetParameters(
+        junction_spacing=110.0, crossroads=0.9, signals=0.9, lanes=2, pavement=4.0, verges=0.15, parking=0.7,
+        slanted_parking=0.1, parked=0.85, facades=1.0, storeys=(3, 14), trees=0.6, palms=0.0, cycas=0.0, shrubs=0.3,
+        clutter=2.0, signs=1.5, people=3.0, traffic=2.0, lorries=1.5, stations=1.5, overhead_wires=0.05,
+    ),
+    "american_suburb": StreetParameters(
+        junction_spacing=160.0, signals=0.05, lanes=1, lane_width=3.7, pavement=1.5, verges=1.0, verge_width=2.2,
+        parking=0.35, slanted_parking=0.0, parked=0.35, facades=0.0, storeys=(1, 2), front_yard=8.0, boundaries=0.15,
+        bare_soil=0.08, trees=1.8, palms=0.1, cycas=0.0, shrubs=1.5, clutter=0.7, people=0.5, traffic=0.5,
+        overhead_wires=1.0, greenery=0.25, drive_cars=0.7,
+    ),
+    "residential": StreetParameters(
+        junction_spacing=110.0, signals=0.05, lanes=1, lane_width=2.8, pavement=1.6, verges=0.15, parking=0.85,
+        slanted_parking=0.0, parked=0.75, facades=0.2, storeys=(2, 3), front_yard=4.0, boundaries=0.92, hedges=0.55,
+        trees=0.8, palms=0.0, cycas=0.0, shrubs=1.5, clutter=0.7, people=0.8, traffic=0.5, two_wheelers=1.5,
+        overhead_wires=0.05, greenery=0.75, drive_cars=0.4,
+    ),
+    "industrial": StreetParameters(
+        junction_spacing=180.0, signals=0.3, lanes=1, lane_width=3.7, pavement=1.8, verges=0.7, verge_width=2.5,
+        parking=0.6, parked=0.6, buildings=0.55, facades=0.05, storeys=(1, 3), front_yard=12.0, boundaries=0.95,
+        hedges=0.15, trees=0.4, palms=0.0, cycas=0.0, clutter=0.7, people=0.25, traffic=1.2, lorries=8.0,
+        overhead_wires=0.5, greenery=0.2, forest=0.15, drive_cars=0.6,
+    ),
+    "rural": StreetParameters(
+        junction_spacing=400.0, crossroads=0.2, signals=0.0, lanes=1, lane_width=3.0, pavement=0.6, verges=1.0,
+        verge_width=2.4, grass_height=0.18, parking=0.0, lamp_spacing=90.0, buildings=0.08, boundaries=0.12,
+        hedges=0.6, trees=0.8, palms=0.0, cycas=0.0, shrubs=2.0, clutter=0.1, signs=0.6, people=0.1, traffic=0.5,
+        stations=0.3, overhead_wires=0.7, greenery=0.7, forest=0.8,
+    ),
+    "asian_arterial": StreetParameters(
+        junction_spacing=200.0, crossroads=0.7, signals=0.9, lanes=3, median=3.0, pavement=3.5, verges=0.8,
+        verge_width=1.8, parking=0.15, facades=0.8, storeys=(3, 12), trees=1.3, palms=0.4, cycas=0.6, shrubs=1.5,
+        clutter=1.2, signs=1.5, people=2.0, traffic=2.0, lorries=1.5, gantries=2.0, two_wheelers=5.0,
+        overhead_wires=0.5, hard_cases=0.5,
+    ),
 }  # fmt: skip
-"""Named kinds: ``town``, ``suburb``, ``campus`` with trees, and ``ring_road`` like luo2016's in Xiamen."""
+"""Named kinds.
+
+``town``, ``suburb``, ``campus`` with trees, ``ring_road`` like luo2016's in Xiamen, ``old_town`` (narrow, facades at
+the pavement, parked cars), ``downtown`` (four lanes, tall buildings), ``american_suburb`` (lawns, driveways, wires),
+``residential`` (as in KITTI: hedges, low walls, cars along both curbs, overgrown front gardens), ``industrial``,
+``rural`` (between woods) and ``asian_arterial``.
+"""
 
 
 def street_parameters(config: object) -> StreetParameters:

@@ -30,14 +30,14 @@ class Alignment:
     table: NDArray[np.float64]
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator, *, start: float, end: float) -> Alignment:
-        """Draw a curve between two stations (start at most 0) with radii above about 120 m.
+    def drawn(cls, rng: np.random.Generator, *, start: float, end: float, bends: float = 1.0) -> Alignment:
+        """Draw a curve between two stations (start at most 0) with radii above about 120 m over `bends`.
 
         The same random stream gives the same curve for another range of stations.
         """
         first = rng.uniform(0, 2 * np.pi)
         wavelength = rng.uniform([180.0, 350.0], [350.0, 900.0])
-        amplitude = rng.uniform(0.3, 1.0, 2) * wavelength * 0.5 / (2 * np.pi * 120.0)
+        amplitude = bends * rng.uniform(0.3, 1.0, 2) * wavelength * 0.5 / (2 * np.pi * 120.0)
         phase = rng.uniform(0, 2 * np.pi, 2)
         station = np.arange(start, end + STEP, STEP)
         bends = amplitude * np.sin(2 * np.pi * station[:, None] / wavelength + phase)

@@ -76,6 +76,8 @@ def _drawn(
         if parameters.boundaries < 1.0 and rng.random() >= parameters.boundaries:
             boundary = "none"
         setback = rng.uniform(0.1, 0.5) if kind == "row" else rng.uniform(3.5, 7.5)
+        if kind != "row" and parameters.front_yard > 0:
+            setback = parameters.front_yard * rng.uniform(0.7, 1.3)
         has_driveway = arm < 0 and kind != "row" and rng.random() < 0.6 * min(parameters.buildings, 1.0)
         driveway = rng.uniform(at + 3.2, stop - 3.2) if has_driveway and stop - at > 7 else np.nan
         lots.append(Lot(side, at, stop, kind, boundary, setback, float(driveway), arm))
@@ -89,6 +91,10 @@ def draw_lots(
 ) -> list[Lot]:  # fmt: skip
     """Draw the lots on one side of a street, then those on both sides of its side streets there."""
     shares, edges = rng.dirichlet([2.5, 2.5, 0.8]), rng.dirichlet([2.0, 2.0, 2.0, 0.7])
+    if parameters.facades >= 0:
+        shares = np.array([parameters.facades, 1.0 - parameters.facades, 0.0])
+    if parameters.hedges >= 0:
+        edges = np.append((1.0 - parameters.hedges) * edges[:2] / edges[:2].sum(), [parameters.hedges, 0.0])
     lots: list[Lot] = []
     for stretch in free_land(side, start, end, section, arms):
         lots += _drawn(rng, side, stretch, parameters, -1, shares, edges)

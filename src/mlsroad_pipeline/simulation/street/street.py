@@ -92,6 +92,7 @@ def _section(rng: np.random.Generator, parameters: StreetParameters) -> tuple[ND
     lanes = 1 + int(rng.random() < 0.3)
     lane = rng.uniform(3.1, 3.6)
     lanes, median = parameters.lanes or lanes, parameters.median / 2
+    lane = parameters.lane_width * rng.uniform(0.95, 1.05) if parameters.lane_width > 0 else lane
     slanted = rng.random() < parameters.slanted_parking
     rows = []
     for chance in rng.random((2, 2)):
@@ -100,6 +101,8 @@ def _section(rng: np.random.Generator, parameters: StreetParameters) -> tuple[ND
         has_verge = chance[1] < parameters.verges
         strip = parameters.verge_width * rng.uniform(0.7, 1.3) if has_verge else 0.0
         pavement = rng.uniform(1.9, 2.8) if has_verge else rng.uniform(2.6, 3.8)
+        if parameters.pavement > 0:
+            pavement = parameters.pavement * rng.uniform(0.8, 1.2)
         rows.append([median + lanes * lane + bay, bay, rng.uniform(0.13, 0.28), strip, pavement])
     shape = [
         rng.uniform(0.015, 0.028), rng.uniform(-0.012, 0.012), rng.uniform(0.08, 0.16), lane, lanes, median,
@@ -230,11 +233,12 @@ def draw_street(seed: int, *, length: float, parameters: StreetParameters | None
     kind = parameters or StreetParameters()
     last = int(np.ceil(length / BLOCK)) + MARGIN
     start, end = -MARGIN * BLOCK, last * BLOCK
-    alignment = Alignment.drawn(generator(seed, 0), start=start, end=end)
+    alignment = Alignment.drawn(generator(seed, 0), start=start, end=end, bends=kind.bends)
     station = np.arange(len(alignment.table), dtype=np.float64) * STEP + start
     section, shape = _section(generator(seed, 1), kind)
     arms = _arms(generator(seed, 8), alignment, range(-MARGIN, last), kind)
     profile = _profile(generator(seed, 2), station)
+    profile[:, 0] *= kind.slopes
     profile[:, 0] -= np.interp(0.0, station, profile[:, 0])
     lots = [
         lot for side in range(2) for lot in draw_lots(generator(seed, 3, side), side, start, end, section, arms, kind)
