@@ -40,8 +40,8 @@ class Alignment:
         amplitude = bends * rng.uniform(0.3, 1.0, 2) * wavelength * 0.5 / (2 * np.pi * 120.0)
         phase = rng.uniform(0, 2 * np.pi, 2)
         station = np.arange(start, end + STEP, STEP)
-        bends = amplitude * np.sin(2 * np.pi * station[:, None] / wavelength + phase)
-        heading = first + bends.sum(axis=1)
+        turns = amplitude * np.sin(2 * np.pi * station[:, None] / wavelength + phase)
+        heading = first + turns.sum(axis=1)
         middle = (heading[1:] + heading[:-1]) / 2
         xy = np.zeros((len(station), 2))
         np.cumsum(STEP * np.stack([np.cos(middle), np.sin(middle)], 1), axis=0, out=xy[1:])
