@@ -201,6 +201,8 @@ def test_a_cut_view_has_no_points_above_the_line_of_sight():
     assert 1.5 < limit < 2.6 and len(seen) == (cloud.xyz[:, 2] <= limit).sum()
     thinner = cut_view(cloud, cloud.xyz[:, 2], replace(flat, thin=0.9), np.random.default_rng(0))
     assert 0 < len(thinner) < len(seen)
+    high = PointCloud(np.array([[0.0, 0, 9], [1, 0, 9]]))
+    assert len(cut_view(high, high.xyz[:, 2], flat, np.random.default_rng(0))) == 2  # nothing would be left
 
 
 def test_ranks_do_not_depend_on_the_unit():

@@ -12,6 +12,7 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.graph import L
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.inputs import Scale
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import AugmentationParameters
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.stages import inliers
 
 SCANNER_HEIGHTS = (1.6, 2.6)
 """Range of the height of a virtual scanner above the ground, metres."""
@@ -39,7 +40,7 @@ def cut_view(
     Returns
     -------
     PointCloud
-        The visible points, at least one of a scene that has any.
+        The visible points; the whole scene if no inlier is visible.
     """
     plan = scene.xyz[:, :2].astype(np.float64)
     low = np.flatnonzero(np.abs(np.nan_to_num(height, nan=np.inf)) < 0.3)  # metres: the scanner stands on the ground
@@ -54,7 +55,7 @@ def cut_view(
     slope = np.tan(np.radians(rng.uniform(lowest, highest)))
     seen = ~(height > rng.uniform(*SCANNER_HEIGHTS) + slope * distance)
     seen &= rng.random(len(scene)) >= rng.uniform(0, parameters.thin)
-    return scene.select(seen) if seen.any() else scene
+    return scene.select(seen) if (seen & inliers(scene)).any() else scene
 
 
 def change_graph(
