@@ -1,5 +1,7 @@
 """Runs of the benchmark and their training data."""
 
+import dataclasses
+
 import pytest
 from helpers.conf import base
 
@@ -84,3 +86,11 @@ def test_models_of_different_training_data_have_different_keys(plan):
         assert all(other == scenes[0] for other in scenes)
     distinct = {(key.partition(".")[0], tuple(sorted(scenes[0].items()))) for key, scenes in by_key.items()}
     assert len(distinct) == len(by_key)
+
+
+def test_a_model_depends_on_the_parameters_of_the_stages_its_own_and_those_that_it_refines(plan):
+    names = ("features", "patch_graph", "patch_graph_mrf", "patch_svm")
+    known = dataclasses.replace(plan(), parameters=dict.fromkeys(names, 1))
+    assert set(known.parameters_of("patch_graph_mrf")) == {"features", "patch_graph", "patch_graph_mrf"}
+    assert set(known.parameters_of("patch_graph")) == {"features", "patch_graph"}
+    assert set(known.parameters_of("patch_svm")) == {"features", "patch_svm"}

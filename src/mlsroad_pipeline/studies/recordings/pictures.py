@@ -21,11 +21,15 @@ REACH = 50.0
 
 
 def source_pages(plan: StudyPlan, scenes: SceneCollection, runs: SceneCollection) -> dict[str, str]:
-    """Return one HTML page per recording with the pictures of its middle scene for the chosen runs."""
+    """Return one HTML page per recording with the pictures of its middle scene for the chosen runs.
+
+    A recording without a chosen run among those that are asked for keeps its page.
+    """
+    asked = {run.key for run in plan.runs()}
     pages = {}
     for name, source in plan.sources.items():
         keys = [f"{method}.{name}" for method in plan.study.pictured if f"{method}.{name}" in runs]
-        if not keys:
+        if not asked & set(keys):
             continue
         stems = list(source.paths(plan.root))
         middle = f"{name}.{stems[len(stems) // 2]}"

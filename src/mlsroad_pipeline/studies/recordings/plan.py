@@ -123,6 +123,15 @@ class StudyPlan:
         """Return the configurations of the simulated streets; null switches one off."""
         return {name: config for name, config in self.study.streets.items() if config is not None}
 
+    def parameters_of(self, method: str) -> dict[str, Any]:
+        """Return the parameters of the stages, of a method, and of the method that it refines.
+
+        Parameters of other methods do not change the model; they would make it be trained again.
+        """
+        return {
+            name: values for name, values in self.parameters.items() if name not in METHODS or method.startswith(name)
+        }
+
     def trained_runs(self) -> list[Run]:
         """Return the runs with a model that is trained here."""
         return [run for run in self.runs() if run.protocol != SHIPPED]
@@ -217,7 +226,7 @@ def train_models(plan: StudyPlan, prepared: SceneCollection) -> dict[str, SceneT
         parameters = {
             "method": run.method,
             "uses": dict(zip(keys, uses.values(), strict=True)),
-            "parameters": dict(plan.parameters),
+            "parameters": plan.parameters_of(run.method),
             "scheme": plan.scheme,
             "trained_on": {"training": plan.training_set(run), "scenes": len(uses)},
         }
