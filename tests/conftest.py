@@ -1,5 +1,6 @@
 """Fixtures shared by all tests."""
 
+import gc
 import os
 
 # Tests run in one process per core; more OpenMP threads take 20 % more time. Read at the first import of NumPy.
@@ -56,6 +57,12 @@ def pytest_collection_modifyitems(items):
     if missing := [str(path) for path in place if not path.is_file()]:
         raise pytest.UsageError(f"LONG in tests/conftest.py names missing files: {missing}")
     items.sort(key=lambda item: place.get(item.path, len(LONG)))
+
+
+def pytest_collection_finish():
+    """Leave the modules and tests out of garbage collection: it would walk through them again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_terminal_summary(terminalreporter):

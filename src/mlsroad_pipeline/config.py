@@ -83,6 +83,22 @@ def nearest_name(name: str, known: Iterable[str]) -> str:
     return f"did you mean {near[0]}?" if near else f"known: {', '.join(names)}"
 
 
+def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a nested mapping with changes at any depth; lists are replaced as a whole.
+
+    Examples
+    --------
+    >>> merged({"label": {"scheme": "asprs", "files": [1, 2]}}, {"label": {"files": [3]}})
+    {'label': {'scheme': 'asprs', 'files': [3]}}
+    """
+    result = dict(base)
+    for name, value in changes.items():
+        old = result.get(name)
+        both = isinstance(old, Mapping) and isinstance(value, Mapping)
+        result[name] = merged(old, value) if both else value
+    return result
+
+
 class ParameterConfigLoader(OmegaConfigLoader):
     """Kedro's configuration loader with checked names of parameters and resolvers in catalogs.
 
@@ -139,6 +155,11 @@ class ParameterConfigLoader(OmegaConfigLoader):
                 check_names(_plain(config), base, str(path))
             check_names(self.runtime_params or {}, base, "--params")
         return read
+
+    @staticmethod
+    def _soft_merge(config: dict[str, Any], env_config: dict[str, Any], env_path: str | None = None) -> dict[str, Any]:
+        """Return base values, replaced by those of an environment; both are resolved."""
+        return merged(config, env_config)
 
     def _label_run(self, what: str) -> str:
         """Return the output or the folder of the configured run of `label`, or its settings as JSON."""
