@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import importlib.util
 import io
 import os
 import pickle
 import re
 import shutil
+import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -25,6 +27,7 @@ from kedro.framework.session import KedroSession
 from kedro.framework.startup import bootstrap_project
 from mlflow.entities import Run
 from omegaconf import OmegaConf
+from omegaconf import base as omegaconf_base
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SURVEYS = {"train": {"preset": "tiny", "seed": 7}, "test": {"preset": "tiny", "seed": 11}}
@@ -80,16 +83,28 @@ def _parsed(text: str, parse: Callable[[io.StringIO], Any]) -> bytes:
     return pickle.dumps(parse(io.StringIO(text)))
 
 
+_parsed_reference = functools.cache(omegaconf_base.parse)
+
+
 @contextlib.contextmanager
 def parsed_once() -> Iterator[None]:
-    """Parse each text of a configuration once per process: parsing the fifty files takes longer than most tests."""
+    """Parse each text of a configuration and each reference in it once per process; that takes longer than most tests.
+
+    Kedro tries to import ibis for each of 2,000 parameters; where it is missing, Python looks through all folders.
+    """
     parse = OmegaConf.load
 
     def load(file: io.StringIO) -> Any:
         return pickle.loads(_parsed(file.read(), parse))
 
-    with mock.patch.object(OmegaConf, "load", load):
-        yield
+    if importlib.util.find_spec("ibis") is None:
+        sys.modules["ibis"] = None  # type: ignore[assignment]  # the import fails at once
+    try:
+        with mock.patch.object(OmegaConf, "load", load), mock.patch.object(omegaconf_base, "parse", _parsed_reference):
+            yield
+    finally:
+        if sys.modules.get("ibis", True) is None:
+            del sys.modules["ibis"]
 
 
 @contextlib.contextmanager

@@ -184,7 +184,9 @@ def test_the_share_of_lorries_follows_the_parameter():
 
 def test_bus_stops_and_gantries_can_be_excluded_and_alternate_otherwise():
     def counts(**changes):
-        bare = dict.fromkeys(("clutter", "palms", "cycas", "shrubs", "people"), 0.0)  # their meshes take most of the time
+        bare = dict.fromkeys(
+            ("clutter", "palms", "cycas", "shrubs", "people"), 0.0
+        )  # their meshes take most of the time
         street = draw_street(3, length=600.0, parameters=replace(STREETS["ring_road"], **bare, **changes))
         placed = [p for block in range(10) for p in populate(street, block)]
         return [sum(p.label == TAXONOMY[name] for p in placed) for name in ("bus_shelter", "gantry")]
