@@ -222,5 +222,5 @@ def test_bad_counts_are_named(parameters):
 
 
 def test_presets_are_what_they_say():
-    assert set(PRESETS) == {"tiny", "small", "demo", "vlp32_front", *SCANNERS}
+    assert set(PRESETS) == {"tiny", "small", "demo", *SCANNERS}
     assert PRESETS["demo"] == SimulationParameters()

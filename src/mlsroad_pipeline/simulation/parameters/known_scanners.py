@@ -59,16 +59,17 @@ def _oakland() -> ScannerSystem:
 
 _LINE_SCANNERS = (_vmx450(), _vmq1ha(), _mx9(), _sick_side(), _oakland())
 _MULTI_BEAM = (
-    beams.hdl64(), beams.hdl32(), beams.vlp32(), beams.vlp16(), beams.pandar64(), beams.pandaset(), beams.hesai_xt32(),
-    beams.os1_64(), beams.os1_128(), beams.cyclomedia(),
+    beams.hdl64(), beams.hdl32(), beams.vlp32(), beams.vlp32_front(), beams.vlp16(), beams.pandar64(), beams.pandaset(),
+    beams.hesai_xt32(), beams.os1_64(), beams.os1_128(), beams.cyclomedia(),
 )  # fmt: skip
 
 SCANNERS: dict[str, ScannerSystem] = {system.name: system for system in (*_LINE_SCANNERS, *_MULTI_BEAM)}
 """Known systems.
 
 Line scanners: RIEGL VMX-450 and VMQ-1HA, Trimble MX9, SICK LMS 291 (a pair, and one as in Oakland). Rotating heads with
-several beams: Velodyne HDL-64E, HDL-32E, VLP-32C and VLP-16, Hesai Pandar64 (alone, and with a PandarGT as in PandaSet)
-and PandarXT-32, Ouster OS1-64 and OS1-128, and a tilted HDL-32E as on Cyclomedia's cars.
+several beams: Velodyne HDL-64E, HDL-32E, VLP-32C (and a VLP-32 that looks ahead as in ika's recordings) and VLP-16,
+Hesai Pandar64 (alone, and with a PandarGT as in PandaSet) and PandarXT-32, Ouster OS1-64 and OS1-128, and a tilted
+HDL-32E as on Cyclomedia's cars.
 """
 
 

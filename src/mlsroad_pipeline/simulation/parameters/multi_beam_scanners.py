@@ -54,16 +54,28 @@ def vlp16() -> ScannerSystem:
 
 
 def vlp32() -> ScannerSystem:
-    """Return a Velodyne VLP-32C 1.68 m above the road, the height in the recordings of ika."""
+    """Return a Velodyne VLP-32C 1.9 m above the road."""
     # 32 beams, dense about the horizon, 0.6 million pulses/s, 10 Hz, accuracy 3 cm, 200 m, about 80 m at 10 %.
     upper, lower = (15.0, 10.333, 7.0, 4.667, 3.333, 2.333), (-4.667, -5.333, -6.148, -7.254, -8.843, -11.31, -15.639)
     elevations = (*upper, *np.linspace(5 / 3, -4.0, 18), *lower, -25.0)
     device = Device(
-        600e3, 10.0, (0.0, 0.0, 0.33), pitch=-90.0, elevations=elevations, divergence=0.003, range_noise=0.01,
+        600e3, 10.0, (0.0, 0.0, 0.5), pitch=-90.0, elevations=elevations, divergence=0.003, range_noise=0.01,
         accuracy=0.03, range_step=0.004, min_range=1.0, max_range=200.0, max_returns=1, pulse_length=0.75,
         sensitivity=-5.0, blooming=0.006, corrected=True, turf_gain=2.0,
     )  # fmt: skip
-    return ScannerSystem("vlp32", (device,), platform=1.35, body=_CAR)
+    return ScannerSystem("vlp32", (device,), platform=1.4, body=_CAR)
+
+
+def vlp32_front() -> ScannerSystem:
+    """Return a Velodyne VLP-32 1.68 m above the road that looks ahead, as in the recordings of ika."""
+    # Elevations and sector are those of the recordings: below -4 degrees an earlier generation than the VLP-32C. The
+    # bonnet hides the two lowest beams.
+    upper, lower = (15.0, 10.333, 7.0, 4.667, 3.333, 2.333), (-4.667, -5.407, -6.407, -7.91, -10.281, -14.638, -25.0)
+    device = replace(
+        vlp32().devices[0], lever=(0.0, 0.0, 0.33), elevations=(*upper, *np.linspace(5 / 3, -13 / 3, 19), *lower),
+        field=(-22.0, 24.0),
+    )  # fmt: skip
+    return ScannerSystem("vlp32_front", (device,), platform=1.35, body=(-2.2, 1.7, -0.85, 0.85))
 
 
 def _pandar64() -> Device:
@@ -126,9 +138,9 @@ def os1_128() -> ScannerSystem:
 
 def cyclomedia() -> ScannerSystem:
     """Return a mapping car with a tilted HDL-32E behind its panoramic camera, 2.9 m above the road."""
-    # The firing cycle of 46.08 microseconds and 20 Hz are those of a recording from Amsterdam; so are two returns.
+    # The firing cycle of 46.08 microseconds, 20 Hz, two returns and the noise are those of a recording from Amsterdam.
     device = replace(
-        hdl32().devices[0], lever=(-0.4, 0.0, 0.5), yaw=180.0, pitch=-60.0, range_noise=0.006, max_returns=2,
+        hdl32().devices[0], lever=(-0.4, 0.0, 0.5), yaw=180.0, pitch=-60.0, range_noise=0.014, max_returns=2,
         min_range=1.5, max_range=90.0,
     )  # fmt: skip
     return ScannerSystem("cyclomedia", (device,), platform=2.4, body=(-1.2, 2.5, -0.9, 0.9))

@@ -180,7 +180,9 @@ class SimulationParameters:
 
 _DEMO = SimulationParameters()
 _OWN: dict[str, Any] = dict.fromkeys(OF_THE_SCANNER)
-_ROTATING = ("hdl64", "hdl32", "vlp32", "vlp16", "pandar64", "pandaset", "hesai_xt32", "os1_64", "os1_128")
+_ROTATING = (
+    "hdl64", "hdl32", "vlp32", "vlp32_front", "vlp16", "pandar64", "pandaset", "hesai_xt32", "os1_64", "os1_128",
+)  # fmt: skip
 
 PRESETS: dict[str, SimulationParameters] = {
     "tiny": replace(_DEMO, length=30.0, speed=14.0, profile_rate=50.0, pulse_rate=14_000.0, image_interval=15.0,
@@ -192,8 +194,7 @@ PRESETS: dict[str, SimulationParameters] = {
     "vmq1ha": replace(_DEMO, **_OWN, scanner=SCANNERS["vmq1ha"]),
     "mx9": replace(_DEMO, **_OWN, scanner=SCANNERS["mx9"]),
     **{name: replace(_DEMO, **_OWN, scanner=SCANNERS[name], with_images=False) for name in _ROTATING},
-    "vlp32_front": replace(_DEMO, **_OWN, scanner=SCANNERS["vlp32"].changed(field=(-22.0, 24.0)), with_images=False),
-    "cyclomedia": replace(_DEMO, **_OWN, scanner=SCANNERS["cyclomedia"], speed=7.0, with_images=False),
+    "cyclomedia": replace(_DEMO, **_OWN, scanner=SCANNERS["cyclomedia"], speed=5.0, with_images=False),
     "sick_side": replace(_DEMO, **_OWN, scanner=SCANNERS["sick_side"], speed=5.0, with_images=False),
     "oakland": replace(_DEMO, **_OWN, scanner=SCANNERS["oakland"], speed=7.0, with_images=False,
                        street=STREETS["campus"]),
@@ -202,8 +203,7 @@ PRESETS: dict[str, SimulationParameters] = {
 
 ``tiny`` (some 30,000 points, for tests), ``small`` (half a million) and ``demo`` (2 to 4 million) are a VMX-450 at a
 fraction of its rate. The others are `SCANNERS` at their own rates, without images but for ``vmx450``, ``vmq1ha`` and
-``mx9``; ``vlp32_front`` is limited to 46 degrees ahead like the recordings of ika, and the street of ``oakland`` is of
-the kind ``campus``.
+``mx9``; the street of ``oakland`` is of the kind ``campus``.
 """
 
 
