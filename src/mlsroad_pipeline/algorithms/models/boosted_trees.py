@@ -1,0 +1,321 @@
+"""Fast prediction of gradient-boosted trees from flat arrays.
+
+The leaf of a row follows from bit masks, as in QuickScorer (Lucchese et al. 2015): a node that sends the row to the
+right excludes the leaves of its left subtree, and the first leaf that is left is the row's. No step branches, so that
+a block of rows is processed by vector instructions. Features are compared as their numbers among the thresholds.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_arrays
+from mlsroad_pipeline.algorithms.geometry.cell_grid import run_in_chunks
+from mlsroad_pipeline.algorithms.models.boosted_kernels import add_trees, leaf_slots
+
+MAX_LEAVES, MAX_THRESHOLDS = 64, 254
+_NAN_MISSING = 2
+"""LightGBM's code of missing values that are NaN, in bits 2 and 3 of a decision type."""
+
+
+class _Prepared(NamedTuple):
+    """Arrays of the kernel."""
+
+    thresholds: NDArray[np.float32]
+    threshold_starts: NDArray[np.int64]
+    node_starts: NDArray[np.int64]
+    columns: NDArray[np.int16]
+    codes: NDArray[np.uint8]
+    masks: NDArray[np.unsignedinteger]
+    leaves: NDArray[np.float32]
+    factor: np.unsignedinteger
+    shift: np.unsignedinteger
+
+
+@dataclass(frozen=True)
+class BoostedTrees:
+    """Trees whose leaf values are added per class.
+
+    A row goes to the left child if its feature is at most the threshold, or if it is NaN and ``missing_left`` is true.
+
+    Parameters
+    ----------
+    n_leaves : ndarray of uint8, shape (t,)
+        Leaves of each tree, 1 to 64; a tree has one node less.
+    tree_class : ndarray of uint8, shape (t,)
+        Class of each tree.
+    feature : ndarray of int16, shape (m,)
+        Column that a node tests.
+    threshold : ndarray of float32, shape (m,)
+        Threshold of a node.
+    missing_left : ndarray of bool, shape (m,)
+        Whether NaN goes to the left child.
+    left : ndarray of int8, shape (m,)
+        Left child within the tree: a node, or ``-1 - leaf``.
+    right : ndarray of int8, shape (m,)
+        Right child.
+    leaf : ndarray of float32, shape (l,)
+        Values of the leaves, tree after tree.
+    initial : ndarray of float64, shape (classes,)
+        Scores before the first tree.
+    n_features : int
+        Number of features.
+
+    Raises
+    ------
+    DataError
+        If the sizes of the arrays differ, a tree has more than 64 leaves, or a feature more than 254 thresholds.
+    """
+
+    n_leaves: NDArray[np.uint8]
+    tree_class: NDArray[np.uint8]
+    feature: NDArray[np.int16]
+    threshold: NDArray[np.float32]
+    missing_left: NDArray[np.bool_]
+    left: NDArray[np.int8]
+    right: NDArray[np.int8]
+    leaf: NDArray[np.float32]
+    initial: NDArray[np.float64]
+    n_features: int
+
+    def __post_init__(self) -> None:
+        n_leaves = np.asarray(self.n_leaves, np.int64)
+        if len(n_leaves) and not 1 <= n_leaves.min() <= n_leaves.max() <= MAX_LEAVES:
+            raise DataError(f"trees must have 1 to {MAX_LEAVES} leaves, got {n_leaves.min()}..{n_leaves.max()}")
+        nodes: list[NDArray] = [self.feature, self.threshold, self.missing_left, self.left, self.right]
+        if {len(a) for a in nodes} != {int(n_leaves.sum()) - len(n_leaves)} or len(self.leaf) != n_leaves.sum():
+            raise DataError("the arrays of the trees have different sizes: the model is damaged")
+        if len(self.feature) and not 0 <= self.feature.min() <= self.feature.max() < self.n_features:
+            raise DataError(f"a tree tests feature {self.feature.max()}, of {self.n_features} features")
+        if len(self.tree_class) != len(n_leaves) or (len(n_leaves) and self.tree_class.max() >= len(self.initial)):
+            raise DataError(f"the trees need one class each, below {len(self.initial)}")
+
+    def __len__(self) -> int:
+        """Return the number of trees."""
+        return len(self.n_leaves)
+
+    @classmethod
+    def from_lightgbm(cls, text: str, *, initial: ArrayLike | None = None) -> BoostedTrees:
+        """Convert a model of LightGBM.
+
+        Parameters
+        ----------
+        text : str
+            Result of ``Booster.model_to_string``; numerical features alone.
+        initial : array-like of shape (classes,), optional
+            Scores before the first tree, as in the initial scores of the training; 0 by default.
+
+        Returns
+        -------
+        BoostedTrees
+            The trees.
+
+        Raises
+        ------
+        DataError
+            If the text is no such model, or a tree is too large.
+        """
+        header = _Fields(text.split("\nTree=", 1)[0])
+        n_classes = header.integer("num_tree_per_iteration")
+        trees = [_read_tree(_Fields(part)) for part in text.split("\nTree=")[1:]]
+        names = ("feature", "threshold", "missing_left", "left", "right", "leaf")
+        kinds = (np.int16, np.float32, np.bool_, np.int8, np.int8, np.float32)
+        arrays: dict[str, Any] = {
+            name: np.concatenate([np.zeros(0, kind), *(tree[name] for tree in trees)]).astype(kind)
+            for name, kind in zip(names, kinds, strict=True)
+        }
+        sizes = [len(tree["leaf"]) for tree in trees]
+        if max(sizes, default=1) > MAX_LEAVES:
+            raise DataError(f"a tree has {max(sizes)} leaves, more than {MAX_LEAVES}: lower num_leaves")
+        return cls(
+            n_leaves=np.array(sizes, np.uint8),
+            tree_class=(np.arange(len(trees)) % n_classes).astype(np.uint8),
+            initial=np.zeros(n_classes) if initial is None else np.asarray(initial, np.float64),
+            n_features=header.integer("max_feature_idx") + 1,
+            **arrays,
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[BoostedTrees]) -> BoostedTrees:
+        """Join trees of the same features and classes; the first part gives the initial scores.
+
+        Parameters
+        ----------
+        parts : sequence of BoostedTrees
+            At least one part.
+
+        Returns
+        -------
+        BoostedTrees
+            All trees, in the order of the parts.
+        """
+        own = {f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)[:8]}
+        return cls(initial=parts[0].initial, n_features=parts[0].n_features, **own)
+
+    def to_arrays(self) -> dict[str, NDArray]:
+        """Return the trees as named arrays, for an NPZ file."""
+        return {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray]) -> BoostedTrees:
+        """Rebuild trees from the arrays of `to_arrays`.
+
+        Parameters
+        ----------
+        arrays : mapping of str to ndarray
+            The arrays; other entries are ignored.
+
+        Returns
+        -------
+        BoostedTrees
+            The trees.
+
+        Raises
+        ------
+        DataError
+            If an array is missing.
+        """
+        names = [f.name for f in fields(cls)]
+        check_arrays(arrays, names, "boosted trees")
+        own = {name: np.asarray(arrays[name]) for name in names}
+        return cls(n_features=int(own.pop("n_features")), **own)
+
+    @cached_property
+    def _prepared(self) -> _Prepared:
+        return _prepare(self)
+
+    def scores(self, values: ArrayLike, *, n_threads: int = 1) -> NDArray[np.float64]:
+        """Return the sums of the initial scores and the leaf values per class.
+
+        Parameters
+        ----------
+        values : array-like of shape (n, f)
+            Features, compared as float32; NaN is missing.
+        n_threads : int, default 1
+            Threads; the result does not depend on it.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, classes)
+            Raw scores, equal to those of LightGBM up to the rounding of the leaf values to float32.
+
+        Raises
+        ------
+        DataError
+            If `values` has another number of columns than the trees.
+        ParameterError
+            If `n_threads` is below 1.
+        """
+        table = np.ascontiguousarray(values, dtype=np.float32)
+        if table.ndim != 2 or table.shape[1] != self.n_features:
+            raise DataError(f"features must have shape (n, {self.n_features}), got {table.shape}")
+        out = np.empty((len(table), len(self.initial)))
+        ready = self._prepared
+
+        def run(first: int, last: int) -> None:
+            add_trees(table, *ready, self.tree_class, self.initial, out, first, last)
+
+        run_in_chunks(run, len(table), n_threads=n_threads)
+        return out
+
+
+class _Fields:
+    """Lines ``name=value`` of a part of a LightGBM model."""
+
+    def __init__(self, text: str) -> None:
+        self._values = dict(re.findall(r"^(\w+)=(.*)$", text, re.MULTILINE))
+
+    def integer(self, name: str) -> int:
+        return int(self.text(name))
+
+    def numbers(self, name: str, kind: type) -> NDArray:
+        return np.array(self.text(name).split(), dtype=np.float64).astype(kind)
+
+    def text(self, name: str) -> str:
+        if name not in self._values:
+            raise DataError(f"the LightGBM model has no {name!r}: it is damaged or of another version")
+        return self._values[name]
+
+
+def _read_tree(lines: _Fields) -> dict[str, NDArray]:
+    """Return the arrays of one tree; thresholds are the largest float32 values not above LightGBM's."""
+    if lines.integer("num_leaves") < 2:
+        none = np.zeros(0, np.int64)
+        leaf = lines.numbers("leaf_value", np.float64)[:1]
+        return {"feature": none, "threshold": none, "missing_left": none, "left": none, "right": none, "leaf": leaf}
+    decision = lines.numbers("decision_type", np.int64)
+    if (decision & 1).any():
+        raise DataError("the LightGBM model has categorical features: numerical ones alone are supported")
+    exact = lines.numbers("threshold", np.float64)
+    rounded = exact.astype(np.float32)
+    is_nan_missing = decision >> 2 & 3 == _NAN_MISSING
+    return {
+        "feature": lines.numbers("split_feature", np.int64),
+        "threshold": np.where(rounded > exact, np.nextafter(rounded, np.float32(-np.inf)), rounded),
+        # LightGBM compares NaN as 0 where the training had none in this feature.
+        "missing_left": np.where(is_nan_missing, (decision & 2) > 0, exact >= 0),
+        "left": lines.numbers("left_child", np.int64),
+        "right": lines.numbers("right_child", np.int64),
+        "leaf": lines.numbers("leaf_value", np.float64),
+    }
+
+
+def _prepare(trees: BoostedTrees) -> _Prepared:
+    """Return codes of the thresholds, masks of the nodes, and leaf values by the hash of their bit."""
+    of_feature = [np.unique(trees.threshold[trees.feature == f]) for f in range(trees.n_features)]
+    sizes = np.array([len(values) for values in of_feature])
+    if sizes.max(initial=0) > MAX_THRESHOLDS:
+        raise DataError(f"a feature has {sizes.max()} thresholds, more than {MAX_THRESHOLDS}: lower max_bin")
+    codes = np.zeros(len(trees.feature), np.uint8)
+    for f, values in enumerate(of_feature):
+        own = trees.feature == f
+        codes[own] = np.searchsorted(values, trees.threshold[own])
+    word = np.dtype(np.uint32 if int(np.max(trees.n_leaves, initial=1)) <= 32 else np.uint64)
+    n_bits = 8 * word.itemsize
+    slot, factor, shift = leaf_slots(word)
+    n_leaves = trees.n_leaves.astype(np.int64)
+    leaf_starts, node_starts = np.cumsum([0, *n_leaves]), np.cumsum([0, *(n_leaves - 1)])
+    masks, leaves = np.zeros(len(trees.feature), word), np.zeros((len(trees), n_bits), np.float32)
+    for tree in range(len(trees)):
+        nodes = slice(node_starts[tree], node_starts[tree + 1])
+        own, ordered = _masks_of(trees.left[nodes].tolist(), trees.right[nodes].tolist())
+        masks[nodes] = np.array([((1 << n_bits) - 1) ^ bits for bits in own], dtype=word)
+        leaves[tree, slot[: len(ordered)]] = trees.leaf[leaf_starts[tree] : leaf_starts[tree + 1]][ordered]
+    return _Prepared(
+        np.concatenate([np.zeros(0, np.float32), *of_feature]),
+        np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+        node_starts.astype(np.int64),
+        (2 * trees.feature + ~trees.missing_left).astype(np.int16),
+        codes,
+        masks,
+        leaves,
+        factor,
+        shift,
+    )
+
+
+def _masks_of(left: list[int], right: list[int]) -> tuple[list[int], list[int]]:
+    """Return the bits of the leaves of each node's left subtree, and the leaves from left to right."""
+    if not left:
+        return [], [0]
+    ordered: list[int] = []
+    below, whole = [0] * len(left), [0] * len(left)
+
+    def walk(child: int) -> int:
+        if child < 0:
+            ordered.append(-1 - child)
+            return 1 << (len(ordered) - 1)
+        below[child] = walk(left[child])
+        whole[child] = below[child] | walk(right[child])
+        return whole[child]
+
+    walk(0)
+    return below, ordered

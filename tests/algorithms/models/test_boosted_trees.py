@@ -1,0 +1,71 @@
+import lightgbm
+import numpy as np
+import pytest
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
+
+PLAIN = {"objective": "multiclass", "num_class": 3, "min_child_samples": 3, "max_bin": 127, "verbosity": -1}
+
+
+def table(n, seed=0):
+    rng = np.random.default_rng(seed)
+    values = rng.normal(size=(n, 6)).astype(np.float32)
+    values[:, 2] = np.round(values[:, 2])  # values on thresholds
+    values[rng.random(n) < 0.3, 1] = np.nan
+    return values, (np.nan_to_num(values[:, 1]) + values[:, 2] > 0) + (values[:, 0] > 0.5)
+
+
+def trained(n_leaves, target=None, **more):
+    values, classes = table(1500)
+    target = classes if target is None else target
+    data = lightgbm.Dataset(values, target, free_raw_data=False)
+    return lightgbm.train({**PLAIN, "num_leaves": n_leaves, "num_threads": 1, **more}, data, 8)
+
+
+@pytest.mark.parametrize("n_leaves", [2, 31, 32, 63, 64])
+def test_scores_are_those_of_lightgbm(n_leaves):
+    booster = trained(n_leaves)
+    trees = BoostedTrees.from_lightgbm(booster.model_to_string())
+    values, _ = table(1000, seed=1)
+    values[::5, 4] = np.nan  # a feature that was complete in the training
+    expected = booster.predict(values, raw_score=True)
+    np.testing.assert_allclose(trees.scores(values), expected, atol=1e-6)
+    np.testing.assert_array_equal(trees.scores(values, n_threads=3), trees.scores(values))
+    again = BoostedTrees.from_arrays(trees.to_arrays())
+    np.testing.assert_array_equal(again.scores(values[:7]), trees.scores(values)[:7])
+
+
+def test_trees_of_one_leaf_and_initial_scores():
+    booster = trained(31, min_child_samples=5000)
+    trees = BoostedTrees.from_lightgbm(booster.model_to_string(), initial=[1.0, 0.0, -1.0])
+    values, _ = table(5)
+    np.testing.assert_allclose(trees.scores(values), booster.predict(values, raw_score=True) + [1, 0, -1], atol=1e-6)
+
+
+def test_joined_trees_add_up():
+    one, two = (BoostedTrees.from_lightgbm(trained(n).model_to_string(), initial=[n, 0, 0]) for n in (4, 9))
+    values, _ = table(50)
+    joined = BoostedTrees.joined([one, two])
+    np.testing.assert_allclose(joined.scores(values), one.scores(values) + two.scores(values) - [9, 0, 0])
+    assert len(joined) == len(one) + len(two)
+
+
+def test_no_rows_and_wrong_columns():
+    trees = BoostedTrees.from_lightgbm(trained(4).model_to_string())
+    assert trees.scores(np.zeros((0, 6))).shape == (0, 3)
+    with pytest.raises(DataError, match=r"shape \(n, 6\), got \(2, 5\)"):
+        trees.scores(np.zeros((2, 5)))
+
+
+def test_too_large_trees_and_damaged_arrays_are_refused():
+    with pytest.raises(DataError, match="more than 64: lower num_leaves"):
+        BoostedTrees.from_lightgbm(trained(65, np.random.default_rng(3).integers(0, 3, 1500)).model_to_string())
+    trees = BoostedTrees.from_lightgbm(trained(4).model_to_string())
+    arrays = trees.to_arrays()
+    with pytest.raises(DataError, match="damaged"):
+        BoostedTrees.from_arrays({**arrays, "leaf": arrays["leaf"][:-1]})
+    with pytest.raises(DataError, match="boosted trees"):
+        BoostedTrees.from_arrays({"leaf": arrays["leaf"]})
+    with pytest.raises(DataError, match="num_tree_per_iteration"):
+        BoostedTrees.from_lightgbm("tree\n")
