@@ -182,6 +182,21 @@ def test_scenes_of_an_earlier_set_and_temporary_files_go(store, marks, tmp_path)
     assert count_marks(marks) == 4
 
 
+def test_kept_scenes_stay_and_are_computed_again_only_where_they_changed(marks, tmp_path):
+    kept = store_at(tmp_path / "stage", keep=True)
+    tasks = point_tasks(marks, 4)
+    kept.save({name: tasks[name] for name in ("s0", "s1")})
+    kept.save({name: tasks[name] for name in ("s1", "s2")})
+    assert list(kept.load()) == ["s0", "s1", "s2"]
+    assert count_marks(marks) == 3
+    np.testing.assert_array_equal(kept.load()["s0"].load().xyz, make_cloud(50, 0).xyz)
+    (tmp_path / "stage/s0/record.json").unlink()  # an incomplete scene is no result
+    kept.save({"s3": tasks["s3"]})
+    assert list(kept.load()) == ["s1", "s2", "s3"]
+    kept.save({})
+    assert list(kept.load()) == ["s1", "s2", "s3"]
+
+
 def test_parts_of_an_earlier_result_go(store, tmp_path):
     store.save({"s": SceneTask(give, parameters={"value": {"a": {"x": np.ones(1)}, "b": {"x": np.ones(1)}}})})
     store.save({"s": SceneTask(give, parameters={"value": {"b": {"x": np.ones(1)}}})})
