@@ -167,6 +167,10 @@ _TABLE = (
         ".labeller:label_cloud",
     ),
     Method(
+        "boosted_trees", "labelling", "baselines.boosted_trees", ".parameters:BoostedTreesParameters",
+        ".labeller:label_scene", ".training:fit", ".labeller:label_cloud",
+    ),
+    Method(
         "image_labels", "labelling", "image_labels", ".training_parameters:ImageLabelsParameters",
         ".labeller:label_scene", ".labeller:fit", "models.bundle:refuse_points", needs_images=True,
     ),

@@ -1,0 +1,184 @@
+"""Labels of points by trained boosted trees. No LightGBM is needed."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG, BoostedTreesParameters
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.features.voxel_scales import (
+    VoxelFeatures,
+    compute_voxel_features,
+    smooth_by_cells,
+    voxel_feature_names,
+)
+from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.stages import Ground, GroundParameters, ground_of, inliers
+
+
+def describe_scene(scene: PointCloud, ground: Ground, *, voxel_size: float = 0.2, n_threads: int = 1) -> VoxelFeatures:
+    """Compute the features of the voxels of a scene.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene, with at least one point that is no outlier. An intensity that is constant counts as missing.
+    ground : Ground
+        Its ground. Where no point has a height, heights are measured from the lowest point.
+    voxel_size : float, default 0.2
+        Edge of a voxel, metres.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
+
+    Returns
+    -------
+    VoxelFeatures
+        The features; points that are outliers have no row.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is not finite or an intensity is NaN.
+    """
+    keep = inliers(scene)
+    xyz, height, intensity = scene.xyz[keep], ground["height"][keep], scene.get("intensity")
+    if np.isnan(height).all():
+        height = (xyz[:, 2] - xyz[:, 2].min()).astype(np.float32)
+    if intensity is not None:
+        intensity = intensity[keep]
+        intensity = None if intensity.min() == intensity.max() else intensity
+    return compute_voxel_features(xyz, height=height, intensity=intensity, voxel_size=voxel_size, n_threads=n_threads)
+
+
+def voxel_probabilities(features: VoxelFeatures, bundle: ModelBundle, *, n_threads: int = 1) -> NDArray[np.float64]:
+    """Return the class probabilities of voxels.
+
+    Parameters
+    ----------
+    features : VoxelFeatures
+        The voxels.
+    bundle : ModelBundle
+        A model of `training.fit`.
+    n_threads : int, default 1
+        Threads; the result does not depend on it.
+
+    Returns
+    -------
+    ndarray of float64, shape (v, classes)
+        Softmax of scores divided by the model's `temperature`, plus its `offsets`; smoothed over neighbouring voxels.
+
+    Raises
+    ------
+    DataError
+        If the model was trained with other features.
+    """
+    if bundle.metadata["feature_names"] != voxel_feature_names():
+        raise DataError(f"model {bundle.slug!r} has other features than this version: train it again")
+    if SLUG not in bundle.prepared:
+        bundle.prepared[SLUG] = BoostedTrees.from_arrays(bundle.arrays)
+    trees: BoostedTrees = bundle.prepared[SLUG]
+    scores = trees.scores(features.values, n_threads=n_threads)
+    probabilities = softmax(scores / bundle.arrays["temperature"] + bundle.arrays["offsets"])
+    parameters = parameters_of(bundle)
+    if parameters.smoothing > 0:
+        around = smooth_by_cells(features, probabilities, level=parameters.smoothing_level, n_threads=n_threads)
+        probabilities += parameters.smoothing * (around - probabilities)
+    return probabilities
+
+
+def softmax(scores: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the probabilities of scores.
+
+    Parameters
+    ----------
+    scores : ndarray of float64, shape (n, c)
+        Scores.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, c)
+        Probabilities; each row has the sum 1.
+    """
+    powers = np.exp(scores - scores.max(axis=1, keepdims=True))
+    return powers / powers.sum(axis=1, keepdims=True)
+
+
+def parameters_of(bundle: ModelBundle) -> BoostedTreesParameters:
+    """Return the parameters that a model was trained with.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        A model of `training.fit`.
+
+    Returns
+    -------
+    BoostedTreesParameters
+        Its parameters.
+    """
+    return BoostedTreesParameters(**bundle.metadata["parameters"][SLUG])
+
+
+def label_scene(scene: PointCloud, ground: Ground, bundle: ModelBundle) -> PointLabels:
+    """Label the points of a scene.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene; its intensity is used if it has one.
+    ground : Ground
+        Its ground.
+    bundle : ModelBundle
+        A model of `training.fit`.
+
+    Returns
+    -------
+    PointLabels
+        Class and probability of each point, those of its voxel; outliers have no class.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is not finite, an intensity is NaN, or the model was trained with other features.
+    """
+    label, confidence = unlabelled(len(scene))
+    keep = inliers(scene)
+    if keep.any():
+        features = describe_scene(scene, ground, voxel_size=parameters_of(bundle).voxel_size)
+        probabilities = voxel_probabilities(features, bundle)
+        label[keep] = probabilities.argmax(axis=1).astype(np.int16)[features.owner]
+        confidence[keep] = probabilities.max(axis=1).astype(np.float32)[features.owner]
+    return {"label": label, "confidence": confidence}
+
+
+def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Label the points of a cloud: ground and trees.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        Points; intensity is used where there is any.
+    bundle : ModelBundle
+        A model of `training.fit`.
+
+    Returns
+    -------
+    labels : ndarray of int16, shape (n,)
+        Classes of the model's scheme; -1 for outliers.
+    confidence : ndarray of float32, shape (n,)
+        Probability of the class; 0 for outliers.
+
+    Raises
+    ------
+    DataError
+        If a coordinate is NaN or infinite.
+    """
+    if len(cloud) == 0 or not inliers(cloud).any():
+        return unlabelled(len(cloud))
+    ground = ground_of(cloud, GroundParameters(**bundle.metadata["parameters"]["ground"]))
+    labels = label_scene(cloud, ground, bundle)
+    return labels["label"], labels["confidence"]

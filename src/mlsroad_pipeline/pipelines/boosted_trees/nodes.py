@@ -1,0 +1,34 @@
+"""Training of the boosted trees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG, BoostedTreesParameters
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.surveys.parameters import SurveyParameters
+
+
+def train_boosted_trees(
+    voxels: SceneCollection,
+    parameters: BoostedTreesParameters,
+    ground: GroundParameters,
+    survey: SurveyParameters,
+    classes: Mapping[str, Any],
+    checkpoints: Any,
+) -> tuple[ModelBundle, ModelBundle]:
+    """Train the trees on the voxels of the training scenes."""
+    model = METHODS[SLUG].load("train")(
+        list(voxels.load_all().values()),
+        parameters=parameters,
+        ground=ground,
+        scheme=training_scheme(survey, classes),
+        trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(voxels)},
+        checkpoints=checkpoints,
+    )
+    return model, model
