@@ -14,6 +14,11 @@ from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
 
+def sample_of(own: BoostedTreesParameters) -> BoostedTreesParameters:
+    """Return the parameters of the training voxels: those of trees and labels change none."""
+    return own.of_sample()
+
+
 def train_boosted_trees(
     voxels: SceneCollection,
     parameters: BoostedTreesParameters,

@@ -5,7 +5,7 @@ from kedro.pipeline import Node, Pipeline
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.labeller import label_scene
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import training_voxels
-from mlsroad_pipeline.pipelines.boosted_trees.nodes import train_boosted_trees
+from mlsroad_pipeline.pipelines.boosted_trees.nodes import sample_of, train_boosted_trees
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
@@ -18,7 +18,7 @@ def create_pipeline(**_: object) -> Pipeline:
     return Pipeline(
         [
             Node(
-                PerScene(training_voxels, keys=training_keys, scheme=training_scheme),
+                PerScene(training_voxels, keys=training_keys, parameters=sample_of, scheme=training_scheme),
                 inputs={**prepared, "own": own, **configured},
                 outputs=f"{SLUG}.training_set",
                 name="draw_training_voxels",

@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG as TREES
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import BoostedTreesParameters
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import training_voxels
 from mlsroad_pipeline.algorithms.baselines.shape_based import labeller as shape_based
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer import labeller as superpoint_transformer
 from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.parameters import SLUG as SUPERPOINTS
@@ -25,7 +28,12 @@ from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.patches.labelling import PatchStages, build_patches, label_patches
 from mlsroad_pipeline.algorithms.patches.training import PatchTraining, join_training_scenes
 from mlsroad_pipeline.algorithms.scenes.parts import TRAIN
-from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground
+from mlsroad_pipeline.algorithms.stages import (
+    GroundParameters,
+    build_supervoxels,
+    describe_supervoxels,
+    find_ground,
+)
 from mlsroad_pipeline.studies.recordings.parameters import OWN
 from mlsroad_pipeline.studies.recordings.streets import ignoring, scenes_in
 
@@ -201,14 +209,50 @@ def _fit_graphs(
     return bundle
 
 
+def prepare_voxels(
+    scenes: PointCloud | Mapping[str, PointCloud],
+    *,
+    stages: tuple[GroundParameters, BoostedTreesParameters],
+    scheme: ClassScheme,
+    mixed: Sequence[str],
+) -> dict[str, Any]:
+    """Draw the labelled voxels of scenes for each use."""
+    out: dict[str, Any] = {}
+    for name, uses in labelled_for(scenes, scheme, mixed):
+        ground = find_ground(uses["whole"], stages[0])
+        for use, labelled in uses.items():
+            out[f"{name}.{use}"] = training_voxels(labelled, ground, parameters=stages[1], scheme=scheme)
+    return out
+
+
+def _voxel_stages(parameters: Mapping[str, Any]) -> tuple[GroundParameters, BoostedTreesParameters]:
+    return parameters["ground_removal"], parameters[TREES].of_sample()
+
+
+def _fit_voxels(
+    scenes: Sequence[tuple[Prepared, str]],
+    slug: str,
+    parameters: Mapping[str, Any],
+    scheme: ClassScheme,
+    facts: Mapping[str, Any],
+) -> ModelBundle:
+    voxels = [arrays for parts, use in scenes for name, arrays in parts.items() if name.endswith(f".{use}")]
+    bundle: ModelBundle = METHODS[slug].load("train")(
+        voxels, parameters=parameters[slug], ground=parameters["ground_removal"], scheme=scheme, trained_on=facts
+    )
+    return bundle
+
+
 _FOREST = Preparation("supervoxels", _forest_stages, prepare_supervoxels, _fit_forest)
 _PATCHES = Preparation("patches", _patch_stages, prepare_patches, _fit_patches)
 _SHAPES = Preparation("patches", _patch_stages, prepare_patches, _fit_shapes)
 _GRAPHS = Preparation("superpoint_graphs", _graph_stages, prepare_graphs, _fit_graphs)
+_VOXELS = Preparation("voxels", _voxel_stages, prepare_voxels, _fit_voxels)
 _OF_METHOD = {
     "detrended_forest": _FOREST,
     "shape_based": _SHAPES,
     SUPERPOINTS: _GRAPHS,
+    TREES: _VOXELS,
     **dict.fromkeys(("patch_graph", "patch_graph_mrf", "patch_svm", "patch_forest", "max_margin_markov"), _PATCHES),
 }
 

@@ -27,7 +27,7 @@ def street(seed):
 
 
 def voxels_of(cloud, parameters=QUICK):
-    return training_voxels(cloud, find_ground(cloud, GroundParameters()), parameters, scheme=SCHEME)
+    return training_voxels(cloud, find_ground(cloud, GroundParameters()), parameters=parameters, scheme=SCHEME)
 
 
 @pytest.fixture(scope="module")

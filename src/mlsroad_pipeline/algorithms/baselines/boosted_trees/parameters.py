@@ -91,3 +91,7 @@ class BoostedTreesParameters:
                 raise ParameterError(f"{SLUG}.{name} must be in 2..{most}, got {getattr(self, name)!r}")
         for name, share in self.prior.items():
             check_positive(share, f"{SLUG}.prior.{name}")
+
+    def of_sample(self) -> BoostedTreesParameters:
+        """Return the parameters that training voxels depend on, with the defaults of all others."""
+        return BoostedTreesParameters(voxel_size=self.voxel_size, max_per_class=self.max_per_class, seed=self.seed)

@@ -44,7 +44,7 @@ class TrainingVoxels(TypedDict):
 
 
 def training_voxels(
-    scene: PointCloud, ground: Ground, own: BoostedTreesParameters, *, scheme: ClassScheme
+    scene: PointCloud, ground: Ground, *, parameters: BoostedTreesParameters, scheme: ClassScheme
 ) -> TrainingVoxels:
     """Draw the training voxels of a scene labelled in a scheme.
 
@@ -54,7 +54,7 @@ def training_voxels(
         The scene, with `label`; points outside `core` are not trained on.
     ground : Ground
         Its ground.
-    own : BoostedTreesParameters
+    parameters : BoostedTreesParameters
         Parameters of the method.
     scheme : ClassScheme
         The classes.
@@ -75,7 +75,7 @@ def training_voxels(
     core = scene.get("core")
     if core is not None:
         labels = np.where(core, labels, np.int16(IGNORE))
-    return sample_voxels(scene, ground, labels, np.eye(len(scheme), dtype=np.bool_), parameters=own)
+    return sample_voxels(scene, ground, labels, np.eye(len(scheme), dtype=np.bool_), parameters=parameters)
 
 
 def sample_voxels(

@@ -36,7 +36,15 @@ class Checkpoints(Protocol):
         """Return a state, None if none was saved; raise ReadError if it is damaged."""
 
     def save(self, name: str, state: dict[str, Any]) -> None:
-        """Replace a state of plain values atomically."""
+        """Replace a state atomically.
+
+        Parameters
+        ----------
+        name : str
+            Name of the training.
+        state : dict
+            Texts and lists of texts.
+        """
 
     def remove(self, name: str) -> None:
         """Remove a state if there is one."""
