@@ -104,7 +104,8 @@ def test_every_free_input_of_a_pipeline_is_stored_by_another_or_is_a_parameter(p
         made = {output for name in CONTRACT for output in pipelines[name].all_outputs()}
         for name in CONTRACT:
             unmade = {entry for entry in pipelines[name].inputs() if not entry.startswith("params:")} - made
-            assert unmade <= {"label_run", "stage_costs", f"{name}.checkpoints"}, name  # a training fills its own folder
+            unmade = {entry for entry in unmade if not entry.endswith(".checkpoints")}  # filled by the training itself
+            assert unmade <= {"label_run", "stage_costs"}, name
             assert len({node.name for node in pipelines[name].nodes}) == len(pipelines[name].nodes)
 
 
