@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from joblib import cpu_count
+
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG, BoostedTreesParameters
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
@@ -34,6 +36,7 @@ def train_boosted_trees(
         ground=ground,
         scheme=training_scheme(survey, classes),
         trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(voxels)},
+        n_threads=cpu_count(),
         checkpoints=checkpoints,
     )
     return model, model

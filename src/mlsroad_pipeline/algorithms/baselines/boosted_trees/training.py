@@ -81,7 +81,7 @@ def fit(
     sources : sequence of str, optional
         Source of each scene; one for all by default.
     n_threads : int, default 1
-        Threads of LightGBM.
+        Threads of LightGBM; the trees do not depend on it.
     checkpoints : Checkpoints, optional
         Storage of the training state. An interrupted training resumes with the same bytes.
 
@@ -142,7 +142,7 @@ def train_trees(
     parameters : BoostedTreesParameters
         Parameters of the method.
     n_threads : int, default 1
-        Threads of LightGBM.
+        Threads of LightGBM; the trees do not depend on it.
     checkpoints : Checkpoints, optional
         Storage of the training state.
 
