@@ -40,7 +40,7 @@ class BoostedTreesParameters:
         Penalty on the square of the leaf values.
     max_bin : int, default 127
         Maximum bins of a feature, at most 255.
-    max_per_class : int, default 12000
+    max_per_class : int, default 2000
         Maximum training voxels per scene and class.
     prior : mapping of str to float
         Class to its share of the training weight in each source; empty for the shares as found.
@@ -68,7 +68,7 @@ class BoostedTreesParameters:
     extra_trees: bool = True
     lambda_l2: float = 1.0
     max_bin: int = 127
-    max_per_class: int = 12000
+    max_per_class: int = 2000
     prior: Mapping[str, float] = field(default_factory=dict)
     intensity_dropout: float = 0.4
     checkpoint_rounds: int = 20
