@@ -22,16 +22,17 @@ def model_card(entry: Mapping[str, Any]) -> str:
         The card.
     """
     attributes = " and ".join(entry["attributes"]) or "no attributes"
+    variants = [f"  There is one forest for each of {', '.join(entry['variants'])}."] if entry["variants"] else []
     lines = [
         f"# Model `{entry['name']}`",
         "",
         f"{entry['summary']}. Method: `{entry['method']}`. Licence: {entry['licence']}.",
         "",
-        f"- **Input**: coordinates in metres, z up; {attributes} where a survey has them. There is one",
-        f"  forest for each of {', '.join(entry['variants'])}.",
+        f"- **Input**: coordinates in metres, z up; {attributes} where a survey has them.",
+        *variants,
         f"- **Classes**: {', '.join(entry['classes'])}.",
-        f"- **Trained on**: {len(entry['training'])} simulated streets, {entry['supervoxels']} supervoxels;",
-        "  no recording.",
+        f"- **Trained on**: {len(entry['training'])} simulated streets and {_recorded(entry['recordings'])};",
+        f"  {entry['samples']} samples.",
         f"- **Command**: `{entry['command']}` (mlsroad_pipeline {entry['version']}).",
         "",
         "## Scores",
@@ -70,6 +71,12 @@ def _scores(rows: Any) -> list[str]:
             for row in same
         ]
     return lines
+
+
+def _recorded(recordings: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the recordings of the training with their licences."""
+    named = [f"{r['scenes']} scenes of {r['title']} ({r['licence']})" for r in recordings.values()]
+    return " and ".join(named) or "no recording"
 
 
 def _street(name: str, config: Mapping[str, Any]) -> str:

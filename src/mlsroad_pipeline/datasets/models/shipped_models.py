@@ -22,6 +22,8 @@ FOLDER = Path(__file__).with_name("shipped")
 
 REGISTRY, CARD = "registry.json", "card.md"
 LICENCE = "MIT"
+_LISTED = 12
+"""Most training streets whose seeds are listed in one line."""
 
 
 @dataclass(frozen=True)
@@ -34,10 +36,25 @@ class ShippedParameters:
         Name of the model, and of the environment that trains it.
     summary : str, default ""
         Surveys that the model is for, in one line.
+    root : str, default ""
+        Folder of the recordings.
+    recordings : mapping of str to mapping
+        Recordings to train on beside the simulated streets: name to the fields of `TrainingRecording`.
+    recorded_scheme : str, default "common"
+        Class scheme that the labels of the recordings separate; it may be coarser than that of the model.
+    weight : float, default 3.0
+        Weight of all simulated streets together; that of a recording is 1.
+    recorded_per_class : int, default 3000
+        Maximum training samples per class and scene of a recording.
     """
 
     name: str = ""
     summary: str = ""
+    root: str = ""
+    recordings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    recorded_scheme: str = "common"
+    weight: float = 3.0
+    recorded_per_class: int = 3000
 
     def command(self) -> str:
         """Return the command that trains the model.
@@ -53,7 +70,9 @@ class ShippedParameters:
             If the model has no name.
         """
         if not self.name:
-            raise ParameterError("shipped.name is not set: kedro run --env=dense, or --env=sparse, trains a model")
+            raise ParameterError(
+                "shipped.name is not set: kedro run --env=general, --env=dense or --env=sparse trains a model"
+            )
         return f"kedro run --env={self.name}"
 
 
@@ -108,13 +127,15 @@ class ShippedModel:
     attributes : tuple of str
         Columns that the model uses where a survey has them.
     variants : tuple of str
-        Combinations of attributes with a forest of their own.
+        Combinations of attributes with a forest of their own; none for a method whose model serves all.
     training : mapping of str to mapping
         Name of each training survey to its parameters of the simulator.
-    supervoxels : int
-        Number of training samples.
+    samples : int
+        Number of training samples: supervoxels or voxels.
     scores : tuple of ModelScores
         Scores on data that the model was not trained on.
+    recordings : mapping of str to mapping
+        Recordings that the model was trained on: ``title``, ``licence``, ``scenes`` and ``sha256`` of each.
     """
 
     name: str
@@ -128,8 +149,9 @@ class ShippedModel:
     attributes: tuple[str, ...]
     variants: tuple[str, ...]
     training: Mapping[str, Mapping[str, Any]]
-    supervoxels: int
+    samples: int
     scores: tuple[ModelScores, ...] = field(default_factory=tuple)
+    recordings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
@@ -140,7 +162,9 @@ class ShippedModel:
     def trained_on(self) -> str:
         """Return the training data in one line."""
         seeds = ", ".join(str(survey.get("seed", 0)) for survey in self.training.values())
-        return f"{len(self.training)} simulated streets (seeds {seeds})"
+        listed = f" (seeds {seeds})" if len(self.training) <= _LISTED else ""
+        recorded = "".join(f" and {recording['title']}" for recording in self.recordings.values())
+        return f"{len(self.training)} simulated streets{listed}{recorded}"
 
 
 def shipped_models(folder: Path = FOLDER) -> dict[str, ShippedModel]:
@@ -257,6 +281,7 @@ def describe_model(
     *,
     training: Mapping[str, Mapping[str, Any]],
     scores: tuple[ModelScores, ...],
+    recordings: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> ShippedModel:
     """Return the registry entry of a trained model, without its files.
 
@@ -270,6 +295,8 @@ def describe_model(
         See `ShippedModel`.
     scores : tuple of ModelScores
         See `ShippedModel`.
+    recordings : mapping of str to mapping, optional
+        See `ShippedModel`.
 
     Returns
     -------
@@ -277,6 +304,7 @@ def describe_model(
         The entry.
     """
     metadata = bundle.metadata
+    features, counts = metadata["feature_names"], metadata["trained_on"]
     return ShippedModel(
         name=parameters.name,
         method=bundle.slug,
@@ -287,10 +315,11 @@ def describe_model(
         files={},
         classes=bundle.classes,
         attributes=tuple(metadata["attributes"]),
-        variants=tuple(metadata["feature_names"]),
+        variants=tuple(features) if isinstance(features, Mapping) else (),
         training=training,
-        supervoxels=int(metadata["trained_on"]["supervoxels"]),
+        samples=int(counts["supervoxels"] if "supervoxels" in counts else counts["voxels"]),
         scores=scores,
+        recordings=recordings or {},
     )
 
 
