@@ -7,9 +7,15 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.detrended_forest.nearest import nearest_supervoxels
+from mlsroad_pipeline.algorithms.features.voxel_scales import (
+    compute_voxel_features,
+    smooth_by_cells,
+    voxel_feature_names,
+)
 from mlsroad_pipeline.algorithms.inventory.extraction import extract_objects
 from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
+from mlsroad_pipeline.algorithms.models.boosted_trees import BoostedTrees
 from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk
 from mlsroad_pipeline.algorithms.scenes.tiling import cut_range
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
@@ -26,6 +32,20 @@ from mlsroad_pipeline.surveys import reading as ingest_work
 
 STAGES = (ingest_work.read_and_cut, label_work.label_pieces, label_work.write_file)
 """Tasks of `label`; importing them imports their libraries."""
+
+_ONE_TREE = BoostedTrees(
+    n_leaves=np.array([2], np.uint8),
+    tree_class=np.zeros(1, np.uint8),
+    feature=np.zeros(1, np.int16),
+    threshold=np.zeros(1, np.float32),
+    missing_left=np.zeros(1, np.bool_),
+    left=np.array([-1], np.int8),
+    right=np.array([-2], np.int8),
+    leaf=np.zeros(2, np.float32),
+    initial=np.zeros(1),
+    n_features=len(voxel_feature_names()),
+)
+"""A tree with the dtypes of a trained one."""
 
 
 def small_street() -> PointCloud:
@@ -58,6 +78,8 @@ def run_stages() -> None:
     supervoxels = build_supervoxels(scene, SupervoxelParameters())
     features = describe_supervoxels(scene, ground, supervoxels, FeatureParameters())
     nearest_supervoxels(scene.xyz, features["centroids"])
+    voxels = compute_voxel_features(scene.xyz, height=np.zeros(len(scene)), intensity=scene["intensity"])
+    smooth_by_cells(voxels, _ONE_TREE.scores(voxels.values), level=1)
     rules = {"pole": ObjectRule("pole", (1,), 0.3, split_spacing=1.0)}
     objects = extract_objects(
         scene.xyz,
