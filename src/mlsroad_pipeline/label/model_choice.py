@@ -26,7 +26,8 @@ from mlsroad_pipeline.surveys.inspection import FileInspection, InspectParameter
 CHAMPION = "champion"
 """Alias of the registered model that `label` prefers to the shipped ones."""
 
-SPARSE, DENSE = "sparse", "dense"
+GENERAL, SPARSE, DENSE = "general", "sparse", "dense"
+"""Names of shipped models: the default, and those that a method without the default has."""
 _FIGURES = ("median_density", "concentration")
 SPARSE_BELOW, SCAN_BELOW, SCAN_CONCENTRATION = 9.0, 15.0, 0.5
 """Median density below which a survey is sparse, points per square metre, and the density and the concentration below
@@ -224,10 +225,12 @@ def named_choice(
 
 
 def shipped_choice(facts: SurveyFacts, *, method: str | None = None) -> ModelChoice:
-    """Return the shipped model for the density of a survey."""
+    """Return the default model or, for a method that has others, that for the density of the survey."""
     shipped = {name: item for name, item in shipped_models().items() if method in (None, item.method)}
     if not shipped:
         raise ParameterError("the package holds no models: install mlsroad_pipeline again")
+    if GENERAL in shipped:
+        return ModelChoice(shipped[GENERAL], "it is the default model of the package")
     model = shipped.get(SPARSE if facts.sparse else DENSE, next(iter(shipped.values())))
     return ModelChoice(model, _reason(facts))
 

@@ -54,3 +54,8 @@ def read_scene(
     for block in test_blocks:
         part[near(world, read_points(Path(block), None, coding, read).world_xyz(), gap)] = NEITHER
     return cloud.with_columns(part=part)
+
+
+def read_training_scene(path: str, *, coding: Coding, read: Mapping[str, Any]) -> PointCloud:
+    """Read a scene of a recording with all its labels."""
+    return read_points(Path(path), None, coding, read)

@@ -19,7 +19,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.features.voxel_scales import voxel_feature_names
 from mlsroad_pipeline.algorithms.models.class_balance import draw_per_class, majority_labels
-from mlsroad_pipeline.algorithms.stages import Ground, inliers
+from mlsroad_pipeline.algorithms.stages import Ground, GroundParameters, ground_of, inliers
 
 
 class TrainingVoxels(TypedDict):
@@ -76,6 +76,48 @@ def training_voxels(
     if core is not None:
         labels = np.where(core, labels, np.int16(IGNORE))
     return sample_voxels(scene, ground, labels, np.eye(len(scheme), dtype=np.bool_), parameters=parameters)
+
+
+def coarse_training_voxels(
+    scene: PointCloud,
+    filtered: GroundParameters,
+    own: BoostedTreesParameters,
+    *,
+    scheme: ClassScheme,
+    coarse: ClassScheme,
+) -> TrainingVoxels:
+    """Draw the training voxels of a scene whose labels separate fewer classes than the scheme.
+
+    Parameters
+    ----------
+    scene : PointCloud
+        The scene, with `label`.
+    filtered : GroundParameters
+        Parameters of the ground filter.
+    own : BoostedTreesParameters
+        Parameters of the method.
+    scheme : ClassScheme
+        The classes of the model.
+    coarse : ClassScheme
+        The classes that the labels separate; each is a union of classes of `scheme`, all of which it allows.
+
+    Returns
+    -------
+    TrainingVoxels
+        At most `max_per_class` voxels of each coarse class.
+
+    Raises
+    ------
+    MissingColumnError
+        If the scene has no labels.
+    ParameterError
+        If a class of `scheme` falls into several classes of `coarse`.
+    DataError
+        If a class of `coarse` holds no class of `scheme`.
+    """
+    truth = coarse.encode(scene["label"], source=scene.source)
+    sets = scheme.coarsen(coarse)[None, :] == np.arange(len(coarse))[:, None]
+    return sample_voxels(scene, ground_of(scene, filtered), truth, sets, parameters=own)
 
 
 def sample_voxels(

@@ -1,0 +1,68 @@
+"""Pipeline of the default model: simulated streets and recordings to a trained and scored model in the package."""
+
+from kedro.pipeline import Node, Pipeline
+
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import coarse_training_voxels
+from mlsroad_pipeline.pipelines import composition
+from mlsroad_pipeline.pipelines.general_model.nodes import (
+    read_training_recordings,
+    recorded_sampling,
+    recorded_scheme,
+    ship_general_model,
+    train_general_model,
+)
+from mlsroad_pipeline.pipelines.per_scene import PerScene
+from mlsroad_pipeline.pipelines.schemes import training_scheme
+
+_BEFORE, _AFTER = ("simulate", "ingest", "ground_removal"), ("evaluation",)
+_GROUND, _TREES, _SHIPPED = "params:ground_removal", f"params:{SLUG}", "params:shipped"
+
+
+def create_pipeline(**_: object) -> Pipeline:
+    """Return the pipeline: boosted trees trained and scored, on recordings too, then the files of the model."""
+    stages = {name: composition.create_pipeline(name) for name in (*_BEFORE, *_AFTER)}
+    stages[SLUG] = _trees()
+    parts = composition.joined({name: stages[name] for name in (*_BEFORE, SLUG, *_AFTER)})
+    ship = Node(
+        ship_general_model,
+        [f"{SLUG}.model", f"{SLUG}.scores", _SHIPPED, "params:simulation", "general_model.scenes"],
+        "shipped_model",
+        name="ship_general_model",
+    )
+    return Pipeline([parts.to_outputs(f"{SLUG}.scores"), ship])
+
+
+def _trees() -> Pipeline:
+    """Return the pipeline of the method with another training, which takes recordings too."""
+    own = composition.create_pipeline(SLUG)
+    kept = own.filter(node_names=[node.name for node in own.nodes if f"{SLUG}.model" not in node.outputs])
+    configured = {"survey": "params:survey", "classes": "params:classes"}
+    draw = PerScene(coarse_training_voxels, own=recorded_sampling, scheme=training_scheme, coarse=recorded_scheme)
+    return Pipeline(
+        [
+            kept,
+            Node(
+                read_training_recordings,
+                [_SHIPPED, configured["classes"]],
+                "general_model.scenes",
+                name="read_training_recordings",
+            ),
+            Node(
+                draw,
+                {"scene": "general_model.scenes", "filtered": _GROUND, "trees": _TREES, "shipped": _SHIPPED}
+                | configured,
+                "general_model.training_set",
+                name="draw_recorded_voxels",
+            ),
+            Node(
+                train_general_model,
+                [
+                    f"{SLUG}.training_set", "general_model.training_set", _SHIPPED, _TREES, _GROUND,
+                    *configured.values(), f"{SLUG}.checkpoints",
+                ],
+                [f"{SLUG}.model", f"{SLUG}.registered_model"],
+                name="train_general_model",
+            ),
+        ]
+    )  # fmt: skip
