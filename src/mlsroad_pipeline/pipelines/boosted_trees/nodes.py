@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
+from importlib import import_module
 from typing import Any
 
 from joblib import cpu_count
@@ -21,6 +23,17 @@ def sample_of(own: BoostedTreesParameters) -> BoostedTreesParameters:
     return own.of_sample()
 
 
+def load_lightgbm() -> None:
+    """Import LightGBM with OpenMP threads that sleep while they wait: where cores are shared, others are far slower."""
+    given = os.environ.get("OMP_WAIT_POLICY")
+    os.environ["OMP_WAIT_POLICY"] = given or "PASSIVE"
+    try:
+        import_module("lightgbm")
+    finally:
+        if given is None:
+            del os.environ["OMP_WAIT_POLICY"]
+
+
 def train_boosted_trees(
     voxels: SceneCollection,
     parameters: BoostedTreesParameters,
@@ -30,6 +43,7 @@ def train_boosted_trees(
     checkpoints: Any,
 ) -> tuple[ModelBundle, ModelBundle]:
     """Train the trees on the voxels of the training scenes."""
+    load_lightgbm()
     model = METHODS[SLUG].load("train")(
         list(voxels.load_all().values()),
         parameters=parameters,
