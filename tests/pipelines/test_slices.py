@@ -27,6 +27,7 @@ CONTRACT = {
         "max_margin_markov",
         "shape_based",
         "superpoint_transformer",
+        "multiscale_forest",
         "boosted_trees",
         "segmentation",
         "visual_words",

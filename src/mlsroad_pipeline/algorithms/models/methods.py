@@ -171,6 +171,10 @@ _TABLE = (
         ".labeller:label_scene", ".training:fit", ".labeller:label_cloud",
     ),
     Method(
+        "multiscale_forest", "labelling", "baselines.multiscale_forest", ".parameters:MultiscaleForestParameters",
+        ".labeller:label_scene", ".training:fit", ".labeller:label_cloud",
+    ),
+    Method(
         "image_labels", "labelling", "image_labels", ".training_parameters:ImageLabelsParameters",
         ".labeller:label_scene", ".labeller:fit", "models.bundle:refuse_points", needs_images=True,
     ),

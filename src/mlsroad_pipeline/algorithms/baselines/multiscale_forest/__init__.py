@@ -1,0 +1,1 @@
+"""Random forest on multiscale spherical neighbourhoods (Thomas et al. 2018)."""
