@@ -64,7 +64,7 @@ def attribute_columns(n_scales: int, attribute: str) -> NDArray[np.int64]:
         Their numbers.
     """
     first = len(_GEOMETRY) + 2 * ATTRIBUTES.index(attribute)
-    return (np.arange(n_scales)[:, None] * len(_COLUMNS) + [first, first + 1]).ravel()
+    return np.arange(n_scales * len(_COLUMNS)).reshape(n_scales, -1)[:, first : first + 2].ravel()
 
 
 @dataclass(frozen=True)
@@ -202,8 +202,8 @@ def find_spheres(
     for number in range(1, n_scales):
         size = radius * ratio**number
         cells, order, starts, _ = find_voxels(centroids, size / points_per_radius)
-        means = (kernels.average_groups(array, order, starts) for array in (centroids, values))
-        scales.append(_Scale(cells, order, starts, *means, size))
+        means = [kernels.average_groups(array, order, starts) for array in (centroids, values)]
+        scales.append(_Scale(cells, order, starts, means[0], means[1], size))
     places = np.array([2 * ATTRIBUTES.index(name) for name in present], np.int64)
     return SpherePyramid(owner, tuple(scales), places, ceil(points_per_radius))
 

@@ -55,7 +55,7 @@ def spheres_of(
             continue
         table = rank_within(values[keep])[:, None] if name == "intensity" else values[keep] / 255.0
         attributes |= dict(zip(COLUMNS_OF[name], table.T, strict=True))
-    return find_spheres(scene.xyz[keep], attributes, **parameters.spheres())  # type: ignore[arg-type]
+    return find_spheres(scene.xyz[keep], attributes, **parameters.spheres())
 
 
 def label_scene(scene: PointCloud, bundle: ModelBundle) -> PointLabels:

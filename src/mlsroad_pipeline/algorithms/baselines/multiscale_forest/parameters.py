@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
@@ -68,6 +69,6 @@ class MultiscaleForestParameters:
         if not 0 <= self.dropout < 1:
             raise ParameterError(f"{SLUG}.dropout must be in [0, 1), got {self.dropout!r}")
 
-    def spheres(self) -> dict[str, float]:
+    def spheres(self) -> dict[str, Any]:
         """Return the parameters of the neighbourhoods, as keywords of `find_spheres`."""
         return {name: getattr(self, name) for name in ("radius", "n_scales", "ratio", "points_per_radius")}
