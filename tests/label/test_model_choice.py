@@ -1,6 +1,7 @@
 """Choice of the model of `label`: density, names, versions, aliases."""
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -9,13 +10,16 @@ import pytest
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.datasets.models.registered_models import RegisteredVersion
 from mlsroad_pipeline.datasets.models.shipped_models import shipped_models
+from mlsroad_pipeline.label import model_choice
 from mlsroad_pipeline.label.model_choice import (
+    AvailableModel,
     SurveyFacts,
     available_models,
     choose,
     explain_choice,
     facts_of_quality,
     named_choice,
+    strange_of,
 )
 
 DENSE, SPARSE = SurveyFacts(300.0, 0.9), SurveyFacts(8.0, 0.9)
@@ -164,3 +168,62 @@ def test_choice_for_files_comes_from_their_points(tmp_path):
             str(tmp_path / "thick.txt"),
             store=Store((version("patch_svm", 1, "champion"), version("patch_graph", 1, "champion"))),
         )
+
+
+NEAR, FAR = [0.01, 0.02, 0.03, 0.05, 0.1], [0.1, 0.2, 0.3, 0.5, 1.0]
+HIGH, LOW = [0.2, 0.25, 0.3, 0.4, 0.5], [0.0, 0.01, 0.02, 0.05, 0.1]
+
+
+def planted(monkeypatch, **facts):
+    """Plant a registry of shipped models with facts of their training data."""
+    entry = shipped_models()["dense"]
+    models = {name: replace(entry, name=name, training_facts=value) for name, value in facts.items()}
+    monkeypatch.setattr(model_choice, "shipped_models", lambda: models)
+    return models
+
+
+def scenes(**facts):
+    return SurveyFacts(300.0, 0.9, facts)
+
+
+def test_only_shipped_model_is_taken_whatever_the_survey(monkeypatch):
+    planted(monkeypatch, general={"spacing": NEAR})
+    for survey in (scenes(spacing=5.0), scenes(), SPARSE):
+        choice = choose(survey)
+        assert (choice.model.name, choice.reason) == ("general", "it is the only shipped model")
+    assert choose(SPARSE, method="detrended_forest").reason == "it is the only shipped model of detrended_forest"
+
+
+@pytest.mark.parametrize(
+    ("survey", "name", "counts"),
+    [
+        (scenes(spacing=0.4, above_5=0.03), "scans", "scans 0 .*, streets 2 "),
+        (scenes(spacing=0.03, above_5=0.3), "streets", "streets 0 .*, scans 2 "),
+        (scenes(spacing=0.1, above_5=0.3), "streets", "streets 0 .*, scans 1 "),
+        (scenes(spacing=0.09), "streets", "streets 0 .*, scans 0 "),
+        (scenes(spacing=0.12), "scans", "scans 0 .*, streets 0 "),
+    ],
+)
+def test_of_two_models_the_one_with_the_least_strange_training_data(monkeypatch, survey, name, counts):
+    planted(monkeypatch, scans={"spacing": FAR, "above_5": LOW}, streets={"spacing": NEAR, "above_5": HIGH})
+    choice = choose(survey)
+    assert choice.model.name == name
+    assert re.match(f"fewest properties of the survey are outside its training data: {counts}", choice.reason)
+
+
+def test_of_three_models_those_without_facts_in_common_come_last(monkeypatch):
+    planted(monkeypatch, other={"ground": HIGH}, streets={"spacing": NEAR}, scans={"spacing": FAR})
+    assert choose(scenes(spacing=0.3)).model.name == "scans"
+
+
+def test_few_points_are_compared_by_their_density(monkeypatch):
+    planted(monkeypatch, dense={"spacing": NEAR}, sparse={"spacing": FAR})
+    assert choose(SPARSE).reason == "the survey has a median of 8 points per m², below 9"
+
+
+def test_properties_outside_the_training_data_of_a_listed_model(monkeypatch):
+    entry = planted(monkeypatch, general={"spacing": NEAR})["general"]
+    listed = AvailableModel("general", entry.method, entry.version, (), True, "streets", entry)
+    assert strange_of(listed, scenes(spacing=0.9)) == ["points lie 0.9 m apart (median; training scenes 0.01 to 0.1 m)"]
+    assert strange_of(listed, scenes(spacing=0.03)) == []
+    assert strange_of(replace(listed, entry=None), scenes(spacing=0.9)) == []

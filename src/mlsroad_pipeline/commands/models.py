@@ -24,16 +24,19 @@ def models(
     from mlsroad_pipeline.commands.console import collected_warnings, output_console, print_warnings
     from mlsroad_pipeline.commands.errors import one_line_errors
     from mlsroad_pipeline.commands.session import find_place, model_store
-    from mlsroad_pipeline.label.model_choice import available_models, explain_choice
+    from mlsroad_pipeline.label.model_choice import available_models, choose, facts_of_survey, strange_of
 
     console = output_console()
     with one_line_errors(verbose=verbose):
         store = model_store(find_place())
         with collected_warnings(verbose=verbose) as logged:
             available = available_models(store)
-            choice = None if not files else explain_choice(expanded(files), method=method, model=model, store=store)
+            facts = facts_of_survey(expanded(files)) if files else None
+            choice = None if facts is None else choose(facts, method=method, model=model, store=store)
         for item in available:
             print_model(console, item)
+            for sentence in () if facts is None else strange_of(item, facts):
+                console.print(f"  differs     {sentence}")
         print_warnings(console, logged)
         if choice is not None:
             console.print(f"\nFor this survey, label takes {choice.name}: {choice.reason}.")

@@ -150,7 +150,10 @@ class RunRecords:
         client, model = mlflow.MlflowClient(), summary["model"]
         log_metrics(self._run_id, plain_metrics(label_metrics(summary, time.perf_counter() - self._began)))
         labelled_with = model_name(model)
-        for tag, value in {"mlsroad.method": summary["method"], "mlsroad.model": labelled_with}.items():
+        tags = {"mlsroad.method": summary["method"], "mlsroad.model": labelled_with}
+        if summary.get("strange"):
+            tags["mlsroad.strange"] = "; ".join(summary["strange"])
+        for tag, value in tags.items():
             client.set_tag(self._run_id, tag, str(value))
         client.update_run(self._run_id, name=f"{self._name} with {labelled_with}")
         if is_registered(model):

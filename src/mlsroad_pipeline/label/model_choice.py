@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
@@ -14,6 +14,7 @@ import pandas as pd
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.algorithms.quality.training_facts import strange_facts, strangeness
 from mlsroad_pipeline.datasets.models.registered_models import (
     MlflowStore,
     ModelStore,
@@ -21,7 +22,8 @@ from mlsroad_pipeline.datasets.models.registered_models import (
     configured_store,
 )
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedModel, load_shipped, shipped_models
-from mlsroad_pipeline.surveys.inspection import FileInspection, InspectParameters, inspect_survey
+from mlsroad_pipeline.label.survey_facts import read_survey
+from mlsroad_pipeline.surveys.inspection import InspectParameters
 
 CHAMPION = "champion"
 """Alias of the registered model that `label` prefers to the shipped ones."""
@@ -44,10 +46,13 @@ class SurveyFacts:
         Median of the points per square metre in occupied cells of 1 m; of several files the median over their points.
     concentration : float
         How closely the points of a file lie about one place, see `DensityFigures`; of several files likewise.
+    of_scenes : mapping of str to float
+        Medians of `scene_facts` over a sample of scenes; empty if there are too few points.
     """
 
     median_density: float
     concentration: float
+    of_scenes: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def sparse(self) -> bool:
@@ -144,22 +149,27 @@ def explain_choice(
     store: ModelStore | None = None,
     parameters: InspectParameters | None = None,
 ) -> ModelChoice:
-    """Return the model that `label` would take for a file, folder or glob, and the reason; reads all points once."""
-    inspected = replace(parameters or InspectParameters(), survey=survey)
-    files, unread = inspect_survey(inspected, root=survey, read=inspected.read)
-    if not files:
-        raise ParameterError(f"no file of {survey} can be read: {next(iter(unread.values()), 'there is none')}")
-    return choose(facts_of_inspection(files), method=method, model=model, store=store)
+    """Return the model that `label` would take for a file, folder or glob, and the reason."""
+    return choose(facts_of_survey(survey, parameters=parameters), method=method, model=model, store=store)
 
 
-def facts_of_inspection(files: Sequence[FileInspection]) -> SurveyFacts:
-    """Return the facts of inspected files."""
-    return facts_of_quality(pd.DataFrame([file.facts for file in files])[["n_points", *_FIGURES]])
+def facts_of_survey(survey: str | Sequence[str], *, parameters: InspectParameters | None = None) -> SurveyFacts:
+    """Return the facts of a file, folder or glob; reads all points once and those of a sample twice."""
+    quality, of_scenes = read_survey(replace(parameters or InspectParameters(), survey=survey))
+    return facts_of_quality(quality, of_scenes)
 
 
-def facts_of_quality(quality: pd.DataFrame) -> SurveyFacts:
-    """Return the facts of a table with the quality of all files."""
-    return SurveyFacts(*(_median_over_points(quality[name].astype(float), quality["n_points"]) for name in _FIGURES))
+def strange_of(model: AvailableModel, facts: SurveyFacts) -> list[str]:
+    """Return one sentence per property of a survey outside the training data of a shipped model; none without facts."""
+    return [] if model.entry is None else strange_facts(facts.of_scenes, model.entry.training_facts)
+
+
+def facts_of_quality(quality: pd.DataFrame, of_scenes: Mapping[str, float] | None = None) -> SurveyFacts:
+    """Return the facts of a table with the quality of all files, and of a sample of scenes."""
+    density, concentration = (
+        _median_over_points(quality[name].astype(float), quality["n_points"]) for name in _FIGURES
+    )
+    return SurveyFacts(density, concentration, of_scenes or {})
 
 
 def _median_over_points(figures: pd.Series, n_points: pd.Series) -> float:
@@ -225,14 +235,35 @@ def named_choice(
 
 
 def shipped_choice(facts: SurveyFacts, *, method: str | None = None) -> ModelChoice:
-    """Return the default model or, for a method that has others, that for the density of the survey."""
+    """Return the shipped model whose training data are the least strange to a survey.
+
+    Models without facts of their training data are not compared: `GENERAL` is taken, else the one for the density.
+    """
     shipped = {name: item for name, item in shipped_models().items() if method in (None, item.method)}
     if not shipped:
         raise ParameterError("the package holds no models: install mlsroad_pipeline again")
+    if len(shipped) == 1:
+        of = "" if method is None else f" of {method}"
+        return ModelChoice(next(iter(shipped.values())), f"it is the only shipped model{of}")
+    described = [item for item in shipped.values() if item.training_facts]
+    if len(described) > 1 and facts.of_scenes:
+        return _least_strange(described, facts.of_scenes)
     if GENERAL in shipped:
         return ModelChoice(shipped[GENERAL], "it is the default model of the package")
     model = shipped.get(SPARSE if facts.sparse else DENSE, next(iter(shipped.values())))
     return ModelChoice(model, _reason(facts))
+
+
+def _least_strange(models: Sequence[ShippedModel], facts: Mapping[str, float]) -> ModelChoice:
+    """Return the model with the fewest strange facts; of equal ones that with the smallest mean distance."""
+
+    def order(model: ShippedModel) -> tuple[int, float]:
+        distance = strangeness(facts, model.training_facts)
+        return len(strange_facts(facts, model.training_facts)), float("inf") if np.isnan(distance) else distance
+
+    ranked = sorted(models, key=order)
+    counts = ", ".join(f"{item.name} {order(item)[0]} (mean distance {order(item)[1]:.2g})" for item in ranked)
+    return ModelChoice(ranked[0], f"fewest properties of the survey are outside its training data: {counts}")
 
 
 def _reason(facts: SurveyFacts) -> str:
@@ -273,9 +304,9 @@ class ModelRequest:
     method: str | None = None
     named: ModelChoice | None = None
 
-    def bundle(self, quality: pd.DataFrame) -> tuple[ModelBundle, str]:
-        """Return the model for a survey of a given quality, and a line for the log."""
-        choice = self.named or shipped_choice(facts_of_quality(quality), method=self.method)
+    def bundle(self, quality: pd.DataFrame, of_scenes: Mapping[str, float]) -> tuple[ModelBundle, str]:
+        """Return the model for a survey of a given quality and given facts of scenes, and a line for the log."""
+        choice = self.named or shipped_choice(facts_of_quality(quality, of_scenes), method=self.method)
         bundle = load_choice(choice, configured_store())
         return bundle, f"Labelling with {choice.name} ({choice.method}, {choice.trained_on}): {choice.reason}"
 

@@ -52,6 +52,7 @@ class LabelSummary(TypedDict):
     classes: dict[str, int]
     confidence: ConfidenceSummary
     objects: dict[str, int]
+    strange: list[str]
     warnings: list[str]
     outputs: OutputPaths
 
@@ -83,8 +84,10 @@ def summarise_labels(
     written: SceneCollection,
     objects: pd.DataFrame,
     warnings: Sequence[str],
+    *,
+    strange: Sequence[str] = (),
 ) -> LabelSummary:
-    """Return the summary of a labelled survey."""
+    """Return the summary of a labelled survey; strange are its properties outside the range of the training data."""
     total = summed_counts(results.load_all("counts"))
     output = Path(str(parameters.output))
     return {
@@ -98,6 +101,7 @@ def summarise_labels(
         "classes": {name: count for name, count in class_counts(bundle, total).items() if count},
         "confidence": _confidence(confidence_table(total["confidences"], bundle_scheme(bundle).classes)),
         "objects": {str(kind): int(count) for kind, count in objects["kind"].value_counts(sort=False).items()},
+        "strange": list(strange),
         "warnings": list(warnings),
         "outputs": {
             "clouds": written_clouds(written.load_all()),

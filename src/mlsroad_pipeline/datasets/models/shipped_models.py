@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -136,6 +136,8 @@ class ShippedModel:
         Scores on data that the model was not trained on.
     recordings : mapping of str to mapping
         Recordings that the model was trained on: ``title``, ``licence``, ``scenes`` and ``sha256`` of each.
+    training_facts : mapping of str to sequence of float
+        Ranges of the facts of the training scenes, see `algorithms.quality.training_facts`; empty for earlier models.
     """
 
     name: str
@@ -152,6 +154,7 @@ class ShippedModel:
     samples: int
     scores: tuple[ModelScores, ...] = field(default_factory=tuple)
     recordings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    training_facts: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
@@ -320,6 +323,7 @@ def describe_model(
         samples=int(counts["supervoxels"] if "supervoxels" in counts else counts["voxels"]),
         scores=scores,
         recordings=recordings or {},
+        training_facts=metadata.get("training_facts", {}),
     )
 
 

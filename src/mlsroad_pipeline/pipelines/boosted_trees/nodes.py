@@ -15,6 +15,7 @@ from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.stages import GroundParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.pipelines.training_facts import with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
 
@@ -41,6 +42,7 @@ def train_boosted_trees(
     survey: SurveyParameters,
     classes: Mapping[str, Any],
     checkpoints: Any,
+    scene_facts: SceneCollection,
 ) -> tuple[ModelBundle, ModelBundle]:
     """Train the trees on the voxels of the training scenes."""
     load_lightgbm()
@@ -53,4 +55,5 @@ def train_boosted_trees(
         n_threads=cpu_count(),
         checkpoints=checkpoints,
     )
+    model = with_training_facts(model, scene_facts)
     return model, model

@@ -8,6 +8,7 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import trainin
 from mlsroad_pipeline.pipelines.boosted_trees.nodes import sample_of, train_boosted_trees
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.pipelines.training_facts import FACTS, describing
 from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
 
 
@@ -17,6 +18,7 @@ def create_pipeline(**_: object) -> Pipeline:
     configured = {"survey": "params:survey", "classes": "params:classes"}
     return Pipeline(
         [
+            describing(),
             Node(
                 PerScene(training_voxels, keys=training_keys, parameters=sample_of, scheme=training_scheme),
                 inputs={**prepared, "own": own, **configured},
@@ -27,6 +29,7 @@ def create_pipeline(**_: object) -> Pipeline:
                 train_boosted_trees,
                 inputs=[
                     f"{SLUG}.training_set", own, "params:ground_removal", *configured.values(), f"{SLUG}.checkpoints",
+                    FACTS,
                 ],
                 outputs=[f"{SLUG}.model", f"{SLUG}.registered_model"],
                 name=f"train_{SLUG}",

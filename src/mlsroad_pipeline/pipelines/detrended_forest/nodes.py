@@ -14,6 +14,7 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.pipelines.training_facts import with_training_facts
 from mlsroad_pipeline.reporting.figures.forest import forest_figures
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
@@ -26,6 +27,7 @@ def train_forest(
     features: FeatureParameters,
     survey: SurveyParameters,
     classes: Mapping[str, Any],
+    scene_facts: SceneCollection,
 ) -> tuple[ModelBundle, ModelBundle, Figure, Figure]:
     """Train the forest on the training scenes."""
     bundle, classifier = fit(
@@ -36,4 +38,5 @@ def train_forest(
         trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(rows)},
         n_jobs=cpu_count(),
     )
+    bundle = with_training_facts(bundle, scene_facts)
     return bundle, bundle, *forest_figures(classifier)

@@ -7,6 +7,7 @@ from mlsroad_pipeline.algorithms.detrended_forest.training import training_rows
 from mlsroad_pipeline.pipelines.detrended_forest.nodes import train_forest
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.pipelines.training_facts import FACTS, describing
 from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
 
 
@@ -15,6 +16,7 @@ def create_pipeline(**_: object) -> Pipeline:
     prepared = {"scene": "scenes", "supervoxels": "supervoxels", "features": "supervoxel_features"}
     return Pipeline(
         [
+            describing(),
             Node(
                 PerScene(training_rows, keys=training_keys, scheme=training_scheme),
                 inputs={**prepared, "survey": "params:survey", "classes": "params:classes"},
@@ -31,6 +33,7 @@ def create_pipeline(**_: object) -> Pipeline:
                     "params:features",
                     "params:survey",
                     "params:classes",
+                    FACTS,
                 ],
                 outputs=[
                     "detrended_forest.model",

@@ -26,6 +26,7 @@ from mlsroad_pipeline.datasets.models.shipped_models import (
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
 from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.pipelines.training_facts import with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.recording_scenes import read_training_scene
 from mlsroad_pipeline.surveys.simulated import selected_surveys
@@ -64,6 +65,8 @@ def train_general_model(
     survey: SurveyParameters,
     classes: Mapping[str, Any],
     checkpoints: Any,
+    simulated_facts: SceneCollection,
+    recorded_facts: SceneCollection,
 ) -> tuple[ModelBundle, ModelBundle]:
     """Train the trees on the voxels of simulated streets and recordings."""
     model = METHODS[SLUG].load("train")(
@@ -77,6 +80,7 @@ def train_general_model(
         n_threads=cpu_count(),
         checkpoints=checkpoints,
     )
+    model = with_training_facts(model, simulated_facts, recorded_facts)
     return model, model
 
 

@@ -4,6 +4,7 @@ from kedro.pipeline import Node, Pipeline
 
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import coarse_training_voxels
+from mlsroad_pipeline.algorithms.quality.scene_facts import stored_facts
 from mlsroad_pipeline.pipelines import composition
 from mlsroad_pipeline.pipelines.general_model.nodes import (
     read_training_recordings,
@@ -14,6 +15,7 @@ from mlsroad_pipeline.pipelines.general_model.nodes import (
 )
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.pipelines.training_facts import FACTS
 
 _BEFORE, _AFTER = ("simulate", "ingest", "ground_removal"), ("evaluation",)
 _GROUND, _TREES, _SHIPPED = "params:ground_removal", f"params:{SLUG}", "params:shipped"
@@ -56,10 +58,16 @@ def _trees() -> Pipeline:
                 name="draw_recorded_voxels",
             ),
             Node(
+                PerScene(stored_facts),
+                {"cloud": "general_model.scenes"},
+                "general_model.training_facts",
+                name="describe_training_recordings",
+            ),
+            Node(
                 train_general_model,
                 [
                     f"{SLUG}.training_set", "general_model.training_set", _SHIPPED, _TREES, _GROUND,
-                    *configured.values(), f"{SLUG}.checkpoints",
+                    *configured.values(), f"{SLUG}.checkpoints", FACTS, "general_model.training_facts",
                 ],
                 [f"{SLUG}.model", f"{SLUG}.registered_model"],
                 name="train_general_model",

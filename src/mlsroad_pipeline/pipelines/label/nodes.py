@@ -27,6 +27,7 @@ from mlsroad_pipeline.label.result_warnings import label_warnings
 from mlsroad_pipeline.label.runs import open_run
 from mlsroad_pipeline.label.scene import LabelSettings, code_names, object_rules, output_codes
 from mlsroad_pipeline.label.summary import LabelSummary, summarise_labels
+from mlsroad_pipeline.label.survey_facts import facts_of_pieces, strange_properties, strange_warnings
 from mlsroad_pipeline.label.tasks import label_tasks
 from mlsroad_pipeline.label.work import write_file
 from mlsroad_pipeline.pipelines.label.report import label_report_sections
@@ -60,9 +61,14 @@ def find_named_model(parameters: LabelParameters) -> ModelRequest:
     return ModelRequest(parameters.method, named)
 
 
-def choose_model(request: ModelRequest, quality: pd.DataFrame) -> ModelBundle:
+def describe_survey(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestParameters) -> dict[str, float]:
+    """Return the facts of the survey that are compared with the training data of models."""
+    return facts_of_pieces(plan, pieces, ingest)
+
+
+def choose_model(request: ModelRequest, quality: pd.DataFrame, facts: dict[str, float]) -> ModelBundle:
     """Return the model for the survey, and log the reason of the choice."""
-    bundle, line = request.bundle(quality)
+    bundle, line = request.bundle(quality, facts)
     logger.info(line)
     return bundle
 
@@ -74,6 +80,7 @@ def warn_of_survey(
     quality: pd.DataFrame,
     model: ModelFile,
     parameters: LabelParameters,
+    facts: dict[str, float],
 ) -> list[str]:
     """Log and return what is unusual about the survey, and what it lacks for the model; `inspect` warns of the same."""
     warnings = plan_warnings(
@@ -84,6 +91,7 @@ def warn_of_survey(
         trajectory=parameters.trajectory is not None,
         missing_of=partial(missing_attributes, model.load()),
     )
+    warnings += strange_warnings(strange_properties(model.load(), facts))
     for warning in warnings:
         logger.warning(warning)
     return warnings
@@ -154,6 +162,7 @@ def write_report(
     model: ModelFile,
     parameters: LabelParameters,
     survey_warnings: list[str],
+    facts: dict[str, float],
 ) -> tuple[str, LabelSummary]:
     """Return the report of the labelled survey as HTML and its summary, and log the warnings."""
     bundle, counts, objects = model.load(), results.load_all("counts"), inventory.objects
@@ -162,5 +171,6 @@ def write_report(
         logger.warning(warning)
     warnings += survey_warnings
     sections = label_report_sections(bundle, parameters, quality, counts, written.load_all(), objects, warnings)
-    summary = summarise_labels(bundle, parameters, quality, results, written, objects, warnings)
+    strange = strange_properties(bundle, facts)
+    summary = summarise_labels(bundle, parameters, quality, results, written, objects, warnings, strange=strange)
     return build_report(sections, title="Labelled survey", subtitle=summary["survey"]), summary

@@ -6,6 +6,7 @@ from mlsroad_pipeline.pipelines.ingest.pipeline import cut_survey
 from mlsroad_pipeline.pipelines.label.nodes import (
     check_label_outputs,
     choose_model,
+    describe_survey,
     find_label_images,
     find_named_model,
     label_new_scenes,
@@ -49,8 +50,14 @@ def _labelling() -> list[Node]:
     return [
         Node(find_named_model, inputs="params:label", outputs="label_model_request", name="find_named_model"),
         Node(
+            describe_survey,
+            inputs=["label_plan", "label_pieces_store", "params:ingest"],
+            outputs="label_facts",
+            name="describe_survey",
+        ),
+        Node(
             choose_model,
-            inputs=["label_model_request", "label_quality"],
+            inputs=["label_model_request", "label_quality", "label_facts"],
             outputs="label_model",
             name="choose_model",
         ),
@@ -63,6 +70,7 @@ def _labelling() -> list[Node]:
                 "label_quality",
                 "label_model",
                 "params:label",
+                "label_facts",
             ],
             outputs="label_warnings",
             name="warn_of_survey",
@@ -125,6 +133,7 @@ def _reporting() -> list[Node]:
                 "label_model",
                 "params:label",
                 "label_warnings",
+                "label_facts",
             ],
             outputs=["label_report", "label_summary"],
             name="write_label_report",

@@ -17,6 +17,7 @@ from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.pipelines.training_facts import with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
 
@@ -41,6 +42,7 @@ def train_network(
     survey: SurveyParameters,
     classes: Mapping[str, Any],
     checkpoints: Any,
+    scene_facts: SceneCollection,
 ) -> tuple[ModelBundle, ModelBundle, pd.DataFrame]:
     """Train the network on the graphs of the training scenes."""
     model, losses = METHODS[SLUG].load("train")(
@@ -51,4 +53,5 @@ def train_network(
         trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(graphs)},
         checkpoints=checkpoints,
     )
+    model = with_training_facts(model, scene_facts)
     return model, model, pd.DataFrame({"step": range(len(losses)), "loss": losses})

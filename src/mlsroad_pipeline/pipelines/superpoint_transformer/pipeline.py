@@ -8,6 +8,7 @@ from mlsroad_pipeline.algorithms.baselines.superpoint_transformer.training_graph
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.superpoint_transformer.nodes import parameters_of_graphs, stages_of, train_network
+from mlsroad_pipeline.pipelines.training_facts import FACTS, describing
 from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
 
 
@@ -21,6 +22,7 @@ def create_pipeline(**_: object) -> Pipeline:
     configured = {"survey": "params:survey", "classes": "params:classes"}
     return Pipeline(
         [
+            describing(),
             Node(
                 PerScene(
                     training_graphs,
@@ -40,7 +42,7 @@ def create_pipeline(**_: object) -> Pipeline:
             ),
             Node(
                 train_network,
-                inputs=[f"{SLUG}.training_set", own, *stages, *configured.values(), f"{SLUG}.checkpoints"],
+                inputs=[f"{SLUG}.training_set", own, *stages, *configured.values(), f"{SLUG}.checkpoints", FACTS],
                 outputs=[f"{SLUG}.model", f"{SLUG}.registered_model", f"{SLUG}.objective"],
                 name=f"train_{SLUG}",
             ),

@@ -1,0 +1,145 @@
+"""Facts of a scene that a labeller depends on: density, spacing, heights, intensities, shapes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
+from scipy.spatial import cKDTree
+
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.quality.density import density_figures
+
+REACH = 250.0
+"""Points farther than this from the median of the points along an axis are left out, metres."""
+
+_GROUND_STEP, _GROUND_HEIGHT = 0.3, 1.0
+_CELLS_AROUND = 11
+_SAMPLE, _HEIGHTS = 20_000, 200_000
+_PER_CELL, _CELLS, _QUERIES, _NEIGHBOURS = 30, 80, 1_000, 20
+_FEWEST = 100
+"""Fewest points of a scene with facts."""
+
+
+def scene_facts(cloud: PointCloud) -> dict[str, float]:
+    """Return facts of a scene.
+
+    Heights are above the lowest point within about 5 m. Heights, spacing, shapes and intensities come from samples at
+    equal steps of the stored order, so they depend on it slightly.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The scene: all points of a stretch of road, with or without intensity.
+
+    Returns
+    -------
+    dict of str to float
+        Finite values: ``density``, median points per square metre in occupied cells of 1 m; ``concentration``, see
+        `DensityFigures`; ``spacing``, median distance to the nearest point, metres; ``height``, 99 % quantile of the
+        heights, metres; ``above_2`` and ``above_5``, shares of points above 2 and 5 m; ``ground``, share of points less
+        than 0.3 m above the lowest point of their cell of 1 m and at most 1 m high; ``intensities``, number of distinct
+        intensities of up to 20,000 points, left out without intensity; ``linear``, ``planar`` and ``scattered``, shares
+        of points whose 20 nearest neighbours have this shape (the largest of the three values of Demantke et al. 2011).
+        Empty for fewer than 100 points with finite coordinates.
+
+    Examples
+    --------
+    >>> x, y = np.meshgrid(np.arange(0, 20, 0.1), np.arange(0, 20, 0.1))
+    >>> plane = PointCloud(np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()]))
+    >>> facts = scene_facts(plane)
+    >>> round(facts["density"]), round(facts["spacing"], 2), facts["ground"], facts["planar"]
+    (100, 0.1, 1.0, 1.0)
+    """
+    xyz = np.asarray(cloud.xyz)
+    if not np.isfinite(xyz.sum(dtype=np.float64)):
+        xyz = xyz[np.isfinite(xyz).all(axis=1)]
+    if len(xyz) < _FEWEST:
+        return {}
+    middle = np.median(xyz[:: _step(len(xyz), _SAMPLE)], axis=0)
+    x, y = (xyz[:, axis] - (middle[axis] - REACH) for axis in range(2))
+    inside = (x > 0) & (x < 2 * REACH) & (y > 0) & (y < 2 * REACH)
+    if not inside.all():
+        xyz, x, y = xyz[inside], x[inside], y[inside]
+    if len(xyz) < _FEWEST:
+        return {}
+    side = int(2 * REACH)
+    shape = side, side
+    key = x.astype(np.int32) * np.int32(side) + y.astype(np.int32)
+    counts = np.bincount(key, minlength=side * side).astype(np.int64)
+    step = _step(len(xyz), _HEIGHTS)
+    facts = _density_facts(counts, shape) | _height_facts(xyz[::step, 2], key[::step], shape)
+    facts |= _shape_facts(xyz, x, y, facts["density"])
+    intensity = cloud.get("intensity")
+    if intensity is not None:
+        sample = intensity[:: _step(len(intensity), _SAMPLE)]
+        facts["intensities"] = float(len(np.unique(sample[np.isfinite(sample)])))
+    return {name: value for name, value in facts.items() if np.isfinite(value)}
+
+
+def stored_facts(cloud: PointCloud) -> dict[str, NDArray[np.float64]]:
+    """Return `scene_facts` as arrays, for storage.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The scene.
+
+    Returns
+    -------
+    dict of str to ndarray of float64, shape ()
+        The facts.
+    """
+    return {name: np.array(value) for name, value in scene_facts(cloud).items()}
+
+
+def _step(n: int, most: int) -> int:
+    return max(1, -(-n // most))
+
+
+def _density_facts(counts: NDArray[np.int64], shape: tuple[int, int]) -> dict[str, float]:
+    occupied = np.flatnonzero(counts).astype(np.int64)
+    keys = (occupied // shape[1] << 32) + occupied % shape[1]
+    figures = density_figures(keys, counts[occupied], 1.0)
+    return {"density": figures.median_density, "concentration": figures.concentration}
+
+
+def _height_facts(z: NDArray[np.floating], key: NDArray[np.integer], shape: tuple[int, int]) -> dict[str, float]:
+    lowest = np.full(shape[0] * shape[1], np.inf)
+    np.minimum.at(lowest, key, z.astype(np.float64))
+    around = minimum_filter(lowest.reshape(shape), size=_CELLS_AROUND, mode="constant", cval=np.inf).ravel()
+    height, step = z - around[key], z - lowest[key]
+    return {
+        "height": float(np.quantile(height[:: _step(len(z), _SAMPLE)], 0.99)),
+        "above_2": float(np.mean(height > 2)),
+        "above_5": float(np.mean(height > 5)),
+        "ground": float(np.mean((step < _GROUND_STEP) & (height <= _GROUND_HEIGHT))),
+    }
+
+
+def _shape_facts(
+    xyz: NDArray[np.floating], x: NDArray[np.floating], y: NDArray[np.floating], density: float
+) -> dict[str, float]:
+    """Return spacing and shapes at points of some small cells, with all points of the cells around these."""
+    edge = float(np.clip(np.sqrt(_PER_CELL / density), 0.25, 2.0))
+    side = int(2 * REACH / edge) + 3
+    key = ((x / edge).astype(np.int32) + 1) * np.int32(side) + (y / edge).astype(np.int32) + 1
+    centres = np.unique(key[:: _step(len(key), _CELLS)])
+    near = np.zeros(side * side, dtype=np.bool_)
+    near[(centres[:, None] + [dx * side + dy for dx in (-1, 0, 1) for dy in (-1, 0, 1)]).ravel()] = True
+    picked = np.flatnonzero(near[key])
+    points = xyz[picked].astype(np.float64)
+    queries = points[np.isin(key[picked], centres)]
+    queries = queries[:: _step(len(queries), _QUERIES)]
+    k = min(_NEIGHBOURS, len(points) - 1)
+    if k < 3:
+        return {}
+    distance, index = cKDTree(points, balanced_tree=False, compact_nodes=False).query(queries, k + 1)
+    around = points[index]
+    around -= around.mean(axis=1, keepdims=True)
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.einsum("nki,nkj->nij", around, around)), 0))[:, ::-1]
+    kinds = np.column_stack([spread[:, 0] - spread[:, 1], spread[:, 1] - spread[:, 2], spread[:, 2]]).argmax(axis=1)
+    shares = np.bincount(kinds, minlength=3) / len(kinds)
+    linear, planar, scattered = shares.tolist()
+    spacing = float(np.median(distance[:, 1]))
+    return {"spacing": spacing, "linear": linear, "planar": planar, "scattered": scattered}

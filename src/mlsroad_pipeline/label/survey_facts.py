@@ -1,0 +1,117 @@
+"""Facts of a survey that are compared with the training data of a model, from a sample of its scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import pandas as pd
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.quality.scene_facts import scene_facts
+from mlsroad_pipeline.algorithms.quality.tables import quality_table
+from mlsroad_pipeline.algorithms.quality.training_facts import median_facts, strange_facts
+from mlsroad_pipeline.algorithms.scenes.cutting import BinCounts, IngestParameters, OutlierParameters, join_pieces
+from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.surveys.files import Survey
+from mlsroad_pipeline.surveys.inspection import InspectParameters
+from mlsroad_pipeline.surveys.plan import SurveyPlan, estimated_drives, plan_survey, trajectory_beside
+from mlsroad_pipeline.surveys.reading import CutRange, FileDescription, describe_file, find_corridor, read_and_cut
+from mlsroad_pipeline.surveys.scene_plan import RangeOfRows, cut_ranges, plan_drive
+
+N_SCENES = 3
+"""Number of scenes of the sample."""
+
+
+def facts_of_pieces(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestParameters) -> dict[str, float]:
+    """Return the facts of a survey that has been read and cut."""
+    points = pieces.part("points", mapped=True)
+    return _sampled_facts(plan, pieces.load_all("bins"), lambda key: points[key].load(), ingest)
+
+
+def _sampled_facts(
+    plan: SurveyPlan,
+    bins: Mapping[str, BinCounts],
+    load: Callable[[str], Mapping[str, NDArray]],
+    ingest: IngestParameters,
+) -> dict[str, float]:
+    """Return the medians of the facts of scenes at equal steps."""
+    scenes = [scene for drive in plan.drives() for scene in plan_drive(drive, plan, bins, ingest)]
+    n = min(N_SCENES, len(scenes))
+    chosen = [scenes[(2 * k + 1) * len(scenes) // (2 * n)] for k in range(n)]
+    unfiltered = OutlierParameters(enabled=False)
+    return median_facts(
+        [
+            scene_facts(join_pieces([load(key) for key in scene.pieces], scene.span, unfiltered, scene.source))
+            for scene in chosen
+        ]
+    )
+
+
+def read_survey(
+    parameters: InspectParameters, ingest: IngestParameters | None = None
+) -> tuple[pd.DataFrame, dict[str, float]]:
+    """Return the quality of the files of a survey and its facts; points of the sample are read twice."""
+    cutting = ingest or IngestParameters()
+    options = ReadOptions.from_config(parameters.read)
+    text = options.delimiter is None and options.decimal is None  # as in `plan.plan_labelling`
+    listing = Survey.at(parameters.survey).listing(trajectory=parameters.trajectory, text=text)
+    plan = plan_survey({"survey": listing.files}, {}, options=options, labels=False, ingest=cutting)
+    described = _describe(plan, cutting)
+    plan = replace(plan, files=tuple(file for file in plan.files if file.key in described))
+    cut = _cutter(plan, described, cutting)
+    bins, quality = {}, {}
+    ranges = {item.key: item for item in cut_ranges(plan, {k: d["info"] for k, d in described.items()}, cutting)}
+    for key, item in ranges.items():
+        parts = cut(item)
+        bins[key], quality[key] = parts["bins"], parts["quality"]
+    table = quality_table({file.source.name: file.key for file in plan.files}, quality)
+    return table, _sampled_facts(plan, bins, lambda key: cut(ranges[key])["points"], cutting)
+
+
+def _describe(plan: SurveyPlan, ingest: IngestParameters) -> dict[str, FileDescription]:
+    """Describe the files that can be read."""
+    estimated, described, reason = estimated_drives(plan, ingest), {}, ""
+    for file in plan.files:
+        try:
+            described[file.key] = describe_file(
+                file.source.path, options=plan.options, labels=False, windows=file.drive in estimated
+            )
+        except DataError as error:
+            reason = f"cannot be read: {error}"
+    if not described:
+        raise ParameterError(f"no file of the survey can be read: {plan.files[0].source.name} {reason}")
+    return described
+
+
+def _cutter(
+    plan: SurveyPlan, described: Mapping[str, FileDescription], ingest: IngestParameters
+) -> Callable[[RangeOfRows], CutRange]:
+    """Return the function that reads a range of rows and sorts it into bins."""
+    corridors = {
+        drive: find_corridor(
+            [described[file.key]["sample"] for file in files],
+            [described[file.key]["windows"] for file in files],
+            trajectory=trajectory_beside(files),
+            along=ingest.cut == "along",
+        )
+        for drive, files in plan.drives().items()
+    }
+
+    def cut(item: RangeOfRows) -> CutRange:
+        return read_and_cut(item.file.source.path, corridors[item.file.drive], **item.parameters(plan, ingest))
+
+    return cut
+
+
+def strange_properties(bundle: ModelBundle, facts: Mapping[str, float]) -> list[str]:
+    """Return one sentence per property of a survey that is outside the range of the training data of a model."""
+    return strange_facts(facts, bundle.metadata.get("training_facts", {}))
+
+
+def strange_warnings(strange: Sequence[str]) -> list[str]:
+    """Return a warning for each strange property."""
+    return [f"The survey differs from the training data: {sentence}." for sentence in strange]
