@@ -1,0 +1,74 @@
+"""Confidences of boosted trees on streets that they were not trained on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from references.patches import SCHEME, street
+
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.calibration import calibrate
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import BoostedTreesParameters
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.sampling import training_voxels
+from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.metrics.calibration import reliability_table
+from mlsroad_pipeline.algorithms.models.bundle import label_cloud
+from mlsroad_pipeline.algorithms.stages import GroundParameters, find_ground
+
+QUICK = BoostedTreesParameters(smoothing=0.0)
+WRONG = 0.3
+
+
+def doubtful_street(seed):
+    """Return a street where the two most frequent classes are exchanged in a part of the cells of 0.5 m."""
+    cloud = street(seed)
+    classes, counts = np.unique(cloud["label"], return_counts=True)
+    first, second = classes[np.argsort(-counts)[:2]]
+    cells = np.floor(cloud.xyz[:, :2] / 0.5).astype(np.int64) % 1000
+    exchanged = np.random.default_rng(seed).random((1000, 1000))[cells[:, 0], cells[:, 1]] < WRONG
+    label = cloud["label"].copy()
+    label[exchanged & (cloud["label"] == first)] = second
+    label[exchanged & (cloud["label"] == second)] = first
+    return replace(cloud, columns={**cloud.columns, "label": label})
+
+
+def voxels_of(seed):
+    cloud = doubtful_street(seed)
+    return training_voxels(cloud, find_ground(cloud, GroundParameters()), parameters=QUICK, scheme=SCHEME)
+
+
+def model(rounds):
+    parameters = replace(QUICK, rounds=rounds, checkpoint_rounds=rounds)
+    scenes = [voxels_of(seed) for seed in range(3)]
+    return fit(scenes, parameters=parameters, ground=GroundParameters(), scheme=SCHEME, trained_on={})
+
+
+def calibration_error(bundle):
+    total = None
+    for seed in (8, 9):
+        cloud = doubtful_street(seed)
+        truth = SCHEME.encode(cloud["label"], source="street")
+        label, confidence = label_cloud(bundle, cloud)
+        table = reliability_table(confidence[truth >= 0], (label == truth)[truth >= 0])
+        total = table if total is None else total + table
+    assert 0.6 < total.hits.sum() / total.counts.sum() < 0.9  # labels cannot be right where they are doubtful
+    return total.calibration_error
+
+
+def test_confidence_is_the_probability_that_the_label_is_right():
+    assert calibration_error(model(20)) < 0.06
+
+
+def test_temperature_of_held_out_streets_mends_trees_of_a_few_rounds():
+    few = model(10)
+    fitted = calibrate(few, [voxels_of(seed) for seed in (4, 5)])
+    error = calibration_error(fitted)
+    assert error < 0.06 and calibration_error(few) > 1.5 * error
+    assert few.arrays["temperature"] == 1 > fitted.arrays["temperature"] > 0
+
+
+def test_no_held_out_voxels_is_an_error():
+    bundle, empty = model(2), voxels_of(4)
+    empty = {**empty, "values": empty["values"][:0], "rows": empty["rows"][:0]}
+    with pytest.raises(DataError, match="there are no labelled points"):
+        calibrate(bundle, [empty])
