@@ -21,7 +21,7 @@ def test_it_is_trained_scored_and_used_by_label(tmp_path):
     assert scores["test", "all", "overall_accuracy"] > 0.7
     with session_of(project, **TINY) as session:
         bundle = session.load_context().catalog.load(f"{SLUG}.registered_model")
-    assert bundle.metadata["attributes"] == ["intensity", "rgb"]
+    assert bundle.metadata["attributes"] == ["intensity", "rgb"] and bundle.metadata["training_facts"]
     [survey] = (project / "data/01_raw").rglob("test/*.laz")
     labelled = laspy.read(label(project, survey, tmp_path / "labelled", method=SLUG) / survey.name)
     codes, _ = check_labels(labelled, laspy.read(survey).header.point_count)

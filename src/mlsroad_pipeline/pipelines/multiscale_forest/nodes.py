@@ -12,6 +12,7 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.pipelines.training_facts import with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
 
@@ -20,6 +21,7 @@ def train_multiscale_forest(
     parameters: MultiscaleForestParameters,
     survey: SurveyParameters,
     classes: Mapping[str, Any],
+    scene_facts: SceneCollection,
 ) -> tuple[ModelBundle, ModelBundle]:
     """Train the forest on the voxels of the training scenes."""
     model = METHODS[SLUG].load("train")(
@@ -29,4 +31,5 @@ def train_multiscale_forest(
         trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(spheres)},
         n_jobs=cpu_count(),
     )
+    model = with_training_facts(model, scene_facts)
     return model, model

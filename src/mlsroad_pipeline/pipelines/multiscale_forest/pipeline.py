@@ -8,6 +8,7 @@ from mlsroad_pipeline.algorithms.baselines.multiscale_forest.training import tra
 from mlsroad_pipeline.pipelines.multiscale_forest.nodes import train_multiscale_forest
 from mlsroad_pipeline.pipelines.per_scene import PerScene
 from mlsroad_pipeline.pipelines.schemes import training_scheme
+from mlsroad_pipeline.pipelines.training_facts import FACTS, describing
 from mlsroad_pipeline.surveys.plan import held_out_keys, training_keys
 
 
@@ -16,6 +17,7 @@ def create_pipeline(**_: object) -> Pipeline:
     configured = {"survey": "params:survey", "classes": "params:classes"}
     return Pipeline(
         [
+            describing(),
             Node(
                 PerScene(training_spheres, keys=training_keys, scheme=training_scheme),
                 inputs={"scene": "scenes", "own": f"params:{SLUG}", **configured},
@@ -24,7 +26,7 @@ def create_pipeline(**_: object) -> Pipeline:
             ),
             Node(
                 train_multiscale_forest,
-                inputs=[f"{SLUG}.training_set", f"params:{SLUG}", *configured.values()],
+                inputs=[f"{SLUG}.training_set", f"params:{SLUG}", *configured.values(), FACTS],
                 outputs=[f"{SLUG}.model", f"{SLUG}.registered_model"],
                 name=f"train_{SLUG}",
             ),
