@@ -45,10 +45,16 @@ def _sampled_facts(
     unfiltered = OutlierParameters(enabled=False)
     return median_facts(
         [
-            scene_facts(join_pieces([load(key) for key in scene.pieces], scene.span, unfiltered, scene.source))
+            scene_facts(join_pieces([_needed(load(key)) for key in scene.pieces], scene.span, unfiltered, scene.source))
             for scene in chosen
         ]
     )
+
+
+def _needed(piece: Mapping[str, NDArray]) -> dict[str, NDArray]:
+    """Return a stored piece without the columns that no fact depends on."""
+    kept = {f"column.{name}" for name in ("file", "row", "intensity")}
+    return {name: piece[name] for name in piece if name in kept or not name.startswith("column.")}
 
 
 def read_survey(
