@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import geopandas as gpd
 import laspy
@@ -138,6 +139,21 @@ def test_survey_without_colour_gets_the_forest_without_it_and_one_warning(label_
     said = [r.getMessage() for r in caplog.records if r.levelname == "WARNING" and "no rgb" in r.getMessage()]
     assert len(said) == 1, said
     assert "has no rgb" in (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_survey_unlike_the_training_streets_is_warned_of_with_its_strange_properties(
+    label_project, labelled, cloud, tmp_path, caplog
+):
+    path = tmp_path / "wide.laz"
+    LasFormat().write(path, replace(cloud, xyz=cloud.xyz * (8, 8, 1)), WriteOptions(like="none"))
+    out = label(label_project, path, tmp_path / "out")
+    sentence = (
+        r"The survey differs from the training data: points lie \S+ m apart \(median; training scenes \S+ to \S+ m\)\."
+    )
+    said = [r.getMessage() for r in caplog.records if r.levelname == "WARNING"]
+    assert len([line for line in said if re.fullmatch(sentence, line)]) == 1, said
+    assert re.search(sentence, (out / "report.html").read_text(encoding="utf-8"))
+    assert not re.search(sentence, (labelled / "report.html").read_text(encoding="utf-8"))
 
 
 def test_classes_of_a_coarser_scheme_are_written_as_private_codes(label_project, survey, tmp_path):
