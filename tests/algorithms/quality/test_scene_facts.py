@@ -69,7 +69,7 @@ def test_points_in_one_place_have_finite_facts():
 def test_ranges_are_quantiles_of_the_scenes_that_have_the_fact():
     scenes = [{"above_2": k / 100} for k in range(101)] + [{"density": 30.0}]
     found = training_facts(scenes)
-    assert found["above_2"] == pytest.approx([0.01, 0.05, 0.5, 0.95, 0.99]) and found["density"] == [30.0] * 5
+    assert found["above_2"] == pytest.approx([0.0, 0.05, 0.5, 0.95, 1.0]) and found["density"] == [30.0] * 5
     assert training_facts([]) == {}
     assert median_facts(scenes) == {"density": 30.0, "above_2": 0.5}
 

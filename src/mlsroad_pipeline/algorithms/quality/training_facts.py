@@ -9,8 +9,8 @@ import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 
-QUANTILES = (0.01, 0.05, 0.5, 0.95, 0.99)
-"""Quantiles of a fact over the training scenes."""
+QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
+"""Quantiles of a fact over the training scenes. The ends are extremes: a few dense streets among many scans count."""
 
 TrainingFacts = Mapping[str, Sequence[float]]
 
@@ -58,7 +58,7 @@ def training_facts(scenes: Sequence[Mapping[str, float]]) -> dict[str, list[floa
     Examples
     --------
     >>> training_facts([{"spacing": 0.02}, {"spacing": 0.04}, {"spacing": 0.06}])
-    {'spacing': [0.0204, 0.022, 0.04, 0.058, 0.0596]}
+    {'spacing': [0.02, 0.022, 0.04, 0.058, 0.06]}
     """
     found = {name: [scene[name] for scene in scenes if name in scene] for name in _FACTS}
     return {
@@ -88,8 +88,8 @@ def median_facts(scenes: Sequence[Mapping[str, float]]) -> dict[str, float]:
 def strange_facts(facts: Mapping[str, float], training: TrainingFacts) -> list[str]:
     """Return one sentence per fact that is outside the range of the training scenes.
 
-    The range is that between the quantiles 0.01 and 0.99, widened by 0.03 (shares), 0.05 (concentration) or a quarter
-    of the value (others).
+    The range is that between the least and the largest value, widened by 0.03 (shares), 0.05 (concentration) or a
+    quarter of the value (others).
 
     Parameters
     ----------
