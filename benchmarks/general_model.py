@@ -43,14 +43,17 @@ def train(voxels: dict[str, Any], recorded: dict[str, Any], weight: float, witho
     """Train the model without some of the recordings."""
     kept = {key: rows for key, rows in recorded.items() if key.partition(".")[0] not in without}
     own = {**configured(SLUG), **configured(SLUG, "general")}
+    schemes = configured("classes")["schemes"]
+    scheme, common = (ClassScheme.from_config(name, schemes[name]) for name in ("road_inventory", "common"))
     return fit(
         [*voxels.values(), *kept.values()],
         parameters=BoostedTreesParameters(**own),
         ground=GroundParameters(**configured("ground_removal")),
-        scheme=ClassScheme.from_config("road_inventory", configured("classes")["schemes"]["road_inventory"]),
+        scheme=scheme,
         trained_on={},
         sources=["simulated"] * len(voxels) + [key.partition(".")[0] for key in kept],
         weights=[weight] * len(voxels) + [1.0] * len(kept),
+        groups=scheme.coarsen(common).tolist(),
         n_threads=2,
     )
 

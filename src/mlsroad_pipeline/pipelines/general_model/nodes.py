@@ -25,6 +25,7 @@ from mlsroad_pipeline.datasets.models.shipped_models import (
 )
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
+from mlsroad_pipeline.pipelines.boosted_trees.nodes import load_lightgbm
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.training_facts import with_training_facts
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
@@ -48,7 +49,7 @@ def read_training_recordings(shipped: ShippedParameters, classes: Mapping[str, A
 
 def recorded_sampling(trees: BoostedTreesParameters, shipped: ShippedParameters) -> BoostedTreesParameters:
     """Return the parameters with which scenes of recordings are sampled."""
-    return replace(trees, max_per_class=shipped.recorded_per_class)
+    return replace(trees.of_sample(), max_per_class=shipped.recorded_per_class)
 
 
 def recorded_scheme(shipped: ShippedParameters, classes: Mapping[str, Any]) -> ClassScheme:
@@ -69,6 +70,7 @@ def train_general_model(
     recorded_facts: SceneCollection,
 ) -> tuple[ModelBundle, ModelBundle]:
     """Train the trees on the voxels of simulated streets and recordings."""
+    load_lightgbm()
     model = METHODS[SLUG].load("train")(
         [*simulated.load_all().values(), *recorded.load_all().values()],
         parameters=parameters,
@@ -77,6 +79,7 @@ def train_general_model(
         trained_on={"survey": survey.root, "splits": str(survey.splits.get("train")), "scenes": len(simulated)},
         sources=["simulated"] * len(simulated) + [key.partition(".")[0] for key in recorded],
         weights=[shipped.weight] * len(simulated) + [1.0] * len(recorded),
+        groups=training_scheme(survey, classes).coarsen(recorded_scheme(shipped, classes)).tolist(),
         n_threads=cpu_count(),
         checkpoints=checkpoints,
     )

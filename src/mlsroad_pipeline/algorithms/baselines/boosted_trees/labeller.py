@@ -90,6 +90,39 @@ def voxel_probabilities(features: VoxelFeatures, bundle: ModelBundle, *, n_threa
     return probabilities
 
 
+def decide(
+    probabilities: NDArray[np.float64], groups: NDArray[np.integer] | None = None
+) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
+    """Return the most probable class of each row, and the probability that it is right.
+
+    Parameters
+    ----------
+    probabilities : ndarray of float64, shape (n, classes)
+        Probabilities.
+    groups : ndarray of int, shape (classes,), optional
+        Group of each class, such as that of all vegetation, for models that learned from labels which separate the
+        groups alone. The most probable group is taken first, then its most probable class.
+
+    Returns
+    -------
+    labels : ndarray of int16, shape (n,)
+        Classes.
+    confidence : ndarray of float32, shape (n,)
+        Probability of the class; with groups, that of its group.
+
+    Examples
+    --------
+    >>> decide(np.array([[0.4, 0.3, 0.3]]), np.array([0, 1, 1]))
+    (array([1], dtype=int16), array([0.6], dtype=float32))
+    """
+    if groups is None:
+        return probabilities.argmax(axis=1).astype(np.int16), probabilities.max(axis=1).astype(np.float32)
+    of_group = probabilities @ (groups[:, None] == np.arange(int(groups.max()) + 1)).astype(np.float64)
+    best = of_group.argmax(axis=1)
+    inside = np.where(groups[None, :] == best[:, None], probabilities, -1.0)
+    return inside.argmax(axis=1).astype(np.int16), of_group.max(axis=1).astype(np.float32)
+
+
 def softmax(scores: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the probabilities of scores.
 
@@ -149,9 +182,8 @@ def label_scene(scene: PointCloud, ground: Ground, bundle: ModelBundle) -> Point
     keep = inliers(scene)
     if keep.any():
         features = describe_scene(scene, ground, voxel_size=parameters_of(bundle).voxel_size)
-        probabilities = voxel_probabilities(features, bundle)
-        label[keep] = probabilities.argmax(axis=1).astype(np.int16)[features.owner]
-        confidence[keep] = probabilities.max(axis=1).astype(np.float32)[features.owner]
+        best, sure = decide(voxel_probabilities(features, bundle), bundle.arrays.get("groups"))
+        label[keep], confidence[keep] = best[features.owner], sure[features.owner]
     return {"label": label, "confidence": confidence}
 
 
@@ -170,7 +202,7 @@ def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int1
     labels : ndarray of int16, shape (n,)
         Classes of the model's scheme; -1 for outliers.
     confidence : ndarray of float32, shape (n,)
-        Probability of the class; 0 for outliers.
+        Probability of the class or, for a model with groups of classes, of its group; 0 for outliers.
 
     Raises
     ------

@@ -59,6 +59,7 @@ def fit(
     trained_on: Mapping[str, Any],
     weights: Sequence[float] | None = None,
     sources: Sequence[str] | None = None,
+    groups: Sequence[int] | None = None,
     n_threads: int = 1,
     checkpoints: Checkpoints | None = None,
 ) -> ModelBundle:
@@ -80,6 +81,8 @@ def fit(
         Weight of the source of each scene; 1 by default.
     sources : sequence of str, optional
         Source of each scene; one for all by default.
+    groups : sequence of int, optional
+        Group of each class, for labels that separate groups of classes alone, see `labeller.decide`.
     n_threads : int, default 1
         Threads of LightGBM; the trees do not depend on it.
     checkpoints : Checkpoints, optional
@@ -114,6 +117,8 @@ def fit(
         "trained_on": {**trained_on, "voxels": len(values)},
     }
     scale = {"temperature": np.array(1.0), "offsets": np.zeros(len(scheme))}
+    if groups is not None:
+        scale["groups"] = np.asarray(groups, np.int64)
     return ModelBundle(SLUG, {**trees.to_arrays(), **scale}, metadata)
 
 
