@@ -18,6 +18,7 @@ compare: setup
 	@$(BIN)/kedro run --env=compare --pipelines=comparison_report
 
 models: setup
+	@$(BIN)/kedro run --env=general
 	@$(BIN)/kedro run --env=dense
 	@$(BIN)/kedro run --env=sparse
 

@@ -200,7 +200,7 @@ def test_help_imports_no_numerical_library(folder):
 def test_models_names_the_one_that_label_takes(forked, folder):
     done = forked("models", "one, two.laz", cwd=folder)
     assert (done.returncode, done.stderr) == (0, "")
-    assert re.search(r"dense", done.stdout)
+    assert re.search(r"general", done.stdout)
 
 
 def test_a_closed_standard_output_is_no_error(folder):

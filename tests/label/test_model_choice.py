@@ -19,6 +19,7 @@ from mlsroad_pipeline.label.model_choice import (
     explain_choice,
     facts_of_quality,
     named_choice,
+    shipped_choice,
     strange_of,
 )
 
@@ -52,17 +53,23 @@ STORE = Store((version("detrended_forest", 1), version("detrended_forest", 2, "b
         (np.nan, np.nan, "dense"),
     ],
 )
-def test_plain_label_takes_a_shipped_model_by_the_survey_whatever_is_registered(density, concentration, name, store):
-    choice = choose(SurveyFacts(density, concentration), store=store)
-    assert choice.model == shipped_models()[name] and choice.method == "detrended_forest"
+def test_plain_label_takes_the_default_and_the_forest_is_chosen_by_the_survey(density, concentration, name, store):
+    facts = SurveyFacts(density, concentration)
+    choice = choose(facts, store=store)
+    assert choice.model == shipped_models()["general"] and choice.method == "boosted_trees"
+    assert choice.reason == "it is the default model of the package"
+    assert shipped_choice(facts, method="detrended_forest").model == shipped_models()[name]
 
 
 def test_reason_has_the_figures():
-    assert choose(SPARSE).reason == "the survey has a median of 8 points per m², below 9"
-    assert choose(DENSE).reason == "the survey has a median of 300 points per m², at least 15"
+    def reason(facts):
+        return choose(facts, method="detrended_forest").reason
+
+    assert reason(SPARSE) == "the survey has a median of 8 points per m², below 9"
+    assert reason(DENSE) == "the survey has a median of 300 points per m², at least 15"
     scan = "the survey has a median of 12 points per m² and is a scan from one place (concentration 0.34, below 0.5)"
-    assert choose(SurveyFacts(12.0, 0.34)).reason == scan
-    assert "is not a scan from one place (concentration 0.8, at least 0.5)" in choose(SurveyFacts(12.0, 0.8)).reason
+    assert reason(SurveyFacts(12.0, 0.34)) == scan
+    assert "is not a scan from one place (concentration 0.8, at least 0.5)" in reason(SurveyFacts(12.0, 0.8))
 
 
 def test_shipped_model_by_its_name():
@@ -92,7 +99,7 @@ def test_champion_of_a_labelling_method_replaces_the_shipped_models():
     assert choose(DENSE, store=store).model == store.found[0]
     assert choose(SPARSE, method="detrended_forest", store=store).model == store.found[0]
     detector = Store((version("visual_words", 1, "champion"), version("visual_words", 2)))
-    assert choose(DENSE, store=detector).model.name == "dense"
+    assert choose(DENSE, store=detector).model.name == "general"
     assert choose(DENSE, method="visual_words", store=detector).model == detector.found[0]
 
 
@@ -122,7 +129,7 @@ def test_method_with_a_shipped_model_alone_takes_it():
         ),
         (
             {"model": "newest"},
-            r"'newest' is unknown; models: dense \(shipped\), sparse \(shipped\), mlsroad-.* or best, ",
+            r"'newest' is unknown; models: dense \(shipped\), general \(shipped\), sparse \(shipped\), mlsroad-.* or best, ",
         ),
         (
             {"model": 7, "method": "patch_graph"},
@@ -149,20 +156,22 @@ def test_facts_are_the_median_over_the_points_of_all_files():
 
 def test_models_are_listed_with_their_origin():
     found = available_models(STORE)
-    assert [(m.name, m.version, m.shipped) for m in found[2:]] == [
+    assert [(m.name, m.version, m.shipped) for m in found[3:]] == [
         ("mlsroad-detrended_forest", "1", False),
         ("mlsroad-detrended_forest", "2", False),
         ("mlsroad-patch_graph", "1", False),
     ]
-    assert [m.name for m in found[:2]] == ["dense", "sparse"] and all(m.entry.scores for m in found[:2])
+    assert [m.name for m in found[:3]] == ["dense", "general", "sparse"] and all(m.entry.scores for m in found[:3])
 
 
 def test_choice_for_files_comes_from_their_points(tmp_path):
     for name, side in (("thin.txt", 20), ("thick.txt", 3)):
         xy = np.random.default_rng(0).uniform(0, side, (900, 2))
         np.savetxt(tmp_path / name, np.column_stack([xy, np.zeros(900)]), header="x y z", comments="", fmt="%.3f")
-    assert explain_choice(str(tmp_path / "thin.txt")).model.name == "sparse"
-    assert explain_choice(str(tmp_path / "thick.txt")).model.name == "dense"
+    forest = {"method": "detrended_forest"}
+    assert explain_choice(str(tmp_path / "thin.txt"), **forest).model.name == "sparse"
+    assert explain_choice(str(tmp_path / "thick.txt"), **forest).model.name == "dense"
+    assert explain_choice(str(tmp_path / "thick.txt")).model.name == "general"
     with pytest.raises(ParameterError, match="champion"):
         explain_choice(
             str(tmp_path / "thick.txt"),

@@ -90,6 +90,7 @@ def _plain(values: Mapping[str, Any]) -> str:
     """Return nested parameters in one line; a scanner of its own is given by its name."""
     parts = []
     for key, value in values.items():
+        plain = list(value) if isinstance(value, tuple) else value  # as JSON gives it back
         named = value.get("name") if isinstance(value, Mapping) else None
-        parts.append(f"{key} {named or (_plain(value) if isinstance(value, Mapping) else value)}")
+        parts.append(f"{key} {named or (_plain(value) if isinstance(value, Mapping) else plain)}")
     return ", ".join(parts)
