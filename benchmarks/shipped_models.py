@@ -25,7 +25,13 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import bundle_scheme, label_cloud
-from mlsroad_pipeline.datasets.models.shipped_models import ModelScores, load_shipped, save_entry, shipped_models
+from mlsroad_pipeline.datasets.models.shipped_models import (
+    ModelScores,
+    ShippedModel,
+    load_shipped,
+    save_entry,
+    shipped_models,
+)
 from mlsroad_pipeline.label.model_choice import explain_choice
 from mlsroad_pipeline.simulation import simulate_survey
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
@@ -49,16 +55,17 @@ PREDICTED: dict[str, dict[str, Any]] = {
 """Street and part of it whose labels the tests compare."""
 
 
-def recorded_scores(path: Path, model: str) -> list[ModelScores]:
+def recorded_scores(path: Path, model: ShippedModel) -> list[ModelScores]:
     """Return the scores of a model over all points of each recording, from the summary of the benchmark."""
     told = json.loads(path.read_text(encoding="utf-8"))
     rows = []
     for run in told["runs"]:
-        if (run["protocol"], run["method"], run["part"]) == ("shipped", model, "all"):
+        if (run["protocol"], run["method"], run["part"]) == ("shipped", model.name, "all"):
             source = told["sources"][run["source"]]
             f1 = {name: round(run[f"f1_{name}"], 4) if f"f1_{name}" in run else None for name in source["classes"]}
             accuracy, mean = round(run["overall_accuracy"], 4), round(run["mean_f1"], 4)
-            rows.append(ModelScores(source["title"], run["points"], accuracy, mean, f1, COMMAND))
+            title = f"{source['title']}, trained on" if run["source"] in model.recordings else source["title"]
+            rows.append(ModelScores(title, run["points"], accuracy, mean, f1, COMMAND))
     return rows
 
 
@@ -100,7 +107,10 @@ def main() -> None:
     if options.predictions:
         write_predictions(options.predictions)
     for name, entry in shipped_models().items() if options.record else ():
-        rows = recorded_scores(options.record, name)
+        rows = recorded_scores(options.record, entry)
+        if not rows:
+            print(f"{name}: the benchmark has no scores, the entry keeps its own")
+            continue
         kept = [row for row in entry.scores if row.command not in (COMMAND, "python benchmarks/shipped_models.py")]
         save_entry(replace(entry, scores=(*kept, *rows)))
         print(f"{name}: {len(rows)} recordings")
