@@ -101,6 +101,20 @@ def test_heights_without_ground_are_measured_from_the_lowest_point():
     np.testing.assert_array_equal(describe_scene(cloud, none).values, plain.values)
 
 
+def test_nan_intensities_count_as_the_median_or_as_none():
+    cloud = street(5)
+    ground = find_ground(cloud, GroundParameters())
+    median, holes = cloud["intensity"].copy(), cloud["intensity"].copy()
+    rows = np.arange(0, len(cloud), 7)
+    holes[rows] = np.nan
+    median[rows] = np.nanmedian(holes)
+    filled = describe_scene(cloud.with_columns(intensity=median), ground)
+    np.testing.assert_array_equal(describe_scene(cloud.with_columns(intensity=holes), ground).values, filled.values)
+    unknown = cloud.with_columns(intensity=np.full(len(cloud), np.nan, np.float32))
+    plain = describe_scene(without(cloud, "intensity"), ground)
+    np.testing.assert_array_equal(describe_scene(unknown, ground).values, plain.values)
+
+
 def test_a_constant_intensity_is_none():
     cloud = without(street(5), "intensity")
     ground = find_ground(cloud, GroundParameters())

@@ -26,7 +26,8 @@ def describe_scene(scene: PointCloud, ground: Ground, *, voxel_size: float = 0.2
     Parameters
     ----------
     scene : PointCloud
-        The scene, with at least one point that is no outlier. An intensity that is constant counts as missing.
+        The scene, with at least one point that is no outlier. An intensity that is constant or NaN everywhere counts as
+        missing; single NaN are replaced by the median.
     ground : Ground
         Its ground. Where no point has a height, heights are measured from the lowest point.
     voxel_size : float, default 0.2
@@ -42,16 +43,24 @@ def describe_scene(scene: PointCloud, ground: Ground, *, voxel_size: float = 0.2
     Raises
     ------
     DataError
-        If a coordinate is not finite or an intensity is NaN.
+        If a coordinate is not finite.
     """
     keep = inliers(scene)
     xyz, height, intensity = scene.xyz[keep], ground["height"][keep], scene.get("intensity")
     if np.isnan(height).all():
         height = (xyz[:, 2] - xyz[:, 2].min()).astype(np.float32)
     if intensity is not None:
-        intensity = intensity[keep]
-        intensity = None if intensity.min() == intensity.max() else intensity
+        intensity = _known_intensity(intensity[keep])
     return compute_voxel_features(xyz, height=height, intensity=intensity, voxel_size=voxel_size, n_threads=n_threads)
+
+
+def _known_intensity(intensity: NDArray) -> NDArray | None:
+    """Return intensities with the median in place of NaN; None if fewer than two values differ."""
+    missing = np.isnan(intensity)
+    known = intensity[~missing]
+    if not len(known) or known.min() == known.max():
+        return None
+    return np.where(missing, np.median(known), intensity) if missing.any() else intensity
 
 
 def voxel_probabilities(features: VoxelFeatures, bundle: ModelBundle, *, n_threads: int = 1) -> NDArray[np.float64]:
@@ -176,7 +185,7 @@ def label_scene(scene: PointCloud, ground: Ground, bundle: ModelBundle) -> Point
     Raises
     ------
     DataError
-        If a coordinate is not finite, an intensity is NaN, or the model was trained with other features.
+        If a coordinate is not finite, or the model was trained with other features.
     """
     label, confidence = unlabelled(len(scene))
     keep = inliers(scene)
