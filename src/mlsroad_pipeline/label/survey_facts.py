@@ -87,9 +87,9 @@ def _describe(plan: SurveyPlan, ingest: IngestParameters) -> dict[str, FileDescr
                 file.source.path, options=plan.options, labels=False, windows=file.drive in estimated
             )
         except DataError as error:
-            reason = f"cannot be read: {error}"
+            reason = reason or f"{file.source.name} cannot be read: {error}"
     if not described:
-        raise ParameterError(f"no file of the survey can be read: {plan.files[0].source.name} {reason}")
+        raise ParameterError(f"no file of the survey can be read: {reason}")
     return described
 
 
