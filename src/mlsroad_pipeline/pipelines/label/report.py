@@ -24,7 +24,7 @@ from mlsroad_pipeline.surveys.parameters import LabelParameters
 
 _NOT_LISTED = ("scene", "method", "model_version", "footprint")  # columns of the inventory that the report omits
 CONFIDENCE_NOTE = (
-    "Probability of the class assigned to a point. There is a warning above if a fifth of all points, or half of the "
+    "Median confidence of the points of each class. There is a warning above if a fifth of all points, or half of the "
     "points of a class, are below 0.5."
 )
 
