@@ -6,8 +6,8 @@
 
 `--record` replaces the scores of the recordings in the registry of the package and in the cards by those of
 `kedro run --env=recordings --params=recordings_study.protocol=shipped`. `--facts` prints the median density of files,
-and the model that `label` takes. `--predictions` writes a part of a simulated street with the labels of each model for
-the tests (FOLDER is tests/datasets/models/predictions).
+and the forest that `label.method=detrended_forest` takes. `--predictions` writes a part of a simulated street with the
+labels of each model for the tests (FOLDER is tests/datasets/models/predictions).
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def main() -> None:
     options = parser.parse_args()
     logging.disable(logging.WARNING)  # one warning per frame that has no colour
     for path in options.facts or ():
-        choice = explain_choice(path)
+        choice = explain_choice(path, method="detrended_forest")
         print(f"{path}: {choice.name}: {choice.reason}")
     if options.predictions:
         write_predictions(options.predictions)
