@@ -181,6 +181,31 @@ def compute_voxel_features(
     return VoxelFeatures(table, spread_owners(order, starts), cells)
 
 
+def known_intensity(intensity: NDArray) -> NDArray | None:
+    """Return intensities with the median in place of NaN.
+
+    Parameters
+    ----------
+    intensity : ndarray of shape (n,)
+        Intensities of a scene.
+
+    Returns
+    -------
+    ndarray of shape (n,), or None
+        The intensities; None if fewer than two known values differ.
+
+    Examples
+    --------
+    >>> known_intensity(np.array([0.1, np.nan, 0.5, 0.3])).tolist()
+    [0.1, 0.3, 0.5, 0.3]
+    """
+    missing = np.isnan(intensity)
+    known = intensity[~missing]
+    if not len(known) or known.min() == known.max():
+        return None
+    return np.where(missing, np.median(known), intensity) if missing.any() else intensity
+
+
 def rank_within(values: ArrayLike) -> NDArray[np.float64]:
     """Return the rank of each value among all, as a share; equal values share their mean rank.
 

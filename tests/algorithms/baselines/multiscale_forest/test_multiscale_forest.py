@@ -94,6 +94,18 @@ def test_outliers_get_no_class_and_change_nothing(model):
     assert (label_cloud(model, all_out)[0] == -1).all() and len(spheres(all_out)["labels"]) == 0
 
 
+def test_nan_intensities_count_as_the_median_or_as_none():
+    cloud = street(5)
+    values = np.linspace(0, 1, len(cloud)).astype(np.float32)
+    holes = np.where(np.arange(len(cloud)) % 7 == 0, np.float32(np.nan), values)
+    filled = np.where(np.isnan(holes), np.nanmedian(holes), holes)
+    some = np.arange(20)
+    found, expected = (spheres_of(cloud.with_columns(intensity=v), QUICK).describe(some) for v in (holes, filled))
+    np.testing.assert_array_equal(found, expected)
+    unknown = cloud.with_columns(intensity=np.full(len(cloud), np.nan, np.float32))
+    np.testing.assert_array_equal(spheres_of(unknown, QUICK).describe(some), spheres_of(cloud, QUICK).describe(some))
+
+
 @pytest.mark.parametrize("n", [0, 1, 3])
 def test_tiny_clouds(model, n):
     cloud = PointCloud(np.arange(3.0 * n).reshape(n, 3), {"rgb": np.zeros((n, 3), np.uint8)})

@@ -12,6 +12,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.features.voxel_scales import (
     VoxelFeatures,
     compute_voxel_features,
+    known_intensity,
     smooth_by_cells,
     voxel_feature_names,
 )
@@ -50,17 +51,8 @@ def describe_scene(scene: PointCloud, ground: Ground, *, voxel_size: float = 0.2
     if np.isnan(height).all():
         height = (xyz[:, 2] - xyz[:, 2].min()).astype(np.float32)
     if intensity is not None:
-        intensity = _known_intensity(intensity[keep])
+        intensity = known_intensity(intensity[keep])
     return compute_voxel_features(xyz, height=height, intensity=intensity, voxel_size=voxel_size, n_threads=n_threads)
-
-
-def _known_intensity(intensity: NDArray) -> NDArray | None:
-    """Return intensities with the median in place of NaN; None if fewer than two values differ."""
-    missing = np.isnan(intensity)
-    known = intensity[~missing]
-    if not len(known) or known.min() == known.max():
-        return None
-    return np.where(missing, np.median(known), intensity) if missing.any() else intensity
 
 
 def voxel_probabilities(features: VoxelFeatures, bundle: ModelBundle, *, n_threads: int = 1) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ from mlsroad_pipeline.algorithms.baselines.multiscale_forest.parameters import S
 from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.features.sphere_features import ATTRIBUTES, SpherePyramid, find_spheres
-from mlsroad_pipeline.algorithms.features.voxel_scales import rank_within
+from mlsroad_pipeline.algorithms.features.voxel_scales import known_intensity, rank_within
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.stages import inliers
@@ -31,7 +31,7 @@ def spheres_of(
     ----------
     scene : PointCloud
         The scene, with at least one point that is no outlier. An intensity or colour that is constant counts as
-        missing.
+        missing, and so does an intensity that is NaN everywhere; single NaN are replaced by the median.
     parameters : MultiscaleForestParameters
         Parameters of the method.
     columns : collection of str
@@ -45,15 +45,17 @@ def spheres_of(
     Raises
     ------
     DataError
-        If a coordinate is not finite or an intensity is NaN.
+        If a coordinate is not finite.
     """
     keep = inliers(scene)
     attributes: dict[str, NDArray[np.float64]] = {}
     for name in columns:
-        values = scene.get(name)
-        if values is None or (values[keep] == values[keep][0]).all():
+        if name not in scene:
             continue
-        table = rank_within(values[keep])[:, None] if name == "intensity" else values[keep] / 255.0
+        values = known_intensity(scene[name][keep]) if name == "intensity" else scene[name][keep]
+        if values is None or (values == values[0]).all():
+            continue
+        table = rank_within(values)[:, None] if name == "intensity" else values / 255.0
         attributes |= dict(zip(COLUMNS_OF[name], table.T, strict=True))
     return find_spheres(scene.xyz[keep], attributes, **parameters.spheres())
 
@@ -76,7 +78,7 @@ def label_scene(scene: PointCloud, bundle: ModelBundle) -> PointLabels:
     Raises
     ------
     DataError
-        If a coordinate is not finite or an intensity is NaN.
+        If a coordinate is not finite.
     """
     label, confidence = unlabelled(len(scene))
     keep = inliers(scene)
