@@ -65,7 +65,9 @@ class TrainingRecording:
         """
         found = {path.name.partition(".")[0]: path for path in sorted(root.glob(self.files))}
         if not found:
-            raise ReadError(f"{root} has no {self.files}: put {self.title} there, or set MLSROAD_DATA to the folder that has it")
+            raise ReadError(
+                f"{root} has no {self.files}: put {self.title} there, or set MLSROAD_DATA to the folder that has it"
+            )
         other = digest(list(found.values()))
         if other != self.sha256:
             raise ReadError(
