@@ -55,6 +55,8 @@ def test_one_method_recording_and_protocol_can_be_asked_for(plan):
         plan(source="third").runs()
     with pytest.raises(ParameterError, match="protocol 'all' is none of shipped"):
         plan(protocol="all")
+    with pytest.raises(ParameterError, match="method 'patch_svm' has no protocol 'shipped'"):
+        plan(method="patch_svm", protocol="shipped").runs()
 
 
 def test_a_left_out_recording_takes_its_drive_with_it(plan):

@@ -80,7 +80,7 @@ class StudyPlan:
         for what, name, known in (("method", chosen.method, every), ("source", chosen.source, self.sources)):
             if name is not None and name not in known:
                 raise ParameterError(f"recordings_study.{what} {name!r} is none of {', '.join(known)}")
-        return [
+        found = [
             Run(method, protocol, source)
             for method, protocols in every.items()
             for protocol in protocols
@@ -89,6 +89,12 @@ class StudyPlan:
             and chosen.protocol in (None, protocol)
             and chosen.source in (None, source)
         ]
+        if not found:
+            raise ParameterError(
+                f"recordings_study.method {chosen.method!r} has no protocol {chosen.protocol!r}: models of the package "
+                f"have {SHIPPED!r} alone, labellers the others"
+            )
+        return found
 
     def training_set(self, run: Run) -> str:
         """Return the name of the training data of a run; runs of one name share a model."""
