@@ -207,10 +207,12 @@ def join_voxels(
     Raises
     ------
     DataError
-        If there is no labelled voxel, or a table has another number of classes.
+        If there is no scene or no labelled voxel, or a table has another number of classes.
     ParameterError
         If a class of `prior` is not in the scheme, or a class of the scheme has no prior.
     """
+    if not scenes:
+        raise DataError("no training scenes: the split 'train' is empty")
     of_source = np.array(["" for _ in scenes] if sources is None else list(sources))
     of_scene = np.ones(len(scenes)) if weights is None else np.asarray(weights, np.float64)
     used = [i for i, scene in enumerate(scenes) if len(scene["rows"])]

@@ -108,10 +108,12 @@ def fit(
     Raises
     ------
     DataError
-        If there are fewer than two classes among the voxels.
+        If there are no scenes, or fewer than two classes among the voxels.
     """
-    values = np.concatenate([scene["values"] for scene in scenes]) if scenes else np.zeros((0, 0), np.float32)
-    labels = np.concatenate([scene["labels"] for scene in scenes]) if scenes else np.zeros(0, np.int16)
+    if not scenes:
+        raise DataError("no training scenes: the split 'train' is empty")
+    values = np.concatenate([scene["values"] for scene in scenes])
+    labels = np.concatenate([scene["labels"] for scene in scenes])
     drawn = draw_per_class(labels, parameters.max_per_class, seed=parameters.seed)
     values, labels = values[drawn], labels[drawn]
     classes = np.unique(labels)
