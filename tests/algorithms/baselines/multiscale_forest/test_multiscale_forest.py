@@ -126,11 +126,11 @@ def test_voxels_per_class_are_bounded_and_labels_outside_the_core_unused(model):
     assert len(spheres(outside)["labels"]) == 0
 
 
-def test_a_single_class_is_refused():
+def test_a_single_class_and_an_empty_split_are_refused():
     cloud = street(0)
     one = spheres(cloud.select(np.flatnonzero(cloud["label"] == cloud["label"][0])))
-    for scenes, n in (([one], 1), ([], 0)):
-        with pytest.raises(DataError, match=f"of {n} classes"):
+    for scenes, message in (([one], "of 1 classes"), ([], "no training scenes: the split 'train' is empty")):
+        with pytest.raises(DataError, match=message):
             fit(scenes, parameters=QUICK, scheme=SCHEME, trained_on={})
 
 
