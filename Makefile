@@ -18,9 +18,9 @@ compare: setup
 	@$(BIN)/kedro run --env=compare --pipelines=comparison_report
 
 models: setup
-	@$(BIN)/kedro run --env=general
 	@$(BIN)/kedro run --env=dense
 	@$(BIN)/kedro run --env=sparse
+	@$(BIN)/kedro run --env=general
 
 test: setup lint
 	@$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
