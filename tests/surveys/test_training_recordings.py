@@ -38,6 +38,13 @@ def test_missing_and_other_files_are_named(root):
         recording(root, sha256="0" * 64).paths(root)
 
 
+def test_two_files_of_one_name_are_an_error(root):
+    (root / "drive2").mkdir()
+    (root / "drive/0.npz").rename(root / "drive2/1.npz")
+    with pytest.raises(ReadError, match=r"drive/1.npz and .*drive2/1.npz have the same name: \*/\*.npz may name one"):
+        recording(root, files="*/*.npz").paths(root)
+
+
 def test_ignored_codes_are_unlabelled_and_unknown_names_are_errors(root):
     coding = recording(root).read_coding({"own": {1: "road", 7: "building"}})
     assert coding.encode(np.array([1, 7])).tolist() == [coding.encode(np.array([1]))[0], 0]

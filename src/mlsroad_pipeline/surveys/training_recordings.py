@@ -10,6 +10,7 @@ from typing import Any
 
 from mlsroad_pipeline.algorithms.core.classes import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.surveys.recording_scenes import files_by_name, recording_coding
 
 
 @dataclass(frozen=True)
@@ -61,9 +62,9 @@ class TrainingRecording:
         Raises
         ------
         ReadError
-            If there is none, or the files are others than those of the model.
+            If there is none, two have one name, or the files are others than those of the model.
         """
-        found = {path.name.partition(".")[0]: path for path in sorted(root.glob(self.files))}
+        found = files_by_name(root, self.files)
         if not found:
             raise ReadError(
                 f"{root} has no {self.files}: put {self.title} there, or set MLSROAD_DATA to the folder that has it"
@@ -94,10 +95,7 @@ class TrainingRecording:
         ParameterError
             If there is no such coding.
         """
-        if self.coding not in codings:
-            raise ParameterError(f"shipped.recordings.{self.name}: coding {self.coding!r} is not configured")
-        codes = codings[self.coding]
-        return Coding(self.coding, {k: "unlabelled" if k in self.ignored else name for k, name in codes.items()})
+        return recording_coding(codings, self.coding, self.ignored, where=f"shipped.recordings.{self.name}")
 
 
 def training_recordings(config: Mapping[str, Mapping[str, Any]]) -> dict[str, TrainingRecording]:
