@@ -27,9 +27,11 @@ from mlsroad_pipeline.algorithms.baselines.boosted_trees.parameters import SLUG,
 from mlsroad_pipeline.algorithms.baselines.boosted_trees.training import fit
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.evaluation.labelling import coarse_labels
+from mlsroad_pipeline.algorithms.metrics.calibration import ReliabilityTable
 from mlsroad_pipeline.algorithms.metrics.confusion import scores
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, label_cloud
 from mlsroad_pipeline.algorithms.stages import GroundParameters
+from mlsroad_pipeline.pipelines.boosted_trees.nodes import load_lightgbm
 from mlsroad_pipeline.studies.recordings.scoring import score_points, unmixed
 from mlsroad_pipeline.studies.recordings.sources import Source, sources_of
 from mlsroad_pipeline.surveys.recording_scenes import read_points
@@ -41,6 +43,7 @@ LEAST = 100
 
 def train(voxels: dict[str, Any], recorded: dict[str, Any], weight: float, without: Sequence[str]) -> ModelBundle:
     """Train the model without some of the recordings."""
+    load_lightgbm()
     kept = {key: rows for key, rows in recorded.items() if key.partition(".")[0] not in without}
     own = {**configured(SLUG), **configured(SLUG, "general")}
     schemes = configured("classes")["schemes"]
@@ -69,21 +72,19 @@ def score(source: Source, bundle: ModelBundle, common: ClassScheme, root: Path) 
         labels.append(coarse_labels(label, bundle_scheme(bundle), common))
         confidences.append(confidence)
     truth, label, confidence = (np.concatenate(parts) for parts in (truths, labels, confidences))
-    told = score_points(truth, unmixed(truth, label, common, source.mixed), confidence, len(common))
-    found, counts = scores(told["matrix"]), told["matrix"].sum(axis=1)
+    scored = score_points(truth, unmixed(truth, label, common, source.mixed), confidence, len(common))
+    found, counts = scores(scored["matrix"]), scored["matrix"].sum(axis=1)
     iou = {
         name: round(float(found.iou[i]), 3)
         for i, name in enumerate(common.classes)
         if name in source.classes and name != "other" and counts[i] >= LEAST
     }
-    weights = told["bin_counts"] / told["bin_counts"].sum()
-    filled = np.maximum(told["bin_counts"], 1)
-    gap = np.abs(told["bin_hits"] - told["bin_confidences"]) / filled
+    reliability = ReliabilityTable(scored["bin_counts"], scored["bin_hits"], scored["bin_confidences"])
     return {
         "overall_accuracy": round(float(found.overall_accuracy), 3),
         "mean_iou": round(float(np.mean(list(iou.values()))), 3),
-        "calibration_error": round(float(weights @ gap), 3),
-        "auroc": round(float(told["auroc"]), 3),
+        "calibration_error": round(reliability.calibration_error, 3),
+        "auroc": round(float(scored["auroc"]), 3),
         "iou": iou,
     }
 
@@ -107,14 +108,14 @@ def main() -> None:
     common = ClassScheme.from_config("common", configured("classes")["schemes"]["common"])
     chosen = [name for name in sources if options.sources is None or name in options.sources]
     unseen = [name for name in chosen if name not in options.without]
-    told: dict[str, Any] = {}
+    scored: dict[str, Any] = {}
     for without, names in [([], unseen), *(([name], [name]) for name in options.without if name in chosen)]:
         bundle = train(voxels, recorded, shipped.weight, without) if names else None
         for name in names:
-            told[name] = score(sources[name], bundle, common, Path(shipped.root))
-            print(name, json.dumps(told[name]), flush=True)
+            scored[name] = score(sources[name], bundle, common, Path(shipped.root))
+            print(name, json.dumps(scored[name]), flush=True)
     if options.json:
-        options.json.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        options.json.write_text(json.dumps(scored, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
