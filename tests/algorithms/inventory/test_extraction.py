@@ -15,7 +15,7 @@ from references.inventory import planted_box, planted_pole, planted_tree
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory import merging
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
-from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes, merge_scenes
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
@@ -273,6 +273,26 @@ def test_few_voxels_at_a_time_give_the_same_table(street, monkeypatch):
         scenes = _OneAtATime(pieces)
         pd.testing.assert_frame_equal(merge_across_scenes(scenes, classes=RULES), whole)
         assert scenes.most <= 2  # the one at hand, and the one before until its name is taken again
+
+
+@pytest.mark.parametrize("cuts", [(), (20.0, 40.0), (12.0, 25.0, 31.5, 40.0, 43.4)])
+def test_every_object_has_the_points_that_it_counts(street, cuts, monkeypatch):
+    xyz = street[0]
+    pieces = cut_street(street, cuts=cuts)
+    for batch in (merging.BATCH, 1):
+        monkeypatch.setattr(merging, "BATCH", batch)
+        objects, numbers = merge_scenes(pieces, classes=RULES)
+        core = [(xyz[:, 0] >= low) & (xyz[:, 0] < high) for low, high in pairwise([-np.inf, *cuts, np.inf])]
+        number = np.zeros(len(xyz), np.int64)
+        for piece, inside in zip(pieces, core, strict=True):
+            number[inside] = numbers[piece.scene][piece.part]
+        assert (number == 0).sum() > 1000  # of objects that violate a rule
+        counts = np.bincount(number, minlength=len(objects) + 1)[1:]
+        assert counts.tolist() == objects["point_count"].tolist()
+        for row in objects.to_dict("records"):
+            mine = xyz[number == row["object_id"]] + UTM
+            sides = [[row[f"{axis}_{end}"] for axis in "xyz"] for end in ("min", "max")]
+            np.testing.assert_allclose(sides, [mine.min(axis=0), mine.max(axis=0)], atol=6e-4)
 
 
 def test_every_field_is_in_the_data_dictionary():

@@ -28,17 +28,16 @@ SQUARE = "POLYGON ((583001.00 4477000.00, 583001.50 4477000.00, 583001.50 447700
 def inventory():
     rows = []
     for number, kind in enumerate(["pole", "sign", "vehicle", "tree"], start=1):
-        row = {name: np.nan for name, dtype in OBJECT_FIELDS.items() if dtype == "float64"}
+        unknown = {"float64": np.nan, "int64": 0, "str": ""}
+        row = {name: unknown[dtype] for name, dtype in OBJECT_FIELDS.items()}
         row |= {
             "object_id": number,
             "class": f"{kind}s",
             "kind": kind,
             "scene": "scene_00000",
             "point_count": 9,
-            "pole_id": 0,
             "facing_from": "post" if kind == "sign" else "",
             "method": "any_method",
-            "model_version": "",
             "footprint": "" if kind == "sign" else SQUARE,
         }
         row |= {"x": 583_000.0 + number, "y": 4_477_000.0, "z": 120.0, "height": 3.0, "width": 2.0}

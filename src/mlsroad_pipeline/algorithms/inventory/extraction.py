@@ -8,7 +8,7 @@ voxels and measures the whole. Cores are disjoint, so no point counts twice and 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -36,16 +36,20 @@ class SceneObjects:
         Objects wholly in the core: columns of `OBJECT_FIELDS`, `object_id` and `pole_id` are 0.
     fragments : DataFrame
         Voxels of the objects that extend into a buffer: columns of `FRAGMENT_FIELDS`.
+    part : ndarray of int32, shape (n_core,)
+        Object of each point of the core: k + 1 for row k of `objects`, -k - 1 for row k of `fragments`, 0 for none.
+        `merging.SceneNumbers` has the number in the inventory for each of these values.
     """
 
     scene: str
     objects: pd.DataFrame
     fragments: pd.DataFrame
+    part: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
 
 
 def measured_rows(
     voxels: Voxels, number: NDArray[np.int64], name: str, rule: ObjectRule, scenes: Sequence[str]
-) -> list[dict[str, Any]]:
+) -> tuple[list[dict[str, Any]], NDArray[np.int64]]:
     """Measure the objects of one class and discard those that violate the rule.
 
     Parameters
@@ -63,18 +67,22 @@ def measured_rows(
 
     Returns
     -------
-    list of dict
+    rows : list of dict
         `ObjectMeasures` of each object, with `class`, `kind` and the name of the scene.
+    owner : ndarray of int64, shape (len(number),)
+        Index into `rows` of each voxel, -1 for voxels of discarded objects.
     """
-    rows = []
+    rows: list[dict[str, Any]] = []
+    owner = np.full(len(number), -1, dtype=np.int64)
     starts = np.flatnonzero(np.diff(number, prepend=-1))
     for first, stop in zip(starts, np.append(starts[1:], len(number)), strict=True):
         whole = voxels.select(np.arange(first, stop))
-        parts = [whole]
+        parts = [np.arange(first, stop)]
         if rule.split_spacing is not None and whole.count.sum() >= rule.min_points:
             label = split_at_valleys(whole, spacing=rule.split_spacing, depth=rule.split_depth)
-            parts = [whole.select(label == i) for i in range(int(label.max()) + 1)]
-        for part in parts:
+            parts = [first + np.flatnonzero(label == i) for i in range(int(label.max()) + 1)]
+        for index in parts:
+            part = voxels.select(index)
             if part.count.sum() < rule.min_points:
                 continue
             row = measure(part, rule.kind)
@@ -84,8 +92,9 @@ def measured_rows(
                 height -= clearance  # own height: a panel may hang at any height
             fits = rule.min_height <= height <= rule.max_height and rule.min_width <= extent <= rule.max_width
             if fits and not hangs:
+                owner[index] = len(rows)
                 rows.append({**row, "class": name, "kind": rule.kind, "scene": scenes[row["scene"]]})
-    return rows
+    return rows, owner
 
 
 def extract_objects(
@@ -124,7 +133,7 @@ def extract_objects(
     Returns
     -------
     SceneObjects
-        Measured objects, and the fragments of objects that extend into a buffer.
+        Measured objects, the fragments of objects that extend into a buffer, and the object of each point of the core.
 
     Raises
     ------
@@ -138,10 +147,12 @@ def extract_objects(
     certainty = _finite(confidence, n, "confidence")
     height = None if height_above_ground is None else _finite(height_above_ground, n, "height_above_ground")
     zero = np.asarray(origin, dtype=np.float64)
-    rows, fragments = [], []
+    rows: list[dict[str, Any]] = []
+    fragments: list[pd.DataFrame] = []
+    part, n_cut = np.zeros(n, dtype=np.int32), 0
     for name, rule in classes.items():
         mine = np.flatnonzero(np.isin(label, rule.labels))
-        whole, cut = find_fragments(
+        whole, cut, of_whole, of_cut = find_fragments(
             points[mine].astype(np.float64),
             core=inside[mine],
             confidence=certainty[mine],
@@ -151,11 +162,18 @@ def extract_objects(
         )
         if len(whole):
             table = whole.assign(object=whole["fragment"].astype(np.int64), scene=0)
-            rows += measured_rows(*join_voxels(table, resolution=rule.resolution), name, rule, [scene])
+            voxels, number, joined_row = join_voxels(table, resolution=rule.resolution)
+            found, owner = measured_rows(voxels, number, name, rule, [scene])
+            of_row = np.append(np.where(owner < 0, 0, owner + len(rows) + 1)[joined_row], 0)
+            part[mine] = of_row[of_whole]
+            rows += found
         if len(cut):
+            part[mine[of_cut >= 0]] = -1 - n_cut - of_cut[of_cut >= 0]
             fragments.append(cut.assign(**{"class": name}))
+            n_cut += len(cut)
     joined = pd.concat(fragments, ignore_index=True) if fragments else empty_table(FRAGMENT_FIELDS)
-    return SceneObjects(scene, object_table(rows), joined[list(FRAGMENT_FIELDS)].astype(FRAGMENT_FIELDS))
+    table = joined[list(FRAGMENT_FIELDS)].astype(FRAGMENT_FIELDS)
+    return SceneObjects(scene, object_table(rows), table, part[inside])
 
 
 def _finite(values: ArrayLike, n_points: int, name: str) -> NDArray[np.float64]:
@@ -203,7 +221,7 @@ def measure_points(
     n = len(points)
     if n == 0:
         raise DataError("an object without points cannot be measured")
-    voxels = voxelise(
+    voxels, _ = voxelise(
         points,
         group=np.zeros(n, dtype=np.int32),
         core=np.ones(n, dtype=bool),

@@ -32,6 +32,9 @@ MEASURES = (
 )  # fmt: skip
 """Names of the numeric measures; NaN is not applicable or not visible."""
 
+EXTENT = ("x_min", "x_max", "y_min", "y_max", "z_min", "z_max")
+"""Names of the smallest and largest coordinates of the points."""
+
 
 @dataclass(frozen=True)
 class Voxels:
@@ -41,12 +44,14 @@ class Voxels:
     ----------
     xyz : ndarray of float64, shape (k, 3)
         Mean point per voxel, world coordinates, metres.
-    z_low, z_high : ndarray of float64, shape (k,)
-        Lowest and highest point per voxel, metres.
+    low, high : ndarray of float64, shape (k, 3)
+        Smallest and largest coordinates per voxel, metres.
     ground : ndarray of float64, shape (k,)
         Mean elevation of the ground below, metres; NaN if unknown.
     count : ndarray of int64, shape (k,)
         Points per voxel.
+    disagreeing : ndarray of int64, shape (k,)
+        Points whose own label is of another class than the object.
     confidence : ndarray of float64, shape (k,)
         Sum of the points' confidences.
     scene : ndarray of int32, shape (k,)
@@ -54,12 +59,23 @@ class Voxels:
     """
 
     xyz: NDArray[np.float64]
-    z_low: NDArray[np.float64]
-    z_high: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
     ground: NDArray[np.float64]
     count: NDArray[np.int64]
+    disagreeing: NDArray[np.int64]
     confidence: NDArray[np.float64]
     scene: NDArray[np.int32]
+
+    @property
+    def z_low(self) -> NDArray[np.float64]:
+        """Elevation of the lowest point per voxel."""
+        return self.low[:, 2]
+
+    @property
+    def z_high(self) -> NDArray[np.float64]:
+        """Elevation of the highest point per voxel."""
+        return self.high[:, 2]
 
     def select(self, index: NDArray) -> Voxels:
         """Return the voxels of an index array or mask."""
@@ -77,8 +93,12 @@ class ObjectMeasures(TypedDict, total=False):
         Source of the facing of a panel: ``post``, ``unknown``, or empty.
     footprint : str
         Convex hull in plan as WKT; empty if it has no area.
+    x_min, x_max, y_min, y_max, z_min, z_max : float
+        Smallest and largest coordinates of the points.
     point_count : int
         Number of points.
+    disagreeing_share : float
+        Share of the points whose own label is of another class.
     score : float
         Mean confidence.
     extent : float
@@ -105,9 +125,16 @@ class ObjectMeasures(TypedDict, total=False):
     facing: float
     clearance: float
     visible_share: float
+    x_min: float
+    x_max: float
+    y_min: float
+    y_max: float
+    z_min: float
+    z_max: float
     facing_from: str
     footprint: str
     point_count: int
+    disagreeing_share: float
     score: float
     extent: float
     scene: int
@@ -163,6 +190,9 @@ def measure(voxels: Voxels, kind: str) -> ObjectMeasures:
     elif kind == "tree":
         row |= _tree(geometry)
     row |= {"point_count": n_points, "score": float(voxels.confidence.sum() / n_points), "extent": length}
+    row["disagreeing_share"] = float(voxels.disagreeing.sum() / n_points)
+    sides = np.column_stack([voxels.low.min(axis=0), voxels.high.max(axis=0)]).ravel().tolist()
+    row = cast(ObjectMeasures, {**row, **dict(zip(EXTENT, sides, strict=True))})
     row["scene"] = int(np.argmax(np.bincount(voxels.scene[foot], weights=voxels.count[foot])))
     return row
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -24,6 +25,61 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 BATCH = 1 << 18
 """Number of voxels collected before objects are measured."""
+
+
+class MergedObjects(NamedTuple):
+    """Inventory of a survey, and the numbers of its objects in each scene.
+
+    Parameters
+    ----------
+    objects : DataFrame
+        Columns of `OBJECT_FIELDS`.
+    numbers : dict of str to ndarray of uint32
+        Scene to its `object_id` by `SceneObjects.part`: ``numbers[scene][part]`` numbers the points, 0 for none.
+    """
+
+    objects: pd.DataFrame
+    numbers: dict[str, NDArray[np.uint32]]
+
+
+class _Numbers:
+    """Provisional numbers of the objects of all scenes, in the order in which they are measured."""
+
+    def __init__(self) -> None:
+        self.tables: list[pd.DataFrame] = []
+        self.scenes: list[NDArray[np.uint32]] = []
+        self.n_objects = 0
+
+    def open_scene(self, piece: SceneObjects) -> None:
+        """Add the next scene with the objects that lie wholly in it."""
+        number = np.zeros(1 + len(piece.objects) + len(piece.fragments), dtype=np.uint32)
+        number[1 : 1 + len(piece.objects)] = self.n_objects + 1 + np.arange(len(piece.objects))
+        self.scenes.append(number)
+        self._append(piece.objects)
+
+    def add(self, table: pd.DataFrame, scene: NDArray[np.int64], row: NDArray[np.int64], owner: NDArray) -> None:
+        """Add merged objects; `owner` is the object of row `row` of the fragments of a scene, -1 for none."""
+        number = np.where(owner < 0, 0, self.n_objects + 1 + owner)
+        for i in np.unique(scene):
+            mine = scene == i
+            self.scenes[i][-1 - row[mine]] = number[mine]  # rows count from the end: see `SceneObjects.part`
+        self._append(table)
+
+    def _append(self, table: pd.DataFrame) -> None:
+        if len(table):
+            self.tables.append(table)
+        self.n_objects += len(table)
+
+    def joined(self) -> pd.DataFrame:
+        """Return all objects; their `object_id` is the provisional number."""
+        table = pd.concat(self.tables, ignore_index=True) if self.tables else empty_table(OBJECT_FIELDS)
+        return table.assign(object_id=np.arange(1, len(table) + 1))
+
+    def final(self, provisional: NDArray[np.integer], final: NDArray[np.integer]) -> list[NDArray[np.uint32]]:
+        """Return the numbers of each scene in the inventory; objects without a final number get 0."""
+        renumbered = np.zeros(self.n_objects + 1, dtype=np.uint32)
+        renumbered[provisional] = final
+        return [renumbered[number] for number in self.scenes]
 
 
 @dataclass
@@ -103,32 +159,57 @@ class _Joiner:
         self.open: list[pd.DataFrame] = []
         self.n_open, self.enough = 0, BATCH
 
-    def add(self, i: int, table: pd.DataFrame) -> pd.DataFrame | None:
-        """Add the fragments of the i-th scene; return the complete objects once enough voxels are collected."""
+    def add(self, i: int, table: pd.DataFrame, numbers: _Numbers) -> None:
+        """Add the fragments of the i-th scene; number the complete objects once enough voxels are collected."""
         fragment = np.unique(table["fragment"].to_numpy(), return_inverse=True)[1]
         number = self.number[fragment + self.starts[i]].astype(np.int64)
-        self.open.append(table.assign(object=number, scene=self.rank[i]))
+        self.open.append(table.assign(object=number, scene=self.rank[i], piece=i, row=table.index))
         self.n_open += len(table)
-        return self.measure(i) if self.n_open >= self.enough else None
+        if self.n_open >= self.enough:
+            self.measure(i, numbers)
 
-    def measure(self, i: int) -> pd.DataFrame | None:
-        """Measure the objects whose last scene is the i-th or an earlier one."""
+    def measure(self, i: int, numbers: _Numbers) -> None:
+        """Measure and number the objects whose last scene is the i-th or an earlier one."""
         if not self.open:
-            return None
+            return
         table = pd.concat(self.open, ignore_index=True)
         done = self.last[table["object"].to_numpy()] <= i
         self.open = [table[~done]] if not done.all() else []
         self.n_open = len(table) - int(done.sum())
         self.enough = max(BATCH, 2 * self.n_open)  # avoids repeated copies of a large open object
         if not done.any():
-            return None
-        voxels, number = join_voxels(table[done], resolution=self.rule.resolution)
-        return object_table(measured_rows(voxels, number, self.name, self.rule, self.ordered))
+            return
+        voxels, number, joined = join_voxels(table[done], resolution=self.rule.resolution)
+        rows, owner = measured_rows(voxels, number, self.name, self.rule, self.ordered)
+        own = np.append(owner, -1)[joined]  # voxels without points are of no object
+        numbers.add(object_table(rows), table["piece"].to_numpy()[done], table["row"].to_numpy()[done], own)
 
 
 def merge_across_scenes(
     pieces: Sequence[SceneObjects], *, classes: Mapping[str, ObjectRule], trajectory: Trajectory | None = None
 ) -> pd.DataFrame:
+    """Return the inventory of a survey: the objects of `merge_scenes` without the numbers of the points.
+
+    Parameters
+    ----------
+    pieces : sequence of SceneObjects
+        All scenes of the survey.
+    classes : mapping of str to ObjectRule
+        The rules of the extraction.
+    trajectory : Trajectory, optional
+        Trajectory of the survey, for station and offset.
+
+    Returns
+    -------
+    DataFrame
+        Columns of `OBJECT_FIELDS`.
+    """
+    return merge_scenes(pieces, classes=classes, trajectory=trajectory).objects
+
+
+def merge_scenes(
+    pieces: Sequence[SceneObjects], *, classes: Mapping[str, ObjectRule], trajectory: Trajectory | None = None
+) -> MergedObjects:
     """Merge the objects of all scenes into the inventory of a survey.
 
     Fragments that share a voxel, directly or through others, are merged, then measured and filtered as one object. An
@@ -146,9 +227,10 @@ def merge_across_scenes(
 
     Returns
     -------
-    DataFrame
-        Columns of `OBJECT_FIELDS`, sorted by class (in the order of `classes`) and position, numbered from 1; `pole_id`
-        is 0 without a link, `station` and `offset` are NaN without a trajectory. Lengths are rounded to millimetres.
+    MergedObjects
+        The table, sorted by class (in the order of `classes`) and position, numbered from 1; `pole_id` is 0 without a
+        link, `station` and `offset` are NaN without a trajectory. Lengths are rounded to millimetres. And the number of
+        each object in each scene.
 
     Raises
     ------
@@ -158,11 +240,13 @@ def merge_across_scenes(
     """
     scenes, links = _link(pieces, classes)
     joiners = {name: _Joiner(name, classes[name], links.pop(name), scenes) for name in list(links)}
-    tables: list[pd.DataFrame | None] = []
+    numbers = _Numbers()
     for i, piece in enumerate(pieces):
-        tables.append(piece.objects)
-        tables += [joiners[name].add(i, table) for name, table in _by_class(piece)]
-    tables += [joiner.measure(len(scenes)) for joiner in joiners.values()]
-    filled = [table for table in tables if table is not None and len(table)]
-    objects = pd.concat(filled, ignore_index=True) if filled else empty_table(OBJECT_FIELDS)
-    return finish_table(objects, list(classes), trajectory)
+        numbers.open_scene(piece)
+        for name, table in _by_class(piece):
+            joiners[name].add(i, table, numbers)
+    for joiner in joiners.values():
+        joiner.measure(len(scenes), numbers)
+    objects, provisional = finish_table(numbers.joined(), list(classes), trajectory)
+    final = numbers.final(provisional, objects["object_id"].to_numpy())
+    return MergedObjects(objects, dict(zip(scenes, final, strict=True)))

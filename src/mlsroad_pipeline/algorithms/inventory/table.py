@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.inventory.measures import MEASURES
+from mlsroad_pipeline.algorithms.inventory.measures import EXTENT, MEASURES
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 
@@ -67,6 +68,23 @@ FIELDS: dict[str, Field] = {
     "offset": Field("float64", "Offset [m]", "Distance from the trajectory, positive to the right."),
     "pole_id": Field("int64", "On pole", "Number of the pole that a sign hangs on, 0 where there is none."),
     "point_count": Field("int64", "Points", "Number of its points."),
+    "x_min": Field("float64", "Least easting [m]", "Smallest first coordinate of its points."),
+    "x_max": Field("float64", "Largest easting [m]", "Largest first coordinate of its points."),
+    "y_min": Field("float64", "Least northing [m]", "Smallest second coordinate of its points."),
+    "y_max": Field("float64", "Largest northing [m]", "Largest second coordinate of its points."),
+    "z_min": Field("float64", "Lowest point [m]", "Smallest elevation of its points."),
+    "z_max": Field("float64", "Highest point [m]", "Largest elevation of its points."),
+    "disagreeing_share": Field("float64", "Other class", "Share of its points that were labelled as another class."),
+    "file_count": Field("int64", "Files", "Number of files that hold its points, 0 where unknown."),
+    "passes": Field("int64", "Passes", "Number of passes of the scanner that saw it, 0 where unknown."),
+    "passes_there": Field("int64", "Passes there", "Number of passes through the scenes that it lies in, 0 unknown."),
+    "scanners": Field("int64", "Scanners", "Number of scanners that saw it, 0 where unknown."),
+    "scanners_there": Field("int64", "Scanners there", "Number of scanners in the scenes that it lies in, 0 unknown."),
+    "first_time": Field(
+        "float64", "First seen [s]", "Time of its first point, in whole seconds of the files' GPS time."
+    ),
+    "last_time": Field("float64", "Last seen [s]", "Time of its last point, in whole seconds of the files' GPS time."),
+    "reasons": Field("str", "Reasons", "What the score rests on, in phrases separated by semicolons."),
     "scene": Field("str", "Scene", "Scene that holds its base."),
     "method": Field("str", "Method", "Method that found it."),
     "model_version": Field("str", "Model", "Registered model and version of the method."),
@@ -77,10 +95,13 @@ FIELDS: dict[str, Field] = {
 OBJECT_FIELDS = {name: field.dtype for name, field in FIELDS.items()}
 """Columns of an object table and their types."""
 
+SEEN_BY = ("file_count", "passes", "passes_there", "scanners", "scanners_there")
+"""Counts of files, passes and scanners; 0 is unknown."""
+
 _DECIMALS = {
-    **dict.fromkeys((*MEASURES, "station", "offset"), 3),
+    **dict.fromkeys((*MEASURES, *EXTENT, "station", "offset"), 3),
     **dict.fromkeys(("heading", "tilt", "lean_azimuth", "facing", "visible_share"), 2),
-    "score": 4,
+    **dict.fromkeys(("score", "disagreeing_share"), 4),
 }
 _LINK_DISTANCE = 0.75  # largest distance of a pole's base from the edge of a sign that it carries, metres
 _LEAST_STANDOFF = 0.03  # minimum distance of a panel from the axis of its pole for a known side, metres
@@ -118,17 +139,18 @@ def object_table(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
     if not rows:
         return empty_table(OBJECT_FIELDS)
     unknown: dict[str, Any] = {
-        "object_id": 0,
-        "pole_id": 0,
-        "station": np.nan,
-        "offset": np.nan,
-        "method": "",
-        "model_version": "",
+        **dict.fromkeys(("object_id", "pole_id", *SEEN_BY), 0),
+        **dict.fromkeys(("station", "offset", "first_time", "last_time"), np.nan),
+        **dict.fromkeys(("method", "model_version", "reasons"), ""),
     }
-    return pd.DataFrame(list(rows)).assign(**unknown)[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
+    known = pd.DataFrame(list(rows))
+    missing = {name: value for name, value in unknown.items() if name not in known}
+    return known.assign(**missing)[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
 
 
-def finish_table(objects: pd.DataFrame, classes: Sequence[str], trajectory: Trajectory | None) -> pd.DataFrame:
+def finish_table(
+    objects: pd.DataFrame, classes: Sequence[str], trajectory: Trajectory | None
+) -> tuple[pd.DataFrame, NDArray[np.int64]]:
     """Add stationing, round, sort, number and link the objects of a drive.
 
     A sign is linked to the nearest pole within 0.75 m of its edge in plan that reaches its lower edge to within
@@ -145,8 +167,10 @@ def finish_table(objects: pd.DataFrame, classes: Sequence[str], trajectory: Traj
 
     Returns
     -------
-    DataFrame
+    table : DataFrame
         Columns of `OBJECT_FIELDS`, numbered from 1.
+    earlier : ndarray of int64
+        The `object_id` in `objects` of each row.
     """
     table = objects.copy()
     if trajectory is not None and len(table):
@@ -155,8 +179,9 @@ def finish_table(objects: pd.DataFrame, classes: Sequence[str], trajectory: Traj
     rank = table["class"].map({name: i for i, name in enumerate(classes)})
     by = ["rank", "station", "x", "y", "z", "point_count"]
     table = table.assign(rank=rank).sort_values(by, kind="stable").drop(columns="rank").reset_index(drop=True)
-    table["object_id"] = np.arange(1, len(table) + 1)
-    return _link_signs(table)[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
+    earlier = table["object_id"].to_numpy(dtype=np.int64)
+    table = table.assign(object_id=np.arange(1, len(table) + 1))
+    return _link_signs(table)[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS), earlier
 
 
 def _link_signs(table: pd.DataFrame) -> pd.DataFrame:

@@ -24,14 +24,20 @@ FRAGMENT_FIELDS = {
     "x": "float64",
     "y": "float64",
     "z": "float64",
+    "x_low": "float64",
+    "x_high": "float64",
+    "y_low": "float64",
+    "y_high": "float64",
     "z_low": "float64",
     "z_high": "float64",
     "ground": "float64",
     "count": "int64",
+    "disagreeing": "int64",
     "confidence": "float64",
 }
-"""Columns of a fragment table: sums over the core points of a voxel. For precision, `x` to `z` are relative to the
-corner of the voxel and `ground` to its lower face. A voxel of buffer points alone has a count of 0."""
+"""Columns of a fragment table: sums over the core points of a voxel, and their smallest and largest coordinates. For
+precision, coordinates are relative to the corner of the voxel and `ground` to its lower face. `disagreeing` counts the
+points whose own label is of another class. A voxel of buffer points alone has a count of 0."""
 
 
 def voxelise(
@@ -43,7 +49,8 @@ def voxelise(
     height_above_ground: NDArray[np.float64] | None,
     origin: NDArray[np.float64],
     resolution: float,
-) -> pd.DataFrame:
+    disagreeing: NDArray[np.bool_] | None = None,
+) -> tuple[pd.DataFrame, NDArray[np.int64]]:
     """Sum the points of objects over voxels.
 
     Parameters
@@ -62,32 +69,45 @@ def voxelise(
         World coordinates of the local origin, metres.
     resolution : float
         Edge length of the voxels, metres.
+    disagreeing : ndarray of bool, shape (n,), optional
+        Points whose own label is of another class than the object; None is none.
 
     Returns
     -------
-    DataFrame
+    table : DataFrame
         Columns of `FRAGMENT_FIELDS` except the class, sorted by fragment and voxel.
+    row : ndarray of int64, shape (n,)
+        Row of the voxel of each point.
     """
     key = np.floor((local + origin) / resolution).astype(np.int64)
     order = voxel_order(key)
     sorted_key = key[order]
-    starts = np.flatnonzero(np.concatenate([[True], (np.diff(sorted_key, axis=0) != 0).any(axis=1)]))
+    new = np.concatenate([[True], (np.diff(sorted_key, axis=0) != 0).any(axis=1)])
+    starts = np.flatnonzero(new)
     inside = local[order] - (sorted_key * resolution - origin)
     weight = core[order]
     z = inside[:, 2]
     ground = np.full(len(z), np.nan) if height_above_ground is None else z - height_above_ground[order]
+    lowest = np.minimum.reduceat(np.where(weight[:, None], inside, np.inf), starts)
+    highest = np.maximum.reduceat(np.where(weight[:, None], inside, -np.inf), starts)
+    other = np.zeros(len(local), dtype=bool) if disagreeing is None else disagreeing
     table = {
         "fragment": group[order[starts]],
         **{name: sorted_key[starts, axis] for axis, name in enumerate("ijk")},
         **{name: np.add.reduceat(inside[:, axis] * weight, starts) for axis, name in enumerate("xyz")},
-        "z_low": np.minimum.reduceat(np.where(weight, z, np.inf), starts),
-        "z_high": np.maximum.reduceat(np.where(weight, z, -np.inf), starts),
+        **{f"{name}_low": lowest[:, axis] for axis, name in enumerate("xyz")},
+        **{f"{name}_high": highest[:, axis] for axis, name in enumerate("xyz")},
         "ground": np.add.reduceat(np.where(weight, ground, 0.0), starts),
         "count": np.add.reduceat(weight.astype(np.int64), starts),
+        "disagreeing": np.add.reduceat((weight & other[order]).astype(np.int64), starts),
         "confidence": np.add.reduceat(confidence[order] * weight, starts),
     }
     by_object = np.argsort(table["fragment"], kind="stable")
-    return pd.DataFrame({name: values[by_object] for name, values in table.items()})
+    place = np.empty(len(starts), dtype=np.int64)
+    place[by_object] = np.arange(len(starts))
+    row = np.empty(len(local), dtype=np.int64)
+    row[order] = place[np.cumsum(new) - 1]
+    return pd.DataFrame({name: values[by_object] for name, values in table.items()}), row
 
 
 def voxel_order(key: NDArray[np.integer]) -> NDArray[np.integer]:
@@ -119,7 +139,7 @@ def find_fragments(
     height_above_ground: NDArray[np.float64] | None,
     origin: NDArray[np.float64],
     rule: ObjectRule,
-) -> tuple[pd.DataFrame, pd.DataFrame]:
+) -> tuple[pd.DataFrame, pd.DataFrame, NDArray[np.int64], NDArray[np.int64]]:
     """Cluster the points of one class and reduce the clusters to voxels.
 
     Parameters
@@ -142,6 +162,8 @@ def find_fragments(
     whole, cut : DataFrame
         Voxels of the clusters that lie wholly in the core and have `rule.min_points`, and of those that extend from the
         core into the buffer. Clusters wholly in the buffer belong to neighbouring scenes and are dropped.
+    of_whole, of_cut : ndarray of int64, shape (n,)
+        Row of each point in either table, -1 for none.
     """
     # Scaling z by the ratio of the tolerances makes the vertical tolerance equal to the horizontal one.
     squeeze = np.array([1.0, 1.0, rule.tolerance / (rule.vertical_tolerance or rule.tolerance)])
@@ -152,10 +174,11 @@ def find_fragments(
     crosses = (n_core > 0) & (n_core < size)
     kept = crosses | ((n_core == size) & (size >= rule.min_points))
     pick = kept[label]
+    of_whole, of_cut = np.full((2, len(local)), -1, dtype=np.int64)
     if not pick.any():
         empty = pd.DataFrame({name: pd.Series(dtype=dtype) for name, dtype in FRAGMENT_FIELDS.items()})
-        return empty.drop(columns="class"), empty.drop(columns="class")
-    voxels = voxelise(
+        return empty.drop(columns="class"), empty.drop(columns="class"), of_whole, of_cut
+    voxels, row = voxelise(
         local[pick],
         group=label[pick],
         core=core[pick],
@@ -165,10 +188,12 @@ def find_fragments(
         resolution=rule.resolution,
     )
     cut = crosses[voxels["fragment"].to_numpy()]
-    return voxels[~cut].reset_index(drop=True), voxels[cut].reset_index(drop=True)
+    of_whole[pick] = np.where(cut, -1, np.cumsum(~cut) - 1)[row]
+    of_cut[pick] = np.where(cut, np.cumsum(cut) - 1, -1)[row]
+    return voxels[~cut].reset_index(drop=True), voxels[cut].reset_index(drop=True), of_whole, of_cut
 
 
-def join_voxels(table: pd.DataFrame, *, resolution: float) -> tuple[Voxels, NDArray[np.int64]]:
+def join_voxels(table: pd.DataFrame, *, resolution: float) -> tuple[Voxels, NDArray[np.int64], NDArray[np.int64]]:
     """Convert voxel sums to mean points; the sums of a voxel in several scenes are added.
 
     Parameters
@@ -184,13 +209,16 @@ def join_voxels(table: pd.DataFrame, *, resolution: float) -> tuple[Voxels, NDAr
         Voxels with points, sorted by object and voxel.
     number : ndarray of int64
         Object of each voxel.
+    joined : ndarray of int64, shape (len(table),)
+        Voxel of each row, -1 for rows without points.
 
     Raises
     ------
     DataError
         If an object has no points: fragments of a scene that it extends into are missing.
     """
-    rows = table[table["count"] > 0]
+    filled = (table["count"] > 0).to_numpy()
+    rows = table[filled]
     lost = np.setdiff1d(table["object"], rows["object"])
     if len(lost):
         raise DataError(f"{len(lost)} objects have voxels but no points: fragments of a scene are missing")
@@ -208,14 +236,21 @@ def join_voxels(table: pd.DataFrame, *, resolution: float) -> tuple[Voxels, NDAr
     voxel = np.cumsum(new) - 1
     most = np.lexsort((key[:, 4], -part, voxel))[starts]
     corner = key[starts, 1:4] * resolution
+    joined = np.full(len(table), -1, dtype=np.int64)
+    joined[np.flatnonzero(filled)[order]] = voxel
     n = reduced("count")
-    return Voxels(
-        # Rounded to 0.01 mm: the measures must not depend on the order of the scenes.
-        xyz=np.round(corner + np.column_stack([reduced(name) for name in "xyz"]) / n[:, None], 5),
-        z_low=corner[:, 2] + reduced("z_low", np.minimum),
-        z_high=corner[:, 2] + reduced("z_high", np.maximum),
-        ground=corner[:, 2] + reduced("ground") / n,
-        count=n,
-        confidence=reduced("confidence"),
-        scene=key[most, 4].astype(np.int32),
-    ), key[starts, 0]
+    return (
+        Voxels(
+            # Rounded to 0.01 mm: the measures must not depend on the order of the scenes.
+            xyz=np.round(corner + np.column_stack([reduced(name) for name in "xyz"]) / n[:, None], 5),
+            low=corner + np.column_stack([reduced(f"{name}_low", np.minimum) for name in "xyz"]),
+            high=corner + np.column_stack([reduced(f"{name}_high", np.maximum) for name in "xyz"]),
+            ground=corner[:, 2] + reduced("ground") / n,
+            count=n,
+            disagreeing=reduced("disagreeing"),
+            confidence=reduced("confidence"),
+            scene=key[most, 4].astype(np.int32),
+        ),
+        key[starts, 0],
+        joined,
+    )

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
-MAY_LACK = ("facing_from", "method", "model_version")
+MAY_LACK = ("facing_from", "reasons", "method", "model_version")
 """Text columns whose empty values are NULL in files."""
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from mlsroad_pipeline.algorithms.inventory.measures import EXTENT
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.label.confidence import confidence_table
@@ -22,7 +23,9 @@ from mlsroad_pipeline.reporting.html.sections import (
 )
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 
-_NOT_LISTED = ("scene", "method", "model_version", "footprint")  # columns of the inventory that the report omits
+_NOT_LISTED = (*EXTENT, "scene", "method", "model_version", "footprint")
+"""Columns of the inventory that the report omits."""
+
 CONFIDENCE_NOTE = (
     "Median confidence of the points of each class. There is a warning above if a fifth of all points, or half of the "
     "points of a class, are below 0.5."
