@@ -15,6 +15,7 @@ from mlsroad_pipeline.commands.inspect import inspect
 from mlsroad_pipeline.commands.label import label
 from mlsroad_pipeline.commands.models import models
 from mlsroad_pipeline.commands.open_results import open_results
+from mlsroad_pipeline.commands.score import score
 from mlsroad_pipeline.commands.simulate import simulate
 
 app = typer.Typer(
@@ -24,7 +25,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["--help", "-h"]},
 )
-for command in (label, inspect, simulate, models):
+for command in (label, inspect, simulate, models, score):
     app.command()(command)
 app.command("open")(open_results)
 

@@ -11,8 +11,13 @@ import pandas as pd
 
 SUMMARY = "label_summary"
 """Catalog entry of the summary of `label`."""
-STAGE_TABLES = {"ground_scores": "ground", "supervoxel_quality": "supervoxels", "segmentation_scores": "segmentation"}
-"""Catalog entries with one row per split, and the names of their metrics."""
+STAGE_TABLES = {
+    "ground_scores": "ground",
+    "supervoxel_quality": "supervoxels",
+    "segmentation_scores": "segmentation",
+    "object_scores": "objects",
+}
+"""Catalog entries with one row per split or per kind of object, and the names of their metrics."""
 
 _ILLEGAL = re.compile(r"[^\w.\- /]")
 
@@ -45,11 +50,12 @@ def label_metrics(summary: Mapping[str, Any], seconds: float) -> dict[str, float
 
 
 def stage_metrics(table: pd.DataFrame, stage: str) -> dict[str, float]:
-    """Return ``<split>/<stage>/<column>`` of a table with one row per split."""
+    """Return ``<split>/<stage>/<column>`` of a table with one row per split, or per kind."""
+    groups = table["split" if "split" in table else "kind"]
     numbers = [name for name in table.columns if pd.api.types.is_numeric_dtype(table[name])]
     values = {
-        f"{_part(split)}/{stage}/{_part(name)}": float(value)
+        f"{_part(group)}/{stage}/{_part(name)}": float(value)
         for name in numbers
-        for split, value in zip(table["split"], table[name], strict=True)
+        for group, value in zip(groups, table[name], strict=True)
     }
     return {name: value for name, value in values.items() if np.isfinite(value)}

@@ -38,6 +38,8 @@ i { display: inline-block; width: .8em; height: .8em; margin-right: .5em; border
 figure { margin: 0 0 1.4rem; }
 figure img { max-width: 100%; height: auto; display: block; background: #fff; }
 figcaption { color: var(--soft); font-size: .88rem; margin-top: .3rem; }
+.gallery { display: flex; flex-wrap: wrap; gap: .8rem 1rem; }
+.gallery figure { margin: 0; max-width: 30.5rem; }
 .warnings { margin: 0; padding: .6rem 1rem .6rem 2rem; background: var(--warn);
   border-left: 4px solid var(--warn-line); }
 a { color: var(--accent); }

@@ -1,0 +1,204 @@
+"""Scores of the inventory of a labelled survey against a table of true objects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import shapely
+
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.algorithms.inventory.rules import KINDS
+from mlsroad_pipeline.algorithms.metrics.object_matching import FALSE, MISSED, RIGHT, MatchedObjects, match_objects
+from mlsroad_pipeline.algorithms.metrics.object_scores import (
+    errors_of_measures,
+    precision_recall_curve,
+    score_objects,
+    summarise_measures,
+)
+from mlsroad_pipeline.datasets.inventory.inventory_dataset import RoadInventoryDataset
+from mlsroad_pipeline.surveys.truth_tables import Truth, counted_objects, point_counts, read_truth
+
+INVENTORIES = ("inventory.parquet", "inventory.gpkg")
+"""Inventory files of a folder of results, the first that exists is read."""
+
+
+@dataclass(frozen=True)
+class ScoreParameters:
+    """An inventory and the truth that it is scored against.
+
+    Parameters
+    ----------
+    inventory : str, default ""
+        GeoPackage or GeoParquet file of an inventory, or a folder of results.
+    truth : str, default ""
+        Table of true objects or folder of a simulated street: `surveys.truth_tables.read_truth`.
+    output : str, default ""
+        Folder of the scores; empty takes the folder of the reports of the project.
+    clouds : sequence of str, optional
+        Labelled point clouds; None takes the LAZ files in the folder of the inventory. They count the points of true
+        objects and give pictures.
+    least_score : float, default 0
+        Objects with a lower score are not scored.
+    recall_only : sequence of str, optional
+        Kinds whose truth is incomplete: only their recall is computed.
+    least_points : mapping of str to int, optional
+        Kind to the fewest points of a true object that counts; default: of an object of the inventory.
+    reach : mapping of str to float, optional
+        Kind to the largest distance in plan of an object from its true object, metres; default: 0.5 for poles and
+        signs, 1 for trees and vehicles.
+    """
+
+    inventory: str = ""
+    truth: str = ""
+    output: str = ""
+    clouds: Sequence[str] | None = None
+    least_score: float = 0.0
+    recall_only: Sequence[str] = ()
+    least_points: Mapping[str, int] = field(default_factory=dict)
+    reach: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("recall_only", "least_points", "reach"):
+            for kind in getattr(self, name):
+                if kind not in KINDS:
+                    raise ParameterError(f"score.{name}: {kind!r} is no kind of object (kinds: {', '.join(KINDS)})")
+        if not 0 <= self.least_score <= 1:
+            raise ParameterError(f"score.least_score must be in 0 to 1, got {self.least_score}")
+
+
+def inventory_file(place: str) -> Path:
+    """Return the file of an inventory: the path itself, or the inventory in a folder of results."""
+    path = Path(place)
+    found = next((path / name for name in INVENTORIES if (path / name).is_file()), None) if path.is_dir() else path
+    if found is None or not found.is_file():
+        raise ReadError(f"{place} holds no {' or '.join(INVENTORIES)}: label the survey first (mlsroad label FILE)")
+    if found.suffix.lower() not in (".gpkg", ".parquet"):
+        raise ReadError(f"{place}: an inventory is a .gpkg or .parquet file, or a folder of results")
+    return found
+
+
+def cloud_files(parameters: ScoreParameters) -> list[Path]:
+    """Return the labelled clouds of an inventory; cloud-optimised copies repeat the points of others."""
+    if parameters.clouds is not None:
+        return [Path(name) for name in parameters.clouds]
+    folder = inventory_file(parameters.inventory).parent
+    return [path for path in sorted(folder.rglob("*.laz")) if not path.name.endswith(".copc.laz")]
+
+
+class ScoredInventory(NamedTuple):
+    """Outcomes of all objects with their scores, as tables."""
+
+    matched: MatchedObjects
+    scores: pd.DataFrame
+    curve: pd.DataFrame
+    errors: pd.DataFrame
+    measures: pd.DataFrame
+    clouds: list[Path]
+    source: str
+
+
+def score_inventory(parameters: ScoreParameters) -> ScoredInventory:
+    """Match an inventory with its truth and compute all scores; kinds without any truth are not scored."""
+    for name in ("inventory", "truth"):
+        if not getattr(parameters, name):
+            raise ParameterError(f"score.{name} is empty: name a file or folder")
+    truth = read_truth(parameters.truth)
+    clouds = cloud_files(parameters)
+    true = counted_objects(truth, point_counts(truth, clouds), parameters.least_points)
+    objects = RoadInventoryDataset(filepath=str(inventory_file(parameters.inventory))).load().objects
+    kinds = {"vehicle"} if truth.source not in ("table", "simulated") else set(true["kind"])
+    kinds = set(KINDS) if truth.source == "simulated" else kinds
+    listed = objects[objects["kind"].isin(kinds) & (objects["score"] >= parameters.least_score)]
+    listed = _placed(listed.reset_index(drop=True), truth)
+    matched = match_objects(listed, true, reach=parameters.reach)
+    complete = listed[~listed["kind"].isin(list(parameters.recall_only))]
+    errors = errors_of_measures(matched)
+    return ScoredInventory(
+        matched,
+        score_objects(matched, recall_only=parameters.recall_only),
+        precision_recall_curve(complete, true, reach=parameters.reach),
+        errors,
+        summarise_measures(errors),
+        clouds,
+        truth.source,
+    )
+
+
+def _placed(objects: pd.DataFrame, truth: Truth) -> pd.DataFrame:
+    """Return objects with `inside`: whether the truth is complete at their place."""
+    if truth.region is None:
+        return objects.assign(inside=np.ones(len(objects), bool))
+    return objects.assign(inside=shapely.contains_xy(truth.region, objects["x"], objects["y"]))
+
+
+def score_record(scored: ScoredInventory, parameters: ScoreParameters) -> dict[str, Any]:
+    """Return the scores as JSON values."""
+
+    def records(table: pd.DataFrame) -> list[dict[str, Any]]:
+        rows = table.astype(object).where(table.notna(), None)
+        return [{str(name): value for name, value in row.items()} for row in rows.to_dict("records")]
+
+    return {
+        "inventory": parameters.inventory,
+        "truth": parameters.truth,
+        "kind_of_truth": scored.source,
+        "least_score": parameters.least_score,
+        "scores": records(scored.scores),
+        "measures": records(scored.measures),
+    }
+
+
+class Case(NamedTuple):
+    """Object to be shown: a text, its place, and whether it is listed or true."""
+
+    text: str
+    x: float
+    y: float
+    z: float
+    size: float
+    listed: bool
+    true: tuple[float, float] | None = None
+
+
+def worst_cases(scored: ScoredInventory, *, most: int = 6) -> dict[str, list[Case]]:
+    """Return, by kind and outcome, the false objects with the highest scores, missed ones and the largest errors."""
+    objects, truth = scored.matched.objects, scored.matched.truth
+    cases: dict[str, list[Case]] = {}
+    for kind in sorted(set(objects["kind"]) | set(truth["kind"])):
+        mine, own = objects[objects["kind"] == kind], truth[truth["kind"] == kind]
+        false = mine[mine["outcome"] == FALSE].sort_values("score", ascending=False, kind="stable").head(most)
+        missed = own[own["outcome"] == MISSED]
+        if "points" in missed:
+            missed = missed.sort_values("points", ascending=False, kind="stable")
+        far = mine[mine["outcome"] == RIGHT].sort_values("distance", ascending=False, kind="stable").head(most // 2)
+        cases |= {
+            f"{kind}: false, highest scores": [_listed_case(row) for row in false.to_dict("records")],
+            f"{kind}: missed": [_missed_case(row) for row in missed.head(most).to_dict("records")],
+            f"{kind}: right, largest errors of position": [
+                _listed_case(row, truth.iloc[int(row["true_row"])]) for row in far.to_dict("records")
+            ],
+        }
+    return {name: found for name, found in cases.items() if found}
+
+
+def _listed_case(row: Mapping[str, Any], true: pd.Series | None = None) -> Case:
+    other = f", is a {row['true_kind']}" if row["true_kind"] else ""
+    error = "" if true is None else f", {row['distance']:.2f} m off"
+    text = f"{row['object_id']} {row['class']}, score {row['score']:.2f}, {row['height']:.1f} m high{other}{error}"
+    place = None if true is None else (float(true["x"]), float(true["y"]))
+    return Case(text, row["x"], row["y"], row["z"], max(row["height"], 2.0), True, place)
+
+
+def _missed_case(row: Mapping[str, Any]) -> Case:
+    known = {name: row.get(name) for name in ("height", "points", "z")}
+    high = "" if pd.isna(known["height"]) else f", {known['height']:.1f} m high"
+    points = "" if pd.isna(known["points"]) else f", {int(known['points'])} points"
+    number = row.get("name", row.get("id", ""))
+    size = 3.0 if pd.isna(known["height"]) else max(float(known["height"]), 2.0)
+    z = np.nan if known["z"] is None else float(known["z"])
+    return Case(f"{number}{high}{points}".strip(", "), row["x"], row["y"], z, size, False, (row["x"], row["y"]))

@@ -1,0 +1,61 @@
+"""Nodes of `score`: match an inventory with the truth, and draw the worst objects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from mlsroad_pipeline.algorithms.core.palette import las_palette
+from mlsroad_pipeline.label.object_scoring import (
+    Case,
+    ScoredInventory,
+    ScoreParameters,
+    score_inventory,
+    score_record,
+    worst_cases,
+)
+from mlsroad_pipeline.reporting.clouds.object_pictures import object_picture
+from mlsroad_pipeline.reporting.html.gallery import Picture
+from mlsroad_pipeline.reporting.score_page import score_page
+from mlsroad_pipeline.surveys.cut_outs import CutOut, cut_out
+
+
+def score_objects_of_inventory(
+    parameters: ScoreParameters,
+) -> tuple[ScoredInventory, dict[str, Any], *tuple[pd.DataFrame, ...]]:
+    """Return the scores, as JSON and as tables: by kind, by threshold, of measures, and the outcome of each object."""
+    scored = score_inventory(parameters)
+    tables = (scored.scores, scored.curve, scored.measures, scored.matched.objects, scored.matched.truth)
+    return scored, score_record(scored, parameters), *tables
+
+
+def write_score_page(scored: ScoredInventory, parameters: ScoreParameters) -> str:
+    """Return the page of the scores with pictures of the worst objects."""
+    groups = worst_cases(scored)
+    cases = [case for group in groups.values() for case in group]
+    pictures = iter(pictures_of(cases, scored.clouds))
+    worst = {name: [next(pictures) for _ in group] for name, group in groups.items()} if scored.clouds else {}
+    facts = {"inventory": parameters.inventory, "truth": parameters.truth, "kind of truth": scored.source}
+    return score_page(facts, scored.scores, scored.curve, scored.measures, worst)
+
+
+def pictures_of(cases: Sequence[Case], clouds: Sequence[Path]) -> list[Picture]:
+    """Return a picture of each object, cut out of the labelled clouds."""
+    reach = np.array([min(max(0.9 * case.size, 2.5), 9.0) for case in cases])
+    places = np.array([(case.x, case.y) for case in cases]).reshape(-1, 2)
+    parts = cut_out(clouds, places, reach)
+    return [_picture(case, part, half) for case, part, half in zip(cases, parts, reach, strict=True)]
+
+
+def _picture(case: Case, part: CutOut, reach: float) -> Picture:
+    lowest = float(np.quantile(part.xyz[:, 2], 0.02)) if len(part.xyz) else 0.0
+    true = None if case.true is None else (case.true[0] - case.x, case.true[1] - case.y)
+    bottom = lowest if np.isnan(case.z) else case.z
+    colours = las_palette()[part.code]
+    return Picture(
+        object_picture(part.xyz, colours, reach=reach, bottom=bottom, listed=case.listed, true=true), case.text
+    )

@@ -1,0 +1,231 @@
+"""Tables of true objects: of simulated streets, of users, and made from instances and boxes of recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import shapely
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.classes import TAXONOMY_NAMES
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.inventory.boxes import vehicle_box
+from mlsroad_pipeline.algorithms.inventory.rules import KIND_OF_CLASS, ObjectRule
+from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.surveys.kitti_boxes import kitti_boxes
+
+LEAST_POINTS = {kind: ObjectRule.of_kind(kind, (0,)).min_points for kind in sorted(set(KIND_OF_CLASS.values()))}
+"""Kind to the fewest points that an object of the inventory has; true objects with fewer do not count."""
+STANDING, MOVING = (10, 13, 15, 16, 18, 20), (252, 256, 257, 258, 259)
+"""Codes of vehicles in SemanticKITTI."""
+_PANDASET_VEHICLES = (
+    *("Car", "Pickup Truck", "Medium-sized Truck", "Semi-truck", "Bus", "Emergency Vehicle", "Train", "Towed Object"),
+    *("Tram / Subway", "Other Vehicle - Construction Vehicle", "Other Vehicle - Uncommon"),
+)
+_NUMBERS = (
+    *("x", "y", "z", "height", "width", "length", "heading", "tilt", "lean_azimuth", "diameter", "crown_diameter"),
+    *("panel_bottom", "panel_centre", "panel_height", "panel_width", "facing", "points"),
+)
+"""Numeric columns that a table may have."""
+
+
+class Truth(NamedTuple):
+    """True objects of a survey.
+
+    Attributes
+    ----------
+    objects : DataFrame
+        `kind`, `x`, `y`, `counted` (False for moving objects and those outside the truth), and measures with the names
+        of the inventory, where they are known; `points` and `instance` where they are known.
+    region : shapely geometry or None
+        Where the truth is complete, in plan; None is everywhere.
+    source : str
+        Kind of table: ``simulated``, ``table``, ``pandaset``, ``kitti`` or ``semantickitti``.
+    """
+
+    objects: pd.DataFrame
+    region: shapely.Geometry | None
+    source: str
+
+
+def read_truth(path: str | Path) -> Truth:
+    """Read a table of true objects; the content decides how.
+
+    A folder is that of a simulated street. Raises ReadError or DataError, whose message names the file.
+    """
+    place = Path(path)
+    place = place / "objects.csv" if place.is_dir() else place
+    if not place.is_file():
+        raise ReadError(f"{place} does not exist: name a table of true objects, or the folder of a simulated street")
+    if place.suffix == ".label":
+        return Truth(_semantickitti(place), None, "semantickitti")
+    if place.suffix == ".txt":
+        objects, region = kitti_boxes(place)
+        return Truth(_typed(objects, place), region, "kitti")
+    try:
+        table = pd.read_csv(place)
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+        raise ReadError(f"{place}: no table of true objects: {' '.join(str(error).split())}") from error
+    if {"instance", "label", "box_x", "moving"} <= set(table):
+        return Truth(_typed(_simulated(table), place), None, "simulated")
+    if {"position.x", "dimensions.x", "yaw"} <= set(table):
+        return Truth(_typed(_pandaset(table), place), None, "pandaset")
+    return Truth(_typed(table, place), None, "table")
+
+
+def _typed(table: pd.DataFrame, place: Path) -> pd.DataFrame:
+    """Return a table with numbers and without objects of no kind, or raise an error that names file and column."""
+    missing = [name for name in ("kind", "x", "y") if name not in table]
+    if missing:
+        raise DataError(
+            f"{place}: a table of true objects needs the column {missing[0]} (has {', '.join(map(str, table))})"
+        )
+    table = table[table["kind"].notna()].reset_index(drop=True)
+    for name in (name for name in _NUMBERS if name in table):
+        values = pd.to_numeric(table[name], errors="coerce")
+        bad = table[name][values.isna() & table[name].notna()]
+        if len(bad) or (name in ("x", "y") and not np.isfinite(values).all()):
+            value = bad.iloc[0] if len(bad) else "an empty cell"
+            raise DataError(f"{place}: column {name} has {value!r}, which is no number")
+        table[name] = values.astype(np.float64)
+    given = table["counted"] if "counted" in table else pd.Series(True, index=table.index)
+    counted = given.astype(str).str.lower().map({"true": True, "1": True, "false": False, "0": False})
+    if counted.isna().any():
+        raise DataError(f"{place}: column counted has {given[counted.isna()].iloc[0]!r}; write true or false")
+    return table.assign(kind=table["kind"].astype(str), counted=counted.astype(bool))
+
+
+def _simulated(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the simulator's table with names, units and positions of the inventory."""
+    kind = table["label"].map(lambda code: KIND_OF_CLASS.get(TAXONOMY_NAMES[code]))
+    vehicle, panel = kind == "vehicle", (kind == "sign") & table["panel_x"].notna()
+    heading = (90.0 - np.degrees(table["heading"])) % 180.0
+    out = table.assign(
+        kind=kind,
+        name=table["label"].map(lambda code: TAXONOMY_NAMES[code]) + " " + table["design"].astype(str),
+        x=table["x"].where(~vehicle, table["box_x"]).where(~panel, table["panel_x"]),
+        y=table["y"].where(~vehicle, table["box_y"]).where(~panel, table["panel_y"]),
+        heading=heading.where(vehicle),
+        facing=table["panel_azimuth"],
+        two_sided=table["design"] == "street_name_sign",
+        counted=~table["moving"].astype(bool),
+    )
+    out.loc[~vehicle, ["length", "width"]] = np.nan  # sides of the model's box, which are other measures
+    return out.drop(columns=["box_x", "box_y", "panel_x", "panel_y", "panel_azimuth", "label", "moving"])
+
+
+def _pandaset(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the vehicles of a table of cuboids; those seen by both scanners have two, of which one is kept."""
+    twice = (table.get("cuboids.sensor_id", pd.Series(-1, index=table.index)) == 1) & (
+        table.get("cuboids.sibling_id", pd.Series("-", index=table.index)).astype(str) != "-"
+    )
+    rows = table[table["label"].isin(_PANDASET_VEHICLES) & ~twice].reset_index(drop=True)
+    return pd.DataFrame(
+        {
+            "kind": "vehicle",
+            "name": rows["label"],
+            "x": rows["position.x"],
+            "y": rows["position.y"],
+            "z": rows["position.z"] - rows["dimensions.z"] / 2,
+            "width": rows["dimensions.x"],
+            "length": rows["dimensions.y"],
+            "height": rows["dimensions.z"],
+            "heading": -np.degrees(rows["yaw"]) % 180.0,
+            "counted": rows["stationary"].astype(bool),
+        }
+    )
+
+
+def _semantickitti(place: Path) -> pd.DataFrame:
+    """Return the vehicles of a labelled scan: boxes of the points of each instance."""
+    names = [
+        place.with_suffix(".bin"),
+        *(place.parents[1] / part / f"{place.stem}.bin" for part in ("velodyne", "pcd")),
+    ]
+    scan = next((name for name in names if name.is_file()), None)
+    if scan is None:
+        raise ReadError(f"{place}: the scan {place.stem}.bin lies neither beside it nor in ../velodyne")
+    xyz = get_format(scan).read(scan, ReadOptions(only=())).world_xyz()
+    packed = np.fromfile(place, "<u4")
+    if len(packed) != len(xyz):
+        raise DataError(f"{place} has {len(packed)} labels for the {len(xyz)} points of {scan}")
+    code, number = packed & 0xFFFF, packed >> 16
+    rows = [
+        {"kind": "vehicle", "name": f"{code[mine][0]}", "instance": int(n), "points": int(mine.sum()),
+         "counted": bool(np.isin(code[mine], STANDING).all()), **_box(xyz[mine])}
+        for n in np.unique(number[np.isin(code, (*STANDING, *MOVING)) & (number > 0)])
+        for mine in [(number == n) & np.isin(code, (*STANDING, *MOVING))]
+    ]  # fmt: skip
+    columns = ["kind", "name", "instance", "points", "counted", "x", "y", "z", "height", "length", "width", "heading"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _box(xyz: NDArray[np.float64]) -> dict[str, float]:
+    box = vehicle_box(xyz[:, :2])
+    low, high = float(xyz[:, 2].min()), float(xyz[:, 2].max())
+    place = {"x": float(box.centre[0]), "y": float(box.centre[1]), "z": low, "height": high - low}
+    return {**place, "length": box.length, "width": box.width, "heading": box.azimuth}
+
+
+def point_counts(truth: Truth, clouds: Sequence[Path]) -> pd.Series | None:
+    """Return the points of each true object in the clouds: of its instance, or in its box; None where unknown.
+
+    The labelled clouds of a simulated street keep the simulator's `instance`.
+    """
+    objects = truth.objects
+    if "points" in objects:
+        return objects["points"]
+    boxed = {"z", "length", "width", "height", "heading"} <= set(objects) and bool((objects["kind"] == "vehicle").all())
+    if not clouds or not ("instance" in objects or boxed):
+        return None
+    total = np.zeros(len(objects), np.int64)
+    for path in clouds:
+        form = get_format(path)
+        info = form.info(path, ReadOptions())
+        by_number = "instance" in objects and "instance" in info.columns
+        if not by_number and not boxed:
+            return None
+        for start in range(0, info.n_points, CHUNK):
+            options = ReadOptions(only=("instance",) if by_number else ())
+            cloud = form.read(path, options, start=start, stop=start + CHUNK)
+            total += _of_instances(objects, cloud["instance"]) if by_number else _in_boxes(objects, cloud.world_xyz())
+    return pd.Series(total, index=objects.index)
+
+
+CHUNK = 2_000_000
+"""Points of a cloud that are read at once."""
+_BOX_MARGIN = 0.1  # metres
+
+
+def _of_instances(objects: pd.DataFrame, numbers: NDArray) -> NDArray[np.int64]:
+    found, counts = np.unique(numbers, return_counts=True)
+    at = np.searchsorted(found, objects["instance"]).clip(max=len(found) - 1)
+    return np.where(found[at] == objects["instance"], counts[at], 0)
+
+
+def _in_boxes(objects: pd.DataFrame, xyz: NDArray[np.float64]) -> NDArray[np.int64]:
+    counts = np.zeros(len(objects), np.int64)
+    for k, row in enumerate(objects.to_dict("records")):
+        near = xyz[np.abs(xyz[:, :2] - [row["x"], row["y"]]).max(axis=1) <= row["length"]]
+        turn = np.radians(row["heading"])
+        along = (near[:, :2] - [row["x"], row["y"]]) @ [np.sin(turn), np.cos(turn)]
+        across = (near[:, :2] - [row["x"], row["y"]]) @ [np.cos(turn), -np.sin(turn)]
+        up = near[:, 2] - row["z"]
+        inside = np.abs(along) <= row["length"] / 2 + _BOX_MARGIN
+        inside &= np.abs(across) <= row["width"] / 2 + _BOX_MARGIN
+        counts[k] = int((inside & (up > _BOX_MARGIN) & (up < row["height"] + _BOX_MARGIN)).sum())
+    return counts
+
+
+def counted_objects(truth: Truth, counts: pd.Series | None, least: Mapping[str, int]) -> pd.DataFrame:
+    """Return the true objects, of which those with too few points do not count."""
+    objects = truth.objects
+    if counts is None:
+        return objects
+    enough = counts >= objects["kind"].map({**LEAST_POINTS, **least}).fillna(0)
+    return objects.assign(points=counts, counted=objects["counted"] & enough)
