@@ -20,6 +20,7 @@ from mlsroad_pipeline.algorithms.segmentation.cut_parameters import NormalizedCu
 from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameters
 from mlsroad_pipeline.algorithms.stages import FeatureParameters, GroundParameters, SupervoxelParameters
 from mlsroad_pipeline.datasets.models.shipped_models import ShippedParameters
+from mlsroad_pipeline.label.object_scoring import ScoreParameters
 from mlsroad_pipeline.studies.luo2016.parameters import StudyParameters
 from mlsroad_pipeline.studies.luo2019.parameters import StudyParameters as Luo2019StudyParameters
 from mlsroad_pipeline.studies.luo2019.set_parameters import SimulatedObjectsParameters
@@ -38,6 +39,7 @@ TYPED = {
     "ground_removal": GroundParameters,
     "ingest": IngestParameters,
     "inspect": InspectParameters,
+    "score": ScoreParameters,
     "label": LabelParameters,
     "luo2016_study": StudyParameters,
     "luo2019_study": Luo2019StudyParameters,

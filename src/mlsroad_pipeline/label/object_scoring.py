@@ -44,11 +44,11 @@ class ScoreParameters:
         objects and give pictures.
     least_score : float, default 0
         Objects with a lower score are not scored.
-    recall_only : sequence of str, optional
+    recall_only : sequence of str
         Kinds whose truth is incomplete: only their recall is computed.
-    least_points : mapping of str to int, optional
+    least_points : mapping of str to int
         Kind to the fewest points of a true object that counts; default: of an object of the inventory.
-    reach : mapping of str to float, optional
+    reach : mapping of str to float
         Kind to the largest distance in plan of an object from its true object, metres; default: 0.5 for poles and
         signs, 1 for trees and vehicles.
     """

@@ -1,4 +1,4 @@
-"""Nodes of `score`: match an inventory with the truth, and draw the worst objects."""
+"""Node of `score`: match an inventory with the truth, and draw the worst objects."""
 
 from __future__ import annotations
 
@@ -24,23 +24,20 @@ from mlsroad_pipeline.reporting.score_page import score_page
 from mlsroad_pipeline.surveys.cut_outs import CutOut, cut_out
 
 
-def score_objects_of_inventory(
-    parameters: ScoreParameters,
-) -> tuple[ScoredInventory, dict[str, Any], *tuple[pd.DataFrame, ...]]:
-    """Return the scores, as JSON and as tables: by kind, by threshold, of measures, and the outcome of each object."""
+def score_objects_of_inventory(parameters: ScoreParameters) -> tuple[dict[str, Any], *tuple[pd.DataFrame, ...], str]:
+    """Return the scores as JSON and as tables (by kind, by threshold, of measures, outcomes), and their page."""
     scored = score_inventory(parameters)
     tables = (scored.scores, scored.curve, scored.measures, scored.matched.objects, scored.matched.truth)
-    return scored, score_record(scored, parameters), *tables
-
-
-def write_score_page(scored: ScoredInventory, parameters: ScoreParameters) -> str:
-    """Return the page of the scores with pictures of the worst objects."""
-    groups = worst_cases(scored)
-    cases = [case for group in groups.values() for case in group]
-    pictures = iter(pictures_of(cases, scored.clouds))
-    worst = {name: [next(pictures) for _ in group] for name, group in groups.items()} if scored.clouds else {}
     facts = {"inventory": parameters.inventory, "truth": parameters.truth, "kind of truth": scored.source}
-    return score_page(facts, scored.scores, scored.curve, scored.measures, worst)
+    page = score_page(facts, scored.scores, scored.curve, scored.measures, worst_pictures(scored))
+    return score_record(scored, parameters), *tables, page
+
+
+def worst_pictures(scored: ScoredInventory) -> dict[str, list[Picture]]:
+    """Return pictures of the worst objects by kind and outcome; none without labelled clouds."""
+    groups = worst_cases(scored) if scored.clouds else {}
+    pictures = iter(pictures_of([case for group in groups.values() for case in group], scored.clouds))
+    return {name: [next(pictures) for _ in group] for name, group in groups.items()}
 
 
 def pictures_of(cases: Sequence[Case], clouds: Sequence[Path]) -> list[Picture]:

@@ -2,7 +2,7 @@
 
 from kedro.pipeline import Node, Pipeline
 
-from mlsroad_pipeline.pipelines.score.nodes import score_objects_of_inventory, write_score_page
+from mlsroad_pipeline.pipelines.score.nodes import score_objects_of_inventory
 
 
 def create_pipeline(**_: object) -> Pipeline:
@@ -13,21 +13,15 @@ def create_pipeline(**_: object) -> Pipeline:
                 score_objects_of_inventory,
                 inputs="params:score",
                 outputs=[
-                    "scored_inventory",
                     "object_scores_record",
                     "object_scores",
                     "object_curve",
                     "object_measures",
                     "object_outcomes",
                     "true_object_outcomes",
+                    "object_scores_page",
                 ],
                 name="score_objects_of_inventory",
-            ),
-            Node(
-                write_score_page,
-                inputs=["scored_inventory", "params:score"],
-                outputs="object_scores_page",
-                name="write_score_page",
-            ),
+            )
         ]
     )
