@@ -39,12 +39,12 @@ class ScoreParameters:
         Table of true objects or folder of a simulated street: `surveys.truth_tables.read_truth`.
     output : str, default ""
         Folder of the scores; empty takes the folder of the reports of the project.
-    clouds : sequence of str, optional
-        Labelled point clouds; None takes the LAZ files in the folder of the inventory. They count the points of true
+    clouds : sequence of str, default ()
+        Labelled point clouds; none takes the LAZ files in the folder of the inventory. They count the points of true
         objects and give pictures.
     least_score : float, default 0
         Objects with a lower score are not scored.
-    recall_only : sequence of str
+    recall_only : sequence of str, default ()
         Kinds whose truth is incomplete: only their recall is computed.
     least_points : mapping of str to int
         Kind to the fewest points of a true object that counts; default: of an object of the inventory.
@@ -56,7 +56,7 @@ class ScoreParameters:
     inventory: str = ""
     truth: str = ""
     output: str = ""
-    clouds: Sequence[str] | None = None
+    clouds: Sequence[str] = ()
     least_score: float = 0.0
     recall_only: Sequence[str] = ()
     least_points: Mapping[str, int] = field(default_factory=dict)
@@ -84,7 +84,7 @@ def inventory_file(place: str) -> Path:
 
 def cloud_files(parameters: ScoreParameters) -> list[Path]:
     """Return the labelled clouds of an inventory; cloud-optimised copies repeat the points of others."""
-    if parameters.clouds is not None:
+    if parameters.clouds:
         return [Path(name) for name in parameters.clouds]
     folder = inventory_file(parameters.inventory).parent
     return [path for path in sorted(folder.rglob("*.laz")) if not path.name.endswith(".copc.laz")]
