@@ -34,12 +34,13 @@ def test_text_keeps_its_rows(tmp_path, rng, name):
     assert write_labelled(source, out / "a.laz", make_labels, chunk_size=13) == [out / "a.laz", out / name]
     raw = (out / name).read_bytes()
     lines = (gzip.decompress(raw) if name.endswith("gz") else raw).decode().splitlines()
-    codes, confidence = make_labels(0, 50)
-    assert lines[:2] == ["# made by hand", "x,y,z,original_confidence,classification,confidence"]
-    assert [line.rsplit(",", 2)[0] for line in lines[2:]] == rows
+    codes, confidence, objects = make_labels(0, 50)
+    assert lines[:2] == ["# made by hand", "x,y,z,original_confidence,classification,confidence,object_id"]
+    assert [line.rsplit(",", 3)[0] for line in lines[2:]] == rows
     added = read_text_slowly(out / name, ",", 2)[:, 4:]
     np.testing.assert_array_equal(added[:, 0], codes)
     np.testing.assert_array_equal(added[:, 1].astype(np.float32), confidence)
+    np.testing.assert_array_equal(added[:, 2], objects)
     las = laspy.read(out / "a.laz")
     check_written_labels(las)
     read = read_text_slowly(source, ",", 2)
@@ -71,9 +72,10 @@ def test_ply_keeps_its_elements(tmp_path, rng, text, order):
     out = tmp_path / "out"
     assert write_labelled(source, out / "a.laz", make_labels, chunk_size=13) == [out / "a.laz", out / "a.ply"]
     old, new = plyfile.PlyData.read(source), plyfile.PlyData.read(out / "a.ply")
-    codes, confidence = make_labels(0, 40)
+    codes, confidence, objects = make_labels(0, 40)
     np.testing.assert_array_equal(new["vertex"]["classification"], codes)
     np.testing.assert_allclose(new["vertex"]["confidence"], confidence, rtol=1e-7)
+    np.testing.assert_array_equal(new["vertex"]["object_id"], objects)
     for name, _ in fields[:-1]:
         np.testing.assert_array_equal(new["vertex"][name], old["vertex"][name])
     np.testing.assert_array_equal(new["vertex"]["original_classification"], table["classification"])
@@ -128,9 +130,10 @@ def test_parquet_keeps_its_columns_and_metadata(tmp_path, rng):
     pq.write_table(table, source, row_group_size=19)
     assert write_labelled(source, out / "a.laz", make_labels, chunk_size=13) == [out / "a.laz", out / "a.parquet"]
     new = pq.read_table(out / "a.parquet")
-    codes, confidence = make_labels(0, 50)
+    codes, confidence, objects = make_labels(0, 50)
     np.testing.assert_array_equal(new["classification"], codes)
     np.testing.assert_array_equal(new["confidence"], confidence)
+    np.testing.assert_array_equal(new["object_id"], objects)
     assert new["original_classification"].equals(table["classification"])
     for name in ("x", "y", "z", "when", "who", "number"):
         assert new[name].equals(table[name]), name
@@ -149,12 +152,13 @@ def test_npz_keeps_its_arrays(tmp_path, rng):
     np.savez(source, **arrays)
     assert write_labelled(source, out / "a.laz", make_labels, chunk_size=13) == [out / "a.laz", out / "a.npz"]
     new = np.load(out / "a.npz")
-    codes, confidence = make_labels(0, 40)
-    assert set(new) == {"points", "about", "original_confidence", "classification", "confidence"}
+    codes, confidence, objects = make_labels(0, 40)
+    assert set(new) == {"points", "about", "original_confidence", "classification", "confidence", "object_id"}
     np.testing.assert_array_equal(new["points"], arrays["points"])
     np.testing.assert_array_equal(new["original_confidence"], arrays["confidence"])
     np.testing.assert_array_equal(new["classification"], codes)
     np.testing.assert_array_equal(new["confidence"], confidence)
+    np.testing.assert_array_equal(new["object_id"], objects)
     assert new["classification"].dtype == np.uint8 and str(new["about"]) == "a street"
     np.save(tmp_path / "b.npy", arrays["points"])
     assert write_labelled(tmp_path / "b.npy", out / "b.laz", make_labels) == [out / "b.laz"]
@@ -178,9 +182,10 @@ def test_pcd_keeps_its_fields(tmp_path, rng, name):
     assert write_labelled(source, out / "a.laz", make_labels, chunk_size=13) == [out / "a.laz", out / name]
     form = get_format(out / name)
     new, old = form.read(out / name, ReadOptions()), form.read(source, ReadOptions())
-    codes, confidence = make_labels(0, n)
+    codes, confidence, objects = make_labels(0, n)
     np.testing.assert_array_equal(new["classification"], codes)
     np.testing.assert_array_equal(new["confidence"], confidence)
+    np.testing.assert_array_equal(new["object_id"], objects)
     np.testing.assert_array_equal(new["original_classification"], points["classification"])
     np.testing.assert_array_equal(new.xyz, old.xyz)
     np.testing.assert_array_equal(new["h_1"], points["h"][:, 1])
@@ -189,6 +194,7 @@ def test_pcd_keeps_its_fields(tmp_path, rng, name):
         seen = open3d.t.io.read_point_cloud(str(out / name))
         np.testing.assert_array_equal(seen.point["classification"].numpy()[:, 0], codes)
         np.testing.assert_array_equal(seen.point["confidence"].numpy()[:, 0], confidence)
+        np.testing.assert_array_equal(seen.point["object_id"].numpy()[:, 0], objects)
 
 
 @pytest.mark.parametrize(("last", "n_points"), [("_", 20), ("w", 19)], ids=["padding", "no return"])

@@ -67,10 +67,11 @@ def las_column(las, name: str) -> np.ndarray:
     return np.array(las[name])
 
 
-def make_labels(start: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
-    """Give each row a class and a confidence that depend on the row alone."""
+def make_labels(start: int, stop: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Give each row a class, a confidence and an object that depend on the row alone."""
     rows = np.arange(start, stop)
-    return (rows * 7 % 256).astype(np.uint8), (rows % 97 / 97).astype(np.float32)
+    objects = np.where(rows % 3, rows * 40_503 % 2**32, 0)
+    return (rows * 7 % 256).astype(np.uint8), (rows % 97 / 97).astype(np.float32), objects.astype(np.uint32)
 
 
 def read_text_slowly(path: Path, delimiter: str | None, skip: int) -> np.ndarray:
@@ -96,7 +97,8 @@ def raw_vlrs(path: Path) -> list[tuple[bytes, int, bytes, bytes]]:
 
 def check_written_labels(las):
     """Hold the labels of a labelled file against those that were given."""
-    codes, confidence = make_labels(0, len(las))
+    codes, confidence, objects = make_labels(0, len(las))
     np.testing.assert_array_equal(las.classification, codes)
     np.testing.assert_array_equal(las["confidence"], confidence)
-    assert las["confidence"].dtype == np.float32
+    np.testing.assert_array_equal(las["object_id"], objects)
+    assert (las["confidence"].dtype, las["object_id"].dtype) == (np.float32, np.uint32)

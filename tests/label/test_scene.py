@@ -11,7 +11,7 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
-from mlsroad_pipeline.label.scene import LabelSettings, label_new_scene, object_rules, output_codes
+from mlsroad_pipeline.label.scene import LabelSettings, label_new_scene, object_rules, output_codes, point_codes
 
 MODULE = "mlsroad_pipeline.algorithms.planted_for_labelling"
 SCHEME = ClassScheme.from_config(
@@ -58,7 +58,8 @@ def test_a_model_of_any_method_labels_a_scene_and_fills_the_inventory(monkeypatc
     )
     expected = np.where(xyz[:, 2] > np.float32(0.3), 64, 11)
     expected[xyz[:, 0] > 7] = 1
-    assert np.array_equal(found["labels"]["code"], expected[core])
+    assert np.array_equal(point_codes(codes)[found["labels"]["label"]], expected[core])
+    assert np.array_equal(found["labels"]["part"], (expected[core] == 64).astype(int))
     assert np.array_equal(found["labels"]["row"], np.flatnonzero(core))
     n_none, n_pole = (expected[core] == 1).sum(), (expected[core] == 64).sum()
     assert found["counts"]["counts"].tolist() == [core.sum() - n_none - n_pole, n_pole, n_none]

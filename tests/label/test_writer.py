@@ -80,7 +80,7 @@ def test_no_classes_leave_no_original(tmp_path, rng):
         las.write(str(source))
         write_labelled(source, tmp_path / "b.laz", make_labels)
         new = laspy.read(tmp_path / "b.laz")
-        assert list(new.point_format.extra_dimension_names) == ["confidence"]
+        assert list(new.point_format.extra_dimension_names) == ["confidence", "object_id"]
         np.testing.assert_array_equal(las_column(new, "synthetic"), las_column(las, "synthetic"))
         las.classification[-1] = 1  # a single class, in the last point
         las.write(str(source))
@@ -94,7 +94,11 @@ def test_labelling_again_keeps_what_came_first(tmp_path, rng):
     write_labelled(
         source,
         tmp_path / "b.laz",
-        lambda start, stop: (np.full(stop - start, 9, np.uint8), np.zeros(stop - start, np.float32)),
+        lambda start, stop: (
+            np.full(stop - start, 9, np.uint8),
+            np.zeros(stop - start, np.float32),
+            np.full(stop - start, 2**32 - 1, np.uint32),
+        ),
     )
     write_labelled(tmp_path / "b.laz", tmp_path / "c.laz", make_labels)
     write_labelled(tmp_path / "c.laz", tmp_path / "d.laz", make_labels)
@@ -102,6 +106,7 @@ def test_labelling_again_keeps_what_came_first(tmp_path, rng):
     check_written_labels(again)
     check_kept(old, again)
     np.testing.assert_array_equal(again["original_confidence"], 0)
+    np.testing.assert_array_equal(again["original_object_id"], 2**32 - 1)
     np.testing.assert_array_equal(thrice.points.array, again.points.array)
 
 
@@ -136,9 +141,9 @@ def test_ranges_progress_and_failures(tmp_path, rng):
     assert (asked, done) == ([(0, 128), (128, 256), (256, 300)], [128, 128, 44])
     target.unlink()
     cases = [
-        (lambda a, b: (make_labels(a, b)[0][1:], make_labels(a, b)[1]), DataError, r"class codes for rows 0 to 299"),
-        (lambda a, b: (make_labels(a, b)[0], make_labels(a, b)[1][1:]), DataError, r"confidences for rows 0 to 299"),
-        (lambda a, b: (np.zeros(b - a), make_labels(a, b)[1]), DataError, r"must be uint8, got float64"),
+        (lambda a, b: (make_labels(a, b)[0][1:], *make_labels(a, b)[1:]), DataError, r"class codes for rows 0 to 299"),
+        (lambda a, b: (*make_labels(a, b)[:2], make_labels(a, b)[2][1:]), DataError, r"objects for rows 0 to 299"),
+        (lambda a, b: (np.zeros(b - a), *make_labels(a, b)[1:]), DataError, r"must be uint8, got float64"),
     ]
     for labels, error, message in cases:
         with pytest.raises(error, match=message):

@@ -27,7 +27,7 @@ from mlsroad_pipeline.execution.store_files import StoreFiles
 
 FORMAT = 1
 RECORD, JOURNAL, STAGED, REMOVED = "run.json", "journal", "staged", "removed"
-STORES = ("files", "corridors", "pieces", "results", "written", "model")
+STORES = ("files", "corridors", "pieces", "results", "objects", "written", "model")
 """Scene stores of a run, and the copy of its model."""
 
 _MARKERS = ("manifest.json", "model.json")

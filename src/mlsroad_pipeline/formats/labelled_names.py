@@ -3,8 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
-CLASS, CONFIDENCE = "classification", "confidence"
+import numpy as np
+from numpy.typing import NDArray
+
+CLASS, CONFIDENCE, OBJECT = "classification", "confidence", "object_id"
+RESULTS = (CLASS, CONFIDENCE, OBJECT)
+"""Columns of the result, in the order of `PointLabels`."""
+
+
+class PointLabels(NamedTuple):
+    """Results of consecutive points.
+
+    Parameters
+    ----------
+    codes : ndarray of uint8, shape (n,)
+        LAS classes.
+    confidence : ndarray of float32, shape (n,)
+        Confidences of the classes, 0 to 1.
+    object_id : ndarray of uint32, shape (n,)
+        Numbers of the objects in the inventory, 0 for none.
+    """
+
+    codes: NDArray[np.uint8]
+    confidence: NDArray[np.float32]
+    object_id: NDArray[np.uint32]
+
+    def columns(self) -> dict[str, NDArray]:
+        """Return the results by the names of `RESULTS`, in that order."""
+        return dict(zip(RESULTS, self, strict=True))
 
 
 def kept_name(name: str, taken: Sequence[str]) -> str:

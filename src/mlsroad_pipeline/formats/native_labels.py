@@ -1,4 +1,4 @@
-"""Copies of PLY, text and KITTI surveys in their own format, with class and confidence added."""
+"""Copies of PLY, text and KITTI surveys in their own format, with class, confidence and object added."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ from typing import BinaryIO, Protocol, cast
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.formats.base import PointFormat, ReadOptions
 from mlsroad_pipeline.formats.content import BLOCK, open_content, output_file
 from mlsroad_pipeline.formats.flat_table import join_rows, number_text
 from mlsroad_pipeline.formats.kitti import label_path
-from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE, kept_name
+from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE, OBJECT, RESULTS, PointLabels, kept_name
 from mlsroad_pipeline.formats.native_tables import SINKS, can_hold
 from mlsroad_pipeline.formats.ply.format import PlyFormat, vertex_rows
 from mlsroad_pipeline.formats.ply.header import PlyHeader, read_ply_header
@@ -30,17 +29,15 @@ from mlsroad_pipeline.formats.text.values import WHITESPACE
 class LabelSink(Protocol):
     """Sink of labels of consecutive ranges that writes the points of the source with them."""
 
-    def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
+    def write(self, start: int, labels: PointLabels) -> None:
         """Write the points from row `start`.
 
         Parameters
         ----------
         start : int
             Row of the first point.
-        codes : ndarray of uint8, shape (n,)
-            Classes.
-        confidence : ndarray of float32, shape (n,)
-            Confidences.
+        labels : PointLabels
+            Their results.
         """
 
 
@@ -118,7 +115,7 @@ def native_sink(source: Path, target: Path, form: PointFormat, options: ReadOpti
 
 
 class _TextSink:
-    """Writer of text that appends two values to every row; the text of the row is kept."""
+    """Writer of text that appends three values to every row; the text of the row is kept."""
 
     def __init__(self, source: Path, options: ReadOptions, out: BinaryIO) -> None:
         table = open_table(source, options)
@@ -128,17 +125,17 @@ class _TextSink:
         if table.has_names:
             comments, _, line = head.rstrip(b"\r\n").rpartition(b"\n")
             names = line.decode("utf-8-sig", "replace").rstrip("\r")
-            for name in (CLASS, CONFIDENCE):
+            for name in RESULTS:
                 if name in table.names:
                     names = re.sub(rf"\b{name}\b", kept_name(name, table.names), names)
-            names = self._delimiter.join([names, CLASS, CONFIDENCE])
+            names = self._delimiter.join([names, *RESULTS])
             head = comments + (b"\n" if comments else b"") + names.encode() + b"\n"
         self._out.write(head)
 
-    def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
+    def write(self, start: int, labels: PointLabels) -> None:
         """Write the points from row `start`."""
-        rows = _lines(self._rows, start, len(codes))
-        self._out.write(join_rows([rows, number_text(codes), number_text(confidence)], self._delimiter))
+        rows = _lines(self._rows, start, len(labels.codes))
+        self._out.write(join_rows([rows, *map(number_text, labels.columns().values())], self._delimiter))
 
 
 def _lines(rows: TextRows, start: int, count: int) -> pa.Array:
@@ -156,7 +153,7 @@ def _lines(rows: TextRows, start: int, count: int) -> pa.Array:
 
 
 class _PlySink:
-    """Writer of PLY that adds two properties to the vertices; other header lines and elements are copied."""
+    """Writer of PLY that adds three properties to the vertices; other header lines and elements are copied."""
 
     def __init__(self, source: Path, stream: BinaryIO) -> None:
         self._source, self._stream = source, stream
@@ -164,23 +161,23 @@ class _PlySink:
         self._rows = vertex_rows(source, self._header) if self._header.encoding == "ascii" else None
         stream.write(_labelled_head(self._header))
 
-    def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
+    def write(self, start: int, labels: PointLabels) -> None:
         """Write the points from row `start`."""
         if self._rows is not None:
-            rows = _lines(self._rows, start, len(codes))
-            self._stream.write(join_rows([rows, number_text(codes), number_text(confidence)], " "))
+            rows = _lines(self._rows, start, len(labels.codes))
+            self._stream.write(join_rows([rows, *map(number_text, labels.columns().values())], " "))
             return
-        dtype = self._header.vertex.dtype(self._header.order)
-        if not len(codes):
+        order, n = self._header.order, len(labels.codes)
+        size = self._header.vertex.dtype(order).itemsize
+        if not n:
             return
-        offset = self._header.begin + start * dtype.itemsize
-        old = open_content(self._source).records(np.dtype("u1"), offset, len(codes) * dtype.itemsize)
-        new = np.empty((len(codes), dtype.itemsize + 5), dtype=np.uint8)
-        new[:, : dtype.itemsize] = old.reshape(len(codes), dtype.itemsize)
-        new[:, dtype.itemsize] = codes
-        scores = np.ascontiguousarray(confidence, dtype=self._header.order + "f4")
-        new[:, dtype.itemsize + 1 :] = scores.view(np.uint8).reshape(-1, 4)
-        self._stream.write(new.data)
+        old = open_content(self._source).records(np.dtype("u1"), self._header.begin + start * size, n * size)
+        added = np.dtype([(CLASS, "u1"), (CONFIDENCE, order + "f4"), (OBJECT, order + "u4")])
+        new = np.empty(n, dtype=[("old", "u1", (size,)), ("added", added)])
+        new["old"] = old.reshape(n, size)
+        for name, values in labels.columns().items():
+            new["added"][name] = values
+        self._stream.write(new.view(np.uint8).data)
 
     def copy_rest(self) -> None:
         """Copy the elements after the vertices."""
@@ -205,10 +202,11 @@ def _labelled_head(header: PlyHeader) -> bytes:
             inside = words[1] == "vertex"
         if inside and words[:1] in (["element"], ["property"]):
             last = at
-            if words[-1] in (CLASS, CONFIDENCE) and words[0] == "property":
+            if words[-1] in RESULTS and words[0] == "property":
                 kept = kept_name(words[-1], list(header.vertex.properties))
                 lines[at] = " ".join([*words[:-1], kept]) + line_end
-    added = [f"property uchar {CLASS}{line_end}", f"property float {CONFIDENCE}{line_end}"]
+    types = zip(("uchar", "float", "uint"), RESULTS, strict=True)
+    added = [f"property {kind} {name}{line_end}" for kind, name in types]
     return "".join([*lines[: last + 1], *added, *lines[last + 1 :]]).encode()
 
 
@@ -220,9 +218,9 @@ class _KittiSink:
         labels = label_path(source)
         self._old = np.fromfile(labels, dtype="<u4") if labels is not None else None
 
-    def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
+    def write(self, start: int, labels: PointLabels) -> None:
         """Write the points from row `start`."""
-        packed = codes.astype("<u4")
+        packed = labels.codes.astype("<u4")
         if self._old is not None:
-            packed |= self._old[start : start + len(codes)] & np.uint32(0xFFFF0000)
+            packed |= self._old[start : start + len(packed)] & np.uint32(0xFFFF0000)
         self._stream.write(packed.astype("<u4").tobytes())

@@ -1,4 +1,4 @@
-"""Copies of PCD, Parquet and NPZ files in their own format, with class and confidence added."""
+"""Copies of PCD, Parquet and NPZ files in their own format, with class, confidence and object added."""
 
 from __future__ import annotations
 
@@ -15,14 +15,17 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.content import BLOCK, open_content
-from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE, kept_name
+from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE, OBJECT, RESULTS, PointLabels, kept_name
 from mlsroad_pipeline.formats.npz import EPOCH
 from mlsroad_pipeline.formats.parquet import GROUP
 from mlsroad_pipeline.formats.pcd.format import PcdFormat
 from mlsroad_pipeline.formats.pcd.header import PADDING, PcdHeader, read_pcd_header
 
-ADDED = {"FIELDS": f"{CONFIDENCE} {CLASS}", "SIZE": "4 1", "TYPE": "F U", "COUNT": "1 1"}
-"""Fields added to a PCD header; the float comes first, where it is aligned."""
+ADDED = {"FIELDS": f"{CONFIDENCE} {OBJECT} {CLASS}", "SIZE": "4 4 1", "TYPE": "F U U", "COUNT": "1 1 1"}
+"""Fields added to a PCD header; those of four bytes come first, where they are aligned."""
+
+DTYPES = (np.uint8, np.float32, np.uint32)
+"""Types of the columns of `RESULTS`."""
 
 
 def can_hold(source: Path, form: str) -> bool:
@@ -55,17 +58,15 @@ def can_hold(source: Path, form: str) -> bool:
 class TableSink(Protocol):
     """Sink of labels of consecutive ranges, closed after the last one."""
 
-    def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
+    def write(self, start: int, labels: PointLabels) -> None:
         """Write the points from row `start`.
 
         Parameters
         ----------
         start : int
             Row of the first point.
-        codes : ndarray of uint8, shape (n,)
-            Classes.
-        confidence : ndarray of float32, shape (n,)
-            Confidences.
+        labels : PointLabels
+            Their results.
         """
 
     def finish(self) -> None:
@@ -73,27 +74,27 @@ class TableSink(Protocol):
 
 
 class _ParquetSink:
-    """Writer of Parquet that adds two columns, a batch at a time; the schema's metadata are kept."""
+    """Writer of Parquet that adds three columns, a batch at a time; the schema's metadata are kept."""
 
     def __init__(self, source: Path, out: BinaryIO) -> None:
         file = pq.ParquetFile(source)
         old = file.schema_arrow
-        fields = [f.with_name(kept_name(f.name, old.names)) if f.name in (CLASS, CONFIDENCE) else f for f in old]
-        added = [pa.field(CLASS, pa.uint8()), pa.field(CONFIDENCE, pa.float32())]
+        fields = [f.with_name(kept_name(f.name, old.names)) if f.name in RESULTS else f for f in old]
+        added = [pa.field(name, pa.from_numpy_dtype(dtype)) for name, dtype in zip(RESULTS, DTYPES, strict=True)]
         self._schema = pa.schema([*fields, *added], metadata=old.metadata)
         self._batches = file.iter_batches(batch_size=GROUP, use_threads=False)
         self._rest = pa.RecordBatch.from_pylist([], schema=old)
         self._writer = pq.ParquetWriter(out, self._schema, compression="zstd", write_page_checksum=True)
 
-    def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
+    def write(self, start: int, labels: PointLabels) -> None:
         """Write the points from row `start`."""
-        done = 0
-        while done < len(codes):
+        done, n = 0, len(labels.codes)
+        while done < n:
             batch = self._rest if self._rest.num_rows else next(self._batches)
-            n_rows = min(batch.num_rows, len(codes) - done)
+            n_rows = min(batch.num_rows, n - done)
             part, self._rest = batch.slice(0, n_rows), batch.slice(n_rows)
-            labels = [pa.array(codes[done : done + n_rows]), pa.array(confidence[done : done + n_rows])]
-            self._writer.write_batch(pa.record_batch([*part.columns, *labels], schema=self._schema))
+            added = [pa.array(values[done : done + n_rows]) for values in labels.columns().values()]
+            self._writer.write_batch(pa.record_batch([*part.columns, *added], schema=self._schema))
             done += n_rows
 
     def finish(self) -> None:
@@ -102,16 +103,16 @@ class _ParquetSink:
 
 
 class _NpzSink:
-    """Writer of NPZ that adds two arrays; the others are copied."""
+    """Writer of NPZ that adds three arrays; the others are copied."""
 
     def __init__(self, source: Path, out: BinaryIO) -> None:
         self._source, self._out = source, out
-        self._parts: dict[str, list[NDArray]] = {CLASS: [], CONFIDENCE: []}
+        self._parts: dict[str, list[NDArray]] = {name: [] for name in RESULTS}
 
-    def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
+    def write(self, start: int, labels: PointLabels) -> None:
         """Keep the labels from row `start`."""
-        self._parts[CLASS].append(codes)
-        self._parts[CONFIDENCE].append(confidence)
+        for name, values in labels.columns().items():
+            self._parts[name].append(values)
 
     def finish(self) -> None:
         """Write the archive."""
@@ -121,7 +122,7 @@ class _NpzSink:
                 kept = f"{kept_name(name, names)}.npy" if name in self._parts else entry.filename
                 with old.open(entry) as stream, new.open(_entry(kept), "w", force_zip64=True) as target:
                     shutil.copyfileobj(stream, target, BLOCK)
-            for (name, parts), dtype in zip(self._parts.items(), (np.uint8, np.float32), strict=True):
+            for (name, parts), dtype in zip(self._parts.items(), DTYPES, strict=True):
                 with new.open(_entry(f"{name}.npy"), "w", force_zip64=True) as target:
                     np.lib.format.write_array(target, np.concatenate([np.empty(0, dtype), *parts]))
 
@@ -133,20 +134,21 @@ def _entry(name: str) -> zipfile.ZipInfo:
 
 
 class _PcdSink:
-    """Writer of binary PCD that adds two fields to the records; other header lines are kept."""
+    """Writer of binary PCD that adds three fields to the records; other header lines are kept."""
 
     def __init__(self, source: Path, out: BinaryIO) -> None:
         self._file, self._header, self._out = open_content(source), read_pcd_header(source), out
         out.write(_labelled_head(self._file.read(self._header.begin), self._header))
 
-    def write(self, start: int, codes: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
+    def write(self, start: int, labels: PointLabels) -> None:
         """Write the points from row `start`."""
-        size = self._header.record_size
-        old = self._file.records(np.dtype("u1"), self._header.begin + start * size, len(codes) * size)
-        new = np.empty((len(codes), size + 5), dtype=np.uint8)
-        new[:, :size] = old.reshape(len(codes), size)
-        new[:, size : size + 4] = np.ascontiguousarray(confidence, "<f4").view(np.uint8).reshape(-1, 4)
-        new[:, size + 4] = codes
+        size, n = self._header.record_size, len(labels.codes)
+        old = self._file.records(np.dtype("u1"), self._header.begin + start * size, n * size)
+        added = [(CONFIDENCE, "<f4"), (OBJECT, "<u4"), (CLASS, "u1")]
+        new = np.empty(n, dtype=[("old", "u1", (size,)), *added])
+        new["old"] = old.reshape(n, size)
+        for name, values in labels.columns().items():
+            new[name] = values
         self._out.write(new.tobytes())
 
     def finish(self) -> None:
@@ -160,7 +162,7 @@ def _labelled_head(text: bytes, header: PcdHeader) -> bytes:
         key, *values = line.split() or [""]
         entry = "FIELDS" if key.upper() == "COLUMNS" else key.upper()
         if entry == "FIELDS":
-            values = [kept_name(name, names) if name in (CLASS, CONFIDENCE) else name for name in values]
+            values = [kept_name(name, names) if name in RESULTS else name for name in values]
         lines.append(" ".join([key, *values, ADDED[entry]]) if entry in ADDED else line)
     return ("\n".join(lines) + "\n").encode()
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule
-from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, model_source
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.scenes.cutting import corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.datasets.inventory.road_inventory import RoadInventory
@@ -17,7 +18,7 @@ from mlsroad_pipeline.label.work import join_objects
 from mlsroad_pipeline.surveys.plan import SurveyPlan
 
 OBJECTS = "inventory"
-"""Key of the object table in the store of the written files, whose keys begin with the split."""
+"""Key of the joined objects in their store."""
 
 
 def scenes_of(drive: str, results: SceneCollection) -> list[str]:
@@ -34,17 +35,19 @@ def objects_task(
 ) -> SceneTask:
     """Return the task that joins the objects of all scenes of a survey."""
     drives = {drive: scenes_of(drive, results) for drive in plan.drives()}
-    parts = {
+    parts: dict[str, Any] = {
         name: {drive: Deferred(tuple(stored[key] for key in keys)) for drive, keys in drives.items()}
         for name in ("objects", "fragments")
         for stored in [results.part(name)]
     }
+    parts["sightings"] = Deferred(tuple(results.part("sightings").values()))
     source = model_source(bundle)
+    labels = {name: label for label, name in enumerate(bundle_scheme(bundle).classes)}
     version = f"{source['name']} {source['version']}".strip() if "source" in source else ""
     return SceneTask(
         join_objects,
         {"corridors": {drive: corridors[drive] for drive in drives}, **parts},
-        {"rules": dict(rules), "method": bundle.slug, "model_version": version},
+        {"rules": dict(rules), "labels": labels, "method": bundle.slug, "model_version": version},
     )
 
 
@@ -60,10 +63,10 @@ def survey_crs(plan: SurveyPlan, files: SceneCollection) -> str | None:
 
 
 def inventory_of(
-    plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, written: SceneCollection
+    plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, joined: SceneCollection
 ) -> RoadInventory:
     """Return the inventory of a survey, with its trajectory if it has a single one."""
     drives = list(plan.drives())
     corridor = corridor_from_arrays(corridors[drives[0]].load()) if len(drives) == 1 else None
     trajectory = corridor if isinstance(corridor, Trajectory) else None
-    return RoadInventory(written[OBJECTS].load(), survey_crs(plan, files), trajectory)
+    return RoadInventory(joined.part("objects")[OBJECTS].load(), survey_crs(plan, files), trajectory)

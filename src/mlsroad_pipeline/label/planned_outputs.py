@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.run_folder import RunFolder
-from mlsroad_pipeline.execution.task import Deferred
+from mlsroad_pipeline.execution.task import Deferred, SourceFile, StoredResult
 from mlsroad_pipeline.formats.options import ReadOptions
-from mlsroad_pipeline.label.inventory import scenes_of
+from mlsroad_pipeline.label.inventory import OBJECTS, scenes_of
 from mlsroad_pipeline.label.targets import paths_of
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
@@ -35,6 +35,8 @@ class PlannedOutput:
         Paths of the results, of `targets.paths_of`: the LAZ first.
     scenes : Deferred
         Labels of the scenes that hold its points.
+    objects : mapping of str to StoredResult
+        Numbers and classes of the objects: inputs of `work.write_file`.
     rows : ndarray of int64, shape (m, 2)
         First and last row of the file in each scene.
     had_classes : bool or None
@@ -44,14 +46,27 @@ class PlannedOutput:
     file: PlannedFile
     paths: tuple[str, ...]
     scenes: Deferred
+    objects: Mapping[str, StoredResult]
     rows: NDArray[np.int64]
     had_classes: bool | None
 
+    @property
+    def inputs(self) -> dict[str, Any]:
+        """Inputs of `work.write_file`."""
+        return {"path": SourceFile(self.file.source.path), "scenes": self.scenes, **self.objects}
+
     def parameters(
-        self, options: ReadOptions, run: RunFolder, label: LabelParameters, class_names: Mapping[int, str]
+        self,
+        options: ReadOptions,
+        run: RunFolder,
+        label: LabelParameters,
+        *,
+        codes: NDArray[np.uint8],
+        class_names: Mapping[int, str],
     ) -> dict[str, Any]:
         """Return the parameters of `work.write_file`; `class_names` are the names of the codes."""
         return {
+            "codes": codes,
             "rows": self.rows,
             "file": self.file.number,
             "target": self.paths[0],
@@ -71,12 +86,18 @@ def _had_classes(file: PlannedFile, classes: Mapping[str, FileClasses]) -> bool 
 
 
 def planned_outputs(
-    plan: SurveyPlan, pieces: SceneCollection, results: SceneCollection, run: RunFolder, parameters: LabelParameters
+    plan: SurveyPlan,
+    pieces: SceneCollection,
+    results: SceneCollection,
+    joined: SceneCollection,
+    run: RunFolder,
+    parameters: LabelParameters,
 ) -> list[PlannedOutput]:
     """Return the files to write."""
     spans = results.load_all("spans")
     labels = results.part("labels")
     classes = pieces.load_all("classes")
+    objects = {name: joined.part(name, mapped=True)[OBJECTS] for name in ("numbers", "classes")}
     outputs: list[PlannedOutput] = []
     for file in plan.files:
         scenes, rows = [], []
@@ -87,5 +108,6 @@ def planned_outputs(
                 rows.append((first, last))
         of_file = np.array(rows, dtype=np.int64).reshape(-1, 2)
         paths = paths_of(file, run.output, parameters)
-        outputs.append(PlannedOutput(file, paths, Deferred(tuple(scenes)), of_file, _had_classes(file, classes)))
+        known = _had_classes(file, classes)
+        outputs.append(PlannedOutput(file, paths, Deferred(tuple(scenes)), objects, of_file, known))
     return outputs

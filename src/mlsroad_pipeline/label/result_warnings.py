@@ -11,11 +11,14 @@ from mlsroad_pipeline.label.confidence import confidence_table, confidence_warni
 from mlsroad_pipeline.label.images import effect_without_images
 from mlsroad_pipeline.label.scene import LabelCounts
 from mlsroad_pipeline.label.summary import summed_counts
+from mlsroad_pipeline.label.work import WrittenFile
 
 
-def label_warnings(bundle: ModelBundle, counts: Mapping[str, LabelCounts]) -> list[str]:
+def label_warnings(
+    bundle: ModelBundle, counts: Mapping[str, LabelCounts], written: Mapping[str, WrittenFile]
+) -> list[str]:
     """Return the warnings about the labels and the images."""
-    confidences = confidence_table(summed_counts(counts)["confidences"], bundle_scheme(bundle).classes)
+    confidences = confidence_table(summed_counts(written)["confidences"], bundle_scheme(bundle).classes)
     return [*confidence_warnings(confidences), *image_warnings(bundle, counts)]
 
 

@@ -15,8 +15,9 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.inventory.extraction import SceneObjects, extract_objects
-from mlsroad_pipeline.algorithms.inventory.merging import merge_across_scenes
+from mlsroad_pipeline.algorithms.inventory.merging import MergedObjects, merge_scenes
 from mlsroad_pipeline.algorithms.inventory.rules import ObjectRule, rules_for_scheme
+from mlsroad_pipeline.algorithms.inventory.sightings import sightings_of_scene
 from mlsroad_pipeline.algorithms.inventory.table import OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.models.bundle import Labeller, ModelBundle, bundle_scheme, label_cloud
 from mlsroad_pipeline.algorithms.scenes.cutting import OutlierParameters
@@ -54,12 +55,17 @@ class LabelSettings:
 
 
 class CoreLabels(TypedDict):
-    """Labels of the points in the core of a scene, ordered by file and row."""
+    """Labels of the points in the core of a scene, ordered by file and row.
+
+    `label` is the class of the model; the number of classes stands for no class, and one more for an outlier. `part` is
+    the object as in `SceneObjects`.
+    """
 
     file: NDArray[np.integer]
     row: NDArray[np.int64]
-    code: NDArray[np.uint8]
+    label: NDArray[np.uint8]
     confidence: NDArray[np.float32]
+    part: NDArray[np.int32]
 
 
 class FileSpans(TypedDict):
@@ -77,13 +83,17 @@ class LabelCounts(TypedDict):
 
 
 class LabelledScene(TypedDict):
-    """Stored parts of a labelled scene; `objects` and `fragments` are those of `SceneObjects`."""
+    """Stored parts of a labelled scene; `objects` and `fragments` are those of `SceneObjects`.
+
+    The counts are those of the labels of the points, before they get the classes of their objects.
+    """
 
     labels: CoreLabels
     spans: FileSpans
     counts: LabelCounts
     objects: pd.DataFrame
     fragments: pd.DataFrame
+    sightings: pd.DataFrame
 
 
 def label_new_scene(
@@ -95,24 +105,25 @@ def label_new_scene(
     labeller: Labeller | None = None,
 ) -> LabelledScene:
     """Label the points of a scene and extract the objects; ground parameters of the model take precedence."""
-    stored = bundle.metadata.get("parameters", {}).get("ground")
-    ground = find_ground(scene, settings.ground if stored is None else GroundParameters(**stored))
+    trained = bundle.metadata.get("parameters", {}).get("ground")
+    ground = find_ground(scene, settings.ground if trained is None else GroundParameters(**trained))
     label, confidence = label_cloud(bundle, scene.with_columns(**ground), labeller=labeller)
     core = scene["core"]
-    code = np.append(settings.codes, np.uint8(UNCLASSIFIED))[label]
-    code[~inliers(scene)] = NOISE
+    n_classes = len(settings.codes)
+    stored = np.where(label < 0, n_classes, label).astype(np.uint8)
+    stored[~inliers(scene)] = n_classes + 1
     files, rows = scene["file"][core], scene["row"][core]
     starts = np.flatnonzero(np.diff(files, prepend=-1))  # scenes are ordered by file, and within one by row
     ends = np.append(starts[1:], len(files)) - 1
     core_label, core_confidence = label[core], confidence[core].astype(np.float32)
     extracted = _objects(scene, label, confidence, height=ground["height"], rules=settings.rules, name=name)
-    n_classes = len(settings.codes)
     return {
         "labels": {
             "file": files,
             "row": rows,
-            "code": code[core],
+            "label": stored[core],
             "confidence": core_confidence,
+            "part": extracted.part,
         },
         "spans": {"spans": np.column_stack([files[starts], rows[starts], rows[ends]]).astype(np.int64)},
         "counts": {
@@ -121,6 +132,7 @@ def label_new_scene(
         },
         "objects": extracted.objects,
         "fragments": extracted.fragments,
+        "sightings": sightings_of_scene(extracted.part, scene, core),
     }
 
 
@@ -153,19 +165,26 @@ def object_rules(bundle: ModelBundle, changes: Mapping[str, Any]) -> dict[str, O
 
 def join_inventories(
     drives: Sequence[tuple[Sequence[SceneObjects], Trajectory | None]], rules: Mapping[str, ObjectRule]
-) -> pd.DataFrame:
+) -> MergedObjects:
     """Merge the objects of all scenes of several drives into one table."""
     tables: list[pd.DataFrame] = []
+    numbers: dict[str, NDArray[np.uint32]] = {}
     last = 0
     for scenes, trajectory in drives:
-        table = merge_across_scenes(scenes, classes=rules, trajectory=trajectory)
+        table, of_scenes = merge_scenes(scenes, classes=rules, trajectory=trajectory)
         table["object_id"] += last
         table.loc[table["pole_id"] > 0, "pole_id"] += last
+        numbers |= {name: np.where(own > 0, own + np.uint32(last), own) for name, own in of_scenes.items()}
         last += len(table)
         tables.append(table)
     filled = [table for table in tables if len(table)]
     joined = pd.concat(filled, ignore_index=True) if filled else tables[0]
-    return joined[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
+    return MergedObjects(joined[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS), numbers)
+
+
+def point_codes(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the LAS code of each value of `CoreLabels.label`: those of the classes, unclassified, noise."""
+    return np.append(codes, np.array([UNCLASSIFIED, NOISE], dtype=np.uint8))
 
 
 def output_codes(bundle: ModelBundle, scheme: str, schemes: Mapping[str, Any]) -> NDArray[np.uint8]:

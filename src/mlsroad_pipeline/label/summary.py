@@ -10,10 +10,8 @@ import numpy as np
 import pandas as pd
 
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
-from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.run_identity import absolute
 from mlsroad_pipeline.label.confidence import LOW, confidence_table
-from mlsroad_pipeline.label.inventory import OBJECTS
 from mlsroad_pipeline.label.scene import LabelCounts
 from mlsroad_pipeline.label.work import WrittenFile
 from mlsroad_pipeline.surveys.parameters import LabelParameters
@@ -59,11 +57,11 @@ class LabelSummary(TypedDict):
 
 def written_clouds(written: Mapping[str, WrittenFile]) -> list[str]:
     """Return the paths of the labelled point clouds, in the order of the files."""
-    return [str(name) for key, part in written.items() if key != OBJECTS for name in part["files"]]
+    return [str(name) for part in written.values() for name in part["files"]]
 
 
-def summed_counts(counts: Mapping[str, LabelCounts]) -> LabelCounts:
-    """Return the counts of all scenes together."""
+def summed_counts(counts: Mapping[str, LabelCounts | WrittenFile]) -> LabelCounts:
+    """Return the counts of all scenes or files together."""
     return {
         "counts": np.sum([scene["counts"] for scene in counts.values()], axis=0),
         "confidences": np.sum([scene["confidences"] for scene in counts.values()], axis=0),
@@ -80,15 +78,14 @@ def summarise_labels(
     bundle: ModelBundle,
     parameters: LabelParameters,
     quality: pd.DataFrame,
-    results: SceneCollection,
-    written: SceneCollection,
+    written: Mapping[str, WrittenFile],
     objects: pd.DataFrame,
     warnings: Sequence[str],
     *,
     strange: Sequence[str] = (),
 ) -> LabelSummary:
     """Return the summary of a labelled survey; strange are its properties outside the range of the training data."""
-    total = summed_counts(results.load_all("counts"))
+    total = summed_counts(written)
     output = Path(str(parameters.output))
     return {
         "survey": parameters.survey_name,
@@ -104,7 +101,7 @@ def summarise_labels(
         "strange": list(strange),
         "warnings": list(warnings),
         "outputs": {
-            "clouds": written_clouds(written.load_all()),
+            "clouds": written_clouds(written),
             "inventory": str(output / "inventory.gpkg"),
             "inventory_table": str(output / "inventory.parquet"),
             "report": str(output / "report.html"),

@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_co
 from mlsroad_pipeline.formats.base import PointFormat, ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.crs import parse_crs, sidecar_crs
 from mlsroad_pipeline.formats.files import LAZ_CHUNK, atomic_file
-from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE
+from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE, OBJECT, RESULTS, PointLabels
 from mlsroad_pipeline.formats.las.crs import read_crs, with_assigned_crs, with_wkt
 from mlsroad_pipeline.formats.las.extra import ExtraDimension
 from mlsroad_pipeline.formats.las.header import LasHeader, read_header
@@ -30,10 +30,13 @@ from mlsroad_pipeline.formats.las.writer import RecordWriter
 from mlsroad_pipeline.formats.native_labels import LabelSink, native_path, native_sink
 from mlsroad_pipeline.formats.registry import get_format
 
-LabelsOf = Callable[[int, int], tuple[NDArray[np.uint8], NDArray[np.float32]]]
-"""Function from a range of rows to the class codes and confidences of its points."""
+LabelsOf = Callable[[int, int], tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint32]]]
+"""Function from a range of rows to the class codes, confidences and objects of its points."""
 
-ORIGINAL_CLASS, ORIGINAL_CONFIDENCE = "original_classification", "original_confidence"
+ORIGINAL_CLASS = "original_classification"
+ADDED = {CONFIDENCE: ("f4", "of the class, 0 to 1"), OBJECT: ("u4", "number in the inventory")}
+"""Extra dimension to its type and description."""
+
 SCALE = 0.001
 CLASS_ONLY = int(lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL | lazrs.SELECTIVE_DECOMPRESS_CLASSIFICATION)
 
@@ -61,15 +64,16 @@ def write_labelled(
     had_classes: bool | None = None,
     class_names: Mapping[int, str] | None = None,
 ) -> list[Path]:
-    """Copy a survey to LAZ with `classification` and the float32 extra dimension `confidence`.
+    """Copy a survey to LAZ with `classification` and the extra dimensions `confidence` and `object_id`.
 
     LAS and LAZ keep every dimension, extra dimension, variable length record, CRS, scale, offset and date. Point
     formats 0 to 5, limited to classes up to 31, are upgraded to 6 to 10 of LAS 1.4: all fields are kept, with a finer
     step of the scan angle. Classes of the input other than 0 are kept in the extra dimension `original_classification`,
-    and a `confidence` of the input in `original_confidence`; existing dimensions of these names are kept.
+    a `confidence` of the input in `original_confidence` and an `object_id` in `original_object_id`; existing dimensions
+    of these names are kept.
 
     Other formats are written at 0.001 m, their columns as dimensions of the same name or as extra dimensions. They are
-    also written in their own format in the same folder: PLY, text, Parquet, NPZ and binary PCD with two more columns,
+    also written in their own format in the same folder: PLY, text, Parquet, NPZ and binary PCD with three more columns,
     KITTI as a ``.label`` with the codes. `native_path` lists the exceptions.
 
     `class_names` are written as the Classification Lookup record. The option `crs`, or a ``.prj`` beside a file without
@@ -122,23 +126,25 @@ def _write_range(
 ) -> None:
     start, stop = rows
     place = f"for rows {start} to {stop - 1}"
-    labels, scores = labels_of(start, stop)
-    codes = check_column(labels, stop - start, f"class codes {place}")
-    confidence = check_column(scores, stop - start, f"confidences {place}").astype(np.float32, copy=False)
+    given = PointLabels(*labels_of(start, stop))
+    codes = check_column(given.codes, stop - start, f"class codes {place}")
+    confidence = check_column(given.confidence, stop - start, f"confidences {place}").astype(np.float32, copy=False)
+    object_id = check_column(given.object_id, stop - start, f"objects {place}").astype(np.uint32, copy=False)
     if codes.dtype != np.uint8:
         raise DataError(f"class codes {place} must be uint8, got {codes.dtype}")
+    labels = PointLabels(codes, confidence, object_id)
     records = survey.records(start, stop)
     if survey.copier is None:
-        records[CLASS] = codes
-        records[CONFIDENCE] = confidence
+        for name, column in labels.columns().items():
+            records[name] = column
         writer.write(records)
     else:
-        values = {CLASS: codes, CONFIDENCE: confidence}
+        values = labels.columns()
         if ORIGINAL_CLASS in survey.copier.added:
             values[ORIGINAL_CLASS] = records[CLASS]
         writer.write_compressed(records, survey.copier.chunks(start, records, values))
     for sink in sinks:
-        sink.write(start, codes, confidence)
+        sink.write(start, labels)
 
 
 def _las_source(path: Path, had_classes: bool | None, n_threads: int, chunk_size: int, stack: ExitStack) -> _Source:
@@ -149,7 +155,7 @@ def _las_source(path: Path, had_classes: bool | None, n_threads: int, chunk_size
     target = _with_results(upgraded, keep_class=had_classes)
     own = len(upgraded.extra_dimensions)
     added = {dimension.name: dimension for dimension in target.extra_dimensions[own:]}
-    if has_layers(header) and CONFIDENCE in added and chunk_size % LAZ_CHUNK == 0:
+    if has_layers(header) and added.keys() >= ADDED.keys() and chunk_size % LAZ_CHUNK == 0:
         copier = LayerCopier(path, header, added, classes=ORIGINAL_CLASS in added, n_threads=n_threads)
         stack.enter_context(copier)
         return _Source(header.n_points, target, copier.read, copier)
@@ -165,21 +171,23 @@ def _las_source(path: Path, had_classes: bool | None, n_threads: int, chunk_size
 
 
 def _with_results(header: LasHeader, *, keep_class: bool) -> LasHeader:
-    """Return a header with the dimensions of the result; an existing confidence is renamed or replaced."""
+    """Return a header with the dimensions of the result; an existing one of that name is renamed or replaced."""
     existing = list(header.extra_dimensions)
     names = [dimension.name for dimension in existing]
-    replaced = None
-    if CONFIDENCE in names and ORIGINAL_CONFIDENCE not in names:
-        existing[names.index(CONFIDENCE)] = existing[names.index(CONFIDENCE)].renamed(ORIGINAL_CONFIDENCE)
-    elif CONFIDENCE in names:
-        replaced = existing[names.index(CONFIDENCE)]
-        if replaced.dtype != np.dtype("f4") or replaced.width != 1 or replaced.scale is not None:
-            raise DataError(f"the survey has both {CONFIDENCE} ({replaced.dtype}) and {ORIGINAL_CONFIDENCE}")
     added = []
     if keep_class and ORIGINAL_CLASS not in names:
         added.append(ExtraDimension.create(ORIGINAL_CLASS, np.dtype("u1"), description="class in the input"))
-    if replaced is None:
-        added.append(ExtraDimension.create(CONFIDENCE, np.dtype("f4"), description="of the class, 0 to 1"))
+    for name, (dtype, description) in ADDED.items():
+        kept = f"original_{name}"
+        if name not in names or kept not in names:
+            added.append(ExtraDimension.create(name, np.dtype(dtype), description=description))
+        if name not in names:
+            continue
+        old = existing[names.index(name)]
+        if kept not in names:
+            existing[names.index(name)] = old.renamed(kept)
+        elif old.dtype != np.dtype(dtype) or old.width != 1 or old.scale is not None:
+            raise DataError(f"the survey has both {name} ({old.dtype}) and {kept}")
     return with_extra(header, added, existing=existing)
 
 
@@ -222,7 +230,8 @@ def _other_source(path: Path, form: PointFormat, options: ReadOptions) -> _Sourc
 
 def _renamed(cloud: PointCloud) -> PointCloud:
     """Rename columns whose names the result uses."""
-    for name, kept in ((CLASS, ORIGINAL_CLASS), (CONFIDENCE, ORIGINAL_CONFIDENCE)):
+    for name in RESULTS:
+        kept = f"original_{name}"
         if name in cloud and kept not in cloud:
             columns = {kept if key == name else key: values for key, values in cloud.columns.items()}
             cloud = replace(cloud, columns=columns)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud, concatenate
+from mlsroad_pipeline.algorithms.inventory.sightings import visit_columns
 from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk
 from mlsroad_pipeline.algorithms.quality.tables import chunk_to_arrays
 from mlsroad_pipeline.algorithms.scenes.corridor import Corridor
@@ -46,20 +47,25 @@ WHOLE_SAMPLE = 1024
 """Number of coordinates that are tested for whole numbers."""
 
 UNUSED_COLUMNS = ("gps_time", "scanner")
-"""Columns that only the quality report and the training need; `label` drops them."""
+"""Columns that only the quality report and the training need; `label` keeps the columns of `visit_columns` instead."""
+
+VISIT_COLUMNS = ("scanner_channel", "point_source_id")
+"""Dimensions of LAS that tell scanners and routes apart."""
 
 FEATURE_COLUMNS = ("rgb", "intensity")
 """Columns with features; a column with a single value, as in files exported without it, counts as missing."""
 
 
-def _scene_options(path: str, options: ReadOptions, *, labels: bool, constant: Sequence[str] = ()) -> ReadOptions:
+def _scene_options(
+    path: str, options: ReadOptions, *, labels: bool, constant: Sequence[str] = (), added: Sequence[str] = ()
+) -> ReadOptions:
     """Return options to read the scene columns of a file, and classification and flags of LAS files to label."""
     form = get_format(path)
     columns = form.info(Path(path), replace(options, coding=options.coding if labels else None)).columns
     skipped = {*constant, *(() if labels else ("label", "instance"))}
     selected = [name for name in SCENE_COLUMNS if name in columns and name not in skipped]
     if not labels and form.name == "LAS":
-        selected += [name for name in (CLASS, WITHHELD) if name in columns]
+        selected += [name for name in (CLASS, WITHHELD, *added) if name in columns]
     return replace(options, only=tuple(selected), coding=options.coding if "label" in selected else None)
 
 
@@ -206,14 +212,15 @@ def read_and_cut(
     constant: Sequence[str] = (),
 ) -> CutRange:
     """Read a range of rows, inspect its quality and sort it into bins of the corridor."""
-    chosen = _scene_options(path, options, labels=labels, constant=constant)
+    chosen = _scene_options(path, options, labels=labels, constant=constant, added=VISIT_COLUMNS)
     cloud = get_format(path).read(Path(path), chosen, start=start, stop=stop)
     has_classes = np.array([cloud[CLASS].any()] if CLASS in cloud else [], dtype=np.bool_)
-    cloud = cloud.without_columns([CLASS])
+    visits = {} if labels else visit_columns(cloud)
+    cloud = cloud.without_columns([CLASS, *VISIT_COLUMNS])
     quality = chunk_to_arrays(inspect_chunk(cloud, max_gap=time_gap, n_total=n_total))
     cloud = cloud.without_columns([WITHHELD])
     pieces = cut_points(
-        cloud if labels else cloud.without_columns(UNUSED_COLUMNS),
+        cloud if labels else cloud.without_columns(UNUSED_COLUMNS).with_columns(**visits),
         corridor_from_arrays(corridor),
         part,
         along=along,

@@ -95,7 +95,7 @@ def test_what_lazrs_streams_is_read_back(tmp_path, rng):
     make_las(source, rng, point_format=6, n=2 * LAZ_CHUNK + 1)  # the last chunk has one point
     write_labelled(source, target, make_labels, n_threads=2, chunk_size=LAZ_CHUNK)
     new = laspy.read(io.BytesIO(target.read_bytes()))
-    codes, confidence = make_labels(0, len(new))
+    codes, confidence, _ = make_labels(0, len(new))
     np.testing.assert_array_equal(new.classification, codes)
     np.testing.assert_array_equal(new["confidence"], confidence)
     np.testing.assert_array_equal(new.xyz, laspy.read(source).xyz)

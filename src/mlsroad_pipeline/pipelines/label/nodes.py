@@ -17,7 +17,7 @@ from mlsroad_pipeline.datasets.models.bundle_files import ModelFile
 from mlsroad_pipeline.datasets.models.registered_models import configured_store
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.run_folder import RunFolder
-from mlsroad_pipeline.execution.task import SceneTask, SourceFile
+from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.label.checks import check_outputs
 from mlsroad_pipeline.label.images import LabelImages, images_to_label
 from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, objects_task
@@ -120,37 +120,44 @@ def label_new_scenes(
     return label_tasks(plan, pieces, corridors, model, images, ingest, settings)
 
 
-def write_labelled_files(
+def join_label_objects(
     plan: SurveyPlan,
     corridors: SceneCollection,
+    results: SceneCollection,
+    model: ModelFile,
+    parameters: LabelParameters,
+) -> dict[str, SceneTask]:
+    """Create the task that joins the objects of all scenes and numbers them."""
+    bundle = model.load()
+    return {OBJECTS: objects_task(plan, corridors, results, object_rules(bundle, parameters.inventory), bundle)}
+
+
+def write_labelled_files(
+    plan: SurveyPlan,
     pieces: SceneCollection,
     results: SceneCollection,
+    joined: SceneCollection,
     model: ModelFile,
     parameters: LabelParameters,
     classes: Mapping[str, Any],
     run: RunFolder,
 ) -> dict[str, SceneTask]:
-    """Create one task per file, which writes it with its labels, and one that joins the objects."""
+    """Create one task per file, which writes it with its labels and the numbers of the objects."""
     bundle = model.load()
-    rules = object_rules(bundle, parameters.inventory)
+    codes = output_codes(bundle, parameters.scheme, classes["schemes"])
     names = code_names(bundle, parameters.scheme, classes["schemes"])
-    outputs = planned_outputs(plan, pieces, results, run, parameters)
-    return {OBJECTS: objects_task(plan, corridors, results, rules, bundle)} | {
-        output.file.key: SceneTask(
-            write_file,
-            {"path": SourceFile(output.file.source.path), "scenes": output.scenes},
-            output.parameters(plan.options, run, parameters, names),
-            outputs=output.paths,
-        )
-        for output in outputs
-    }
+    tasks = {}
+    for output in planned_outputs(plan, pieces, results, joined, run, parameters):
+        how = output.parameters(plan.options, run, parameters, codes=codes, class_names=names)
+        tasks[output.file.key] = SceneTask(write_file, output.inputs, how, outputs=output.paths)
+    return tasks
 
 
 def make_inventory(
-    plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, written: SceneCollection
+    plan: SurveyPlan, files: SceneCollection, corridors: SceneCollection, joined: SceneCollection
 ) -> tuple[RoadInventory, RoadInventory]:
     """Return the inventory, once per output format."""
-    inventory = inventory_of(plan, files, corridors, written)
+    inventory = inventory_of(plan, files, corridors, joined)
     return inventory, inventory
 
 
@@ -165,12 +172,13 @@ def write_report(
     facts: dict[str, float],
 ) -> tuple[str, LabelSummary]:
     """Return the report of the labelled survey as HTML and its summary, and log the warnings."""
-    bundle, counts, objects = model.load(), results.load_all("counts"), inventory.objects
-    warnings = label_warnings(bundle, counts)
+    bundle, objects = model.load(), inventory.objects
+    counts, files = results.load_all("counts"), written.load_all()
+    warnings = label_warnings(bundle, counts, files)
     for warning in warnings:
         logger.warning(warning)
     warnings += survey_warnings
-    sections = label_report_sections(bundle, parameters, quality, counts, written.load_all(), objects, warnings)
+    sections = label_report_sections(bundle, parameters, quality, counts, files, objects, warnings)
     strange = strange_properties(bundle, facts)
-    summary = summarise_labels(bundle, parameters, quality, results, written, objects, warnings, strange=strange)
+    summary = summarise_labels(bundle, parameters, quality, files, objects, warnings, strange=strange)
     return build_report(sections, title="Labelled survey", subtitle=summary["survey"]), summary

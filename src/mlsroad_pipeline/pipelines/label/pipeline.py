@@ -9,6 +9,7 @@ from mlsroad_pipeline.pipelines.label.nodes import (
     describe_survey,
     find_label_images,
     find_named_model,
+    join_label_objects,
     label_new_scenes,
     make_inventory,
     plan_label_files,
@@ -98,12 +99,18 @@ def _labelling() -> list[Node]:
             name="label_new_scenes",
         ),
         Node(
+            join_label_objects,
+            inputs=["label_plan", "label_corridors_store", "label_results_store", "label_model", "params:label"],
+            outputs="label_objects_store",
+            name="join_label_objects",
+        ),
+        Node(
             write_labelled_files,
             inputs=[
                 "label_plan",
-                "label_corridors_store",
                 "label_pieces_store",
                 "label_results_store",
+                "label_objects_store",
                 "label_model",
                 "params:label",
                 "params:classes",
@@ -119,7 +126,7 @@ def _reporting() -> list[Node]:
     return [
         Node(
             make_inventory,
-            inputs=["label_plan", "label_files_store", "label_corridors_store", "label_written_store"],
+            inputs=["label_plan", "label_files_store", "label_corridors_store", "label_objects_store"],
             outputs=["label_inventory", "label_inventory_table"],
             name="make_inventory",
         ),

@@ -48,7 +48,7 @@ def label_report_sections(
 ) -> list[Section]:
     """Return the sections of the report."""
     scheme = bundle_scheme(bundle)
-    total = summed_counts(counts)
+    total = summed_counts(written)
     facts = {
         "survey": parameters.survey_name,
         "output": parameters.output,

@@ -1,0 +1,119 @@
+"""Labels of the points of a file: its scenes, and the objects that the points belong to."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from typing import TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.execution.task import StoredResult
+from mlsroad_pipeline.formats.labelled_names import PointLabels
+from mlsroad_pipeline.label.confidence import N_BINS, count_confidences
+from mlsroad_pipeline.label.scene import LabelCounts, point_codes
+
+SCENES_IN_MEMORY = 8
+"""Largest number of scenes whose labels a writer holds in memory; a file in recording order needs two or three."""
+
+
+class ObjectClasses(TypedDict):
+    """Class of the model and score of each object, by its number; number 0 is no object."""
+
+    label: NDArray[np.uint8]
+    score: NDArray[np.float32]
+
+
+class SceneLabels:
+    """Labels of a file by row, loaded from the scenes that hold its points, and their counts.
+
+    A point has the class of its object. Where that differs from its label, its confidence is the score of the object.
+
+    Parameters
+    ----------
+    scenes : sequence of StoredResult
+        Stored `CoreLabels` of the scenes.
+    rows : ndarray of int64, shape (m, 2)
+        First and last row of the file in each scene.
+    file : int
+        Number of the file in its drive.
+    source : str
+        Name of the file in messages.
+    codes : ndarray of uint8, shape (classes,)
+        LAS code of each class.
+    numbers : mapping of str to ndarray of uint32
+        Scene to the numbers of its objects: see `merging.MergedObjects`.
+    classes : ObjectClasses
+        Classes and scores of the objects.
+    """
+
+    def __init__(
+        self,
+        scenes: Sequence[StoredResult],
+        rows: NDArray[np.int64],
+        file: int,
+        source: str,
+        *,
+        codes: NDArray[np.uint8],
+        numbers: Mapping[str, NDArray[np.uint32]],
+        classes: ObjectClasses,
+    ) -> None:
+        self._scenes = list(scenes)
+        self._rows = rows
+        self._file = file
+        self._source = source
+        self._codes, self._n_classes = point_codes(codes), len(codes)
+        self._numbers, self._classes = numbers, classes
+        self._loaded: OrderedDict[int, dict[str, NDArray]] = OrderedDict()
+        self.counts: LabelCounts = {
+            "counts": np.zeros(self._n_classes + 1, dtype=np.int64),
+            "confidences": np.zeros((self._n_classes, N_BINS), dtype=np.int64),
+        }
+
+    def _open(self, number: int) -> dict[str, NDArray]:
+        if number not in self._loaded:
+            handle = self._scenes[number]
+            stored = handle.load()
+            own = slice(*np.searchsorted(stored["file"], [self._file, self._file + 1]))
+            labels = {key: stored[key][own] for key in ("row", "label", "confidence")}
+            self._loaded[number] = labels | self._of_objects(labels, self._numbers[handle.key][stored["part"][own]])
+            while len(self._loaded) > SCENES_IN_MEMORY:
+                self._loaded.popitem(last=False)
+        self._loaded.move_to_end(number)
+        return self._loaded[number]
+
+    def _of_objects(self, labels: Mapping[str, NDArray], object_id: NDArray[np.uint32]) -> dict[str, NDArray]:
+        """Return the labels with the classes of the objects."""
+        label, confidence = labels["label"].copy(), labels["confidence"].copy()
+        changed = np.flatnonzero((object_id > 0) & (self._classes["label"][object_id] != label))
+        label[changed] = self._classes["label"][object_id[changed]]
+        confidence[changed] = self._classes["score"][object_id[changed]]
+        return {"label": label, "confidence": confidence, "object_id": object_id}
+
+    def __call__(self, start: int, stop: int) -> PointLabels:
+        """Return codes, confidences and objects of rows `start` to `stop`, and count them."""
+        label = np.zeros(stop - start, dtype=np.uint8)
+        confidence = np.zeros(stop - start, dtype=np.float32)
+        object_id = np.zeros(stop - start, dtype=np.uint32)
+        n_labelled = 0
+        for number in np.flatnonzero((self._rows[:, 0] < stop) & (self._rows[:, 1] >= start)):
+            scene = self._open(int(number))
+            part = slice(*np.searchsorted(scene["row"], [start, stop]))
+            rows = scene["row"][part] - start
+            label[rows] = scene["label"][part]
+            confidence[rows] = scene["confidence"][part]
+            object_id[rows] = scene["object_id"][part]
+            n_labelled += len(rows)
+        if n_labelled != stop - start:
+            missing = stop - start - n_labelled
+            raise DataError(f"{self._source}: {missing} of rows {start} to {stop - 1} have no label")
+        self._count(label, confidence)
+        return PointLabels(self._codes[label], confidence, object_id)
+
+    def _count(self, label: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:
+        known = np.where(label < self._n_classes, label.astype(np.int32), -1)
+        counts = np.bincount(np.minimum(label, self._n_classes), minlength=self._n_classes + 1)
+        self.counts["counts"] += counts
+        self.counts["confidences"] += count_confidences(known, confidence, self._n_classes)
