@@ -11,6 +11,7 @@ from dataclasses import replace
 import geopandas as gpd
 import laspy
 import numpy as np
+import pandas as pd
 import pyogrio
 import pytest
 from helpers.labelled import N_POINTS, check_labels, check_same_points, scheme
@@ -62,6 +63,24 @@ def test_geoparquet_holds_the_objects_of_the_geopackage(labelled):
     np.testing.assert_array_equal(table["height"], objects["height"])
 
 
+def test_points_and_objects_have_the_same_numbers(labelled):
+    table = gpd.read_parquet(labelled / "inventory.parquet").set_index("object_id", drop=False)
+    las = laspy.read(labelled / "street.laz")
+    number = np.asarray(las["object_id"])
+    assert number.dtype == np.uint32 and len(table) > 2
+    assert np.bincount(number, minlength=len(table) + 1)[1:].tolist() == table["point_count"].tolist()
+    codes = np.asarray(las.classification)
+    for row in table.itertuples():
+        mine = number == row.object_id
+        assert set(codes[mine]) == {scheme()["classes"][row._asdict()["_2"]]["asprs"]}
+        sides = [[getattr(row, f"{axis}_{end}") for axis in "xyz"] for end in ("min", "max")]
+        np.testing.assert_allclose(sides, [las.xyz[mine].min(axis=0), las.xyz[mine].max(axis=0)], atol=2e-3)
+        times = np.floor(las.gps_time[mine])
+        assert (row.first_time, row.last_time) == (times.min(), times.max())
+    assert set(table["file_count"]) == {1} and (table["scanners"] <= table["scanners_there"]).all()
+    assert (table["passes"] >= 1).all() and (table["passes"] <= table["passes_there"]).all()
+
+
 def test_report_has_points_files_model_and_objects(labelled):
     page = (labelled / "report.html").read_text(encoding="utf-8")
     text = re.sub(r"<[^>]+>", " ", page).replace(",", "").replace("\u202f", "").replace("\u2009", "")
@@ -87,10 +106,26 @@ def test_a_deleted_result_is_written_again_with_the_same_bytes(label_project, la
     assert (labelled / "street.laz").read_bytes() == before
 
 
-def test_two_workers_give_the_bytes_of_one(shared, labelled, survey, tmp_path):
+def test_two_workers_give_the_bytes_of_one_and_objects_span_scenes_and_files(shared, label_project, cloud, tmp_path):
+    folder = tmp_path / "survey"
+    folder.mkdir()
+    for number in range(2):
+        own = np.arange(len(cloud)) // 500 % 2 == number
+        LasFormat().write(folder / f"{number}.laz", cloud.select(own), WriteOptions(like="none"))
+    how = {"ingest": {"scene_length": 3.0, "buffer": 2.0}}
+    one = label(label_project, folder, tmp_path / "one", keep_state=True, **how)
+    assert len(stored_records(one, "results")) > 3
     project = with_models(shared, tmp_path / "project")
-    found = label(project, survey, tmp_path / "out", execution={"backend": "loky", "n_workers": 2})
-    assert (found / "street.laz").read_bytes() == (labelled / "street.laz").read_bytes()
+    two = label(project, folder, tmp_path / "two", execution={"backend": "loky", "n_workers": 2}, **how)
+    table, numbers = gpd.read_parquet(one / "inventory.parquet"), []
+    for name in ("0.laz", "1.laz"):
+        assert (two / name).read_bytes() == (one / name).read_bytes()
+        numbers.append(np.asarray(laspy.read(one / name)["object_id"]))
+    counts = np.array([np.bincount(number, minlength=len(table) + 1)[1:] for number in numbers])
+    assert counts.sum(axis=0).tolist() == table["point_count"].tolist()
+    assert (counts > 0).sum(axis=0).tolist() == table["file_count"].tolist()
+    assert table["file_count"].max() == 2
+    pd.testing.assert_frame_equal(gpd.read_parquet(two / "inventory.parquet"), table)
 
 
 def test_output_in_a_folder_that_is_no_part_of_the_survey_may_lie_inside_it(label_project, survey, tmp_path):

@@ -57,6 +57,15 @@ def label(  # typer reads the options from the signature
     ] = None,
     crs: Annotated[str | None, typer.Option(metavar="EPSG:...", help="Coordinate system of the survey.")] = None,
     copc: Annotated[bool, typer.Option("--copc", help="Also write a cloud-optimised copy (.copc.laz).")] = False,
+    export: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--export",
+            metavar="FORMAT",
+            help="Also write the inventory as csv, geojson, flatgeobuf, shapefile or dxf; may be repeated, or a list "
+            "separated by commas.",
+        ),
+    ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace results of another survey or other settings, and edited ones.")
     ] = False,
@@ -75,7 +84,8 @@ def label(  # typer reads the options from the signature
     from mlsroad_pipeline.commands.session import configure, find_place, kernels_compiled, run_pipeline
 
     begin = time.perf_counter()
-    options = {"method": method, "model": model, "crs": crs, "copc": copc or None, "overwrite": overwrite or None}
+    options: dict[str, Any] = {"method": method, "model": model, "crs": crs, "copc": copc or None}
+    options |= {"export": export or None, "overwrite": overwrite or None}
     chosen = {name: value for name, value in options.items() if value is not None}
     changed = nested(params or [], given={"label.survey": "FILE", "label.output": "--output"})
     with one_line_errors(verbose=verbose):
@@ -124,6 +134,8 @@ def print_summary(console: Console, summary: Mapping[str, Any], logged: list[str
     console.print("\nResults")
     console.print(f"  points     {clouds[0] if len(clouds) == 1 else f'{len(clouds)} files, the first is {clouds[0]}'}")
     console.print(f"  inventory  {shown_path(outputs['inventory'])}")
+    for path in outputs["exports"]:
+        console.print(f"  export     {shown_path(path)}")
     console.print(f"  report     {shown_path(outputs['report'])}")
     console.print(f"\nOpen the report: mlsroad open {quote(shown_path(summary['output']))}")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.datasets.inventory.vector_files import prj_text, to_wgs84
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.formats.las.copc import POINT_FORMATS
 from mlsroad_pipeline.formats.las.header import LasHeader
@@ -29,9 +30,10 @@ def check_outputs(plan: SurveyPlan, files: SceneCollection, quality: pd.DataFram
     """Check that LAZ, copies and inventory can be written, from headers, extents and reference systems.
 
     Raises DataError for column names and types that LAS cannot hold, coordinates outside of 32 bits at the scale of the
-    result, waveforms in a cloud-optimised copy, and reference systems that differ or are not understood.
+    result, waveforms in a cloud-optimised copy, and reference systems that differ, are not understood, or cannot be
+    written in a format of `label.export`.
     """
-    _check_crs(survey_crs(plan, files), plan.files[0].source.path)
+    _check_crs(survey_crs(plan, files), plan.files[0].source.path, parameters.export)
     rows = {str(row["source"]): row for row in quality.to_dict("records")}
     for file in plan.files:
         check_file(file, plan, rows[file.source.name], copc=parameters.copc)
@@ -63,10 +65,13 @@ def _check_extent(path: Path, header: LasHeader, row: Mapping[Any, Any]) -> None
             )
 
 
-def _check_crs(crs: str | None, path: str) -> None:
+def _check_crs(crs: str | None, path: str, export: Sequence[str]) -> None:
     try:
-        if crs is not None:
-            CRS.from_user_input(crs)
+        known = None if crs is None else CRS.from_user_input(crs)
     except CRSError as error:
         text = crs if crs is None or len(crs) <= 80 else f"{crs[:77]}..."
         raise DataError(f"{path}: its coordinate reference system {text!r} is not understood") from error
+    if "geojson" in export:
+        to_wgs84(known, path)
+    if known is not None and {"csv", "shapefile", "dxf"}.intersection(export):
+        prj_text(known, path)

@@ -40,7 +40,7 @@ def open_run(plan: SurveyPlan, parameters: LabelParameters, run: RunFolder) -> N
     Raises OutputInUseError if another process writes to the output, and OutputExistsError for a file that this run did
     not write, that has been edited, or that was written from input that has changed, unless `label.overwrite` is set.
     """
-    targets = existing(planned_paths(plan, run.output, parameters))
+    targets = existing(planned_paths(plan, run.output, parameters, possible=True))
     lock_output(run.output)
     before, inputs = run.read(), plan_inputs(plan)
     for target in targets:

@@ -34,6 +34,7 @@ class OutputPaths(TypedDict):
     clouds: list[str]
     inventory: str
     inventory_table: str
+    exports: list[str]
     report: str
 
 
@@ -83,8 +84,12 @@ def summarise_labels(
     warnings: Sequence[str],
     *,
     strange: Sequence[str] = (),
+    exports: Sequence[str] = (),
 ) -> LabelSummary:
-    """Return the summary of a labelled survey; strange are its properties outside the range of the training data."""
+    """Return the summary of a labelled survey; strange are its properties outside the range of the training data.
+
+    `exports` are the files of `label.export`.
+    """
     total = summed_counts(written)
     output = Path(str(parameters.output))
     return {
@@ -104,6 +109,7 @@ def summarise_labels(
             "clouds": written_clouds(written),
             "inventory": str(output / "inventory.gpkg"),
             "inventory_table": str(output / "inventory.parquet"),
+            "exports": list(exports),
             "report": str(output / "report.html"),
         },
     }
@@ -133,6 +139,7 @@ def moved_summary(summary: LabelSummary, output: Path) -> LabelSummary:
         "clouds": [moved(path) for path in old["clouds"]],
         "inventory": moved(old["inventory"]),
         "inventory_table": moved(old["inventory_table"]),
+        "exports": [moved(path) for path in old["exports"]],
         "report": moved(old["report"]),
     }
     return {**summary, "output": str(output), "outputs": paths}

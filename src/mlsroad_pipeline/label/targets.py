@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.datasets.inventory.exports import EXPORTS
 from mlsroad_pipeline.formats.las.copc import copc_path
 from mlsroad_pipeline.formats.native_labels import native_path
 from mlsroad_pipeline.formats.ply.coloured_ply import coloured_path
@@ -42,10 +43,20 @@ def _native(file: PlannedFile, target: str) -> list[str]:
     return [] if own is None else [str(own)]
 
 
-def planned_paths(plan: SurveyPlan, folder: Path, parameters: LabelParameters) -> dict[str, str]:
-    """Return the paths of all results and what each holds; raise ParameterError if two have the same path."""
+def planned_paths(
+    plan: SurveyPlan, folder: Path, parameters: LabelParameters, *, possible: bool = False
+) -> dict[str, str]:
+    """Return the paths of all results and what each holds; raise ParameterError if two have the same path.
+
+    With `possible` they include files that are written only with a reference system or a trajectory.
+    """
     sources = {os.path.realpath(file.source.path) for file in plan.files}
-    found = {str(folder / name): "a result on the whole survey" for name in FOR_ALL}
+    formats = [EXPORTS[name] for name in parameters.export]
+    names = [*FOR_ALL, *(name for form in formats for name in (*form.files, *(form.others if possible else ())))]
+    found = {str(folder / name): "a result on the whole survey" for name in names}
+    taken = next((path for path in found if os.path.realpath(path) in sources), None)
+    if taken is not None:
+        raise ParameterError(f"{taken} is a file of the survey; choose another label.output")
     for file in plan.files:
         for path in paths_of(file, folder, parameters):
             if os.path.realpath(path) in sources:

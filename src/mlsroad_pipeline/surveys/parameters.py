@@ -73,6 +73,22 @@ class SurveyParameters:
         return ReadOptions.from_config({**self.read, "coding": coding})
 
 
+EXPORT_FORMATS = ("csv", "geojson", "flatgeobuf", "shapefile", "dxf")
+"""Formats of `label.export`."""
+
+
+def _formats(given: object) -> tuple[str, ...]:
+    """Return the formats of `label.export` in the order of `EXPORT_FORMATS`."""
+    if not isinstance(given, str | Sequence | None) or isinstance(given, bytes):
+        raise ParameterError(f"label.export must be a list of formats ({', '.join(EXPORT_FORMATS)}), got {given!r}")
+    names = [part for item in ([given] if isinstance(given, str) else given or ()) for part in str(item).split(",")]
+    named = {name.strip().lower() for name in names} - {""}
+    unknown = sorted(named - set(EXPORT_FORMATS))
+    if unknown:
+        raise ParameterError(f"label.export {unknown[0]!r} is no format (formats: {', '.join(EXPORT_FORMATS)})")
+    return tuple(name for name in EXPORT_FORMATS if name in named)
+
+
 @dataclass(frozen=True)
 class LabelParameters:
     """A survey to label, the model and the outputs.
@@ -99,6 +115,8 @@ class LabelParameters:
         Whether to write a cloud-optimised copy (``.copc.laz``) beside each LAZ, for web viewers and QGIS.
     coloured_ply : bool, default False
         Whether to write a PLY with class colours beside each LAZ, for viewers without classification colours.
+    export : sequence of str, default ()
+        Formats of further copies of the inventory, of `EXPORT_FORMATS`; a single text separates them by commas.
     images : str or None, default "calibration.json"
         Name of the camera file beside the points, or its path, for methods that use images; see
         `camera_files.read_images`. None means a survey without images.
@@ -113,8 +131,8 @@ class LabelParameters:
     Raises
     ------
     ParameterError
-        If a value has the wrong type, `model` is neither a version nor a name, or `crs` is not a coordinate reference
-        system.
+        If a value has the wrong type, `model` is neither a version nor a name, `export` names an unknown format, or
+        `crs` is not a coordinate reference system.
     """
 
     survey: str | Sequence[str]
@@ -127,6 +145,7 @@ class LabelParameters:
     inventory: Mapping[str, Any] = field(default_factory=dict)
     copc: bool = False
     coloured_ply: bool = False
+    export: Sequence[str] = ()
     images: str | None = "calibration.json"
     crs: str | None = None
     overwrite: bool = False
@@ -145,6 +164,7 @@ class LabelParameters:
         for name in ("read", "inventory"):
             if not isinstance(getattr(self, name), Mapping):
                 raise ParameterError(f"label.{name} must have parameters below it, got {getattr(self, name)!r}")
+        object.__setattr__(self, "export", _formats(self.export))
         if self.crs is not None:
             parse_crs(str(self.crs), option="label.crs")
             if self.read.get("crs") not in (None, self.crs):

@@ -211,14 +211,14 @@ def _distinct_of(table: pd.DataFrame, columns: list[str], n_objects: int) -> NDA
 
 
 def _n_passes(table: pd.DataFrame, n_objects: int) -> NDArray[np.int64]:
-    """Return the number of passes per object: intervals of time apart, and routes or files without times."""
+    """Return the number of passes per object: intervals of time apart; without any time, routes or files."""
     timed = table["first"].notna()
     rows = table[timed].sort_values(["object", "first"], kind="stable")
     until = rows.groupby("object")["last"].cummax().shift(fill_value=-np.inf).to_numpy()
     number = rows["object"].to_numpy()
     new = (np.diff(number, prepend=0) != 0) | (rows["first"].to_numpy() > until + PASS_GAP)
     counts = np.bincount(number[new], minlength=n_objects + 1)[1 : n_objects + 1]
-    untimed = table[~timed]
+    untimed = table[~timed & ~table["object"].isin(number)]
     by_route = untimed["route"] > 0
     counts = counts + _distinct_of(untimed[by_route], ["route"], n_objects)
     return counts + _distinct_of(untimed[~by_route], ["file"], n_objects)

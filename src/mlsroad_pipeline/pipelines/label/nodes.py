@@ -19,6 +19,7 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.label.checks import check_outputs
+from mlsroad_pipeline.label.exports import export_inventory
 from mlsroad_pipeline.label.images import LabelImages, images_to_label
 from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, objects_task
 from mlsroad_pipeline.label.model_choice import ModelRequest, named_choice
@@ -161,11 +162,17 @@ def make_inventory(
     return inventory, inventory
 
 
+def export_label_inventory(inventory: RoadInventory, parameters: LabelParameters, run: RunFolder) -> list[str]:
+    """Write the inventory in the formats of `label.export`, and return the paths."""
+    return export_inventory(inventory, parameters.export, run)
+
+
 def write_report(
     quality: pd.DataFrame,
     results: SceneCollection,
     written: SceneCollection,
     inventory: RoadInventory,
+    exports: list[str],
     model: ModelFile,
     parameters: LabelParameters,
     survey_warnings: list[str],
@@ -180,5 +187,6 @@ def write_report(
     warnings += survey_warnings
     sections = label_report_sections(bundle, parameters, quality, counts, files, objects, warnings)
     strange = strange_properties(bundle, facts)
-    summary = summarise_labels(bundle, parameters, quality, files, objects, warnings, strange=strange)
+    more = {"strange": strange, "exports": exports}
+    summary = summarise_labels(bundle, parameters, quality, files, objects, warnings, **more)
     return build_report(sections, title="Labelled survey", subtitle=summary["survey"]), summary

@@ -7,6 +7,7 @@ from mlsroad_pipeline.pipelines.label.nodes import (
     check_label_outputs,
     choose_model,
     describe_survey,
+    export_label_inventory,
     find_label_images,
     find_named_model,
     join_label_objects,
@@ -131,12 +132,19 @@ def _reporting() -> list[Node]:
             name="make_inventory",
         ),
         Node(
+            export_label_inventory,
+            inputs=["label_inventory", "params:label", "label_run"],
+            outputs="label_exports",
+            name="export_inventory",
+        ),
+        Node(
             write_report,
             inputs=[
                 "label_quality",
                 "label_results_store",
                 "label_written_store",
                 "label_inventory",
+                "label_exports",
                 "label_model",
                 "params:label",
                 "label_warnings",

@@ -1,0 +1,206 @@
+"""Road inventory as CSV, GeoJSON, FlatGeobuf and Shapefile."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import geopandas as gpd
+import numpy as np
+import pandas as pd
+import pyogrio
+import shapely
+from pyproj import CRS, Transformer
+from pyproj.exceptions import ProjError
+
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.inventory.table import FIELDS
+from mlsroad_pipeline.datasets.inventory.road_inventory import (
+    RoadInventory,
+    attributes,
+    base_points,
+    checked,
+    hulls,
+    vehicle_boxes,
+)
+from mlsroad_pipeline.formats.files import atomic_file
+
+logger = logging.getLogger(__name__)
+
+CSV_TYPES = {"int64": "Integer64", "float64": "Real", "str": "String"}
+"""Type of a column to the type in a ``.csvt`` file."""
+
+SHAPEFILE_NAMES = {
+    "lean_azimuth": "lean_az", "crown_diameter": "crown_diam", "panel_bottom": "panel_low", "panel_centre": "panel_mid",
+    "panel_height": "panel_h", "panel_width": "panel_w", "facing_from": "facing_src", "visible_share": "visible",
+    "point_count": "points", "disagreeing_share": "other_cls", "file_count": "files", "passes_there": "passes_of",
+    "scanners_there": "scanner_of", "first_time": "first_sec", "last_time": "last_sec", "model_version": "model",
+}  # fmt: skip
+"""Field to its name of at most ten characters in a Shapefile; the others keep theirs."""
+
+TEXT_BYTES = 254
+"""Largest length of a text in a Shapefile, bytes of UTF-8."""
+
+_WGS84 = "OGC:CRS84"
+_SECONDS = ("first_time", "last_time")  # whole numbers: a Shapefile has no room for their decimals
+
+
+def prj_text(crs: CRS, source: str) -> str:
+    """Return a coordinate reference system as the content of a ``.prj`` file; raise DataError if it has none."""
+    try:
+        return str(crs.to_wkt("WKT1_ESRI"))
+    except ProjError as error:
+        raise DataError(
+            f"{source}: the coordinate reference system {crs.name!r} cannot be written as .prj; leave csv, shapefile "
+            "and dxf out of label.export"
+        ) from error
+
+
+def write_prj(crs: CRS | None, path: Path) -> list[Path]:
+    """Write a ``.prj`` file, none without a system."""
+    if crs is None:
+        return []
+    with atomic_file(path) as stream:
+        stream.write(prj_text(crs, str(path)).encode())
+    return [path]
+
+
+def write_csv(inventory: RoadInventory, folder: Path) -> list[Path]:
+    """Write all fields as ``inventory.csv`` (UTF-8, footprints as WKT), their types and the system beside it."""
+    target = folder / "inventory.csv"
+    table, crs = checked(inventory, target)
+    columns = attributes(table).assign(footprint=table["footprint"])
+    with atomic_file(target) as stream:
+        stream.write(columns.to_csv(index=False, lineterminator="\n").encode())
+    types = target.with_suffix(".csvt")
+    with atomic_file(types) as stream:
+        stream.write((",".join(f'"{CSV_TYPES[FIELDS[str(name)].dtype]}"' for name in columns) + "\n").encode())
+    return [target, types, *write_prj(crs, target.with_suffix(".prj"))]
+
+
+def to_wgs84(crs: CRS | None, source: str) -> Transformer:
+    """Return the transformation to longitude and latitude.
+
+    Raises DataError, which names the source, if the system is unknown or has no place on the earth.
+    """
+    if crs is None:
+        raise DataError(
+            f"{source}: GeoJSON needs longitudes and latitudes, and the survey has no coordinate reference system; "
+            "set label.crs (--crs) or leave geojson out of label.export"
+        )
+    try:
+        return Transformer.from_crs(crs.to_2d(), _WGS84, always_xy=True)
+    except ProjError as error:
+        raise DataError(
+            f"{source}: the coordinate reference system {crs.name!r} cannot be transformed to longitude and latitude; "
+            "leave geojson out of label.export"
+        ) from error
+
+
+def write_geojson(inventory: RoadInventory, folder: Path) -> list[Path]:
+    """Write the base points as ``inventory.geojson`` (RFC 7946): longitudes, latitudes, elevations of the survey."""
+    target = folder / "inventory.geojson"
+    table, crs = checked(inventory, target)
+    moved = to_wgs84(crs, str(target)).transform(table["x"].to_numpy(), table["y"].to_numpy())
+    points = shapely.points(np.column_stack([*moved, table["z"].to_numpy()]))
+    options = {"RFC7946": "YES", "COORDINATE_PRECISION": "9", "ID_FIELD": "id"}
+    columns = attributes(table).assign(crs=crs_name(crs), id=table["object_id"])
+    _write(target, columns, points, "Point Z", _WGS84, driver="GeoJSON", layer="objects", options=options)
+    return [target]
+
+
+def crs_name(crs: CRS | None) -> str:
+    """Return the code of a system, or its name; empty without one."""
+    authority = None if crs is None else crs.to_authority()
+    return ":".join(authority) if authority else "" if crs is None else crs.name
+
+
+def write_flatgeobuf(inventory: RoadInventory, folder: Path) -> list[Path]:
+    """Write the base points with all fields as ``inventory.fgb``."""
+    target = folder / "inventory.fgb"
+    table, crs = checked(inventory, target)
+    _write(target, attributes(table), base_points(table), "Point Z", crs, driver="FlatGeobuf", layer="objects")
+    return [target]
+
+
+def _write(
+    path: Path,
+    columns: pd.DataFrame,
+    geometry: np.ndarray,
+    kind: str,
+    crs: CRS | str | None,
+    *,
+    driver: str,
+    layer: str,
+    options: dict[str, Any] | None = None,
+) -> None:
+    frame = gpd.GeoDataFrame(
+        columns.reset_index(drop=True), geometry=gpd.GeoSeries(geometry, dtype="geometry"), crs=crs
+    )
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*crs.* was not provided", category=UserWarning)
+        pyogrio.write_dataframe(
+            frame, path, layer=layer, driver=driver, geometry_type=kind, layer_options=options or {}
+        )
+
+
+def short_name(name: str) -> str:
+    """Return the name of a field in a Shapefile."""
+    return SHAPEFILE_NAMES.get(name, name)
+
+
+def _short(columns: pd.DataFrame, path: Path) -> pd.DataFrame:
+    """Return a table with the names, types and lengths of text that a Shapefile holds; shortened texts are logged."""
+    table = columns.copy()
+    for name in (name for name in _SECONDS if name in table):
+        table[name] = table[name].astype("Int64")
+    n_cut = 0
+    for name in (name for name in table if name in FIELDS and FIELDS[name].dtype == "str"):
+        text = [None if value is None else _cut(value) for value in table[name]]
+        n_cut += sum(new != old for new, old in zip(text, table[name], strict=True))
+        table[name] = pd.Series(text, dtype=object, index=table.index)
+    if n_cut:
+        logger.warning("%s: %d texts are cut to %d bytes, the limit of a Shapefile", path, n_cut, TEXT_BYTES)
+    return table.rename(columns=short_name)
+
+
+def _cut(text: str) -> str:
+    return text.encode()[:TEXT_BYTES].decode("utf-8", "ignore")
+
+
+def write_shapefile(inventory: RoadInventory, folder: Path) -> list[Path]:
+    """Write the folder ``inventory_shp``: a Shapefile per geometry, and the table of its short field names."""
+    target = folder / "inventory_shp"
+    target.mkdir(parents=True, exist_ok=True)
+    table, crs = checked(inventory, target)
+    columns, shapes = attributes(table), hulls(table)
+    cars, present = (table["kind"] == "vehicle").to_numpy(), ~shapely.is_missing(shapes)
+    layers: list[tuple[str, pd.DataFrame, np.ndarray, str]] = [
+        ("objects", columns, base_points(table), "Point Z"),
+        ("vehicles", columns[cars], vehicle_boxes(table[cars]), "Polygon Z"),
+        ("footprints", columns.loc[present, ["object_id", "class", "kind", "score"]], shapes[present], "Polygon"),
+    ]
+    if inventory.trajectory is not None:
+        line = np.array([shapely.LineString(inventory.trajectory.xyz)])
+        length = pd.DataFrame({"length": [round(inventory.trajectory.length, 3)]})
+        layers.append(("trajectory", length, line, "LineString Z"))
+    written: list[Path] = []
+    for layer, rows, geometry, kind in layers:
+        path = target / f"{layer}.shp"
+        options = {"ENCODING": "UTF-8"}
+        short = _short(rows, path)
+        _write(path, short, geometry, kind, crs, driver="ESRI Shapefile", layer=layer, options=options)
+        written += [path.with_suffix(end) for end in (".shp", ".shx", ".dbf", ".cpg", ".prj")]
+    names = target / "fields.csv"
+    with atomic_file(names) as stream:
+        stream.write(_names([str(name) for name in columns]).to_csv(index=False, lineterminator="\n").encode())
+    return [*(path for path in written if path.exists()), names]
+
+
+def _names(columns: Sequence[str]) -> pd.DataFrame:
+    """Return the table of the short names of fields."""
+    rows = [(short_name(name), name, FIELDS[name].alias, FIELDS[name].description) for name in columns]
+    return pd.DataFrame(rows, columns=["shapefile_field", "field", "alias", "description"])
