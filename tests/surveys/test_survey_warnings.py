@@ -65,7 +65,10 @@ def test_a_cause_of_many_files_is_one_line_with_their_number_and_the_first(stree
             "4 of 6 files, the first 0.laz",
             "no coordinate reference system: results have no position on a map; set crs (label.crs, --crs)",
         ),
-        ("3 of 6 files, the first 1.laz", "1 points are flagged withheld; they are used like the others"),
+        (
+            "3 of 6 files, the first 1.laz",
+            "1 points are flagged withheld: not used; they keep their class, with confidence 0",
+        ),
     ]
 
 

@@ -38,6 +38,8 @@ class FileInfo:
         Minimum and maximum world coordinates in metres, where the header has them.
     details : mapping
         Format-specific details, such as a LAS file's version, point format, scale, offset, creation date, time type.
+    notes : tuple of str
+        One sentence per guess and repair of the reader that a user should know of.
     """
 
     path: Path
@@ -48,6 +50,7 @@ class FileInfo:
     crs: str | None = None
     bounds: NDArray[np.float64] | None = None
     details: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 class PointFormat(Protocol):

@@ -1,74 +1,14 @@
-"""Conversion of intensities, colours and labels to the standard columns."""
+"""Conversion of colours and labels to the standard columns."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-
-
-def intensity_divisor(dtype: np.dtype, rule: str | float, maximum: Callable[[], float]) -> float:
-    """Return the divisor of a file's intensities.
-
-    Parameters
-    ----------
-    dtype : dtype
-        The column's type in the file.
-    rule : "dtype" or "max" or float
-        See `ReadOptions.intensity_scale`.
-    maximum : callable
-        Returns the maximum intensity of the whole file; called only for the rule "max".
-
-    Returns
-    -------
-    float
-        The divisor, above zero.
-    """
-    if not isinstance(rule, str):
-        return float(rule)
-    if rule == "dtype" and np.issubdtype(dtype, np.integer):
-        return float(np.iinfo(dtype).max)
-    greatest = maximum()
-    if rule == "dtype":
-        greatest = next((full for full in (1.0, 255.0, 65535.0) if greatest <= full), greatest)
-    return greatest if 0 < greatest < np.inf else 1.0
-
-
-def scale_intensity(values: NDArray, divisor: float, *, source: Path) -> NDArray[np.float32]:
-    """Scale intensities to [0, 1].
-
-    Parameters
-    ----------
-    values : ndarray of shape (n,)
-        Intensities of the file.
-    divisor : float
-        See `intensity_divisor`.
-    source : Path
-        File name in messages.
-
-    Returns
-    -------
-    ndarray of shape (n,), float32
-        Intensities; NaN where the file has NaN.
-
-    Raises
-    ------
-    DataError
-        If one falls outside [0, 1].
-    """
-    with np.errstate(over="ignore", invalid="ignore"):  # overflows raise below
-        scaled = (values / divisor).astype(np.float32)
-    low, high = np.fmin.reduce(scaled, initial=np.nan), np.fmax.reduce(scaled, initial=np.nan)  # NaN where all are
-    if low < 0 or high > 1:
-        raise DataError(
-            f"{source}: intensities {low * divisor:g} to {high * divisor:g} divided by {divisor:g} leave [0, 1]; "
-            "set intensity_scale"
-        )
-    return scaled
 
 
 def join_colours(parts: Sequence[NDArray], shift: int, *, source: Path) -> NDArray[np.uint8]:

@@ -31,8 +31,9 @@ def flat_cloud(
     options: ReadOptions,
     source: Path,
     start: int,
-    maximum: Callable[[Sequence[str]], float],
+    extremes: Callable[[Sequence[str]], tuple[float, float]],
     crs: str | None = None,
+    notes: list[str] | None = None,
 ) -> PointCloud:
     """Build a point cloud from scalar columns of a range of a file.
 
@@ -48,10 +49,12 @@ def flat_cloud(
         The file.
     start : int
         Row of the first point.
-    maximum : callable
-        Maps standard names to the maximum of these columns over the whole file.
+    extremes : callable
+        Maps standard names to minimum and maximum of these columns over the whole file.
     crs : str, optional
         The file's CRS as WKT.
+    notes : list of str, optional
+        Gets one sentence per guess that a user should know of.
 
     Returns
     -------
@@ -65,10 +68,10 @@ def flat_cloud(
     """
     with np.errstate(invalid="ignore", over="ignore"):  # NaN and overflows raise below
         corner = [float(first[name][0]) if len(first[name]) else 0.0 for name in COORDINATES]
-        origin = origin_near(np.array(corner) * options.metres)
+        origin = origin_near(np.array(corner) * options.factors)
         xyz = np.empty((len(raw["x"]), 3))
         for axis, name in enumerate(COORDINATES):
-            np.multiply(raw[name], options.metres, out=xyz[:, axis], dtype=np.float64)
+            np.multiply(raw[name], options.factors[axis], out=xyz[:, axis], dtype=np.float64)
         check_finite(xyz, source=source, start=start)
         xyz -= origin
         columns = {name: values for name, values in raw.items() if name not in COORDINATES}
@@ -78,8 +81,9 @@ def flat_cloud(
             source=source,
             origin=origin,
             crs=crs,
-            anchor=np.array(corner) * options.metres,
-            maximum=maximum,
+            anchor=np.array(corner) * options.factors,
+            extremes=extremes,
+            notes=notes,
         )
 
 

@@ -193,8 +193,9 @@ class _PlySink:
 
 
 def _labelled_head(header: PlyHeader) -> bytes:
-    lines = header.text.decode("utf-8", "replace").splitlines(keepends=True)
-    line_end = "\r\n" if lines[0].endswith("\r\n") else "\n"
+    line_end = "\r\n" if header.text.startswith(b"ply\r\n") else chr(header.text[3])
+    text = header.text.decode("utf-8", "surrogateescape")  # comments may have another encoding
+    lines = [line + line_end for line in text.split(line_end)[:-1]]
     inside, last = False, 0
     for at, line in enumerate(lines):
         words = line.split()
@@ -207,7 +208,7 @@ def _labelled_head(header: PlyHeader) -> bytes:
                 lines[at] = " ".join([*words[:-1], kept]) + line_end
     types = zip(("uchar", "float", "uint"), RESULTS, strict=True)
     added = [f"property {kind} {name}{line_end}" for kind, name in types]
-    return "".join([*lines[: last + 1], *added, *lines[last + 1 :]]).encode()
+    return "".join([*lines[: last + 1], *added, *lines[last + 1 :]]).encode("utf-8", "surrogateescape")
 
 
 class _KittiSink:

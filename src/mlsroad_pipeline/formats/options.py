@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
@@ -23,6 +24,9 @@ UNITS: dict[str, float] = {
     "inch": 0.0254,
 }
 """Length units in metres."""
+
+BY_CRS = "crs"
+"""Value of `ReadOptions.units` for those of the coordinate reference system."""
 
 TAXONOMY_CODING = Coding("taxonomy", {code: name for name, code in TAXONOMY.items()})
 """The coding of files whose labels are taxonomy codes already."""
@@ -77,6 +81,15 @@ def _as_coding(coding: Coding | Mapping[int, str] | str | None) -> Coding | None
     return Coding("of the options", {int(code): str(name) for code, name in coding.items()})
 
 
+def _as_range(values: Any) -> tuple[float, float] | None:
+    if values is None:
+        return None
+    numbers = [v for v in values if isinstance(v, int | float)] if isinstance(values, Sequence) else []
+    if len(numbers) != 2 or len(values) != 2 or not np.isfinite(numbers).all() or numbers[0] >= numbers[1]:
+        raise ParameterError(f"intensity_range must be two finite numbers, the smaller first, got {values!r}")
+    return float(numbers[0]), float(numbers[1])
+
+
 def _as_columns(columns: Any) -> dict[str, Any]:
     if not isinstance(columns, Mapping):
         raise ParameterError(f"columns must map standard names to columns of the file, got {columns!r}")
@@ -98,7 +111,8 @@ class ReadOptions(_Configured):
         Standard name to the file's column, by name or by index from 0: ``{"label": "classification"}``. For `rgb`,
         three columns. A column of the file whose name is thereby taken by another is kept as ``file_<name>``.
     units : str or float, default "metre"
-        Unit of the coordinates: a name of `UNITS`, or the factor that turns them into metres.
+        Unit of the coordinates: a name of `UNITS`, or the factor that turns them into metres. ``"crs"``: the unit of
+        the coordinate reference system, for heights that of its heights; metres without a system.
     coding : Coding or mapping of int to str or "taxonomy", optional
         Classes of the codes in the `label` column; they become taxonomy codes, uint8. Without it, codes are unchanged.
     delimiter : str, optional
@@ -109,9 +123,11 @@ class ReadOptions(_Configured):
         Text: whether a row of names precedes the points. None detects it from the first row.
     comment : str, default "#"
         Text: prefix of comment lines in the file header.
-    intensity_scale : "dtype" or "max" or float, default "dtype"
+    intensity_scale : "dtype" or "auto" or "max" or float, default "dtype"
         Divisor of the intensity. ``"dtype"``: integers by the full range of their type; floats by the smallest of
-        1, 255 and 65535 that holds the file's maximum, else by it. ``"max"``: the file's maximum. Or a number.
+        1, 255 and 65535 that holds the file's maximum, else by it. ``"auto"``: the same, but integers that use
+        8 bits of more only by 255. ``"max"``: the file's maximum. Or a number. Negative values, such as decibels, have
+        no divisor: see `intensity_range`.
     rgb_bits : {8, 16}, optional
         Depth of colours in fields of 16 bits. None detects it from a sample spread over the file.
     time_scale : float, default 1.0
@@ -127,6 +143,11 @@ class ReadOptions(_Configured):
     n_threads : int, default 1
         Threads that may decompress LAZ or parse text (more than 1: as many as the machine has); results do not depend
         on it.
+    height_units : str or float, optional
+        Unit of the heights where it is another; None takes `units`.
+    intensity_range : sequence of two floats, optional
+        Values of the file that become 0 and 1; others are clipped. It takes precedence over `intensity_scale`. None
+        takes the minimum and maximum of the file where it has negative intensities.
 
     Raises
     ------
@@ -149,9 +170,13 @@ class ReadOptions(_Configured):
     reproject: str | None = None
     only: tuple[str, ...] | None = None
     n_threads: int = 1
+    height_units: str | float | None = None
+    intensity_range: Any = None
 
     def __post_init__(self) -> None:
-        _unit_factor(self.units)
+        for units in (self.units, self.height_units):
+            _unit_factor(1.0 if units is None or units == BY_CRS else units)
+        object.__setattr__(self, "intensity_range", _as_range(self.intensity_range))
         object.__setattr__(self, "coding", _as_coding(self.coding))
         object.__setattr__(self, "columns", _as_columns(self.columns))
         if self.only is not None:
@@ -163,8 +188,10 @@ class ReadOptions(_Configured):
         if not self.comment:
             raise ParameterError("comment must not be empty, got ''")
         scale = self.intensity_scale
-        if scale not in ("dtype", "max") and (isinstance(scale, str) or not np.isfinite(scale) or scale <= 0):
-            raise ParameterError(f"intensity_scale must be 'dtype', 'max' or a finite number > 0, got {scale!r}")
+        if scale not in ("dtype", "auto", "max") and (isinstance(scale, str) or not np.isfinite(scale) or scale <= 0):
+            raise ParameterError(
+                f"intensity_scale must be 'dtype', 'auto', 'max' or a finite number > 0, got {scale!r}"
+            )
         if self.rgb_bits not in (None, 8, 16):
             raise ParameterError(f"rgb_bits must be 8, 16 or None, got {self.rgb_bits!r}")
         if not np.isfinite([self.time_scale, self.time_offset]).all() or self.time_scale <= 0:
@@ -176,8 +203,14 @@ class ReadOptions(_Configured):
 
     @property
     def metres(self) -> float:
-        """Return the factor from the file's unit to metres."""
-        return _unit_factor(self.units)
+        """Return the factor from the file's unit to metres; 1 where it follows from the system (`crs.with_units`)."""
+        return 1.0 if self.units == BY_CRS else _unit_factor(self.units)
+
+    @property
+    def factors(self) -> NDArray[np.float64]:
+        """Return the factors from the file's units to metres, of x, y and z."""
+        flat = self.metres
+        return np.array([flat, flat, flat if self.height_units is None else _unit_factor(self.height_units)])
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,11 @@ from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.column_values import (
     float_colours,
     integer_labels,
-    intensity_divisor,
     join_colours,
-    scale_intensity,
 )
 from mlsroad_pipeline.formats.crs import in_metres, parse_crs, reproject, sidecar_crs
 from mlsroad_pipeline.formats.files import log_once
+from mlsroad_pipeline.formats.intensity import ORIGINAL, intensity_rule, scaled_intensity
 
 COORDINATES = ("x", "y", "z")
 COLOURS = ("red", "green", "blue")
@@ -166,7 +165,8 @@ def standard_cloud(
     origin: NDArray[np.float64],
     crs: str | None,
     anchor: NDArray[np.float64],
-    maximum: Callable[[Sequence[str]], float],
+    extremes: Callable[[Sequence[str]], tuple[float, float]],
+    notes: list[str] | None = None,
 ) -> PointCloud:
     """Build a point cloud from columns of a range of a file.
 
@@ -186,8 +186,10 @@ def standard_cloud(
         The file's own CRS as WKT; the one of the options takes precedence over it, and it over a sidecar.
     anchor : ndarray of shape (3,)
         World coordinates of any point of the file, the same for all ranges: a reprojected cloud's origin is near it.
-    maximum : callable
-        Maps standard names to the maximum of these columns over the whole file.
+    extremes : callable
+        Maps standard names to minimum and maximum of these columns over the whole file.
+    notes : list of str, optional
+        Gets one sentence per guess that a user should know of.
 
     Returns
     -------
@@ -203,15 +205,11 @@ def standard_cloud(
     """
     columns = dict(raw)
     if "intensity" in columns:
-        values = columns["intensity"]
-        divisor = intensity_divisor(values.dtype, options.intensity_scale, lambda: maximum(["intensity"]))
-        columns["intensity"] = scale_intensity(values, divisor, source=source)
-        if isinstance(options.intensity_scale, str) and divisor != 1.0:
-            log_once(str(source), f"intensity ({values.dtype}) is divided by {divisor:g}; intensity_scale changes that")
+        _scale_intensity(columns, options, source, lambda: extremes(["intensity"]), notes)
     if set(COLOURS) <= columns.keys():
         parts = [columns.pop(name) for name in COLOURS]
         if np.issubdtype(parts[0].dtype, np.floating):
-            greatest = maximum(COLOURS)
+            greatest = extremes(COLOURS)[1]
             log_once(str(source), f"colours are fractional numbers up to {greatest:g}")
             columns["rgb"] = join_colours([float_colours(p, greatest, source=source) for p in parts], 0, source=source)
         else:
@@ -227,9 +225,30 @@ def standard_cloud(
     if options.coding is not None and "label" in columns:
         columns["label"] = options.coding.encode(columns["label"], source=str(source))
     system = parse_crs(options.crs) if options.crs else crs or sidecar_crs(source)
-    system = None if system is None else in_metres(system, options.metres)
+    system = None if system is None else in_metres(system, *options.factors[1:].tolist())
     if options.reproject is None:
         return PointCloud(xyz, columns, origin, system, str(source))
     near = origin_near(reproject(anchor[None], system, options.reproject, name=source)[0][0])
     moved, system = reproject(xyz + origin, system, options.reproject, name=source)
     return PointCloud(moved - near, columns, near, system, str(source))
+
+
+def _scale_intensity(
+    columns: dict[str, NDArray],
+    options: ReadOptions,
+    source: Path,
+    extremes: Callable[[], tuple[float, float]],
+    notes: list[str] | None,
+) -> None:
+    """Map the intensities to [0, 1]; those that were mapped by their range are kept in another column."""
+    values = columns["intensity"]
+    rule = intensity_rule(values.dtype, options, extremes)
+    columns["intensity"] = scaled_intensity(values, rule, source=source)
+    if rule.by_range and options.only is None:
+        columns.setdefault(ORIGINAL, values)
+    if rule.note:
+        log_once(str(source), rule.note)
+        if notes is not None:
+            notes.append(rule.note)
+    elif isinstance(options.intensity_scale, str) and options.intensity_range is None and rule.high != 1.0:
+        log_once(str(source), f"intensity ({values.dtype}) is divided by {rule.high:g}; intensity_scale changes that")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions
+from mlsroad_pipeline.formats.crs import auto_note, with_units
 from mlsroad_pipeline.formats.files import FileKey, check_file, clip_range, file_key
 from mlsroad_pipeline.formats.flat_table import flat_cloud
 from mlsroad_pipeline.formats.standard_columns import COORDINATES, resolve_columns
@@ -21,8 +22,8 @@ from mlsroad_pipeline.formats.standard_columns import COORDINATES, resolve_colum
 logger = logging.getLogger(__name__)
 
 CHUNK = 1_000_000
-_MAXIMA: dict[tuple[FileKey, tuple[str, ...], tuple[object, ...]], float] = {}
-"""Maxima of columns of a file under given options."""
+_EXTREMES: dict[tuple[FileKey, tuple[str, ...], tuple[object, ...]], tuple[float, float]] = {}
+"""Minima and maxima of columns of a file under given options."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,8 @@ class PointTable:
         Its CRS as WKT.
     details : mapping
         Content of `FileInfo.details`.
+    notes : tuple of str
+        One sentence per repair of the reader.
     guess : mapping of str to Any
         Detected mapping of unnamed columns, as in `ReadOptions.columns`; used where that is not set.
     """
@@ -51,6 +54,7 @@ class PointTable:
     rows: Callable[[Sequence[str], int, int], Mapping[str, NDArray]]
     crs: str | None = None
     details: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
     guess: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -97,9 +101,13 @@ class TableFormat(PointFormat):
         """
         path = check_file(path)
         table = self.open_table(path, options)
-        first = self._cloud(table, path, options, 0, min(1, table.n_points))
+        notes = [*table.notes, auto_note(options, table.crs, path)]
+        first = self._cloud(table, path, options, 0, min(1, table.n_points), notes)
         columns = {name: values.dtype for name, values in first.columns.items()}
-        return FileInfo(path, self.name, table.n_points, columns, first.origin, first.crs, None, table.details)
+        told = tuple(text for text in notes if text)
+        return FileInfo(
+            *(path, self.name, table.n_points, columns, first.origin, first.crs, None, table.details), notes=told
+        )
 
     def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
         """Read a range of rows.
@@ -117,7 +125,16 @@ class TableFormat(PointFormat):
         table = self.open_table(path, options)
         return self._cloud(table, path, options, *clip_range(start, stop, table.n_points))
 
-    def _cloud(self, table: PointTable, path: Path, options: ReadOptions, start: int, stop: int) -> PointCloud:
+    def _cloud(
+        self,
+        table: PointTable,
+        path: Path,
+        options: ReadOptions,
+        start: int,
+        stop: int,
+        notes: list[str] | None = None,
+    ) -> PointCloud:
+        options = with_units(options, table.crs, path)
         if table.guess and not options.columns:
             options = replace(options, columns=table.guess)
         names = resolve_columns(table.names, options, path)
@@ -130,21 +147,25 @@ class TableFormat(PointFormat):
             options=options,
             source=path,
             start=start,
-            maximum=lambda given: _maximum(table, path, tuple(names[name] for name in given), options),
+            extremes=lambda given: _extremes(table, path, tuple(names[name] for name in given), options),
             crs=table.crs,
+            notes=notes,
         )
 
 
-def _maximum(table: PointTable, path: Path, names: tuple[str, ...], options: ReadOptions) -> float:
+def _extremes(table: PointTable, path: Path, names: tuple[str, ...], options: ReadOptions) -> tuple[float, float]:
     layout = (options.delimiter, options.decimal, options.header, options.comment, options.intensity_scale)
     key = (file_key(path), names, layout)
-    if key not in _MAXIMA:
-        greatest = 0.0
+    if key not in _EXTREMES:
+        low, high = np.inf, 0.0
         for start in range(0, table.n_points, CHUNK):
             part = table.rows(names, start, min(start + CHUNK, table.n_points))
-            greatest = max(greatest, *(float(np.nanmax(part[name], initial=0.0)) for name in names))
-        _MAXIMA[key] = greatest
-    return _MAXIMA[key]
+            for name in names:
+                values = part[name][np.isfinite(part[name])]
+                if len(values):
+                    low, high = min(low, float(values.min())), max(high, float(values.max()))
+        _EXTREMES[key] = (min(low, high), high)
+    return _EXTREMES[key]
 
 
 def with_points_only(table: PointTable, path: Path) -> PointTable:

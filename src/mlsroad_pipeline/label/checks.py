@@ -3,49 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.datasets.inventory.vector_files import prj_text, to_wgs84
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.formats.crs import crs_units
 from mlsroad_pipeline.formats.las.copc import POINT_FORMATS
 from mlsroad_pipeline.formats.las.header import LasHeader
+from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.label.inventory import survey_crs
 from mlsroad_pipeline.label.writer import result_header
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
+from mlsroad_pipeline.surveys.survey_warnings import looks_like_degrees
+
+NO_LENGTHS = {"geographic": "coordinates in degrees", "geocentric": "geocentric coordinates, without heights"}
+"""Kinds of systems that points are not labelled in."""
 
 LIMIT = 2**31 - 1
 """Largest coordinate of LAS in steps of its scale."""
 
 
-def check_outputs(plan: SurveyPlan, files: SceneCollection, quality: pd.DataFrame, parameters: LabelParameters) -> None:
-    """Check that LAZ, copies and inventory can be written, from headers, extents and reference systems.
+def check_headers(plan: SurveyPlan, parameters: LabelParameters) -> None:
+    """Check from the headers, before any point is read, that the results of all files can be written.
 
-    Raises DataError for column names and types that LAS cannot hold, coordinates outside of 32 bits at the scale of the
-    result, waveforms in a cloud-optimised copy, and reference systems that differ, are not understood, or cannot be
-    written in a format of `label.export`.
+    Raises DataError for columns that LAS cannot hold, waveforms in a cloud-optimised copy, and coordinate reference
+    systems that are not understood or have no lengths (degrees, geocentric coordinates).
     """
-    _check_crs(survey_crs(plan, files), plan.files[0].source.path, parameters.export)
-    rows = {str(row["source"]): row for row in quality.to_dict("records")}
     for file in plan.files:
-        check_file(file, plan, rows[file.source.name], copc=parameters.copc)
+        check_header(file.source.path, plan.options, copc=parameters.copc)
 
 
-def check_file(file: PlannedFile, plan: SurveyPlan, row: Mapping[Any, Any], *, copc: bool) -> None:
-    """Check that the results of one file can be written; `row` has its extent."""
-    path = Path(file.source.path)
+def check_header(path: str, options: ReadOptions, *, copc: bool = False) -> None:
+    """Check from its header that the results of one file can be written."""
     form = get_format(path)
-    header = result_header(path, form, plan.options)
-    if form.name != "LAS":  # LAS keeps its scale and offset
-        _check_extent(path, header, row)
+    _check_crs(form.info(Path(path), replace(options, reproject=None)).crs, path, options)
+    header = result_header(Path(path), form, options)
     if copc and header.point_format not in POINT_FORMATS:
         raise DataError(
             f"{path} has points of format {header.point_format} with waveforms, which COPC cannot hold; "
@@ -53,9 +56,53 @@ def check_file(file: PlannedFile, plan: SurveyPlan, row: Mapping[Any, Any], *, c
         )
 
 
-def _check_extent(path: Path, header: LasHeader, row: Mapping[Any, Any]) -> None:
+def output_problems(path: str, options: ReadOptions) -> list[str]:
+    """Return why `label` would refuse a file that can be read."""
+    try:
+        check_header(path, options)
+    except DataError as error:
+        return [f"label refuses it: {str(error).removeprefix(path).lstrip(': ')}"]
+    return []
+
+
+def check_outputs(plan: SurveyPlan, files: SceneCollection, quality: pd.DataFrame, parameters: LabelParameters) -> None:
+    """Check that LAZ, copies and inventory can be written, from headers, extents and reference systems.
+
+    Raises DataError for what `check_headers` refuses, coordinates outside of 32 bits at the scale of the result or in
+    degrees, points that are all withheld, and reference systems that differ or that a format of `label.export` cannot
+    hold.
+    """
+    crs = survey_crs(plan, files)
+    _check_exports(crs, plan.files[0].source.path, parameters.export)
+    facts = files.load_all("info")
+    rows = {str(row["source"]): row for row in quality.to_dict("records")}
+    if sum(row["n_points"] - row["n_withheld"] for row in rows.values()) <= 0:
+        raise DataError(f"{plan.files[0].source.path}: all points are flagged withheld: there is nothing to label")
+    for file in plan.files:
+        if crs is None:
+            _check_degrees(rows[file.source.name], file.source.path)
+        check_file(file, plan, rows[file.source.name], copc=parameters.copc, factors=facts[file.key]["factors"])
+
+
+def check_file(
+    file: PlannedFile,
+    plan: SurveyPlan,
+    row: Mapping[Any, Any],
+    *,
+    copc: bool,
+    factors: NDArray[np.float64] | None = None,
+) -> None:
+    """Check that the results of one file can be written; `row` has its extent in metres, `factors` are its units."""
+    path = Path(file.source.path)
+    check_header(str(path), plan.options, copc=copc)
+    form = get_format(path)
+    if form.name != "LAS" and plan.options.reproject is None:  # LAS keeps its scale and offset
+        _check_extent(path, result_header(path, form, plan.options), row, np.ones(3) if factors is None else factors)
+
+
+def _check_extent(path: Path, header: LasHeader, row: Mapping[Any, Any], factors: NDArray[np.float64]) -> None:
     for axis, name in enumerate("xyz"):
-        ends = np.array([row[f"min_{name}"], row[f"max_{name}"]])
+        ends = np.array([row[f"min_{name}"], row[f"max_{name}"]]) / factors[axis]
         steps = np.abs(ends - header.offset[axis]) / header.scale[axis]
         if (steps > LIMIT).any():
             worst, scale = ends[steps.argmax()], header.scale[axis]
@@ -65,12 +112,35 @@ def _check_extent(path: Path, header: LasHeader, row: Mapping[Any, Any]) -> None
             )
 
 
-def _check_crs(crs: str | None, path: str, export: Sequence[str]) -> None:
+def _check_degrees(row: Mapping[Any, Any], path: str) -> None:
+    low, high = (np.array([row[f"{end}_{axis}"] for axis in "xyz"]) for end in ("min", "max"))
+    if looks_like_degrees(low, high):
+        raise DataError(
+            f"{path}: its coordinates look like degrees, {low[0]:.6f} to {high[0]:.6f}: set label.crs=EPSG:4326 and "
+            "label.read.reproject to a system in metres, or label.read.units if they are not"
+        )
+
+
+def _check_crs(crs: str | None, path: str, options: ReadOptions) -> None:
+    if crs is None:
+        return
     try:
-        known = None if crs is None else CRS.from_user_input(crs)
+        system = CRS.from_user_input(crs)
     except CRSError as error:
-        text = crs if crs is None or len(crs) <= 80 else f"{crs[:77]}..."
-        raise DataError(f"{path}: its coordinate reference system {text!r} is not understood") from error
+        text = crs if len(crs) <= 80 else f"{crs[:77]}..."
+        raise DataError(
+            f"{path}: its coordinate reference system {text!r} is not understood; set label.crs, such as EPSG:25832"
+        ) from error
+    units = crs_units(crs)
+    if options.reproject is None and units is not None and units.kind in NO_LENGTHS:
+        raise DataError(
+            f"{path}: its coordinate reference system {system.name} has {NO_LENGTHS[units.kind]}; set "
+            "label.read.reproject to a system in metres, such as EPSG:25832, or label.crs if it is wrong"
+        )
+
+
+def _check_exports(crs: str | None, path: str, export: Sequence[str]) -> None:
+    known = None if crs is None else CRS.from_user_input(crs)
     if "geojson" in export:
         to_wgs84(known, path)
     if known is not None and {"csv", "shapefile", "dxf"}.intersection(export):

@@ -9,7 +9,6 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.execution.task import StoredResult
 from mlsroad_pipeline.formats.labelled_names import PointLabels
 from mlsroad_pipeline.label.confidence import N_BINS, count_confidences
@@ -28,6 +27,8 @@ class ObjectClasses(TypedDict):
 
 class SceneLabels:
     """Labels of a file by row, loaded from the scenes that hold its points, and their counts.
+
+    Withheld points are in no scene: their confidence is NaN.
 
     A point has the class of its object. Where that differs from its label, its confidence is the score of the object.
 
@@ -63,7 +64,6 @@ class SceneLabels:
         self._scenes = list(scenes)
         self._rows = rows
         self._file = file
-        self._source = source
         self._codes, self._n_classes = point_codes(codes), len(codes)
         self._numbers, self._classes = numbers, classes
         self._loaded: OrderedDict[int, dict[str, NDArray]] = OrderedDict()
@@ -95,9 +95,8 @@ class SceneLabels:
     def __call__(self, start: int, stop: int) -> PointLabels:
         """Return codes, confidences and objects of rows `start` to `stop`, and count them."""
         label = np.zeros(stop - start, dtype=np.uint8)
-        confidence = np.zeros(stop - start, dtype=np.float32)
+        confidence = np.full(stop - start, np.nan, dtype=np.float32)
         object_id = np.zeros(stop - start, dtype=np.uint32)
-        n_labelled = 0
         for number in np.flatnonzero((self._rows[:, 0] < stop) & (self._rows[:, 1] >= start)):
             scene = self._open(int(number))
             part = slice(*np.searchsorted(scene["row"], [start, stop]))
@@ -105,11 +104,8 @@ class SceneLabels:
             label[rows] = scene["label"][part]
             confidence[rows] = scene["confidence"][part]
             object_id[rows] = scene["object_id"][part]
-            n_labelled += len(rows)
-        if n_labelled != stop - start:
-            missing = stop - start - n_labelled
-            raise DataError(f"{self._source}: {missing} of rows {start} to {stop - 1} have no label")
-        self._count(label, confidence)
+        labelled = np.isfinite(confidence)
+        self._count(label[labelled], confidence[labelled])
         return PointLabels(self._codes[label], confidence, object_id)
 
     def _count(self, label: NDArray[np.uint8], confidence: NDArray[np.float32]) -> None:

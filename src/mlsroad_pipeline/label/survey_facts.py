@@ -18,6 +18,7 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.surveys.files import Survey
 from mlsroad_pipeline.surveys.inspection import InspectParameters
+from mlsroad_pipeline.surveys.parameters import NEW_SURVEY
 from mlsroad_pipeline.surveys.plan import SurveyPlan, estimated_drives, plan_survey, trajectory_beside
 from mlsroad_pipeline.surveys.reading import CutRange, FileDescription, describe_file, find_corridor, read_and_cut
 from mlsroad_pipeline.surveys.scene_plan import RangeOfRows, cut_ranges, plan_drive
@@ -62,7 +63,7 @@ def read_survey(
 ) -> tuple[pd.DataFrame, dict[str, float]]:
     """Return the quality of the files of a survey and its facts; points of the sample are read twice."""
     cutting = ingest or IngestParameters()
-    options = ReadOptions.from_config(parameters.read)
+    options = ReadOptions.from_config({**NEW_SURVEY, **parameters.read})
     text = options.delimiter is None and options.decimal is None  # as in `plan.plan_labelling`
     listing = Survey.at(parameters.survey).listing(trajectory=parameters.trajectory, text=text)
     plan = plan_survey({"survey": listing.files}, {}, options=options, labels=False, ingest=cutting)
@@ -103,6 +104,7 @@ def _cutter(
             [described[file.key]["windows"] for file in files],
             trajectory=trajectory_beside(files),
             along=ingest.cut == "along",
+            factors=described[files[0].key]["info"]["factors"],
         )
         for drive, files in plan.drives().items()
     }

@@ -29,6 +29,7 @@ from mlsroad_pipeline.formats.las.upgrade import upgrade_records, upgraded_heade
 from mlsroad_pipeline.formats.las.writer import RecordWriter
 from mlsroad_pipeline.formats.native_labels import LabelSink, native_path, native_sink
 from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.surveys.reading import options_in_use
 
 LabelsOf = Callable[[int, int], tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint32]]]
 """Function from a range of rows to the class codes, confidences and objects of its points."""
@@ -38,6 +39,7 @@ ADDED = {CONFIDENCE: ("f4", "of the class, 0 to 1"), OBJECT: ("u4", "number in t
 """Extra dimension to its type and description."""
 
 SCALE = 0.001
+WITHHELD_BIT = 0x04
 CLASS_ONLY = int(lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL | lazrs.SELECTIVE_DECOMPRESS_CLASSIFICATION)
 
 
@@ -45,6 +47,7 @@ CLASS_ONLY = int(lazrs.SELECTIVE_DECOMPRESS_XY_RETURNS_CHANNEL | lazrs.SELECTIVE
 class _Source:
     """Header to write, and reader of records in its layout."""
 
+    name: str
     n_points: int
     header: LasHeader
     records: Callable[[int, int], NDArray]
@@ -62,6 +65,7 @@ def write_labelled(
     progress: Callable[[int], None] | None = None,
     native: bool = True,
     had_classes: bool | None = None,
+    has_withheld: bool = True,
     class_names: Mapping[int, str] | None = None,
 ) -> list[Path]:
     """Copy a survey to LAZ with `classification` and the extra dimensions `confidence` and `object_id`.
@@ -75,6 +79,9 @@ def write_labelled(
     Other formats are written at 0.001 m, their columns as dimensions of the same name or as extra dimensions. They are
     also written in their own format in the same folder: PLY, text, Parquet, NPZ and binary PCD with three more columns,
     KITTI as a ``.label`` with the codes. `native_path` lists the exceptions.
+
+    Points that are flagged withheld have no label (a confidence of NaN in `labels_of`): they keep the class of the
+    input, with a confidence of 0. Where `has_withheld` is False, there are none.
 
     `class_names` are written as the Classification Lookup record. The option `crs`, or a ``.prj`` beside a file without
     a coordinate reference system, is written into the header.
@@ -95,7 +102,7 @@ def write_labelled(
         sinks = [stack.enter_context(native_sink(source, own, form, options))] if own is not None else []
         if form.name == "LAS":
             crs = sidecar_crs(source) if options.crs is None else parse_crs(options.crs)
-            survey = _las_source(source, had_classes, n_threads, chunk_size, stack)
+            survey = _las_source(source, had_classes, n_threads, chunk_size, stack, has_withheld=has_withheld)
             survey = replace(survey, header=_with_crs(survey.header, crs, assign=options.crs is not None))
         else:
             survey = _other_source(source, form, options)
@@ -134,6 +141,9 @@ def _write_range(
         raise DataError(f"class codes {place} must be uint8, got {codes.dtype}")
     labels = PointLabels(codes, confidence, object_id)
     records = survey.records(start, stop)
+    if np.isnan(confidence).any():
+        message = f"{survey.name}: {{}} of {place[4:]}"
+        labels = PointLabels(*_with_withheld(records, codes, confidence, message), object_id)
     if survey.copier is None:
         for name, column in labels.columns().items():
             records[name] = column
@@ -147,18 +157,41 @@ def _write_range(
         sink.write(start, labels)
 
 
-def _las_source(path: Path, had_classes: bool | None, n_threads: int, chunk_size: int, stack: ExitStack) -> _Source:
+def _with_withheld(
+    records: NDArray, codes: NDArray[np.uint8], confidence: NDArray[np.float32], message: str
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Return labels in which withheld points without one have their class of before, and a confidence of 0."""
+    unlabelled = np.isnan(confidence)
+    lost = unlabelled & (records["classification_flags"] & WITHHELD_BIT == 0)
+    if lost.any():
+        raise DataError(f"{message.format(int(lost.sum()))} have no label")
+    names = records.dtype.names or ()
+    before = records[ORIGINAL_CLASS if ORIGINAL_CLASS in names and not records[CLASS].any() else CLASS]
+    kept = np.clip(np.where(np.isfinite(before), before, 0), 0, 255).astype(np.uint8)
+    return np.where(unlabelled, kept, codes), np.where(unlabelled, np.float32(0), confidence)
+
+
+def _las_source(
+    path: Path,
+    had_classes: bool | None,
+    n_threads: int,
+    chunk_size: int,
+    stack: ExitStack,
+    *,
+    has_withheld: bool,
+) -> _Source:
     header = read_header(path)
     if had_classes is None:
         had_classes = _has_classes(path, header, n_threads)
     upgraded = upgraded_header(header)
-    target = _with_results(upgraded, keep_class=had_classes)
+    target = _with_results(upgraded, keep_class=had_classes, source=str(path))
     own = len(upgraded.extra_dimensions)
     added = {dimension.name: dimension for dimension in target.extra_dimensions[own:]}
     if has_layers(header) and added.keys() >= ADDED.keys() and chunk_size % LAZ_CHUNK == 0:
-        copier = LayerCopier(path, header, added, classes=ORIGINAL_CLASS in added, n_threads=n_threads)
+        classes = ORIGINAL_CLASS in added or has_withheld
+        copier = LayerCopier(path, header, added, classes=classes, flags=has_withheld, n_threads=n_threads)
         stack.enter_context(copier)
-        return _Source(header.n_points, target, copier.read, copier)
+        return _Source(str(path), header.n_points, target, copier.read, copier)
     reader = stack.enter_context(RecordReader(path, header, n_threads=n_threads))
 
     def records(start: int, stop: int) -> NDArray:
@@ -167,10 +200,10 @@ def _las_source(path: Path, had_classes: bool | None, n_threads: int, chunk_size
             out[ORIGINAL_CLASS] = out[CLASS]
         return out
 
-    return _Source(header.n_points, target, records)
+    return _Source(str(path), header.n_points, target, records)
 
 
-def _with_results(header: LasHeader, *, keep_class: bool) -> LasHeader:
+def _with_results(header: LasHeader, *, keep_class: bool, source: str) -> LasHeader:
     """Return a header with the dimensions of the result; an existing one of that name is renamed or replaced."""
     existing = list(header.extra_dimensions)
     names = [dimension.name for dimension in existing]
@@ -187,8 +220,8 @@ def _with_results(header: LasHeader, *, keep_class: bool) -> LasHeader:
         if kept not in names:
             existing[names.index(name)] = old.renamed(kept)
         elif old.dtype != np.dtype(dtype) or old.width != 1 or old.scale is not None:
-            raise DataError(f"the survey has both {name} ({old.dtype}) and {kept}")
-    return with_extra(header, added, existing=existing)
+            raise DataError(f"{source} has both {name} ({old.dtype}) and {kept}: rename one of them")
+    return with_extra(header, added, existing=existing, source=source)
 
 
 def _has_classes(path: Path, header: LasHeader, n_threads: int) -> bool:
@@ -211,21 +244,27 @@ def result_header(path: Path, form: PointFormat, options: ReadOptions) -> LasHea
     Raises DataError if LAZ cannot hold a column of the file: its message names the file and the column.
     """
     if form.name == "LAS":
-        return _with_results(upgraded_header(read_header(path)), keep_class=True)
-    empty = _renamed(form.read(path, options, start=0, stop=0))
-    return _with_results(new_header(empty, WriteOptions(scale=SCALE)), keep_class=False)
+        return _with_results(upgraded_header(read_header(path)), keep_class=True, source=str(path))
+    empty = _renamed(form.read(path, as_stored(options), start=0, stop=0))
+    flat = options_in_use(form, str(path), options).metres
+    return _with_results(new_header(empty, WriteOptions(scale=SCALE / flat)), keep_class=False, source=str(path))
+
+
+def as_stored(options: ReadOptions) -> ReadOptions:
+    """Return options that read the coordinates of a file unchanged, in its units and its system."""
+    return replace(options, units=1.0, height_units=None, reproject=None)
 
 
 def _other_source(path: Path, form: PointFormat, options: ReadOptions) -> _Source:
     def cloud(start: int, stop: int) -> PointCloud:
-        return _renamed(form.read(path, options, start=start, stop=stop))
+        return _renamed(form.read(path, as_stored(options), start=start, stop=stop))
 
     header = result_header(path, form, options)
 
     def records(start: int, stop: int) -> NDArray:
         return pack_records(cloud(start, stop), header)
 
-    return _Source(form.info(path, options).n_points, header, records)
+    return _Source(str(path), form.info(path, options).n_points, header, records)
 
 
 def _renamed(cloud: PointCloud) -> PointCloud:

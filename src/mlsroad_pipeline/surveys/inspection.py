@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyproj
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud, concatenate
 from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.algorithms.quality.chunks import inspect_chunk, merge
 from mlsroad_pipeline.algorithms.quality.inspection import (
@@ -27,17 +29,27 @@ from mlsroad_pipeline.algorithms.quality.inspection import (
 )
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
 from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions
+from mlsroad_pipeline.formats.files import spread_starts
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.surveys.files import Survey
-from mlsroad_pipeline.surveys.reading import has_whole_numbers, replaced_crs
+from mlsroad_pipeline.surveys.parameters import NEW_SURVEY
+from mlsroad_pipeline.surveys.reading import SAMPLE_RUNS as TIME_RUNS
+from mlsroad_pipeline.surveys.reading import SAMPLE_SIZE as TIME_SIZE
+from mlsroad_pipeline.surveys.reading import has_whole_numbers, options_in_use, replaced_crs, time_notes
 from mlsroad_pipeline.surveys.sbet import coverage_note, in_weeks_of
 from mlsroad_pipeline.surveys.survey_warnings import SurveyFacts, file_warnings, survey_warnings
 from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
 
 logger = logging.getLogger(__name__)
 
+ProblemsOf = Callable[[str, ReadOptions], list[str]]
+"""Function from a file and the options of the reader to the reasons for which it cannot be labelled."""
+
 CHUNK = 500_000
 SAMPLE_RUNS, SAMPLE_SIZE = 16, 64
+LARGEST_RATIO = 10.0
+"""Largest ratio of the extent that a header states to that of a sample, for the map to take the stated one."""
+
 MARGIN = 0.05
 """Relative margin around the extent of a sample, for the map of a file without stated bounds."""
 
@@ -125,10 +137,14 @@ def survey_facts(survey: str, files: Sequence[FileInspection], warnings: pd.Data
 
 
 def inspect_survey(
-    parameters: InspectParameters, *, root: str | Sequence[str], read: Mapping[str, Any]
+    parameters: InspectParameters,
+    *,
+    root: str | Sequence[str],
+    read: Mapping[str, Any],
+    problems_of: ProblemsOf = lambda path, options: [],
 ) -> tuple[list[FileInspection], dict[str, str]]:
     """Inspect all files of a survey; return the results, and the reason of each file that is left out."""
-    options = ReadOptions.from_config(read)
+    options = ReadOptions.from_config({**NEW_SURVEY, **read})
     text = options.delimiter is None and options.decimal is None  # as in `plan.plan_labelling`
     listing = Survey.at(root).listing(trajectory=parameters.trajectory, text=text)
     files, unread = [], dict(listing.skipped)
@@ -145,6 +161,7 @@ def inspect_survey(
         except DataError as error:
             unread[file.name] = f"cannot be read: {error}"
         else:
+            inspected.more.extend(problems_of(file.path, options))
             files.append(inspected)
     return files, unread
 
@@ -170,8 +187,9 @@ def inspect_file(
             lines.add(cloud)
             picture.add(cloud)
     quality = merge(chunks)
-    more = [*column_warnings(columns), *_header_warnings(info, np.array(quality.low), np.array(quality.high))]
-    more += [] if trajectory is None else _trajectory_warnings(trajectory, quality, info.crs)
+    more = column_warnings(columns)
+    in_use = options_in_use(form, path, options)
+    more += [] if trajectory is None else _trajectory_warnings(trajectory, quality, info.crs, in_use)
     overview = SurveyFacts(
         quality,
         info.crs,
@@ -180,8 +198,10 @@ def inspect_file(
         constant=constant_columns(columns),
         columns=tuple(columns),
         whole_numbers=_whole_numbers(form, info, options),
-        in_metres=options.metres == 1.0,
+        in_metres=bool((options.factors == 1.0).all()),
         stated_crs=replaced_crs(form, path, options),
+        notes=(*info.notes, *time_notes(_sample(form, info, options, columns))),
+        bounds=info.bounds,
     )
     return FileInspection(name, info, picture, _facts(name, info, quality, columns, lines), overview, more)
 
@@ -191,9 +211,16 @@ def _whole_numbers(form: PointFormat, info: FileInfo, options: ReadOptions) -> b
     return has_whole_numbers(form.read(info.path, only, stop=SAMPLE_RUNS * SAMPLE_SIZE))
 
 
+def _sample(
+    form: PointFormat, info: FileInfo, options: ReadOptions, columns: Mapping[str, ColumnSummary]
+) -> PointCloud:
+    """Return the times of the runs of points that `label` takes as a sample."""
+    only = replace(options, only=tuple({"gps_time"} & columns.keys()), coding=None)
+    starts = spread_starts(info.n_points, TIME_RUNS, TIME_SIZE)
+    return concatenate([form.read(info.path, only, start=start, stop=start + TIME_SIZE) for start in starts])
+
+
 def _empty_map(form: PointFormat, info: FileInfo, options: ReadOptions) -> SurveyMap:
-    if info.bounds is not None and np.isfinite(info.bounds).all():
-        return SurveyMap.over(*info.bounds)
     starts = np.unique(np.linspace(0, max(info.n_points - SAMPLE_SIZE, 0), SAMPLE_RUNS).astype(int)).tolist()
     only = replace(options, only=(), coding=None)
     runs = [form.read(info.path, only, start=s, stop=s + SAMPLE_SIZE).world_xyz() for s in starts]
@@ -201,8 +228,17 @@ def _empty_map(form: PointFormat, info: FileInfo, options: ReadOptions) -> Surve
     if not len(sample):
         return SurveyMap.over(np.zeros(2), np.zeros(2))
     low, high = sample.min(axis=0), sample.max(axis=0)
+    if info.bounds is not None and _plausible(info.bounds, low, high):
+        return SurveyMap.over(*info.bounds)
     wider = MARGIN * (high - low).max()
     return SurveyMap.over(low - wider, high + wider)
+
+
+def _plausible(bounds: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]) -> bool:
+    """Return whether stated bounds hold a sample and are not much larger than it."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        near = (bounds[1] - bounds[0])[:2].max() <= LARGEST_RATIO * max(float((high - low)[:2].max()), 1.0)
+        return bool(near and (bounds[0] <= low + MARGIN).all() and (bounds[1] >= high - MARGIN).all())
 
 
 def _facts(
@@ -232,21 +268,13 @@ def _facts(
     }
 
 
-def _header_warnings(info: FileInfo, low: np.ndarray, high: np.ndarray) -> list[str]:
-    if info.bounds is None or not np.isfinite(low).all():
-        return []
-    scale = np.asarray(info.details.get("scale", 1e-3))
-    if (np.abs(info.bounds - [low, high]) <= np.maximum(2 * np.abs(scale), 1e-6)).all():
-        return []
-    stated, real = info.bounds.round(3).tolist(), np.array([low, high]).round(3).tolist()
-    return [f"its header states the bounds {stated[0]} to {stated[1]}, its points have {real[0]} to {real[1]}"]
-
-
-def _trajectory_warnings(trajectory: str, quality: QualityReport, crs: str | None) -> list[str]:
+def _trajectory_warnings(trajectory: str, quality: QualityReport, crs: str | None, options: ReadOptions) -> list[str]:
     first, last = quality.time_start, quality.time_end
     if not np.isfinite(first):
         return []
-    note = coverage_note(in_weeks_of(read_trajectory(trajectory, crs=crs), first, last), first, last)
+    note = coverage_note(
+        in_weeks_of(read_trajectory(trajectory, crs=crs, factors=options.factors), first, last), first, last
+    )
     return [note] if note else []
 
 

@@ -11,7 +11,10 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.classes import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.formats.crs import parse_crs
-from mlsroad_pipeline.formats.options import TAXONOMY_CODING, ReadOptions
+from mlsroad_pipeline.formats.options import BY_CRS, TAXONOMY_CODING, ReadOptions
+
+NEW_SURVEY = {"units": BY_CRS, "intensity_scale": "auto"}
+"""Options of the readers for a survey to inspect or to label, whose files describe themselves."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +182,7 @@ class LabelParameters:
     def options(self) -> ReadOptions:
         """Return the options of the readers."""
         given = {} if self.crs is None else {"crs": str(self.crs)}
-        return ReadOptions.from_config({**self.read, **given})
+        return ReadOptions.from_config({**NEW_SURVEY, **self.read, **given})
 
     @property
     def survey_name(self) -> str:

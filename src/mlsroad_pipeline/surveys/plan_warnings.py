@@ -68,7 +68,7 @@ def plan_warnings(
         report = replace(reports[name], missing=tuple(c for c in reports[name].missing if c not in told))
         state = "beside" if beside[file.drive] else "none" if trajectory else "off"
         note = notes.get(file.drive, "") if file.number == 0 and beside[file.drive] else ""
-        facts.append(_survey_facts(report, described, state, note, in_metres=plan.options.metres == 1.0))
+        facts.append(_survey_facts(report, described, state, note, in_metres=bool((plan.options.factors == 1.0).all())))
     return [f"{name}: {text}" for name, text in survey_warnings(facts, plan.skipped, lacking)]
 
 
@@ -84,7 +84,8 @@ def _survey_facts(
         whole_numbers=bool(described["whole_numbers"][0]),
         in_metres=in_metres,
         stated_crs=_text(described["stated_crs"]) or None,
-        notes=(note,) if note else (),
+        notes=(*described["notes"].tolist(), *([note] if note else [])),
+        bounds=described["bounds"],
     )
 
 

@@ -25,11 +25,11 @@ from mlsroad_pipeline.algorithms.scenes.cutting import (
     cut_points,
 )
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
-from mlsroad_pipeline.algorithms.scenes.trajectory_estimation import trajectory_from_windows
+from mlsroad_pipeline.algorithms.scenes.trajectory_estimation import SHARED, measured_times, trajectory_from_windows
 from mlsroad_pipeline.formats.base import PointFormat
-from mlsroad_pipeline.formats.crs import is_same_crs, parse_crs
+from mlsroad_pipeline.formats.crs import is_same_crs, parse_crs, with_units
 from mlsroad_pipeline.formats.files import spread_starts
-from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.surveys.sbet import coverage_note, in_weeks_of
 from mlsroad_pipeline.surveys.time_windows import read_time_windows
@@ -59,13 +59,14 @@ FEATURE_COLUMNS = ("rgb", "intensity")
 def _scene_options(
     path: str, options: ReadOptions, *, labels: bool, constant: Sequence[str] = (), added: Sequence[str] = ()
 ) -> ReadOptions:
-    """Return options to read the scene columns of a file, and classification and flags of LAS files to label."""
+    """Return options to read the scene columns of a file, its withheld flags, and the classes of LAS files to label."""
     form = get_format(path)
     columns = form.info(Path(path), replace(options, coding=options.coding if labels else None)).columns
     skipped = {*constant, *(() if labels else ("label", "instance"))}
     selected = [name for name in SCENE_COLUMNS if name in columns and name not in skipped]
     if not labels and form.name == "LAS":
-        selected += [name for name in (CLASS, WITHHELD, *added) if name in columns]
+        selected += [name for name in (CLASS, *added) if name in columns]
+    selected += [name for name in (WITHHELD,) if name in columns]
     return replace(options, only=tuple(selected), coding=options.coding if "label" in selected else None)
 
 
@@ -82,6 +83,24 @@ def has_whole_numbers(cloud: PointCloud) -> bool:
     """Return whether coordinates are whole numbers, as millimetres are; False for fewer than 64 points."""
     units = cloud.world_xyz()[:WHOLE_SAMPLE]
     return len(units) >= 64 and bool(np.abs(units - np.rint(units)).max() <= 1e-6)
+
+
+def options_in_use(form: PointFormat, path: str, options: ReadOptions) -> ReadOptions:
+    """Return the options with the units of the file."""
+    if options.units != BY_CRS:
+        return options
+    stated = form.info(Path(path), replace(options, units=1.0, crs=None, reproject=None, coding=None)).crs
+    return with_units(options, stated, Path(path))
+
+
+def time_notes(sample: PointCloud) -> list[str]:
+    """Return a sentence if times of a sample are infinite or shared by many points."""
+    if "gps_time" not in sample or len(sample) <= SHARED or np.ptp(sample["gps_time"]) == 0:
+        return []
+    share = 1.0 - float(measured_times(sample["gps_time"]).mean())
+    if share == 0.0:
+        return []
+    return [f"{max(100 * share, 1):.0f} % of the gps_time are infinite or shared by many points: they are not used"]
 
 
 def replaced_crs(form: PointFormat, path: str, options: ReadOptions) -> str | None:
@@ -101,6 +120,9 @@ class FileFacts(TypedDict):
     stated_crs: NDArray[np.str_]  # if an option replaces it
     whole_numbers: NDArray[np.bool_]
     form: NDArray[np.str_]
+    notes: NDArray[np.str_]  # sentences on guesses and repairs
+    bounds: NDArray[np.float64]  # of the header, shape (2, 3); NaN without them
+    factors: NDArray[np.float64]  # from the file's units to metres
 
 
 class FileDescription(TypedDict):
@@ -118,9 +140,10 @@ class DriveCorridor(CorridorArrays):
 
 
 class FileClasses(TypedDict):
-    """Whether any row of a range has a class, shape (1,); empty if the column was not read."""
+    """Whether any row of a range has a class, shape (1,), empty if the column was not read, or is withheld."""
 
     has_classes: NDArray[np.bool_]
+    has_withheld: NDArray[np.bool_]
 
 
 class CutRange(CutPoints):
@@ -134,7 +157,8 @@ def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: boo
     """Return the number of points of a file, a sample, and time windows for the estimation of the trajectory."""
     form = get_format(path)
     chosen = _scene_options(path, options, labels=labels)
-    n_points = form.info(Path(path), chosen).n_points
+    info = form.info(Path(path), chosen)
+    n_points = info.n_points
     if n_points == 0:
         raise ReadError(f"{path} is empty: it holds no points")
     starts = spread_starts(n_points, SAMPLE_RUNS, SAMPLE_SIZE)
@@ -149,6 +173,9 @@ def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: boo
             "stated_crs": np.array([replaced_crs(form, path, options) or ""]),
             "whole_numbers": np.array([has_whole_numbers(sample)]),
             "form": np.array([form.name]),
+            "notes": np.array([*info.notes, *time_notes(sample)], dtype=np.str_),
+            "bounds": np.full((2, 3), np.nan) if info.bounds is None else info.bounds,
+            "factors": options_in_use(form, path, options).factors,
         },
         "sample": sample,
         "windows": sample.select(np.zeros(0, dtype=np.int64)) if time_windows is None else time_windows,
@@ -156,9 +183,14 @@ def describe_file(path: str, *, options: ReadOptions, labels: bool, windows: boo
 
 
 def find_corridor(
-    samples: Sequence[PointCloud], windows: Sequence[PointCloud], *, trajectory: str | None, along: bool
+    samples: Sequence[PointCloud],
+    windows: Sequence[PointCloud],
+    *,
+    trajectory: str | None,
+    along: bool,
+    factors: NDArray[np.float64] | None = None,
 ) -> DriveCorridor:
-    """Return the corridor of a drive as arrays, with a note for the log."""
+    """Return the corridor of a drive as arrays, with a note for the log; `factors` turn a trajectory into metres."""
     other = next((sample for sample in samples if sample.crs != samples[0].crs), None)
     if other is not None:
         raise DataError(
@@ -166,7 +198,7 @@ def find_corridor(
             "set read.reproject, or separate them"
         )
     if trajectory is not None:
-        path = read_trajectory(trajectory, crs=samples[0].crs if samples else None)
+        path = read_trajectory(trajectory, crs=samples[0].crs if samples else None, factors=factors)
         times = _times_of(samples)
         path = in_weeks_of(path, *times)
         return _with_note(path, coverage_note(path, *times))
@@ -190,7 +222,8 @@ def _with_note(corridor: Corridor, note: str = "") -> DriveCorridor:
 
 
 def _times_of(samples: Sequence[PointCloud]) -> tuple[float, float]:
-    times = [sample["gps_time"][np.isfinite(sample["gps_time"])] for sample in samples if "gps_time" in sample]
+    times = [sample["gps_time"] for sample in samples if "gps_time" in sample]
+    times = [part[measured_times(part)] for part in times]
     joined = np.concatenate(times) if times else np.empty(0)
     return (float(joined.min()), float(joined.max())) if len(joined) else (np.nan, np.nan)
 
@@ -218,6 +251,7 @@ def read_and_cut(
     visits = {} if labels else visit_columns(cloud)
     cloud = cloud.without_columns([CLASS, *VISIT_COLUMNS])
     quality = chunk_to_arrays(inspect_chunk(cloud, max_gap=time_gap, n_total=n_total))
+    used = np.ones(len(cloud), dtype=np.bool_) if WITHHELD not in cloud else cloud[WITHHELD] == 0
     cloud = cloud.without_columns([WITHHELD])
     pieces = cut_points(
         cloud if labels else cloud.without_columns(UNUSED_COLUMNS).with_columns(**visits),
@@ -227,5 +261,7 @@ def read_and_cut(
         bin_length=bin_length,
         first_row=start,
         file=file,
+        used=used,
     )
-    return {**pieces, "quality": quality, "classes": {"has_classes": has_classes}}
+    classes: FileClasses = {"has_classes": has_classes, "has_withheld": np.array([not used.all()])}
+    return {**pieces, "quality": quality, "classes": classes}

@@ -16,6 +16,7 @@ from mlsroad_pipeline.formats.kitti import read_labels
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 
+WITHHELD = "withheld"
 KEPT = ("intensity", "label")
 """Columns that labellers may use, and the reference."""
 
@@ -46,6 +47,8 @@ def read_points(path: Path, labels: Path | None, coding: Coding, read: Mapping[s
     if labels is not None:
         codes = read_labels(labels, len(cloud), path)
         cloud = cloud.with_columns(label=coding.encode(codes, source=str(labels)))
+    if WITHHELD in cloud:
+        cloud = cloud.select(np.flatnonzero(cloud[WITHHELD] == 0))
     return cloud.without_columns(set(cloud.columns) - set(KEPT))
 
 

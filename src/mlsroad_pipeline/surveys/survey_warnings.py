@@ -9,13 +9,17 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.quality.places import count_places
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
-from mlsroad_pipeline.formats.crs import SAME_UNIT, crs_unit, is_geographic
+from mlsroad_pipeline.formats.crs import SAME_UNIT, crs_units, is_geographic
 
 BYTE = 255.5 / 65535
 """Bound of the intensities of a LAS file that uses 8 of its 16 bits, after scaling to [0, 1]."""
+
+BOUNDS_TOLERANCE = 0.01
+"""Largest difference in metres between stated bounds and the points that is not told."""
 
 LONG = 1e5
 """Extent in metres above which coordinates are probably wrong."""
@@ -47,6 +51,8 @@ class SurveyFacts:
         Columns of the file; the standard ones if empty.
     notes : tuple of str
         Further sentences, such as on the trajectory.
+    bounds : ndarray of shape (2, 3), optional
+        Bounds that the header states, metres; None or NaN without them.
     """
 
     quality: QualityReport
@@ -59,6 +65,7 @@ class SurveyFacts:
     stated_crs: str | None = None
     columns: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    bounds: NDArray[np.float64] | None = None
 
     @property
     def name(self) -> str:
@@ -71,7 +78,27 @@ def file_warnings(facts: SurveyFacts) -> list[str]:
     prefix = f"{facts.name}: "
     skipped = "label codes outside the taxonomy"  # of files with labels; training checks the codes itself
     told = [text.removeprefix(prefix) for text in facts.quality.warnings() if skipped not in text]
-    return [*_crs_warnings(facts), *_trajectory_warnings(facts), *told, *_value_warnings(facts), *facts.notes]
+    return [
+        *_crs_warnings(facts),
+        *_trajectory_warnings(facts),
+        *told,
+        *_value_warnings(facts),
+        *facts.notes,
+        *_bounds(facts),
+    ]
+
+
+def _bounds(facts: SurveyFacts) -> list[str]:
+    real = np.array([facts.quality.low, facts.quality.high])
+    if facts.bounds is None or np.isnan(facts.bounds).all() or not np.isfinite(real).all():
+        return []
+    with np.errstate(invalid="ignore", over="ignore"):
+        if (np.abs(facts.bounds - real) <= BOUNDS_TOLERANCE).all():
+            return []
+    texts = [
+        " to ".join(str([float(f"{v:.12g}") for v in row]) for row in box.tolist()) for box in (facts.bounds, real)
+    ]
+    return [f"its header states the bounds {texts[0]}, its points have {texts[1]}: the points are used"]
 
 
 def _crs_warnings(facts: SurveyFacts) -> list[str]:
@@ -83,11 +110,14 @@ def _crs_warnings(facts: SurveyFacts) -> list[str]:
             f"the option crs replaces the coordinate reference system {crs_label(facts.stated_crs)} of the file by "
             f"{crs_label(facts.crs)}; coordinates are not transformed"
         )
-    unit = None if facts.crs is None else crs_unit(facts.crs)
-    if facts.in_metres and unit is not None and abs(unit[1] - 1.0) > SAME_UNIT:
-        found.append(
-            f"its coordinate reference system has the unit {unit[0]}, but coordinates are read as metres; set units"
-        )
+    units = None if facts.crs is None else crs_units(facts.crs)
+    if facts.in_metres and units is not None and units.kind == "projected":
+        other = next((u for u in (units.flat, units.height) if u is not None and abs(u[1] - 1.0) > SAME_UNIT), None)
+        if other is not None:
+            found.append(
+                f"its coordinate reference system has the unit {other[0]}, but coordinates are read as metres; "
+                "set units"
+            )
     if facts.in_metres and facts.whole_numbers:
         found.append("coordinates are whole numbers: perhaps millimetres or centimetres; set units")
     return found
@@ -104,8 +134,7 @@ def _value_warnings(facts: SurveyFacts) -> list[str]:
     low, high = np.array(quality.low), np.array(quality.high)
     extent = high - low
     if np.isfinite(extent).all():
-        inside = (np.abs([low[:2], high[:2]]) <= [[180, 90], [180, 90]]).all()
-        if is_geographic(facts.crs) or (inside and extent[:2].max() < 1e-2 and extent[2] > 1):
+        if is_geographic(facts.crs) or looks_like_degrees(low, high):
             found.append("coordinates look like degrees, not metres; set reproject")
         if extent.max() > LONG:
             found.append(
@@ -115,6 +144,13 @@ def _value_warnings(facts: SurveyFacts) -> list[str]:
     if facts.form == "LAS" and "intensity" not in facts.constant and 0 < quality.intensity_max <= BYTE:
         found.append("intensity has 8 bits in a field of 16: all values are below 0.004; set intensity_scale to 255")
     return found
+
+
+def looks_like_degrees(low: NDArray[np.float64], high: NDArray[np.float64]) -> bool:
+    """Return whether points of an extent have a small range in plan, as degrees have, and metres in height."""
+    inside = (np.abs([low[:2], high[:2]]) <= [[180, 90], [180, 90]]).all()
+    extent = high - low
+    return bool(inside and 0 < extent[:2].max() < 1e-2 and extent[2] > 1)
 
 
 def crs_label(crs: str | None) -> str:

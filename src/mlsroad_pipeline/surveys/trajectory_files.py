@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
@@ -22,12 +23,19 @@ _NAMES = {
 _COMMENTS = ("#", "%", "//")
 
 
-def read_trajectory(path: str | Path, *, columns: Sequence[str] | None = None, crs: str | None = None) -> Trajectory:
+def read_trajectory(
+    path: str | Path,
+    *,
+    columns: Sequence[str] | None = None,
+    crs: str | None = None,
+    factors: NDArray[np.float64] | None = None,
+) -> Trajectory:
     """Read a trajectory from a text file or from SBET, which is recognised by its content.
 
     Values are separated by commas, semicolons, tabs or blanks. Lines that begin with ``#``, ``%`` or ``//`` are
     comments. A header line is recognised, in any case and with units in brackets or after the name (``Easting[m]``).
-    Without a header the columns are ``time x y z``, and further columns are ignored.
+    Without a header the columns are ``time x y z``, and further columns are ignored. `factors` turn the units of text
+    into metres.
     """
     source = Path(path)
     if not source.is_file():
@@ -59,7 +67,7 @@ def read_trajectory(path: str | Path, *, columns: Sequence[str] | None = None, c
         raise ReadError(f"{source}: no positions in the file")
     values = np.array([_numbers(source, number, words, columns_of) for number, words in body])
     table = dict(zip(columns_of, values.T, strict=True))
-    xyz = np.column_stack([table["x"], table["y"], table["z"]])
+    xyz = np.column_stack([table["x"], table["y"], table["z"]]) * (1.0 if factors is None else factors)
     return Trajectory.from_positions(xyz, table.get("time"), source=str(source))
 
 

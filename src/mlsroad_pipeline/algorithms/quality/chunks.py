@@ -27,6 +27,9 @@ from mlsroad_pipeline.algorithms.quality.report import STANDARD_COLUMNS, Quality
 
 __all__ = ["STANDARD_COLUMNS", "ChunkQuality", "QualityReport", "TimeQuality", "inspect_chunk", "merge"]
 
+LATEST = 1e11
+"""Seconds; larger numbers are no times and count as infinite."""
+
 DENSITY_CELL = 1.0
 """Side of the cells of the density, metres."""
 
@@ -199,7 +202,7 @@ def _finite_range(values: NDArray | None) -> tuple[float, float] | None:
 def _inspect_time(times: NDArray | None, max_gap: float) -> tuple[TimeQuality | None, int]:
     if times is None:
         return None, 0
-    finite = times[np.isfinite(times)].astype(np.float64)
+    finite = times[np.abs(times) < LATEST].astype(np.float64)
     if len(finite) == 0:
         return None, len(times)
     bins = np.floor(finite / max_gap).astype(np.int64)

@@ -123,7 +123,10 @@ class QualityReport:
         problems = (
             (self.n_points == 0, "no points"),
             (bool(absent), f"no column {', '.join(absent)}: features that need them are not computed"),
-            (self.n_withheld > 0, f"{self.n_withheld} points are flagged withheld; they are used like the others"),
+            (
+                self.n_withheld > 0,
+                f"{self.n_withheld} points are flagged withheld: not used; they keep their class, with confidence 0",
+            ),
             (self.n_places > 1, f"the points lie in {self.n_places} places more than 500 m apart"),
             (self.n_not_finite > 0, f"{self.n_not_finite} points with NaN or infinite coordinates"),
             (self.n_duplicates > 0, f"{about}{self.n_duplicates} points repeat another exactly"),

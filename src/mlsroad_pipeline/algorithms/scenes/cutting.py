@@ -200,6 +200,7 @@ def cut_points(
     bin_length: float,
     first_row: int,
     file: int,
+    used: NDArray[np.bool_] | None = None,
 ) -> CutPoints:
     """Return the stored parts of a range of rows: its points sorted into bins, and their counts.
 
@@ -219,6 +220,8 @@ def cut_points(
         Row of the first point in its file.
     file : int
         Number of the file in its split.
+    used : ndarray of shape (n,), bool, optional
+        Whether each point is used; others are left out. None uses all.
 
     Returns
     -------
@@ -231,8 +234,11 @@ def cut_points(
         If a column has a reserved name, or the part needs a trajectory and there is none.
     """
     piece = cut_range(cloud, corridor if along else None, bin_length=bin_length, first_row=first_row, file=file)
+    keep = None if used is None or used.all() else used[piece.cloud["row"] - first_row]
     if not part.is_whole:
-        keep = part.mask(piece.cloud, corridor)
+        inside = part.mask(piece.cloud, corridor)
+        keep = inside if keep is None else keep & inside
+    if keep is not None:
         numbers = np.repeat(piece.bins, np.diff(piece.indptr))[keep]
         bins, starts = np.unique(numbers, return_index=True)
         piece = PiecedCloud(piece.cloud.select(keep), bins, np.append(starts, len(numbers)).astype(np.int64))

@@ -29,7 +29,35 @@ _MIN_POINTS = 200
 _MAX_SPREAD = 0.02  # radians, root mean square angle between beam and point
 _MIN_DEPTH = 50.0  # on flat ground a profile is a line, and the plane is undetermined
 _RATES = (4.0, 450.0)  # rotations per second of line scanners
+LATEST = 1e11  # seconds; larger numbers are no times
 _PROBES = 12  # windows for the estimation of the rotation rate
+
+SHARED = 100
+"""Largest number of points of a sample that a pulse can have; a time of more points is no measurement."""
+
+
+def measured_times(times: NDArray) -> NDArray[np.bool_]:
+    """Return which times are measurements: finite and, if there are any, not shared by more than `SHARED` points.
+
+    Parameters
+    ----------
+    times : ndarray of shape (n,)
+        Times of a sample of points, seconds.
+
+    Returns
+    -------
+    ndarray of shape (n,), bool
+        Whether each is one.
+
+    Examples
+    --------
+    >>> measured_times(np.append(np.arange(3.0), [np.inf, np.nan])).tolist()
+    [True, True, True, False, False]
+    """
+    _, inverse, counts = np.unique(times, return_inverse=True, return_counts=True)
+    finite = np.abs(times) < LATEST
+    single = finite & (counts[inverse] <= SHARED)
+    return single if single.any() else finite
 
 
 @dataclass(frozen=True)
@@ -46,7 +74,7 @@ class _Fit:
 
 def _plane(points: NDArray[np.float64], time: NDArray[np.float64]) -> tuple[NDArray, NDArray, float, float]:
     """Return normal, basis (2, 3) and offset of the scan plane at time 0, and the ratio of variances (`_Fit.depth`)."""
-    design = np.column_stack([np.ones(len(time)), time / np.abs(time).max()])
+    design = np.column_stack([np.ones(len(time)), time / max(float(np.abs(time).max()), 1e-12)])
     drift, *_ = np.linalg.lstsq(design, points, rcond=None)
     rest = points - design @ drift
     values, vectors = np.linalg.eigh(rest.T @ rest)
@@ -60,7 +88,7 @@ def _centre(
     """Return the centre at time 0 in the plane, the angular spread, and the share of points on the side of the beam."""
     angle = sense * 2.0 * np.pi * rate * time
     c, s = np.cos(angle), np.sin(angle)
-    span = np.abs(time).max()
+    span = max(float(np.abs(time).max()), 1e-12)
     x, y, t = xy[:, 0], xy[:, 1], time / span
     rows = np.column_stack([x * s - y * c, x * c + y * s, s, c, t * s, t * c])
     weight = np.ones(len(t))
@@ -265,6 +293,8 @@ def trajectory_from_windows(windows: Sequence[PointCloud]) -> Trajectory:
     DataError
         If the trajectory cannot be estimated, see `estimate_trajectory`.
     """
+    windows = [part.select(np.flatnonzero(measured_times(part["gps_time"]))) for part in windows]
+    windows = [part for part in windows if len(part)] or list(windows[:1])
     times = np.concatenate([part["gps_time"] for part in windows])
     middles = [
         np.median(part["gps_time"][part["window"] == number])

@@ -56,7 +56,7 @@ class E57Format(TableFormat):
         ReadError
             If it is not E57, truncated or damaged.
         """
-        return _open(file_key(path), options.intensity_scale == "dtype")
+        return _open(file_key(path), options.intensity_scale in ("dtype", "auto"))
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write a cloud as one scan without a pose, coordinates in float64, in metres.

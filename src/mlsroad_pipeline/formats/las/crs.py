@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.crs import in_metres, is_same_crs, sidecar_crs
@@ -54,7 +57,9 @@ def _geotiff_wkt(header: LasHeader, path: Path | None) -> str | None:
         return None
 
 
-def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path, metres: float = 1.0) -> LasHeader:
+def with_crs_of(
+    header: LasHeader, cloud: PointCloud, path: Path, metres: NDArray[np.float64] | None = None
+) -> LasHeader:
     """Set the system of a cloud in another file's header, where the two differ.
 
     Parameters
@@ -65,8 +70,8 @@ def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path, metres: float 
         The points.
     path : Path
         The file to write, for messages.
-    metres : float, default 1.0
-        Factor from the file's unit to metres.
+    metres : ndarray of shape (3,), optional
+        Factors from the file's units to metres; None for metres.
 
     Returns
     -------
@@ -79,7 +84,8 @@ def with_crs_of(header: LasHeader, cloud: PointCloud, path: Path, metres: float 
         If the header's version holds GeoTIFF keys, not WKT, and the system has no EPSG code.
     """
     stated = read_crs(header)
-    same = {stated, None if stated is None else in_metres(stated, metres), sidecar_crs(Path(cloud.source))}
+    factors = [1.0, 1.0] if metres is None else metres[1:].tolist()
+    same = {stated, None if stated is None else in_metres(stated, *factors), sidecar_crs(Path(cloud.source))}
     if cloud.crs is None or cloud.crs in same:
         return header
     if header.minor >= 4:

@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.formats.las.extra import ExtraDimension
 from mlsroad_pipeline.formats.las.header import LasHeader
 from mlsroad_pipeline.formats.las.records import record_dtype
-from mlsroad_pipeline.formats.standard_columns import check_finite, origin_near
+from mlsroad_pipeline.formats.standard_columns import check_finite
+
+FAR = 1e5
+"""Distance in metres from the first point above which stated bounds are not used."""
 
 
 def dimension_names(header: LasHeader) -> list[str]:
@@ -55,7 +58,7 @@ def extra_dimension(header: LasHeader, name: str) -> ExtraDimension | None:
 
 
 def dimension(records: NDArray, header: LasHeader, name: str) -> NDArray:
-    """Return one dimension of records, bit fields unpacked and scaled extra dimensions in their unit.
+    """Return one dimension of records, bit fields unpacked, extra dimensions in their unit.
 
     Parameters
     ----------
@@ -77,33 +80,42 @@ def dimension(records: NDArray, header: LasHeader, name: str) -> NDArray:
                 return (records[field] & part.mask) >> (part.mask & -part.mask).bit_length() - 1
     values = np.ascontiguousarray(records[name])
     extra = extra_dimension(header, name)
-    if extra is None or (extra.scale is None and extra.offset is None):
-        return values
-    scaled: NDArray = values * (1.0 if extra.scale is None else extra.scale)
-    return scaled if extra.offset is None else scaled + extra.offset
+    return values if extra is None else extra.without_missing(values)
 
 
-def file_origin(header: LasHeader, metres: float) -> NDArray[np.float64]:
-    """Return the local zero of a file's points.
+def near_corner(first: NDArray, header: LasHeader, metres: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a position near the points of a file.
 
     Parameters
     ----------
+    first : structured ndarray of shape (1,) or (0,)
+        The first record of the file, if it has one.
     header : LasHeader
-        The file's header.
-    metres : float
-        Factor from the file's unit to metres.
+        Its header.
+    metres : ndarray of shape (3,)
+        Factors from the file's units to metres.
 
     Returns
     -------
     ndarray of shape (3,), float64
-        A round point near the header's minimum coordinates or, where these are not numbers, near its offset.
+        World coordinates in metres: the minimum that the header states if it is near the first point, since stated
+        bounds are often unset or wrong; else the first point, or the header's offset.
     """
-    corner = header.bounds[0]
-    return origin_near((corner if np.isfinite(corner).all() else header.offset) * metres)
+    steps = np.array([float(first[name][0]) for name in "XYZ"]) if len(first) else np.zeros(3)
+    with np.errstate(over="ignore", invalid="ignore"):  # overflows are an error of the coordinates
+        point: NDArray[np.float64] = (steps * header.scale + header.offset) * metres
+        stated: NDArray[np.float64] = header.bounds[0] * metres
+        return stated if (np.abs(stated - point) < FAR).all() else point
 
 
 def local_xyz(
-    records: NDArray, header: LasHeader, origin: NDArray[np.float64], metres: float, *, path: Path, start: int
+    records: NDArray,
+    header: LasHeader,
+    origin: NDArray[np.float64],
+    metres: NDArray[np.float64],
+    *,
+    path: Path,
+    start: int,
 ) -> NDArray[np.float64]:
     """Return the coordinates of records relative to an origin.
 
@@ -115,8 +127,8 @@ def local_xyz(
         Its header.
     origin : ndarray of shape (3,)
         World coordinates of the local zero, metres.
-    metres : float
-        Factor from the file's unit to metres.
+    metres : ndarray of shape (3,)
+        Factors from the file's units to metres.
     path : Path
         The file, for messages.
     start : int
@@ -135,7 +147,7 @@ def local_xyz(
     xyz = np.empty((len(records), 3))
     with np.errstate(over="ignore", invalid="ignore"):  # overflows raise below, with their row
         for axis, name in enumerate("XYZ"):
-            np.multiply(records[name], header.scale[axis] * metres, out=xyz[:, axis])
-            xyz[:, axis] += header.offset[axis] * metres - origin[axis]
+            np.multiply(records[name], header.scale[axis] * metres[axis], out=xyz[:, axis])
+            xyz[:, axis] += header.offset[axis] * metres[axis] - origin[axis]
     check_finite(xyz, source=path, start=start)
     return xyz

@@ -10,6 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 DESCRIPTOR_SIZE = 192
+LAST_TYPE = 30
+"""Last type of a descriptor that is defined."""
+
+LARGEST_WIDTH, SCALE_BITS = 255, 0x18
+"""Largest number of undocumented bytes of a descriptor, and bits of it that laspy takes for a scale and an offset."""
+
 DESCRIPTOR_TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8")
 
 
@@ -29,6 +35,8 @@ class ExtraDimension:
         A value is its stored number times `scale`, plus `offset`; None where the descriptor has none.
     descriptor : bytes, default empty
         The 192 bytes; empty where `pack_descriptors` creates them.
+    no_data : ndarray of shape (width,), optional
+        Stored number that stands for a missing value; None where the descriptor has none.
     """
 
     name: str
@@ -37,6 +45,7 @@ class ExtraDimension:
     scale: NDArray[np.float64] | None = None
     offset: NDArray[np.float64] | None = None
     descriptor: bytes = field(default=b"", repr=False)
+    no_data: NDArray | None = None
 
     @property
     def field_type(self) -> tuple[str, np.dtype] | tuple[str, np.dtype, tuple[int]]:
@@ -62,9 +71,14 @@ class ExtraDimension:
         if code == 0:
             return cls(name, np.dtype("u1"), max(options, 1), descriptor=descriptor)
         width = 1 + (code - 1) // 10
-        scale = np.frombuffer(descriptor, "<f8", 3, 112)[:width].copy() if options & 0x08 else None
-        offset = np.frombuffer(descriptor, "<f8", 3, 136)[:width].copy() if options & 0x10 else None
-        return cls(name, np.dtype("<" + DESCRIPTOR_TYPES[(code - 1) % 10]), width, scale, offset, descriptor)
+        scale = _finite(descriptor, 112, width) if options & 0x08 else None
+        offset = _finite(descriptor, 136, width) if options & 0x10 else None
+        scale = None if scale is None or not scale.all() else scale  # writers set the bit and leave the value zero
+        dtype = np.dtype("<" + DESCRIPTOR_TYPES[(code - 1) % 10])
+        stored = np.frombuffer(descriptor, f"<{dtype.kind}8", 3, 40)[:width] if options & 0x01 else None
+        with np.errstate(all="ignore"):  # a value outside of the type equals none
+            no_data = None if stored is None else stored.astype(dtype)
+        return cls(name, dtype, width, scale, offset, descriptor, no_data)
 
     @classmethod
     def create(cls, name: str, dtype: np.dtype, width: int = 1, description: str = "") -> ExtraDimension:
@@ -95,6 +109,51 @@ class ExtraDimension:
         packed = struct.pack("<HBB32s4x120s32s", 0, code, options, text[0], b"", text[1])
         return cls(name, dtype, width, descriptor=packed)
 
+    def without_missing(self, values: NDArray) -> NDArray:
+        """Return values in their unit, NaN where they are missing.
+
+        Parameters
+        ----------
+        values : ndarray of shape (n,) or (n, width)
+            Stored numbers.
+
+        Returns
+        -------
+        ndarray of the same shape
+            The values: float64 where the dimension is scaled or is an integer with a number for missing values.
+        """
+        scaled = values
+        if self.scale is not None or self.offset is not None:
+            scaled = values * (1.0 if self.scale is None else self.scale)
+            scaled = scaled if self.offset is None else scaled + self.offset
+        if self.no_data is None:
+            return scaled
+        scaled = scaled.astype(np.float64) if scaled.dtype.kind in "iu" else scaled
+        missing: NDArray = np.where(values == self.no_data, scaled.dtype.type(np.nan), scaled)
+        return missing
+
+    def stored(self, values: NDArray) -> NDArray:
+        """Return the numbers to store for values.
+
+        Parameters
+        ----------
+        values : ndarray of shape (n,) or (n, width)
+            Values in their unit, NaN where they are missing.
+
+        Returns
+        -------
+        ndarray of the same shape
+            Numbers; integers are rounded.
+        """
+        numbers = values
+        if self.scale is not None or self.offset is not None:
+            offset, scale = (0.0 if self.offset is None else self.offset), (1.0 if self.scale is None else self.scale)
+            numbers = (values - offset) / scale
+            numbers = numbers if self.dtype.kind == "f" else np.rint(numbers)
+        if self.no_data is not None and numbers.dtype.kind == "f":
+            numbers = np.where(np.isnan(numbers), self.no_data.astype(numbers.dtype), numbers)
+        return numbers
+
     def renamed(self, name: str) -> ExtraDimension:
         """Return the same dimension under another name.
 
@@ -110,6 +169,33 @@ class ExtraDimension:
         """
         descriptor = self.descriptor[:4] + struct.pack("32s", name.encode()[:32]) + self.descriptor[36:]
         return replace(self, name=name, descriptor=descriptor)
+
+
+def undocumented(n_bytes: int) -> list[ExtraDimension]:
+    """Return dimensions for bytes without a descriptor, which other programs can read when they are described.
+
+    Parameters
+    ----------
+    n_bytes : int
+        Number of bytes.
+
+    Returns
+    -------
+    list of ExtraDimension
+        ``extra_bytes``, ``extra_bytes_2`` and so on.
+    """
+    dimensions: list[ExtraDimension] = []
+    while n_bytes:
+        width = next(w for w in range(min(n_bytes, LARGEST_WIDTH), 0, -1) if not w & SCALE_BITS)
+        name = f"extra_bytes_{len(dimensions) + 1}" if dimensions else "extra_bytes"
+        dimensions.append(ExtraDimension(name, np.dtype("u1"), width))
+        n_bytes -= width
+    return dimensions
+
+
+def _finite(descriptor: bytes, at: int, width: int) -> NDArray[np.float64] | None:
+    values = np.frombuffer(descriptor, "<f8", 3, at)[:width].copy()
+    return values if np.isfinite(values).all() else None
 
 
 def pack_descriptors(dimensions: Sequence[ExtraDimension]) -> bytes:

@@ -7,39 +7,32 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.content import refuse_packed, with_packed
-from mlsroad_pipeline.formats.files import (
-    FileKey,
-    atomic_file,
-    check_file,
-    clip_range,
-    file_key,
-    log_once,
-    spread_starts,
-)
+from mlsroad_pipeline.formats.crs import auto_note, in_metres, with_units
+from mlsroad_pipeline.formats.files import FileKey, atomic_file, check_file, clip_range, file_key, log_once
 from mlsroad_pipeline.formats.las.copc import SUFFIX, is_copc, without_copc, write_copc
 from mlsroad_pipeline.formats.las.crs import read_crs, with_crs_of
-from mlsroad_pipeline.formats.las.dimensions import dimension, dimension_names, file_origin, local_xyz
-from mlsroad_pipeline.formats.las.header import read_header
+from mlsroad_pipeline.formats.las.depths import Depths, colour_bits, sampled_maximum
+from mlsroad_pipeline.formats.las.dimensions import dimension, dimension_names, local_xyz, near_corner
+from mlsroad_pipeline.formats.las.header import LasHeader, read_header
 from mlsroad_pipeline.formats.las.layout import header_like, new_header, pack_records, with_room
 from mlsroad_pipeline.formats.las.records import RecordReader
 from mlsroad_pipeline.formats.las.writer import RecordWriter
+from mlsroad_pipeline.formats.options import BY_CRS
 from mlsroad_pipeline.formats.standard_columns import (
     COLOUR_DEPTH,
     COLOURS,
     COORDINATES,
+    origin_near,
     resolve_columns,
     standard_cloud,
 )
-
-SAMPLES, SAMPLE_SIZE = 8, 2000
-"""Number of runs and points per run, evenly spread over the file, that determine the colour depth."""
 
 CHUNK = 1_000_000
 
@@ -68,9 +61,12 @@ class LasFormat(PointFormat):
         """
         path = check_file(path)
         header = read_header(path)
-        sample = self.read(path, options, start=0, stop=0)
+        crs = read_crs(header, path)
+        notes = [*header.notes, auto_note(options, crs, path)]
+        options = with_units(options, crs, path)
+        sample = self._cloud(path, header, options, 0, 0, notes)
         columns = {name: values.dtype for name, values in sample.columns.items()}
-        bounds = header.bounds * options.metres if header.n_points and options.reproject is None else None
+        bounds = header.bounds * options.factors if header.n_points and options.reproject is None else None
         details = {
             "version": f"1.{header.minor}",
             "point_format": header.point_format,
@@ -82,7 +78,10 @@ class LasFormat(PointFormat):
             "gps_time": "adjusted standard" if header.integer("H", 6) & 1 else "week",
             "software": header.block[58:90].split(b"\0")[0].decode("utf-8", "replace"),
         }
-        return FileInfo(path, self.name, header.n_points, columns, sample.origin, sample.crs, bounds, details)
+        told = tuple(text for text in notes if text)
+        return FileInfo(
+            *(path, self.name, header.n_points, columns, sample.origin, sample.crs, bounds, details), notes=told
+        )
 
     def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
         """Read a range of rows.
@@ -98,7 +97,18 @@ class LasFormat(PointFormat):
         """
         path = check_file(path)
         header = read_header(path)
-        start, stop = clip_range(start, stop, header.n_points)
+        options = with_units(options, read_crs(header, path), path)
+        return self._cloud(path, header, options, *clip_range(start, stop, header.n_points))
+
+    def _cloud(
+        self,
+        path: Path,
+        header: LasHeader,
+        options: ReadOptions,
+        start: int,
+        stop: int,
+        notes: list[str] | None = None,
+    ) -> PointCloud:
         names = resolve_columns(dimension_names(header), options, path)
         bits = options.rgb_bits
         if set(COLOURS) <= names.keys() and bits is None:
@@ -106,7 +116,9 @@ class LasFormat(PointFormat):
             log_once(str(path), COLOUR_DEPTH.format(bits))
         with RecordReader(path, header, n_threads=options.n_threads) as reader:
             records = reader.read(start, stop)
-        origin = file_origin(header, options.metres)
+        first = records[:1] if start == 0 and stop > 0 else first_record(file_key(path))
+        corner = near_corner(first, header, options.factors)
+        origin = origin_near(corner)
         raw = {given: dimension(records, header, name) for given, name in names.items() if given not in COORDINATES}
         if set(COLOURS) <= raw.keys() and bits == 16:
             raw["rgb16"] = np.stack([raw[name] for name in COLOURS], axis=1)
@@ -114,13 +126,14 @@ class LasFormat(PointFormat):
             raw.pop("rgb16", None)
         return standard_cloud(
             raw,
-            local_xyz(records, header, origin, options.metres, path=path, start=start),
+            local_xyz(records, header, origin, options.factors, path=path, start=start),
             options=replace(options, rgb_bits=bits),
             source=path,
             origin=origin,
             crs=read_crs(header, path),
-            anchor=header.bounds[0] * options.metres if header.n_points else origin,
-            maximum=lambda given: file_maximum(file_key(path), tuple(names[name] for name in given)),
+            anchor=corner if header.n_points else origin,
+            extremes=lambda given: _extremes(path, header, [names[name] for name in given], options),
+            notes=notes,
         )
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
@@ -145,17 +158,19 @@ class LasFormat(PointFormat):
                 write_copc(plain, path, n_threads=options.n_threads)
             return
         like = _template(cloud, options)
+        metres = np.full(3, options.metres)
         header = new_header(cloud, options) if like is None else header_like(like, cloud)
         if like is not None:
-            placed = with_crs_of(header, cloud, path, options.metres)
-            header = without_copc(header if placed is header else with_room(placed, cloud, options.metres))
-        eight_bit = like is not None and "red" in dimension_names(header) and colour_bits(file_key(like)) == 8
+            metres = _template_units(like, header, cloud, options)
+            placed = with_crs_of(header, cloud, path, metres)
+            header = without_copc(header if placed is header else with_room(placed, cloud, metres))
+        depths = None if like is None else Depths.of_file(like)
         with atomic_file(path) as stream:
             compress = path.suffix.lower() == ".laz"
             writer = RecordWriter(stream, header, compress=compress, n_threads=options.n_threads)
             for begin in range(0, len(cloud), CHUNK):
                 part = cloud.select(np.arange(begin, min(begin + CHUNK, len(cloud))))
-                writer.write(pack_records(part, header, metres=options.metres, eight_bit_colours=eight_bit))
+                writer.write(pack_records(part, header, metres=metres, depths=depths))
             writer.close()
 
 
@@ -173,9 +188,24 @@ def _template(cloud: PointCloud, options: WriteOptions) -> Path | None:
     return source if source.name.lower().endswith(LasFormat.extensions) and source.is_file() else None
 
 
+def _template_units(like: Path, header: LasHeader, cloud: PointCloud, options: WriteOptions) -> NDArray[np.float64]:
+    """Return the factors to metres of a template: those of its system where the cloud was converted from it."""
+    stated = read_crs(header)
+    factors = with_units(ReadOptions(units=BY_CRS), stated, like).factors
+    converted = stated is not None and cloud.crs == in_metres(stated, *factors[1:].tolist()) != stated
+    return factors if converted and options.metres == 1.0 else np.full(3, options.metres)
+
+
+def _extremes(path: Path, header: LasHeader, names: list[str], options: ReadOptions) -> tuple[float, float]:
+    """Return minimum and maximum of dimensions; a sample of unsigned intensities shows whether they use 8 bits only."""
+    if names == ["intensity"] and options.intensity_scale == "auto":
+        return 0.0, float(sampled_maximum(file_key(path), ("intensity",)))
+    return file_extremes(file_key(path), tuple(names))
+
+
 @lru_cache(maxsize=64)
-def colour_bits(key: FileKey) -> int:
-    """Return 8 where the 16-bit colour fields of a file hold 8-bit colours, else 16.
+def first_record(key: FileKey) -> NDArray:
+    """Return the first record of a file, or none.
 
     Parameters
     ----------
@@ -184,22 +214,17 @@ def colour_bits(key: FileKey) -> int:
 
     Returns
     -------
-    int
-        8 if no colour of a sample spread over the whole file is above 255 and one is above zero.
+    structured ndarray of shape (1,) or (0,)
+        The record.
     """
     path = Path(key[0])
-    header = read_header(path)
-    greatest = 0
-    with RecordReader(path, header) as reader:
-        for start in spread_starts(header.n_points, SAMPLES, SAMPLE_SIZE):
-            records = reader.read(start, start + SAMPLE_SIZE)
-            greatest = max(greatest, *(int(records[name].max(initial=0)) for name in COLOURS))
-    return 8 if 0 < greatest <= 255 else 16
+    with RecordReader(path, read_header(path)) as reader:
+        return reader.read(0, 1)
 
 
 @lru_cache(maxsize=64)
-def file_maximum(key: FileKey, names: Sequence[str]) -> float:
-    """Return the maximum of dimensions over a whole file.
+def file_extremes(key: FileKey, names: Sequence[str]) -> tuple[float, float]:
+    """Return minimum and maximum of dimensions over a whole file.
 
     Parameters
     ----------
@@ -210,14 +235,16 @@ def file_maximum(key: FileKey, names: Sequence[str]) -> float:
 
     Returns
     -------
-    float
-        Their maximum, NaN left out; zero for a file without points.
+    tuple of float
+        Both, NaN left out; the maximum is at least zero.
     """
     path = Path(key[0])
     header = read_header(path)
-    greatest: list[Any] = [0.0]
+    low, high = np.inf, 0.0
     with RecordReader(path, header) as reader:
         for start in range(0, header.n_points, CHUNK):
             records = reader.read(start, start + CHUNK)
-            greatest += [np.nanmax(dimension(records, header, name)) for name in names]
-    return float(max(greatest))
+            for name in names:
+                values = dimension(records, header, name)
+                low, high = min(low, float(np.fmin.reduce(values))), max(high, float(np.fmax.reduce(values)))
+    return min(low, high), high

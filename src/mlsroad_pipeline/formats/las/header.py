@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.formats.content import open_content
-from mlsroad_pipeline.formats.las.extra import DESCRIPTOR_SIZE, ExtraDimension
+from mlsroad_pipeline.formats.files import file_key
+from mlsroad_pipeline.formats.las.counts import compressed_points, stored_points, waveform_start
+from mlsroad_pipeline.formats.las.extra import DESCRIPTOR_SIZE, LAST_TYPE, ExtraDimension, undocumented
 from mlsroad_pipeline.formats.las.vlr import Vlr
 
 SIGNATURE = b"LASF"
@@ -47,12 +49,15 @@ class LasHeader:
         Bytes between the last of these records and the points.
     evlrs : tuple of Vlr
         The extended records behind the points.
+    notes : tuple of str
+        One sentence per statement of the header that the file contradicts.
     """
 
     block: bytes
     vlrs: tuple[Vlr, ...] = ()
     gap: bytes = b""
     evlrs: tuple[Vlr, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def get(self, form: str, offset: int) -> int | float:
         """Return one field of the header.
@@ -139,6 +144,23 @@ class LasHeader:
         legacy = self.integer("I", 107)
         return self.integer("Q", 247) or legacy if self.minor >= 4 else legacy
 
+    def with_points(self, n_points: int) -> LasHeader:
+        """Return the header with another number of points.
+
+        Parameters
+        ----------
+        n_points : int
+            The number.
+
+        Returns
+        -------
+        LasHeader
+            The header.
+        """
+        legacy = n_points if self.minor < 4 or (self.integer("I", 107) and n_points < 2**32) else 0
+        changes: list[tuple[str, int, object]] = [("I", 107, legacy)]
+        return self.patched(*changes, *([("Q", 247, n_points)] if self.minor >= 4 else []))
+
     @property
     def scale(self) -> NDArray[np.float64]:
         """Return the resolution of x, y and z."""
@@ -174,19 +196,19 @@ class LasHeader:
     def extra_dimensions(self) -> tuple[ExtraDimension, ...]:
         """Return the extra dimensions; bytes without a descriptor are one named ``extra_bytes``."""
         spare = self.record_size - RECORD_SIZES[self.point_format]
-        vlr = self.find(EXTRA_BYTES)
         dimensions = []
-        data = vlr.data if vlr is not None and spare else b""
+        records = [vlr.data for vlr in (*self.vlrs, *self.evlrs) if vlr.key == EXTRA_BYTES]
+        data = b"".join(part[: len(part) // DESCRIPTOR_SIZE * DESCRIPTOR_SIZE] for part in records) if spare else b""
         for at in range(0, len(data) - DESCRIPTOR_SIZE + 1, DESCRIPTOR_SIZE):
+            if data[at + 2] > LAST_TYPE:
+                break  # a type that is not defined has no size
             dimension = ExtraDimension.parse(data[at : at + DESCRIPTOR_SIZE])
             size = dimension.dtype.itemsize * dimension.width
             if size > spare:
                 break
             dimensions.append(dimension)
             spare -= size
-        if spare:
-            dimensions.append(ExtraDimension("extra_bytes", np.dtype("u1"), spare))
-        return tuple(dimensions)
+        return (*dimensions, *undocumented(spare))
 
 
 def read_header(path: Path) -> LasHeader:
@@ -225,9 +247,25 @@ def read_header(path: Path) -> LasHeader:
         count = struct.unpack_from("<I", block, 100)[0]
         vlrs = [_read_vlr(stream, path, limit=point_offset, extended=False) for _ in range(count)]
         header = LasHeader(block, tuple(vlrs), stream.read(point_offset - stream.tell()))
-        header = replace(header, evlrs=_read_evlrs(stream, header, path, size))
+        header = _with_evlrs(stream, header, path, size)
     _check_records(header, path)
-    return header
+    return _with_count(header, path)
+
+
+def _with_count(header: LasHeader, path: Path) -> LasHeader:
+    """Return the header with the number of points that the file holds, if that is larger than the stated one."""
+    stated, note, laz = header.n_points, "", header.find(LASZIP)
+    if header.compressed and laz is not None:
+        layout = (header.point_format, header.record_size)
+        n_points = compressed_points(file_key(path), header.point_offset, laz.data, layout, stated)
+        note = f"its header states {stated} points, it holds {n_points}: all are read" * (n_points != stated)
+    elif header.compressed:
+        return header
+    else:
+        file = open_content(path)
+        start = 0 if not header.evlrs else header.integer("Q", 235 if header.minor >= 4 else 227)
+        n_points, note = stored_points(file, header.block, stated, start or file.size)
+    return replace(header.with_points(n_points), notes=(*header.notes, note)) if note else header
 
 
 def _check_version(block: bytes, header_size: int, path: Path) -> None:
@@ -265,19 +303,23 @@ def _read_vlr(stream: BinaryIO, path: Path, *, limit: int, extended: bool) -> Vl
     return Vlr(user_id, record_id, stream.read(length), description, reserved)
 
 
-def _read_evlrs(stream: BinaryIO, header: LasHeader, path: Path, size: int) -> tuple[Vlr, ...]:
+def _with_evlrs(stream: BinaryIO, header: LasHeader, path: Path, size: int) -> LasHeader:
     """Read the extended records; in LAS 1.3 the waveform packets are one, with its own byte offset."""
+    note = ""
     if header.minor >= 4:
         start, count = header.integer("Q", 235), header.integer("I", 243)
+        if count and start < header.point_offset:
+            note = f"its header states {count} extended records at byte {start}, before its points: not read"
+            count = 0
     else:
-        start = header.integer("Q", 227) if header.minor == 3 else 0
+        start, note = waveform_start(header.block) if header.minor == 3 else (0, "")
         count = int(start > 0)
     if not count:
-        return ()
+        return replace(header, notes=(*header.notes, note)) if note else header
     if start > size:
         raise ReadError(f"{path} is truncated: its extended records begin at byte {start} and it has {size}")
     stream.seek(start)
-    return tuple(_read_vlr(stream, path, limit=size, extended=True) for _ in range(count))
+    return replace(header, evlrs=tuple(_read_vlr(stream, path, limit=size, extended=True) for _ in range(count)))
 
 
 def pack_header(header: LasHeader) -> bytes:

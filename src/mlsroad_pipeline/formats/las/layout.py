@@ -15,27 +15,37 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.crs import is_geographic
 from mlsroad_pipeline.formats.las.crs import with_wkt
-from mlsroad_pipeline.formats.las.extra import DESCRIPTOR_TYPES, ExtraDimension, pack_descriptors
+from mlsroad_pipeline.formats.las.depths import Depths
+from mlsroad_pipeline.formats.las.extra import DESCRIPTOR_SIZE, DESCRIPTOR_TYPES, ExtraDimension, pack_descriptors
 from mlsroad_pipeline.formats.las.header import (
     EXTRA_BYTES,
     HEADER_SIZES,
     RECORD_SIZES,
     SIGNATURE,
+    WKT_BIT,
     LasHeader,
     read_header,
 )
-from mlsroad_pipeline.formats.las.records import record_dtype
+from mlsroad_pipeline.formats.las.records import record_dtype, unique_names
 from mlsroad_pipeline.formats.las.vlr import Vlr
 
 DERIVED = ("rgb", "rgb16")
 """Columns that are written as red, green and blue."""
 
+STORED_AS: dict[str, np.dtype] = {"b1": np.dtype("u1"), "f2": np.dtype("f4"), "f16": np.dtype("f8")}
+"""Types without a descriptor to those that hold their values."""
+
 SOFTWARE = b"mlsroad"
+MOST_DIMENSIONS, LARGEST_RECORD = 65535 // DESCRIPTOR_SIZE, 65535
+"""Limits of the Extra Bytes record and of a point."""
+
 DEGREE_STEP = 1e-7
 """Resolution of longitudes and latitudes, degrees: 11 mm, the finest that holds all of them in 32 bits."""
 
 
-def with_extra(header: LasHeader, added: list[ExtraDimension], *, existing: list[ExtraDimension]) -> LasHeader:
+def with_extra(
+    header: LasHeader, added: list[ExtraDimension], *, existing: list[ExtraDimension], source: str = "the cloud"
+) -> LasHeader:
     """Add extra dimensions to a header.
 
     Parameters
@@ -46,25 +56,39 @@ def with_extra(header: LasHeader, added: list[ExtraDimension], *, existing: list
         Dimensions to append.
     existing : list of ExtraDimension
         Dimensions of the header, in their order, possibly renamed.
+    source : str, default "the cloud"
+        Name of the points in messages.
 
     Returns
     -------
     LasHeader
         The header with its record size and its extra bytes record changed, the record at its previous index.
+
+    Raises
+    ------
+    DataError
+        If LAS cannot hold so many dimensions.
     """
-    dimensions = [*existing, *added]
-    if not dimensions:
+    if not existing and not added:
         return header
+    names = unique_names(header.point_format, [d.name for d in (*existing, *added)])
+    dimensions = [
+        d if d.name == name else d.renamed(name[:32]) for d, name in zip((*existing, *added), names, strict=True)
+    ]
+    size = header.record_size + sum(d.dtype.itemsize * d.width for d in added)
+    if len(dimensions) > MOST_DIMENSIONS or size > LARGEST_RECORD:
+        raise DataError(
+            f"{source}: {len(dimensions)} extra dimensions in points of {size} bytes, of which LAS holds "
+            f"{MOST_DIMENSIONS} in {LARGEST_RECORD}: leave columns out, the last is {dimensions[-1].name!r}"
+        )
     record = Vlr(*EXTRA_BYTES, pack_descriptors(dimensions), b"Extra Bytes Record")
     old = [vlr for vlr in (*header.vlrs, *header.evlrs) if vlr.key == EXTRA_BYTES]
     if old:
         record = replace(record, description=old[0].description, reserved=old[0].reserved)
-    if any(vlr.key == EXTRA_BYTES for vlr in header.vlrs):
-        vlrs = tuple(record if vlr.key == EXTRA_BYTES else vlr for vlr in header.vlrs)
-    else:
-        vlrs = (*header.vlrs, record)
+    at = next((i for i, vlr in enumerate(header.vlrs) if vlr.key == EXTRA_BYTES), len(header.vlrs))
+    others = [vlr for vlr in header.vlrs if vlr.key != EXTRA_BYTES]
+    vlrs = (*others[:at], record, *others[at:])
     evlrs = tuple(vlr for vlr in header.evlrs if vlr.key != EXTRA_BYTES)
-    size = header.record_size + sum(d.dtype.itemsize * d.width for d in added)
     return replace(header, vlrs=vlrs, evlrs=evlrs).patched(("H", 105, size))
 
 
@@ -73,12 +97,14 @@ def _extra_for(cloud: PointCloud, known: set[str]) -> list[ExtraDimension]:
     for name, values in cloud.columns.items():
         if name in known or name in DERIVED:
             continue
-        dtype = np.dtype("u1") if values.dtype == np.bool_ else values.dtype
+        dtype: np.dtype = STORED_AS.get(values.dtype.str[1:], values.dtype)
         width = 1 if values.ndim == 1 else values.shape[1]
         if dtype.str[1:] not in DESCRIPTOR_TYPES or values.ndim > 2 or (width > 3 and dtype != np.uint8):
             raise DataError(f"{cloud.source}: column {name!r} ({values.dtype}, {values.shape}) cannot be stored in LAS")
         if len(name.encode()) > 32:
-            raise DataError(f"{cloud.source}: column name {name!r} is longer than the 32 bytes that LAS allows")
+            raise DataError(
+                f"{cloud.source}: column name {name!r} is longer than the 32 bytes that LAS allows: shorten it"
+            )
         added.append(ExtraDimension.create(name, dtype, width))
     return added
 
@@ -113,7 +139,8 @@ def header_like(path: Path, cloud: PointCloud) -> LasHeader:
     """
     header = read_header(path)
     added = _extra_for(cloud, _standard_names(header))
-    return with_extra(header, added, existing=list(header.extra_dimensions)) if added else header
+    existing = list(header.extra_dimensions)
+    return with_extra(header, added, existing=existing, source=cloud.source) if added else header
 
 
 def new_header(cloud: PointCloud, options: WriteOptions) -> LasHeader:
@@ -140,15 +167,16 @@ def new_header(cloud: PointCloud, options: WriteOptions) -> LasHeader:
     point_format = 7 if any(name in cloud for name in DERIVED) else 6
     struct.pack_into("<4s20xBB32s32s", block, 0, SIGNATURE, 1, 4, b"OTHER", SOFTWARE)
     struct.pack_into("<HH", block, 90, 1, 1970)
+    struct.pack_into("<H", block, 6, WKT_BIT)
     struct.pack_into("<BH", block, 104, point_format, RECORD_SIZES[point_format])
     step = options.scale / options.metres
     flat = DEGREE_STEP if is_geographic(cloud.crs) else step
     struct.pack_into("<6d", block, 131, flat, flat, step, *cloud.origin / options.metres)
     header = with_wkt(LasHeader(bytes(block)), cloud.crs)
-    return with_extra(header, _extra_for(cloud, _standard_names(header)), existing=[])
+    return with_extra(header, _extra_for(cloud, _standard_names(header)), existing=[], source=cloud.source)
 
 
-def with_room(header: LasHeader, cloud: PointCloud, metres: float) -> LasHeader:
+def with_room(header: LasHeader, cloud: PointCloud, metres: NDArray[np.float64]) -> LasHeader:
     """Set a scale and an offset in another file's header that can represent the points.
 
     Parameters
@@ -157,8 +185,8 @@ def with_room(header: LasHeader, cloud: PointCloud, metres: float) -> LasHeader:
         The header to write.
     cloud : PointCloud
         The points.
-    metres : float
-        Factor from the file's unit to metres.
+    metres : ndarray of shape (3,)
+        Factors from the file's units to metres.
 
     Returns
     -------
@@ -173,11 +201,15 @@ def with_room(header: LasHeader, cloud: PointCloud, metres: float) -> LasHeader:
         return header.patched(("2d", 131, (DEGREE_STEP,) * 2), ("2d", 155, (0.0,) * 2))
     if (reach[:2] < 2**31 - 1).all():
         return header
-    return header.patched(("2d", 155, tuple(np.floor(cloud.origin[:2] / metres))))
+    return header.patched(("2d", 155, tuple(np.floor(cloud.origin[:2] / metres[:2]))))
 
 
 def pack_records(
-    cloud: PointCloud, header: LasHeader, *, metres: float = 1.0, eight_bit_colours: bool = False
+    cloud: PointCloud,
+    header: LasHeader,
+    *,
+    metres: NDArray[np.float64] | None = None,
+    depths: Depths | None = None,
 ) -> NDArray:
     """Convert points to records.
 
@@ -187,10 +219,10 @@ def pack_records(
         The points; each column is stored in the dimension of its name. Absent dimensions are zero.
     header : LasHeader
         The layout.
-    metres : float, default 1.0
-        Factor from the file's unit to metres.
-    eight_bit_colours : bool, default False
-        Store `rgb` as it is instead of spread over 16 bits.
+    metres : ndarray of shape (3,), optional
+        Factors from the file's units to metres; None for metres.
+    depths : Depths, optional
+        Full scales of intensity and colours; None uses all 16 bits.
 
     Returns
     -------
@@ -203,22 +235,28 @@ def pack_records(
         If a coordinate or a value does not fit its field.
     """
     records = np.zeros(len(cloud), dtype=record_dtype(header))
-    for axis, name in enumerate("XYZ"):
-        world = (cloud.xyz[:, axis].astype(np.float64) + (cloud.origin[axis] - header.offset[axis] * metres)) / metres
+    factors, depths = np.ones(3) if metres is None else metres, depths or Depths()
+    for axis, (name, unit) in enumerate(zip("XYZ", factors.tolist(), strict=True)):
+        world = (cloud.xyz[:, axis].astype(np.float64) + (cloud.origin[axis] - header.offset[axis] * unit)) / unit
         records[name] = _fitting(np.rint(world / header.scale[axis]), np.dtype("i4"), name, cloud.source)
-    for name, values in _las_columns(cloud, eight_bit_colours):
+    for name, values in _las_columns(cloud, depths):
         _store(records, header, name, values, cloud.source)
     return records
 
 
-def _las_columns(cloud: PointCloud, eight_bit: bool) -> list[tuple[str, NDArray]]:
+def _las_columns(cloud: PointCloud, depths: Depths) -> list[tuple[str, NDArray]]:
     columns = [(name, values) for name, values in cloud.columns.items() if name not in DERIVED]
+    columns = [(name, _whole_intensity(v, depths) if name == "intensity" else v) for name, v in columns]
     colours = cloud.get("rgb16")
     if colours is None and "rgb" in cloud:
-        colours = cloud["rgb"].astype(np.uint16) * (1 if eight_bit else 257)
+        colours = cloud["rgb"].astype(np.uint16) * (1 if depths.colours == 8 else 257)
     if colours is not None:
         columns += [(name, colours[:, axis]) for axis, name in enumerate(("red", "green", "blue"))]
     return columns
+
+
+def _whole_intensity(values: NDArray, depths: Depths) -> NDArray:
+    return np.rint(np.nan_to_num(values.astype(np.float64)) * depths.intensity)
 
 
 def _store(records: NDArray, header: LasHeader, name: str, values: NDArray, source: str) -> None:
@@ -233,13 +271,8 @@ def _store(records: NDArray, header: LasHeader, name: str, values: NDArray, sour
                     )
                 records[field] |= _fitting(values, np.dtype("u1"), name, source) << shift
                 return
-    if name == "intensity":
-        values = np.rint(np.nan_to_num(values.astype(np.float64)) * 65535.0)
     extra = dict(zip(reversed(records.dtype.names or ()), reversed(header.extra_dimensions), strict=False)).get(name)
-    if extra is not None and (extra.scale is not None or extra.offset is not None):
-        offset, scale = (0.0 if extra.offset is None else extra.offset), (1.0 if extra.scale is None else extra.scale)
-        values = (values - offset) / scale
-        values = values if extra.dtype.kind == "f" else np.rint(values)
+    values = values if extra is None else extra.stored(values)
     dtype = records.dtype[name].base
     records[name] = values if values.dtype == dtype else _fitting(values, dtype, name, source)
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 import lazrs
 import numpy as np
-from laspy.point.dims import ALL_POINT_FORMATS_DTYPE
+from laspy.point.dims import ALL_POINT_FORMATS_DTYPE, COMPOSED_FIELDS
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
@@ -37,14 +38,36 @@ def record_dtype(header: LasHeader) -> np.dtype:
         Fields with the names of laspy, then the extra dimensions; one whose name is taken gets ``_extra`` appended.
     """
     fields = list(ALL_POINT_FORMATS_DTYPE[header.point_format].descr)
-    taken = {name for name, _ in fields}
-    for dimension in header.extra_dimensions:
-        name = dimension.name or "unnamed"
+    extra = header.extra_dimensions
+    names = unique_names(header.point_format, [dimension.name for dimension in extra])
+    return np.dtype([*fields, *((name, *d.field_type[1:]) for name, d in zip(names, extra, strict=True))])
+
+
+def unique_names(point_format: int, names: Sequence[str]) -> list[str]:
+    """Return names of extra dimensions that differ from each other and from those of the standard.
+
+    Parameters
+    ----------
+    point_format : int
+        Number of the point format.
+    names : sequence of str
+        Names in the order of the bytes.
+
+    Returns
+    -------
+    list of str
+        The names; one that is taken gets ``_extra`` appended, an empty one is ``unnamed``.
+    """
+    parts = COMPOSED_FIELDS[point_format].values()
+    taken = {*ALL_POINT_FORMATS_DTYPE[point_format].names, *(part.name for group in parts for part in group), *"xyz"}
+    unique = []
+    for given in names:
+        name = given.strip() or "unnamed"
         while name in taken:
             name += "_extra"
         taken.add(name)
-        fields.append((name, *dimension.field_type[1:]))
-    return np.dtype(fields)
+        unique.append(name)
+    return unique
 
 
 class RecordReader:

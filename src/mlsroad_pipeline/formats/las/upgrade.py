@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.formats.las.crs import WKT, read_crs, with_wkt
-from mlsroad_pipeline.formats.las.header import HEADER_SIZES, RECORD_SIZES, LasHeader
+from mlsroad_pipeline.formats.las.header import HEADER_SIZES, RECORD_SIZES, WKT_BIT, LasHeader
 from mlsroad_pipeline.formats.las.records import record_dtype
 
 SUCCESSORS = {0: 6, 1: 6, 2: 7, 3: 7, 4: 9, 5: 10}
@@ -42,16 +42,23 @@ def upgraded_header(header: LasHeader) -> LasHeader:
         vlrs=tuple(vlr for vlr in header.vlrs if vlr.key[0] != COPC),
         evlrs=tuple(vlr for vlr in header.evlrs if vlr.key[0] != COPC),
     )
+    header = replace(header, vlrs=tuple(replace(vlr, reserved=0) for vlr in header.vlrs))  # LAS 1.0 has a mark there
     old = header.point_format
     if old not in SUCCESSORS:
-        return header
+        return _with_system(header, header)
     own, written = HEADER_SIZES[header.minor], max(header.minor, 4)
     block = header.block[:own].ljust(HEADER_SIZES[written], b"\0") + header.block[own:]
     gap = header.gap.removesuffix(RECORD_1_0) if header.minor == 0 else header.gap
     size = header.record_size + RECORD_SIZES[SUCCESSORS[old]] - RECORD_SIZES[old]
     changes: list[tuple[str, int, object]] = [("B", 25, written), ("B", 104, SUCCESSORS[old]), ("H", 105, size)]
     new = replace(header, block=block, gap=gap).patched(*changes)
-    return new if header.find(WKT) is not None else with_wkt(new, read_crs(header))
+    return _with_system(new, header)
+
+
+def _with_system(new: LasHeader, old: LasHeader) -> LasHeader:
+    """Return a header with the system of another as WKT, and the bit that point formats 6 to 10 require in any case."""
+    done = new if old.find(WKT) is not None else with_wkt(new, read_crs(old))
+    return done.patched(("H", 6, done.integer("H", 6) | WKT_BIT))
 
 
 def upgrade_records(records: NDArray, header: LasHeader, target: LasHeader) -> NDArray:

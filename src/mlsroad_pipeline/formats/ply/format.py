@@ -160,7 +160,12 @@ def vertex_rows(path: Path, header: PlyHeader) -> TextRows:
     ReadError
         If there are fewer rows than the header states.
     """
-    rows = _vertex_rows(file_key(path), header.begin, header.text.count(b"\n") + 1, header.vertex.count)
+    rows = _vertex_rows(
+        file_key(path),
+        header.begin,
+        header.text.count(header.text[3:4] if header.text[3:5] != b"\r\n" else b"\n") + 1,
+        header.vertex.count,
+    )
     if rows.n_rows < header.vertex.count:
         raise ReadError(f"{path} is truncated: its header states {header.vertex.count} points, it holds {rows.n_rows}")
     return rows

@@ -46,7 +46,7 @@ class TextFormat(TableFormat):
             return {name: columns[name] for name in names}
 
         details = {"delimiter": found.delimiter, "decimal": found.form.decimal, "names": found.names}
-        return PointTable(found.numeric_names, found.rows.n_rows, rows, None, details, found.guess)
+        return PointTable(found.numeric_names, found.rows.n_rows, rows, None, details, found.notes, found.guess)
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write a cloud as text with a row of names, compressed where the path ends in ``.gz``.

@@ -59,6 +59,7 @@ class TextTable:
     head: bytes
     has_names: bool
     guess: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def delimiter(self) -> str:

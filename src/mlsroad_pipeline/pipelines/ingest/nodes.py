@@ -46,7 +46,7 @@ def describe_files(plan: SurveyPlan, ingest: IngestParameters) -> dict[str, Scen
 
 def find_corridors(plan: SurveyPlan, files: SceneCollection, ingest: IngestParameters) -> dict[str, SceneTask]:
     """Create one task per drive, which finds the corridor that it is cut along."""
-    samples, windows = files.part("sample"), files.part("windows")
+    samples, windows, facts = files.part("sample"), files.part("windows"), files.load_all("info")
     tasks = {}
     for drive, members in plan.drives().items():
         beside = trajectory_beside(members)
@@ -55,7 +55,8 @@ def find_corridors(plan: SurveyPlan, files: SceneCollection, ingest: IngestParam
             "windows": [windows[f.key] for f in members],
             "trajectory": None if beside is None else SourceFile(beside),
         }
-        tasks[drive] = SceneTask(find_corridor, inputs, {"along": ingest.cut == "along"})
+        factors = facts[members[0].key]["factors"]
+        tasks[drive] = SceneTask(find_corridor, inputs, {"along": ingest.cut == "along", "factors": factors})
     return tasks
 
 

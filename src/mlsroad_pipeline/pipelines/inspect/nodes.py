@@ -5,6 +5,7 @@ from typing import Any
 
 import pandas as pd
 
+from mlsroad_pipeline.label.checks import output_problems
 from mlsroad_pipeline.reporting.inspection_page import survey_page
 from mlsroad_pipeline.surveys.files import Survey
 from mlsroad_pipeline.surveys.inspection import InspectParameters, inspect_survey, inspection_warnings, survey_facts
@@ -16,7 +17,7 @@ logger = logging.getLogger(__name__)
 def inspect_files(parameters: InspectParameters, survey: SurveyParameters) -> tuple[dict[str, Any], str, pd.DataFrame]:
     """Inspect the files of a survey, log the warnings, and return facts, report page and warnings."""
     places, read = (parameters.survey, parameters.read) if parameters.survey else (str(survey.root), survey.read)
-    files, unread = inspect_survey(parameters, root=places, read=read)
+    files, unread = inspect_survey(parameters, root=places, read=read, problems_of=output_problems)
     root = Survey.at(places).root
     warnings = inspection_warnings(files, unread)
     for row in warnings.itertuples():

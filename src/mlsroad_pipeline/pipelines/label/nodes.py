@@ -18,7 +18,7 @@ from mlsroad_pipeline.datasets.models.registered_models import configured_store
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import SceneTask
-from mlsroad_pipeline.label.checks import check_outputs
+from mlsroad_pipeline.label.checks import check_headers, check_outputs
 from mlsroad_pipeline.label.exports import export_inventory
 from mlsroad_pipeline.label.images import LabelImages, images_to_label
 from mlsroad_pipeline.label.inventory import OBJECTS, inventory_of, objects_task
@@ -43,6 +43,7 @@ logger = logging.getLogger(__name__)
 def plan_label_files(parameters: LabelParameters, ingest: IngestParameters, run: RunFolder) -> SurveyPlan:
     """Return the plan of a survey, and begin its run: lock the output and check what would be replaced."""
     plan = plan_labelling(parameters, ingest)
+    check_headers(plan, parameters)
     open_run(plan, parameters, run)
     return plan
 

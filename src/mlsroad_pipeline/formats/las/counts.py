@@ -1,0 +1,146 @@
+"""Number of points and byte offsets of records that a LAS or LAZ file has, against those that its header states."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import BinaryIO
+
+import lazrs
+
+from mlsroad_pipeline.formats.content import Content, open_content
+from mlsroad_pipeline.formats.files import FileKey
+
+POINTWISE = 1
+"""LASzip compressor without chunks (LASzip 1)."""
+
+LAYERED_FROM = 6
+"""First point format whose chunks state their number of points."""
+
+WAVEFORMS = (4, 5, 9, 10)
+INTERNAL, EXTERNAL = 0x02, 0x04
+"""Bits of the global encoding: waveform packets in the file, or in another one."""
+
+
+def waveform_start(block: bytes) -> tuple[int, str]:
+    """Return the byte offset of the waveform packets of a LAS 1.3 file, 0 if it holds none.
+
+    Parameters
+    ----------
+    block : bytes
+        The public header block.
+
+    Returns
+    -------
+    start : int
+        Byte offset.
+    note : str
+        Sentence if the offset is not used; else empty.
+    """
+    start, points = struct.unpack_from("<Q", block, 227)[0], struct.unpack_from("<I", block, 96)[0]
+    encoding, point_format = struct.unpack_from("<H", block, 6)[0], block[104] & 0x3F
+    if not start:
+        return 0, ""
+    if point_format not in WAVEFORMS:
+        return 0, f"its header states waveform packets at byte {start}, but its points have none: not read"
+    if encoding & EXTERNAL and not encoding & INTERNAL:
+        return 0, f"its waveform packets are in another file (.wdp), not at byte {start} as its header states: not read"
+    if start < points:
+        return 0, f"its header states waveform packets at byte {start}, before its points: not read"
+    return start, ""
+
+
+def stored_points(file: Content, block: bytes, stated: int, end: int) -> tuple[int, str]:
+    """Return the number of points of an uncompressed file, and a sentence if it is not the stated one.
+
+    Parameters
+    ----------
+    file : Content
+        Bytes of the file.
+    block : bytes
+        The public header block.
+    stated : int
+        Number of points that the header states.
+    end : int
+        Byte offset of what follows the points.
+
+    Returns
+    -------
+    n_points : int
+        The stated number, or a larger one if whole records fill the file; a smaller file is an error of the reader.
+    note : str
+        Sentence for the user.
+    """
+    begin, size = struct.unpack_from("<I", block, 96)[0], struct.unpack_from("<H", block, 105)[0]
+    have, rest = divmod(max(end - begin, 0), size)
+    if have <= stated:
+        return stated, ""
+    extra = end - begin - stated * size
+    last = file.read(size, begin + (have - 1) * size)
+    if (rest and stated) or not any(last):
+        return stated, f"{extra} bytes after its {stated} points are no points: not read"
+    return have, f"its header states {stated} points, it holds {have}: all are read"
+
+
+@lru_cache(maxsize=64)
+def compressed_points(key: FileKey, begin: int, record: bytes, layout: tuple[int, int], stated: int) -> int:
+    """Return the number of points of a LAZ file, as far as its chunks state it.
+
+    Parameters
+    ----------
+    key : tuple
+        See `file_key`.
+    begin : int
+        Byte offset of the points.
+    record : bytes
+        Data of the LASzip record.
+    layout : tuple of int
+        Point format and size of a point.
+    stated : int
+        Number of points that the header states.
+
+    Returns
+    -------
+    int
+        The stated number, or that of the chunks where it is larger. A damaged table gives the stated number: the
+        reader raises the error.
+    """
+    try:
+        laz = lazrs.LazVlr(record)
+        with open_content(Path(key[0])).stream() as stream:
+            if record[0] == POINTWISE or stream.seek(0, 2) < begin + 8:
+                return stated
+            stream.seek(begin)
+            table = struct.unpack("<q", stream.read(8))[0]
+            if table < begin + 8:
+                return stated
+            stream.seek(table)
+            n_chunks = struct.unpack("<II", stream.read(8))[1]
+            if n_chunks > (table - begin) // layout[1]:
+                return stated
+            stream.seek(begin)
+            chunks = lazrs.read_chunk_table(stream, laz)
+            return max(stated, _of_chunks(stream, laz, chunks, begin, layout, stated))
+    except (lazrs.LazrsError, struct.error, OverflowError):
+        return stated
+
+
+def _of_chunks(
+    stream: BinaryIO,
+    laz: lazrs.LazVlr,
+    chunks: Sequence[tuple[int, int]],
+    begin: int,
+    layout: tuple[int, int],
+    stated: int,
+) -> int:
+    if laz.uses_variable_size_chunks():
+        return sum(n_points for n_points, _ in chunks)
+    point_format, size = layout
+    full = (len(chunks) - 1) * laz.chunk_size()
+    if not chunks or point_format < LAYERED_FROM:
+        return stated
+    stream.seek(begin + 8 + sum(n_bytes for _, n_bytes in chunks[:-1]) + size)
+    last = struct.unpack("<I", stream.read(4))[0]
+    return full + last if 0 < last <= laz.chunk_size() else stated
