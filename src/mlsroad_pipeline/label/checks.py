@@ -22,7 +22,7 @@ from mlsroad_pipeline.formats.las.header import LasHeader
 from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.label.inventory import survey_crs
-from mlsroad_pipeline.label.writer import result_header
+from mlsroad_pipeline.label.writer import keeps_units, result_header
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import PlannedFile, SurveyPlan
 from mlsroad_pipeline.surveys.survey_warnings import looks_like_degrees
@@ -96,8 +96,9 @@ def check_file(
     path = Path(file.source.path)
     check_header(str(path), plan.options, copc=copc)
     form = get_format(path)
-    if form.name != "LAS" and plan.options.reproject is None:  # LAS keeps its scale and offset
-        _check_extent(path, result_header(path, form, plan.options), row, np.ones(3) if factors is None else factors)
+    if form.name != "LAS":  # LAS keeps its scale and offset
+        units = np.ones(3) if factors is None or not keeps_units(plan.options) else factors
+        _check_extent(path, result_header(path, form, plan.options), row, units)
 
 
 def _check_extent(path: Path, header: LasHeader, row: Mapping[Any, Any], factors: NDArray[np.float64]) -> None:

@@ -28,6 +28,7 @@ from mlsroad_pipeline.formats.las.records import RecordReader
 from mlsroad_pipeline.formats.las.upgrade import upgrade_records, upgraded_header
 from mlsroad_pipeline.formats.las.writer import RecordWriter
 from mlsroad_pipeline.formats.native_labels import LabelSink, native_path, native_sink
+from mlsroad_pipeline.formats.options import BY_CRS
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.surveys.reading import options_in_use
 
@@ -246,13 +247,18 @@ def result_header(path: Path, form: PointFormat, options: ReadOptions) -> LasHea
     if form.name == "LAS":
         return _with_results(upgraded_header(read_header(path)), keep_class=True, source=str(path))
     empty = _renamed(form.read(path, as_stored(options), start=0, stop=0))
-    flat = options_in_use(form, str(path), options).metres
+    flat = options_in_use(form, str(path), options).metres if keeps_units(options) else 1.0
     return _with_results(new_header(empty, WriteOptions(scale=SCALE / flat)), keep_class=False, source=str(path))
 
 
+def keeps_units(options: ReadOptions) -> bool:
+    """Return whether a result has the units of its file, not metres as with options that set a unit or a system."""
+    return options.units == BY_CRS and options.reproject is None
+
+
 def as_stored(options: ReadOptions) -> ReadOptions:
-    """Return options that read the coordinates of a file unchanged, in its units and its system."""
-    return replace(options, units=1.0, height_units=None, reproject=None)
+    """Return options that read the coordinates of a file as its result has them."""
+    return replace(options, units=1.0, height_units=None) if keeps_units(options) else options
 
 
 def _other_source(path: Path, form: PointFormat, options: ReadOptions) -> _Source:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import unquote
@@ -128,37 +129,73 @@ def read_ply_header(path: Path) -> PlyHeader:
     data = open_content(path).read(HEAD)
     if data[:3] != b"ply":
         raise ReadError(f"{path} is not a PLY file: it begins with {data[:4]!r}")
-    at = data.find(b"end_header")
-    if at < 0:
-        raise ReadError(f"{path} is truncated: its PLY header has no end_header")
-    end = data.find(b"\n", at) + 1
-    if not end:
+    line_end = b"\r\n" if data[3:5] == b"\r\n" else data[3:4]
+    lines: list[bytes] = []
+    at = 0
+    while not lines or lines[-1].strip() != b"end_header":
+        end = data.find(line_end, at)
+        if end < 0:
+            break
+        lines.append(data[at:end])
+        at = end + len(line_end)
+    else:
+        return _parsed(data[:at], [line.decode("utf-8", "replace") for line in lines], path)
+    if data[at:].strip() == b"end_header":
         raise ReadError(f"{path} is truncated: nothing follows its PLY header")
-    return _parsed(data[:end], path)
+    raise ReadError(f"{path} is truncated: its PLY header has no end_header")
 
 
-def _parsed(text: bytes, path: Path) -> PlyHeader:
-    encoding, elements, comments = "", [], []
-    for number, line in enumerate(text.decode("utf-8", "replace").splitlines(), start=1):
-        words = line.split()
+class _Repeated(Exception):
+    """A line that repeats a name; the message is the reason."""
+
+
+def _parsed(text: bytes, lines: Sequence[str], path: Path) -> PlyHeader:
+    formats: list[str] = []
+    elements: list[PlyElement] = []
+    comments: list[str] = []
+    for number, line in enumerate(lines, start=1):
         try:
-            match words:
-                case ["format", kind, *_]:
-                    encoding = kind
-                case ["comment", *_]:
-                    comments.append(line.strip()[8:])
-                case ["element", name, count] if count.isascii() and count.isdigit():
-                    elements.append(PlyElement(name, int(count)))
-                case ["element", *_]:
-                    raise ValueError
-                case ["property", "list", _, _, name]:
-                    elements[-1].properties[name] = None
-                case ["property", kind, name]:
-                    elements[-1].properties[name] = TYPES[kind]
+            _read_line(line, formats, elements, comments, is_first=number == 1)
         except (KeyError, ValueError, IndexError):
-            raise ReadError(f"{path}, line {number}: not understood: {line!r}") from None
+            raise ReadError(f"{path}, line {number}: not understood: {line!r}; correct the header") from None
+        except _Repeated as error:
+            raise ReadError(f"{path}, line {number}: {error}: {line!r}; rename or remove it") from None
+    encoding = formats[0] if formats else ""
     if encoding not in ORDERS:
         raise ReadError(f"{path} has PLY format {encoding!r}; {', '.join(ORDERS)} can be read")
     if not any(element.name == "vertex" for element in elements):
         raise ReadError(f"{path} has no element 'vertex' (elements: {', '.join(e.name for e in elements) or 'none'})")
     return PlyHeader(encoding, tuple(elements), text, tuple(comments))
+
+
+def _read_line(
+    line: str, formats: list[str], elements: list[PlyElement], comments: list[str], *, is_first: bool
+) -> None:
+    """Add what a line of the header states; raise an error for a line that states nothing known."""
+    match line.split():
+        case ["ply"] if is_first:
+            pass
+        case ["format", kind, *_]:
+            if formats:
+                raise _Repeated("a second format")
+            formats.append(kind)
+        case ["comment", *_]:
+            comments.append(line.strip()[8:])
+        case ["obj_info", *_] | ["end_header"] | []:
+            pass
+        case ["element", name, count] if count.isascii() and count.isdigit():
+            if any(element.name == name for element in elements):
+                raise _Repeated(f"element {name!r} is repeated")
+            elements.append(PlyElement(name, int(count)))
+        case ["property", "list", counts, kind, name] if TYPES[counts] and TYPES[kind]:
+            _add_property(elements[-1], name, None)
+        case ["property", kind, name]:
+            _add_property(elements[-1], name, TYPES[kind])
+        case _:
+            raise ValueError(line)
+
+
+def _add_property(element: PlyElement, name: str, kind: str | None) -> None:
+    if name in element.properties:
+        raise _Repeated(f"property {name!r} is repeated")
+    element.properties[name] = kind
