@@ -25,8 +25,8 @@ from qgis.core import (
     QgsVectorLayer,
 )
 
-# From the bottom of the map to its top; the layer "objects" shows the same objects once more.
-LAYERS = ("footprints", "trees", "vehicles", "trajectory", "poles", "signs")
+# From the bottom of the map to its top; "objects" repeats the others: its symbols are off until they are ticked.
+LAYERS = ("footprints", "trees", "vehicles", "trajectory", "poles", "signs", "objects")
 PAGE = (297.0, 210.0)
 LEGEND = 78.0
 
@@ -78,6 +78,7 @@ def main() -> int:
     application.initQgis()
     project = QgsProject.instance()
     layers = open_layers(options.inventory)
+    project.setCrs(layers[0].crs())  # as the first layer of an empty project does in the window
     project.addMapLayers(layers)
     middle = layers[0].extent().center()
     x, y = options.centre or (middle.x(), middle.y())

@@ -59,6 +59,7 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
     assert in_memory == {
         *plans,
         "image_labels.drives",
+        "label_exports",
         "label_facts",
         "label_images",
         "label_model_request",

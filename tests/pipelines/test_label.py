@@ -1,5 +1,6 @@
 """`label` from end to end on a new survey."""
 
+import json
 import os
 import re
 import signal
@@ -17,6 +18,7 @@ import pytest
 from helpers.labelled import N_POINTS, check_labels, check_same_points, scheme
 from helpers.wiring import REPOSITORY, contents, label, last_line, stage_counts, stored_records, with_models
 
+from mlsroad_pipeline.datasets.inventory.exports import EXPORTS
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.options import WriteOptions
 
@@ -112,7 +114,7 @@ def test_two_workers_give_the_bytes_of_one_and_objects_span_scenes_and_files(sha
     for number in range(2):
         own = np.arange(len(cloud)) // 500 % 2 == number
         LasFormat().write(folder / f"{number}.laz", cloud.select(own), WriteOptions(like="none"))
-    how = {"ingest": {"scene_length": 3.0, "buffer": 2.0}}
+    how = {"ingest": {"scene_length": 3.0, "buffer": 2.0}, "export": ["dxf", "shapefile", "flatgeobuf,geojson", "csv"]}
     one = label(label_project, folder, tmp_path / "one", keep_state=True, **how)
     assert len(stored_records(one, "results")) > 3
     project = with_models(shared, tmp_path / "project")
@@ -126,6 +128,12 @@ def test_two_workers_give_the_bytes_of_one_and_objects_span_scenes_and_files(sha
     assert (counts > 0).sum(axis=0).tolist() == table["file_count"].tolist()
     assert table["file_count"].max() == 2
     pd.testing.assert_frame_equal(gpd.read_parquet(two / "inventory.parquet"), table)
+    exports = json.loads(next(one.glob(".mlsroad/*/summary.json")).read_text())["outputs"]["exports"]
+    assert set(exports) == {str(one / name) for form in EXPORTS.values() for name in (*form.files, *form.others)}
+    for name in (path.removeprefix(f"{one}/") for path in exports):
+        assert (two / name).read_bytes() == (one / name).read_bytes(), name
+    for name in ("inventory.geojson", "inventory.fgb", "inventory.csv", "inventory_shp/objects.shp"):
+        assert len(pyogrio.read_dataframe(one / name, read_geometry=False)) == len(table), name
 
 
 def test_output_in_a_folder_that_is_no_part_of_the_survey_may_lie_inside_it(label_project, survey, tmp_path):

@@ -131,7 +131,10 @@ def test_a_file_of_the_users_own_is_refused_before_a_point_is_read(project, surv
     (tmp_path / "out" / "report.html").write_text("my own report")
     with caplog.at_level("INFO", logger="mlsroad_pipeline"):
         said = refusal(project, surveys["east"], tmp_path / "out")
-    assert f"{tmp_path}/out/report.html exists and was not written by label" in said
+        assert f"{tmp_path}/out/report.html exists and was not written by label" in said
+        (tmp_path / "out" / "report.html").rename(tmp_path / "out" / "inventory.prj")
+        said = refusal(project, surveys["east"], tmp_path / "out", export="csv")
+    assert f"{tmp_path}/out/inventory.prj exists and was not written by label" in said
     assert not stage_counts(caplog.messages)
 
 

@@ -1,6 +1,8 @@
 """QGIS styles: well-formed, with the right symbols, and with expressions over existing fields."""
 
 import re
+import sqlite3
+from contextlib import closing
 from xml.etree import ElementTree
 
 import pytest
@@ -50,3 +52,18 @@ def test_objects_are_told_apart_by_their_kind():
 def test_labels_wait_for_a_scale_where_there_is_one(scaled):
     rendering = ElementTree.fromstring(qml("poles", scaled=scaled)).find("labeling/settings/rendering")
     assert rendering.get("scaleVisibility") == str(int(scaled))
+
+
+def test_every_sign_has_one_symbol_whatever_is_known_of_its_front():
+    rules = [rule.get("filter") for rule in ElementTree.fromstring(qml("signs")).iter("rule")]
+    with closing(sqlite3.connect(":memory:")) as base:  # the filters are SQL expressions too
+        base.execute("CREATE TABLE signs (facing_from TEXT)")
+        base.executemany("INSERT INTO signs VALUES (?)", [("post",), ("pole",), ("unknown",), (None,)])
+        drawn = [base.execute(f"SELECT facing_from FROM signs WHERE {rule}").fetchall() for rule in rules]
+    assert drawn == [[("post",), ("pole",)], [("unknown",)], [(None,)]]
+
+
+def test_symbols_that_are_not_drawn_can_be_ticked():
+    states = [rule.get("checkstate") for rule in ElementTree.fromstring(qml("objects", drawn=False)).iter("rule")]
+    assert states == ["0"] * len(KINDS)
+    assert "checkstate" not in qml("objects")

@@ -64,6 +64,8 @@ def _add_blocks(doc: Drawing) -> None:
     pole.add_circle((0, 0), 0.15)
     sign = doc.blocks.new("SIGN")
     sign.add_lwpolyline([(-0.4, -0.2), (0.4, -0.2), (0, 0.5)], close=True)
+    plain = doc.blocks.new("SIGN_PLAIN")  # without a measured panel
+    plain.add_lwpolyline([(0, -0.4), (0.4, 0), (0, 0.4), (-0.4, 0)], close=True)
     board = doc.blocks.new("SIGN_BOTH")  # of unknown front
     board.add_line((-0.4, 0), (0.4, 0))
     board.add_line((0, -0.2), (0, 0.2))
@@ -72,7 +74,7 @@ def _add_blocks(doc: Drawing) -> None:
     tree.add_point((0, 0))
     vehicle = doc.blocks.new("VEHICLE")
     vehicle.add_lwpolyline([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)], close=True)
-    for block in (pole, sign, board, tree, vehicle):
+    for block in (pole, sign, plain, board, tree, vehicle):
         _define(block)
 
 
@@ -84,8 +86,8 @@ def _define(block: BlockLayout) -> None:
 def _placed(row: dict[str, Any]) -> tuple[str, dict[str, float]]:
     """Return the block of an object, and its rotation (counterclockwise) and scale."""
     if row["kind"] == "sign":
-        name = "SIGN" if row["facing_from"] in ("post", "pole") else "SIGN_BOTH"
-        return name, {"rotation": -np.nan_to_num(row["facing"])}
+        name = {"": "SIGN_PLAIN", "unknown": "SIGN_BOTH"}.get(row["facing_from"], "SIGN")
+        return name, {"rotation": -float(np.nan_to_num(row["facing"]))}
     if row["kind"] == "tree":
         crown = row["crown_diameter"] if row["crown_diameter"] > 0 else max(row["width"], 0.1)
         return "TREE", {"xscale": crown, "yscale": crown}

@@ -111,7 +111,10 @@ def _write_layers(path: Path, inventory: RoadInventory, table: pd.DataFrame, crs
         line = np.array([shapely.LineString(inventory.trajectory.xyz)])
         length = pd.DataFrame({"length": [round(inventory.trajectory.length, 3)]})
         _write_layer(path, "trajectory", length, geometry=line, kind=_LINE, crs=crs)
-    styles = {layer: qgis_styles.qml(layer, scaled=crs is not None) for layer in qgis_styles.LAYERS}
+    # The layer `objects` repeats the objects of the others and would cover their symbols.
+    styles = {
+        layer: qgis_styles.qml(layer, scaled=crs is not None, drawn=layer != "objects") for layer in qgis_styles.LAYERS
+    }
     add_tables(path, styles, date=_FIXED_DATE)
 
 

@@ -64,7 +64,9 @@ def _fill(colour: str, outline: str, width: float, *, style: str = "solid") -> P
 _Symbols = Sequence[tuple[str, Properties, Properties]]
 
 _LEANS = 'coalesce("tilt", 0) >= 1 and "lean_azimuth" is not null'
+_FRONT_KNOWN = "\"facing_from\" in ('post', 'pole')"
 _FRONT_UNKNOWN = "\"facing_from\" = 'unknown'"
+_NO_PANEL = '"facing_from" is null'  # neither of the other two holds for NULL
 
 _POLE: _Symbols = (("SimpleMarker", _marker("circle", COLOURS["pole"], 2.2), {}),)
 _LEAN: _Symbols = (
@@ -78,6 +80,7 @@ _FACING = {"angle": 'coalesce("facing", 0)'}
 _SIGN: _Symbols = (("SimpleMarker", _marker("triangle", COLOURS["sign"], 3.2), _FACING),)
 _BAR = {**_marker("line", COLOURS["sign"], 3.2, outline=f"{COLOURS['sign']},255"), "outline_width": "0.8"}
 _BOARD: _Symbols = (("SimpleMarker", _BAR, {"angle": 'coalesce("facing", 0) + 90'}),)
+_NO_FACE: _Symbols = (("SimpleMarker", _marker("diamond", COLOURS["sign"], 3.2), {}),)
 _TREE: _Symbols = (
     (
         "SimpleMarker",
@@ -110,8 +113,9 @@ _RULES: dict[str, tuple[str, Sequence[tuple[str, str, _Symbols]]]] = {
     "signs": (
         "marker",
         [
-            ("sign, looks to where it points", f"not ({_FRONT_UNKNOWN})", _SIGN),
+            ("sign, faces where it points", _FRONT_KNOWN, _SIGN),
             ("sign, front not known", _FRONT_UNKNOWN, _BOARD),
+            ("sign, panel not measured", _NO_PANEL, _NO_FACE),
         ],
     ),
     "trees": ("marker", [("tree, as wide as its crown", _ALL, _TREE)]),
@@ -132,18 +136,19 @@ LAYERS = tuple(_RULES)
 """Layers with a style."""
 
 
-def _renderer(root: XML.Element, layer: str) -> None:
-    """Add the rules; each rule has a legend entry."""
+def _renderer(root: XML.Element, layer: str, *, drawn: bool) -> None:
+    """Add the rules; each rule has a legend entry, ticked if it is drawn."""
     kind, legend = _RULES[layer]
     renderer = XML.SubElement(
         root, "renderer-v2", {"type": "RuleRenderer", "symbollevels": "0", "enableorderby": "0", "forceraster": "0"}
     )
     rules = XML.SubElement(renderer, "rules", key=f"{{{layer}}}")
     symbols = XML.SubElement(renderer, "symbols")
-    for number, (text, condition, drawn) in enumerate(legend):
+    for number, (text, condition, symbol) in enumerate(legend):
         rule = {"key": f"{{{layer}-{number}}}", "symbol": str(number), "label": text}
-        XML.SubElement(rules, "rule", {**rule, "filter": condition} if condition else rule)
-        _symbol(symbols, kind, str(number), drawn)
+        rule |= ({"filter": condition} if condition else {}) | ({} if drawn else {"checkstate": "0"})
+        XML.SubElement(rules, "rule", rule)
+        _symbol(symbols, kind, str(number), symbol)
 
 
 def _labels(root: XML.Element, layer: str, *, scaled: bool) -> None:
@@ -170,17 +175,18 @@ def _labels(root: XML.Element, layer: str, *, scaled: bool) -> None:
     )  # fmt: skip
 
 
-def qml(layer: str, *, scaled: bool = True) -> str:
+def qml(layer: str, *, scaled: bool = True, drawn: bool = True) -> str:
     """Return the style of a layer as a QML document.
 
     Poles are dots, with an arrow in the direction of lean from 1 degree on. Signs are triangles that point in their
-    facing direction, or bars where the front is unknown. Trees are circles of crown diameter, vehicles their boxes.
-    With `scaled`, labels are shown at 1:1,500 and larger. A layer without coordinate system needs False: QGIS reads
-    its metres as degrees, so that the scale is never reached. Attribute tables show aliases with units.
+    facing direction, bars where the front is unknown, or diamonds where no panel was measured. Trees are circles of
+    crown diameter, vehicles their boxes. With `scaled`, labels are shown at 1:1,500 and larger. A layer without
+    coordinate system needs False: QGIS reads its metres as degrees, so that the scale is never reached. Without `drawn`
+    the symbols are off until they are ticked in the legend. Attribute tables show aliases with units.
     """
     categories = "Symbology|Labeling|Fields"
     root = XML.Element("qgis", version="3.22.0", styleCategories=categories, labelsEnabled=str(int(layer in _LABELS)))
-    _renderer(root, layer)
+    _renderer(root, layer, drawn=drawn)
     if layer in _LABELS:
         _labels(root, layer, scaled=scaled)
     if layer != "trajectory":
