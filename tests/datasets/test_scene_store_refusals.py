@@ -1,5 +1,7 @@
 """Scene store: invalid input, failures and interruptions."""
 
+import os
+
 import numpy as np
 import pytest
 from helpers.store import (
@@ -11,6 +13,7 @@ from helpers.store import (
     point_tasks,
     read_text,
     store_at,
+    tree_digest,
 )
 from kedro.io import DatasetError
 
@@ -141,3 +144,49 @@ def test_wrong_settings_are_refused(tmp_path, execution, message):
 def test_unknown_validator_is_refused(tmp_path, name):
     with pytest.raises(ParameterError, match="cannot be imported"):
         store_at(tmp_path, scene_validator=name)
+
+
+@pytest.mark.parametrize("content", [b"", b"\0" * 40, b'{"format": 1, "sce'])
+def test_a_damaged_manifest_marks_a_store_that_heals(tmp_path, marks, content):
+    root = tmp_path / "stage"
+    store_at(root).save(point_tasks(marks))
+    expected, before = tree_digest(root), count_marks(marks)
+    (root / "manifest.json").write_bytes(content)
+    store_at(root).save(point_tasks(marks))
+    assert tree_digest(root) == expected
+    assert count_marks(marks) == before  # scenes with a record were not computed again
+
+
+@pytest.mark.parametrize(
+    ("name", "manifest"), [("notes.txt", b""), ("s/deep/survey.laz", b""), ("a.png", b'{"icons": []}')]
+)
+def test_a_manifest_of_others_is_no_store(tmp_path, name, manifest):
+    (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / name).write_text("precious")
+    (tmp_path / "manifest.json").write_bytes(manifest)
+    with pytest.raises(DatasetError, match="is not a scene store but holds"):
+        store_at(tmp_path).save({})
+    assert (tmp_path / name).read_text() == "precious"
+
+
+def test_every_file_is_on_the_disk_before_it_has_its_name(tmp_path, marks, monkeypatch):
+    calls = []
+    replace, fsync = os.replace, os.fsync
+
+    def traced_replace(source, target):
+        calls.append(("replace", os.path.dirname(target), str(source)))
+        replace(source, target)
+
+    def traced_fsync(descriptor):
+        calls.append(("sync", os.readlink(f"/proc/self/fd/{descriptor}"), ""))
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "replace", traced_replace)
+    monkeypatch.setattr(os, "fsync", traced_fsync)
+    store_at(tmp_path / "stage").save(point_tasks(marks, 1))
+    renamed = [i for i, call in enumerate(calls) if call[0] == "replace"]
+    assert len(renamed) == 4  # the run's manifest, the part, its record, the manifest
+    for i in renamed:
+        _, folder, source = calls[i]
+        assert calls[i - 1][:2] == ("sync", source)
+        assert calls[i + 1][:2] == ("sync", folder)

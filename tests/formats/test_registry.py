@@ -1,6 +1,8 @@
 """Choice of the format of a file, and the message where there is none."""
 
 import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -83,3 +85,24 @@ def test_atomic_file_leaves_nothing_of_a_failure(tmp_path):
         stream.write(b"whole")
         assert not target.exists()
     assert target.read_bytes() == b"whole"
+
+
+def test_atomic_file_removes_the_part_of_a_killed_process_and_not_that_of_a_living_one(tmp_path):
+    target = tmp_path / "s[1].laz"
+    script = (
+        "import os, sys, pathlib; from mlsroad_pipeline.formats.files import atomic_file\n"
+        "with atomic_file(pathlib.Path(sys.argv[1])) as stream:\n    os.kill(os.getpid(), 9)"
+    )
+    subprocess.run([sys.executable, "-c", script, str(target)], check=False)
+    (killed,) = tmp_path.iterdir()
+    os.utime(killed, (0, 0))
+    with atomic_file(target) as stream:
+        assert not killed.exists()
+        (mine,) = tmp_path.iterdir()
+        os.utime(mine, (0, 0))
+        with atomic_file(target) as other:  # of another process, or of another container with the same process number
+            other.write(b"second")
+        assert mine.exists()
+        stream.write(b"first")
+    assert [path.name for path in tmp_path.iterdir()] == [target.name]
+    assert target.read_bytes() == b"first"

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.execution.digests import digest_file, digest_json
 from mlsroad_pipeline.execution.run_identity import first_difference
-from mlsroad_pipeline.execution.store_files import StoreFiles
+from mlsroad_pipeline.execution.store_files import StoreFiles, sync_folder
 
 FORMAT = 1
 RECORD, JOURNAL, STAGED, REMOVED = "run.json", "journal", "staged", "removed"
@@ -132,6 +132,7 @@ class RunFolder:
         self._files.write_json(f"{JOURNAL}/{digest_json(name)}.json", {"path": name, "versions": [*known, fresh]})
         target.parent.mkdir(parents=True, exist_ok=True)
         os.replace(staged, target)
+        sync_folder(target.parent)
         return target
 
     def fingerprint_data(self) -> str:

@@ -6,8 +6,10 @@
 <store>/<scene>/<part>.parquet   the parts (`result` for a result that is not divided)
 ```
 
-Files are not synchronised to the disk; after a power failure the checksums show which are complete. A process that
-outlives its killed run reads another token in the manifest, or none, and stores nothing.
+Local files and their folders are synchronised to the disk before the record that names them, so a record that survives
+a power failure names complete files. A manifest that cannot be read still marks the folder as a store: scenes with a
+record are kept. A process that outlives its killed run reads another token in the manifest, or none, and stores
+nothing.
 """
 
 from __future__ import annotations
@@ -78,6 +80,15 @@ class Record:
             names = ", ".join(p.name for p in self.parts)
             raise DataError(f"no part {part!r} is stored (parts: {names})")
         return digest_json([[p.name, p.kind, p.checksum] for p in chosen])
+
+
+def _is_store_file(path: str) -> bool:
+    """Return whether a store writes files of this relative path."""
+    parts = PurePosixPath(path).parts
+    if parts == (MANIFEST,) or parts[0] == SHARED:
+        return True
+    own = parts[-1] == RECORD or PurePosixPath(path).suffix.removeprefix(".") in EXTENSIONS.values()
+    return len(parts) == 2 and own
 
 
 class SceneStore(StoreFiles):
@@ -151,11 +162,22 @@ class SceneStore(StoreFiles):
     # --- the whole store -------------------------------------------------------------------------------------------
 
     def check_ours(self) -> None:
-        """Raise DataError for a folder with other files and no manifest: a store removes unknown files."""
-        if self.read_json(MANIFEST) is None:
-            foreign = sorted(p for p in self.listing() if p != ".gitkeep" and not p.endswith(".tmp"))
-            if foreign:
-                raise DataError(f"{self.url} is not a scene store but holds {len(foreign)} files, such as {foreign[0]}")
+        """Raise DataError for a folder with files of others: a store removes unknown files.
+
+        A manifest of a store proves ownership. One that cannot be read, as after a power failure, does where all other
+        files are such as a store writes.
+        """
+        manifest = self.read_json(MANIFEST)
+        if isinstance(manifest, Mapping) and "format" in manifest:
+            return
+        damaged = manifest is None and self.exists(MANIFEST)
+        foreign = sorted(
+            path
+            for path in self.listing()
+            if path != ".gitkeep" and not path.endswith(".tmp") and not (damaged and _is_store_file(path))
+        )
+        if foreign:
+            raise DataError(f"{self.url} is not a scene store but holds {len(foreign)} files, such as {foreign[0]}")
 
     def begin(self) -> str:
         """Take over the store for a run and return its token; the store is incomplete until `finish`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
@@ -46,6 +47,18 @@ class HashingStream(io.RawIOBase):
         return self.size
 
 
+def sync_folder(folder: str | os.PathLike[str]) -> None:
+    """Write the entries of a local folder to the disk, so that a renamed file survives a power failure."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # file systems that cannot sync a folder
+            raise
+    finally:
+        os.close(descriptor)
+
+
 @dataclass(frozen=True)
 class StoreFiles:
     """Folder of files; small and picklable, so that it can be sent to workers.
@@ -88,7 +101,7 @@ class StoreFiles:
 
     @contextmanager
     def writing(self, relative: str) -> Iterator[IO[bytes]]:
-        """Open a file for atomic writing: it appears under its name only when it is complete."""
+        """Open a file for atomic writing: it appears under its name only when it is complete and on the disk."""
         filesystem, root = self.opened()
         path = f"{root}/{relative}"
         if not isinstance(filesystem, LocalFileSystem):
@@ -102,7 +115,10 @@ class StoreFiles:
         try:
             with open(temporary, "wb") as stream:
                 yield stream
+                stream.flush()
+                os.fsync(stream.fileno())
             os.replace(temporary, path)
+            sync_folder(folder)
         except BaseException:
             if os.path.exists(temporary):
                 os.remove(temporary)
@@ -124,6 +140,12 @@ class StoreFiles:
             return json.loads(self.read_bytes(relative))
         except (FileNotFoundError, NotADirectoryError, IsADirectoryError, ValueError):
             return None
+
+    def exists(self, relative: str) -> bool:
+        """Return whether a file or folder exists, whatever it holds."""
+        filesystem, root = self.opened()
+        filesystem.invalidate_cache()
+        return bool(filesystem.exists(f"{root}/{relative}"))
 
     def remove(self, relative: str) -> None:
         """Remove a file, or a folder with its content, if it exists."""

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
+import glob
 import logging
 import os
+import time
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
@@ -18,6 +22,9 @@ logger = logging.getLogger(__name__)
 
 LAZ_CHUNK = 50_000
 """Points of a chunk in LAZ files that LASzip, lazrs and PDAL write."""
+
+_SECONDS_TO_LOCK = 60.0
+"""Age from which an unfinished file without a lock is that of a killed process."""
 
 FileKey = tuple[str, int, int]
 """Path, size and modification time: the key of cached properties of a file."""
@@ -122,19 +129,43 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
     Yields
     ------
     binary stream
-        Open for writing and reading, in the same folder under a temporary name.
+        Open for writing and reading, in the same folder under a temporary name. Unfinished files of killed processes
+        for the same path are removed.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    _remove_parts_of_killed_runs(path)
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.part")
     try:
         with temporary.open("w+b") as stream:
+            _lock(stream)
             yield stream
             stream.flush()
             os.fsync(stream.fileno())
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _lock(stream: BinaryIO) -> bool:
+    """Lock a file until it is closed; return whether that was possible. Some network file systems have no locks."""
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def _remove_parts_of_killed_runs(path: Path) -> None:
+    """Remove unfinished files of `path` that no process has locked; the newest may not be locked yet."""
+    for part in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
+        try:
+            if time.time() - part.stat().st_mtime > _SECONDS_TO_LOCK:
+                with part.open("r+b") as stream:
+                    if _lock(stream):
+                        part.unlink()
+        except FileNotFoundError:  # another process removed it
+            continue
 
 
 def clip_range(start: int, stop: int | None, n_points: int) -> tuple[int, int]:
