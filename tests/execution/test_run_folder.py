@@ -1,5 +1,6 @@
 """Folder of a run: which files it may replace, also after a kill at any moment, and what remains at its end."""
 
+import inspect
 import json
 import subprocess
 import sys
@@ -7,9 +8,11 @@ import time
 
 import pytest
 
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.execution.output_lock import OutputInUseError, lock_output, release_output
 from mlsroad_pipeline.execution.run_folder import OutputExistsError, RunFolder, check_closed, entries_of
 from mlsroad_pipeline.execution.run_identity import STATE, run_folder, run_settings
+from mlsroad_pipeline.label.work import write_file
 from mlsroad_pipeline.surveys.files import RESULTS
 
 
@@ -175,3 +178,33 @@ def test_a_lock_names_its_process_and_ends_with_it(tmp_path):
     release_output(tmp_path)
     lock_output(tmp_path)
     release_output(tmp_path)
+
+
+@pytest.mark.parametrize(("content", "what"), [(b"others", "has changed"), (None, "is gone")])
+def test_an_input_that_changes_during_the_run_is_refused(run, tmp_path, content, what):
+    survey = tmp_path / "survey.laz"
+    survey.write_bytes(b"points")
+    run.write({**run.read(), "inputs": entries_of([str(survey)])})
+    run.check_input(survey)
+    run.check_input(tmp_path / "not_an_input.laz")
+    survey.unlink()
+    if content is not None:
+        survey.write_bytes(content)
+    with pytest.raises(ReadError, match=rf"survey\.laz {what} since this run began: nothing is written for it"):
+        run.check_input(survey)
+
+
+def test_nothing_is_written_for_a_file_that_changed_after_it_was_cut(run, tmp_path):
+    survey = tmp_path / "survey.laz"
+    survey.write_bytes(b"points")
+    run.write({**run.read(), "inputs": entries_of([str(survey)])})
+    survey.write_bytes(b"others")
+    target = run.output / "survey.laz"
+    given = {"codes": None, "rows": None, "file": 0, "run": run, "options": None, "n_threads": 1, "had_classes": None}
+    parts = inspect.signature(write_file).parameters
+    needed = {
+        name: None for name, p in parts.items() if p.default is p.empty and name not in (*given, "path", "target")
+    }
+    with pytest.raises(ReadError, match="has changed since this run began"):
+        write_file(str(survey), target=str(target), **needed, **given)
+    assert not target.exists() and not run.staged(target).exists()

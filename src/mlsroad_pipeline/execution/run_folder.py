@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
+from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
 from mlsroad_pipeline.execution.digests import digest_file, digest_json
 from mlsroad_pipeline.execution.run_identity import first_difference
 from mlsroad_pipeline.execution.store_files import StoreFiles, sync_folder
@@ -109,6 +109,15 @@ class RunFolder:
             entry = self._files.read_json(f"{JOURNAL}/{path.name}")
             found[entry["path"]] = [FileState(*state) for state in entry["versions"]]
         return found
+
+    def check_input(self, path: str | Path) -> None:
+        """Raise ReadError if an input is no longer the file that the record of the run names: its rows have moved."""
+        known = {entry["path"]: entry for entry in self.read().get("inputs", ())}
+        before = known.get(str(Path(path).absolute()))
+        now = state_of(path)
+        if before is not None and (now is None or now != FileState(before["bytes"], before["blake2b"])):
+            what = "is gone" if now is None else "has changed"
+            raise ReadError(f"{path} {what} since this run began: nothing is written for it; run the command again")
 
     def staged(self, target: str | Path) -> Path:
         """Return the path at which an output is written before it is moved to its place."""

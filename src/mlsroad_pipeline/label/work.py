@@ -69,6 +69,7 @@ def write_file(
     class_names: Mapping[int, str] | None = None,
 ) -> WrittenFile:
     """Write a file of a survey with the labels of its points, and move the results to their places."""
+    run.check_input(path)
     staged = str(run.staged(target))
     labels = SceneLabels(scenes, rows, file, path, codes=codes, numbers=numbers, classes=classes)
     written = write_labelled(
@@ -85,6 +86,7 @@ def write_file(
     if coloured_ply:
         write_coloured_ply(staged, coloured_path(staged))
         written.append(Path(coloured_path(staged)))
+    run.check_input(path)  # again: it may have been replaced while it was read
     return {
         "files": np.array([str(run.publish(item)) for item in written]),
         "counts": labels.counts["counts"],
